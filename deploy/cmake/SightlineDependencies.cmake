@@ -1,0 +1,24 @@
+# Every outside library, found once. All are Debian 12 packages; the README says why each was chosen.
+
+include_guard(GLOBAL)
+
+find_package(PkgConfig REQUIRED)
+find_package(Threads REQUIRED)
+find_package(absl REQUIRED)
+find_package(TBB REQUIRED)
+pkg_check_modules(HWY REQUIRED IMPORTED_TARGET libhwy)
+
+if(NOT SIGHTLINE_CORE_ONLY)
+  find_package(Protobuf REQUIRED)
+  find_package(gRPC REQUIRED)
+  find_package(spdlog REQUIRED)
+  find_package(assimp REQUIRED)
+  find_package(PNG REQUIRED)
+  find_package(ZLIB REQUIRED)
+  find_package(LibLZMA REQUIRED)
+  pkg_check_modules(TINYOBJ_DOUBLE REQUIRED IMPORTED_TARGET tinyobjloader_double)
+  find_package(nlohmann_json REQUIRED)
+endif()
+if(SIGHTLINE_BUILD_TESTS)
+  find_package(GTest REQUIRED)
+endif()

@@ -1,0 +1,70 @@
+# How a target of this project is compiled, in one place.
+
+include_guard(GLOBAL)
+
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/bin")
+
+if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
+  set(CMAKE_BUILD_TYPE Release CACHE STRING "" FORCE)
+endif()
+set(CMAKE_CXX_FLAGS_RELEASE "-O3")  # Checks stay on: REQUIRES lines use their own macro.
+
+find_program(CCACHE_PROGRAM ccache)
+if(CCACHE_PROGRAM)
+  set(CMAKE_CXX_COMPILER_LAUNCHER "${CCACHE_PROGRAM}")
+endif()
+
+add_library(sightline_options INTERFACE)
+target_include_directories(sightline_options INTERFACE "${PROJECT_SOURCE_DIR}"
+                                                       "${PROJECT_BINARY_DIR}")
+# -ffp-contract=off: the arithmetic is what is written (design: distances and placements are defined
+# by their order of operations). x86-64-v3 is the floor; core/base/cpu_check says so at start.
+target_compile_options(sightline_options INTERFACE -march=x86-64-v3 -ffp-contract=off -Wall -Wextra
+                                                   -Wno-missing-field-initializers)
+target_compile_definitions(sightline_options INTERFACE HWY_DISABLE_PCLMUL_AES)
+if(SIGHTLINE_WERROR)
+  target_compile_options(sightline_options INTERFACE -Werror)
+endif()
+if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+  target_compile_options(sightline_options INTERFACE -Werror=thread-safety
+                                                     -Wno-deprecated-builtins -Wno-unknown-warning-option)
+endif()
+if(SIGHTLINE_SANITIZE)
+  target_compile_options(sightline_options INTERFACE -fsanitize=${SIGHTLINE_SANITIZE}
+                                                     -fno-omit-frame-pointer -g1)
+  target_link_options(sightline_options INTERFACE -fsanitize=${SIGHTLINE_SANITIZE})
+  if(SIGHTLINE_SANITIZE MATCHES "undefined")
+    target_compile_options(sightline_options INTERFACE -fno-sanitize-recover=undefined)
+  endif()
+endif()
+
+# sightline_library(NAME SOURCES ... DEPS ...): a static library of one room.
+function(sightline_library NAME)
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS" ${ARGN})
+  if(ARG_SOURCES)
+    add_library(${NAME} STATIC ${ARG_SOURCES})
+    target_link_libraries(${NAME} PUBLIC sightline_options ${ARG_DEPS})
+  else()
+    add_library(${NAME} INTERFACE)
+    target_link_libraries(${NAME} INTERFACE sightline_options ${ARG_DEPS})
+  endif()
+endfunction()
+
+# sightline_test(NAME SOURCES ... DEPS ... [LABELS ...] [TIMEOUT seconds] [ARGS ...]): one GoogleTest
+# binary, one ctest entry; its TEST()s are listed in its own output.
+function(sightline_test NAME)
+  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;DEPS;LABELS;ARGS" ${ARGN})
+  add_executable(${NAME} ${ARG_SOURCES})
+  target_link_libraries(${NAME} PRIVATE sightline_options ${ARG_DEPS} GTest::gmock GTest::gtest
+                                        GTest::gtest_main)
+  if(NOT ARG_TIMEOUT)
+    set(ARG_TIMEOUT 300)
+  endif()
+  add_test(NAME ${NAME} COMMAND ${NAME} ${ARG_ARGS})
+  set_tests_properties(${NAME} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+endfunction()
