@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The bounding volume hierarchy: eight-wide nodes in structure-of-arrays order over leaves of at most
+// sixteen triangles, whose corners are stored in structure-of-arrays order too (findings: full leaves keep
+// SIMD lanes busy and make the build faster; papers 000 and 004 say the same).
+//
+// Layout
+//  * BvhNode: eight child boxes; a child is empty, an inner node or a leaf (ChildRef). Empty slots come
+//    last and have an inverted box (lo = +inf, hi = -inf), so no test accepts them.
+//  * A leaf is 1..4 consecutive units of `leaves`, one unit for each four triangles (count rounded up).
+//    With n units, row r (0..9) of the leaf is `4n` floats at leaves[unit·kUnitFloats + r·4n]:
+//    rows 0-2 corner A's x, y, z; 3-5 B; 6-8 C; row 9 the triangle ids as uint32 bits. Unused lanes repeat
+//    nothing: their corners are 0 and their id is kNoTriangle.
+//    The array ends with kLeafPadding floats, so that sixteen lanes may be loaded from any row.
+//  * Boxes hold the stored floats of their triangles exactly: they are minima and maxima, never rounded.
+//  * Within a leaf, triangle ids ascend.
+//
+// Thread safety: immutable after construction.
+#ifndef SIGHTLINE_CORE_ACCEL_BVH_H_
+#define SIGHTLINE_CORE_ACCEL_BVH_H_
+
+#include <cstdint>
+#include <vector>
+
+#include "core/base/aligned_vector.h"
+#include "core/geometry/box3.h"
+
+namespace sightline {
+
+inline constexpr int kBvhWidth = 8;
+inline constexpr int kMaxLeafTriangles = 16;
+inline constexpr int kUnitTriangles = 4;
+inline constexpr int kLeafRows = 10;
+inline constexpr int kUnitFloats = kUnitTriangles * kLeafRows;
+inline constexpr int kLeafPadding = 16;
+
+// What hangs in a child slot. Leaves: bit 31 set, bits 27-30 triangle count - 1, bits 0-26 first unit.
+class ChildRef {
+ public:
+  static constexpr uint32_t kLeafBit = 0x80000000u;
+  static constexpr uint32_t kMaxUnit = (1u << 27) - 2;  // One below, so that no leaf looks empty.
+  constexpr ChildRef() = default;
+  static constexpr ChildRef Empty() { return ChildRef(0xFFFFFFFFu); }
+  static constexpr ChildRef Inner(uint32_t node) { return ChildRef(node); }
+  // REQUIRES: 1 <= count <= kMaxLeafTriangles, unit <= kMaxUnit.
+  static constexpr ChildRef Leaf(uint32_t unit, uint32_t count) {
+    return ChildRef(kLeafBit | ((count - 1) << 27) | unit);
+  }
+  constexpr bool is_empty() const { return bits_ == 0xFFFFFFFFu; }
+  constexpr bool is_leaf() const { return (bits_ & kLeafBit) != 0 && !is_empty(); }
+  constexpr bool is_inner() const { return (bits_ & kLeafBit) == 0; }
+  constexpr uint32_t node() const { return bits_; }
+  constexpr uint32_t leaf_unit() const { return bits_ & ((1u << 27) - 1); }
+  constexpr uint32_t leaf_count() const { return ((bits_ >> 27) & 15u) + 1; }
+  constexpr uint32_t leaf_units() const { return (leaf_count() + 3) / 4; }
+  constexpr uint32_t bits() const { return bits_; }
+  friend constexpr bool operator==(ChildRef, ChildRef) = default;
+
+ private:
+  explicit constexpr ChildRef(uint32_t bits) : bits_(bits) {}
+  uint32_t bits_ = 0xFFFFFFFFu;
+};
+
+struct alignas(64) BvhNode {
+  // bounds[axis] is the eight children's lower faces, bounds[axis + 3] their upper ones.
+  float bounds[6][kBvhWidth];
+  ChildRef child[kBvhWidth];
+  uint32_t child_count = 0;
+  uint32_t reserved[7] = {};
+};
+static_assert(sizeof(BvhNode) == 256);
+
+struct Bvh {
+  AlignedVector<BvhNode> nodes;   // nodes[0] is the root; empty for a scene with nothing to hit.
+  AlignedVector<float> leaves;
+  Box3f bounds;
+  uint32_t leaf_count = 0;
+  uint32_t triangle_count = 0;
+  uint32_t max_depth = 0;         // Inner nodes on the longest path from the root, the root included.
+
+  bool empty() const { return nodes.empty(); }
+  size_t MemoryBytes() const {
+    return nodes.size() * sizeof(BvhNode) + leaves.size() * sizeof(float);
+  }
+};
+
+// Bound of max_depth that builders keep, so that walks can use fixed stacks.
+inline constexpr uint32_t kMaxBvhDepth = 64;
+// Entries a depth-first walk can have pending: at most kBvhWidth - 1 siblings per level, and the last ones.
+inline constexpr uint32_t kBvhStackSize = kMaxBvhDepth * (kBvhWidth - 1) + 1;
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_ACCEL_BVH_H_

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Builds a Bvh with the binned surface area heuristic over centroid bounds (paper 004, section 3), in
+// parallel with TBB, and gathers the binary tree into eight-wide nodes.
+//
+// The result depends on the geometry and the options alone: not on the number of threads.
+//
+// Thread safety: functions only; several builds may run at once.
+//
+//   absl::StatusOr<Bvh> bvh = BuildBvh(geometry, BvhBuildOptions{}, pool, cancel);
+#ifndef SIGHTLINE_CORE_ACCEL_BVH_BUILDER_H_
+#define SIGHTLINE_CORE_ACCEL_BVH_BUILDER_H_
+
+#include <functional>
+
+#include "absl/status/statusor.h"
+#include "core/accel/bvh.h"
+#include "core/base/cancel.h"
+#include "core/base/parallel.h"
+#include "core/mesh/scene_geometry.h"
+
+namespace sightline {
+
+struct BvhBuildOptions {
+  int bins = 16;                 // 2 .. 256 per axis. Speed and quality only, like all of these.
+  int max_leaf_triangles = 16;   // 1 .. kMaxLeafTriangles.
+  // Cost of one node visit in units of one triangle test (within a SIMD leaf).
+  float traversal_cost = 1.0f;
+  bool longest_axis_only = false;  // Paper 004's choice for rebuilt scenes: one axis, fewer bins.
+};
+
+// `progress`, if set, is called now and then with a share in [0, 1], possibly from several threads.
+// Errors: InvalidArgument (options out of range), ResourceExhausted (more leaf units than ChildRef holds),
+// Cancelled / DeadlineExceeded from `cancel`.
+absl::StatusOr<Bvh> BuildBvh(const SceneGeometry& geometry, const BvhBuildOptions& options,
+                             ThreadPool& pool, const CancelToken* cancel = nullptr,
+                             const std::function<void(double)>& progress = nullptr);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_ACCEL_BVH_BUILDER_H_

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Points to be shaded, made ready: rebased to the scene's origin in double, rounded once, and placed. What
+// comes out are stored floats; every answer is about them, and they can be read back.
+//
+// Placement (design, section 2 "Exact ends, no epsilon knob")
+//  * A camera hit lies on its source triangle only up to rounding. It is moved along the triangle's normal
+//    to the eye's side by PlacementOffset, a bound on that rounding, and further (doubling) until the exact
+//    predicate says that the stored point is strictly on that side.
+//  * `attach_distance`: the nearest triangle within it becomes the source and the point is placed likewise, on the
+//    side it is on already (the front if exactly in the plane), clear of every other triangle it touches there
+//    where one direction does that for all.
+//  * `offset`: the point is moved by that much along its given normal first.
+//  * `t_min`: a segment ends at that share of its length before the point: see ShadowOptions.
+// A point within rounding of a triangle that is not its source is counted in near_surface.
+//
+// Thread safety: functions only; PreparedPoints is a plain value.
+//
+//   absl::StatusOr<PreparedPoints> points = PreparePoints(*scene, input, PointOptions{}, pool);
+#ifndef SIGHTLINE_CORE_QUERY_POINTS_H_
+#define SIGHTLINE_CORE_QUERY_POINTS_H_
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/base/parallel.h"
+#include "core/geometry/vec3.h"
+#include "core/query/options.h"
+#include "core/scene/scene.h"
+
+namespace sightline {
+
+struct PointInput {
+  std::span<const Vec3d> positions;          // World coordinates.
+  std::span<const Vec3d> normals;            // Empty, or one per point: for `offset`. Any length but zero.
+  std::span<const uint32_t> source_triangles;  // Empty, or one per point: global id or kNoTriangle.
+};
+
+struct PointOptions {
+  double attach_distance = 0;    // >= 0, world units; 0: do not attach.
+  double offset = 0;             // World units along the normal; not 0 requires normals.
+  bool count_near_surface = true;
+};
+
+struct PreparedPoints {
+  std::vector<Vec3f> positions;        // Relative to the scene's origin; zero where invalid.
+  std::vector<uint32_t> sources;       // Global triangle id or kNoTriangle, one per point.
+  std::vector<uint8_t> valid;          // 1, or 0: not finite or beyond kMaxCoordinate.
+  uint64_t revision = 0;               // Of the scene they were placed in.
+  uint64_t invalid = 0;
+  uint64_t attached = 0;
+  uint64_t near_surface = 0;           // Valid, within rounding of a triangle that is not their source.
+
+  size_t size() const { return positions.size(); }
+};
+
+// InvalidArgument: arrays of different lengths, a source id out of range, a negative or non-finite option
+// (each named with its value). Cancelled / DeadlineExceeded from `cancel`.
+absl::StatusOr<PreparedPoints> PreparePoints(const Scene& scene, const PointInput& input,
+                                             const PointOptions& options,
+                                             const CancelToken* cancel = nullptr);
+
+// A camera hit on `triangle` at O + t·D, placed on O's side of it. Deterministic scalar double arithmetic.
+Vec3f PlaceHit(const Scene& scene, Vec3f origin, Vec3f direction, float t, uint32_t triangle);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_QUERY_POINTS_H_

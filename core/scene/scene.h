@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// One immutable revision of a scene: its compiled geometry and the structures built over it. Queries hold
+// a shared_ptr to the revision they pinned; an edit builds a new one beside it.
+//
+// Thread safety: immutable after BuildScene.
+//
+//   absl::StatusOr<std::shared_ptr<const Scene>> scene =
+//       BuildScene("hall", /*revision=*/1, objects, std::nullopt, SceneBuildOptions{}, pool);
+#ifndef SIGHTLINE_CORE_SCENE_SCENE_H_
+#define SIGHTLINE_CORE_SCENE_SCENE_H_
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "core/accel/bvh.h"
+#include "core/accel/bvh_builder.h"
+#include "core/base/cancel.h"
+#include "core/base/parallel.h"
+#include "core/mesh/scene_geometry.h"
+
+namespace sightline {
+
+struct BuildReport {
+  MeshReport mesh;
+  double compile_seconds = 0;  // Checking, rebasing, counting.
+  double bvh_seconds = 0;
+  uint64_t bvh_nodes = 0, bvh_leaves = 0, bvh_depth = 0;
+  uint64_t memory_bytes = 0;   // Geometry and structures.
+};
+
+struct Scene {
+  std::string name;
+  uint64_t revision = 0;
+  SceneGeometry geometry;
+  Bvh bvh;
+  BuildReport report;
+
+  size_t MemoryBytes() const { return geometry.MemoryBytes() + bvh.MemoryBytes(); }
+};
+
+struct SceneBuildOptions {
+  BvhBuildOptions bvh;
+  MeshLimits limits;
+};
+
+// An upper estimate of what a scene of this size will hold, for a budget checked before building.
+uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices);
+
+absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(
+    std::string name, uint64_t revision, std::span<const ObjectInput> objects,
+    std::optional<Vec3d> origin, const SceneBuildOptions& options, ThreadPool& pool,
+    const CancelToken* cancel = nullptr, const std::function<void(double)>& progress = nullptr);
+
+// One step of an edit. Steps apply in order to the objects of the revision before.
+struct SceneEdit {
+  enum class Kind : uint8_t { kAdd, kRemove, kSetTransform, kSetVertices };
+  Kind kind = Kind::kAdd;
+  ObjectInput object;  // kAdd: the whole object. Others: name, and `transform` or `vertices` as the kind says.
+};
+
+// The revision after `base` with `edits` applied; keeps the base's origin. Errors, each naming the object:
+// NotFound (no such object), AlreadyExists (added twice), FailedPrecondition (kSetTransform of an object that
+// is not dynamic), InvalidArgument (another number of vertices than the object has; what CompileScene says).
+absl::StatusOr<std::shared_ptr<const Scene>> EditScene(
+    const Scene& base, uint64_t revision, std::span<const SceneEdit> edits,
+    const SceneBuildOptions& options, ThreadPool& pool, const CancelToken* cancel = nullptr,
+    const std::function<void(double)>& progress = nullptr);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_SCENE_SCENE_H_
