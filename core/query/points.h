@@ -16,7 +16,7 @@
 //
 // Thread safety: functions only; PreparedPoints is a plain value.
 //
-//   absl::StatusOr<PreparedPoints> points = PreparePoints(*scene, input, PointOptions{}, pool);
+//   absl::StatusOr<PreparedPoints> points = PreparePoints(*scene, input, PointOptions{});
 #ifndef SIGHTLINE_CORE_QUERY_POINTS_H_
 #define SIGHTLINE_CORE_QUERY_POINTS_H_
 
@@ -26,10 +26,9 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "core/base/parallel.h"
+#include "core/accel/indexed_geometry.h"
 #include "core/geometry/vec3.h"
 #include "core/query/options.h"
-#include "core/scene/scene.h"
 
 namespace sightline {
 
@@ -49,7 +48,6 @@ struct PreparedPoints {
   std::vector<Vec3f> positions;        // Relative to the scene's origin; zero where invalid.
   std::vector<uint32_t> sources;       // Global triangle id or kNoTriangle, one per point.
   std::vector<uint8_t> valid;          // 1, or 0: not finite or beyond kMaxCoordinate.
-  uint64_t revision = 0;               // Of the scene they were placed in.
   uint64_t invalid = 0;
   uint64_t attached = 0;
   uint64_t near_surface = 0;           // Valid, within rounding of a triangle that is not their source.
@@ -59,12 +57,12 @@ struct PreparedPoints {
 
 // InvalidArgument: arrays of different lengths, a source id out of range, a negative or non-finite option
 // (each named with its value). Cancelled / DeadlineExceeded from `cancel`.
-absl::StatusOr<PreparedPoints> PreparePoints(const Scene& scene, const PointInput& input,
+absl::StatusOr<PreparedPoints> PreparePoints(const IndexedGeometry& scene, const PointInput& input,
                                              const PointOptions& options,
                                              const CancelToken* cancel = nullptr);
 
 // A camera hit on `triangle` at O + t·D, placed on O's side of it. Deterministic scalar double arithmetic.
-Vec3f PlaceHit(const Scene& scene, Vec3f origin, Vec3f direction, float t, uint32_t triangle);
+Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, float t, uint32_t triangle);
 
 }  // namespace sightline
 

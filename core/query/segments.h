@@ -17,9 +17,9 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "core/accel/indexed_geometry.h"
 #include "core/geometry/vec3.h"
 #include "core/query/options.h"
-#include "core/scene/scene.h"
 
 namespace sightline {
 
@@ -35,7 +35,7 @@ struct PreparedSegments {
 
 // `ends[i]` is from, to in world coordinates; the sources are empty or one per segment. InvalidArgument: lengths
 // that differ, a source out of range. Equal ends are valid: nothing blocks an empty segment.
-absl::Status PrepareSegments(const Scene& scene, std::span<const std::array<Vec3d, 2>> ends,
+absl::Status PrepareSegments(const IndexedGeometry& scene, std::span<const std::array<Vec3d, 2>> ends,
                              std::span<const uint32_t> from_sources,
                              std::span<const uint32_t> to_sources, PreparedSegments* segments);
 
@@ -52,7 +52,7 @@ struct SegmentResult {
 };
 
 // Cancelled / DeadlineExceeded; on an error the result holds nothing.
-absl::Status TestSegments(const Scene& scene, const PreparedSegments& segments,
+absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& segments,
                           const SegmentOutputs& outputs, const QueryOptions& options,
                           SegmentResult* result);
 

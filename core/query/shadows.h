@@ -17,10 +17,10 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "core/accel/indexed_geometry.h"
 #include "core/light/light.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
-#include "core/scene/scene.h"
 
 namespace sightline {
 
@@ -65,7 +65,7 @@ struct ShadowResult {
 
 // `weights`: one per sample where weighted sums are asked for, else empty. InvalidArgument: lengths that differ,
 // t_min out of range (named with its value). Cancelled / DeadlineExceeded; on an error the result holds nothing.
-absl::Status ComputeShadows(const Scene& scene, const PointRange& points,
+absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& points,
                             std::span<const LightSample> samples, std::span<const double> weights,
                             const ShadowOptions& shadow, const ShadowOutputs& outputs,
                             const QueryOptions& options, ShadowResult* result);

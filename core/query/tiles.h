@@ -15,11 +15,11 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "core/accel/indexed_geometry.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
-#include "core/scene/scene.h"
 
 namespace sightline {
 
@@ -51,7 +51,7 @@ struct TileResult {
 
 // InvalidArgument (camera, rectangle; each field named with its value), Cancelled / DeadlineExceeded. On an error
 // the result holds nothing. Rows of invalid samples are zero; the caller reports them (LightSample::valid).
-absl::Status TraceTile(const Scene& scene, const Camera& camera, const TileRect& tile,
+absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
                        std::span<const LightSample> samples, const TileOutputs& outputs,
                        const QueryOptions& options, TileResult* result);
 

@@ -20,6 +20,7 @@
 #include "absl/status/statusor.h"
 #include "core/accel/bvh.h"
 #include "core/accel/bvh_builder.h"
+#include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
 #include "core/base/parallel.h"
 #include "core/mesh/scene_geometry.h"
@@ -34,14 +35,11 @@ struct BuildReport {
   uint64_t memory_bytes = 0;   // Geometry and structures.
 };
 
-struct Scene {
+// Queries take the IndexedGeometry in it: the rooms below know no names and no revisions.
+struct Scene : IndexedGeometry {
   std::string name;
   uint64_t revision = 0;
-  SceneGeometry geometry;
-  Bvh bvh;
   BuildReport report;
-
-  size_t MemoryBytes() const { return geometry.MemoryBytes() + bvh.MemoryBytes(); }
 };
 
 struct SceneBuildOptions {

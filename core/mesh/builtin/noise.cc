@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/builtin/noise.h"
+
+#include <cmath>
+
+#include "core/mesh/builtin/deterministic_math.h"
+#include "core/mesh/builtin/prng.h"
+
+namespace sightline {
+namespace {
+
+double Fade(double t) { return t * t * t * (t * (t * 6 - 15) + 10); }
+
+uint64_t HashLattice(int64_t x, int64_t y, int64_t z, uint64_t seed) {
+  uint64_t h = seed + static_cast<uint64_t>(x) * 0x9E3779B97F4A7C15u;
+  h ^= static_cast<uint64_t>(y) * 0xC2B2AE3D27D4EB4Fu;
+  h += static_cast<uint64_t>(z) * 0x165667B19E3779F9u;
+  return MixBits(h);
+}
+
+// Dot of a hashed gradient (three signed bytes, not normalized: varied enough, and cheap) with d.
+double Gradient(uint64_t h, double dx, double dy, double dz) {
+  const double gx = static_cast<double>(static_cast<int>(h & 255) - 127);
+  const double gy = static_cast<double>(static_cast<int>((h >> 8) & 255) - 127);
+  const double gz = static_cast<double>(static_cast<int>((h >> 16) & 255) - 127);
+  return ((gx * dx + gy * dy) + gz * dz) * (1.0 / 96);
+}
+
+// Where octave `i` lies: off the lattice points of the others.
+Vec3d Octave(Vec3d p, double frequency, int i) {
+  return {p.x * frequency + 17.31 * i, p.y * frequency + 5.77 * i, p.z * frequency + 31.13 * i};
+}
+
+}  // namespace
+
+double GradientNoise(Vec3d p, uint64_t seed) {
+  const double fx = std::floor(p.x), fy = std::floor(p.y), fz = std::floor(p.z);
+  const double x = p.x - fx, y = p.y - fy, z = p.z - fz;
+  const int64_t ix = static_cast<int64_t>(fx), iy = static_cast<int64_t>(fy);
+  const int64_t iz = static_cast<int64_t>(fz);
+  const double u = Fade(x), v = Fade(y), w = Fade(z);
+  double corner[8];
+  for (int c = 0; c < 8; ++c) {
+    const int dx = c & 1, dy = (c >> 1) & 1, dz = c >> 2;
+    corner[c] = Gradient(HashLattice(ix + dx, iy + dy, iz + dz, seed), x - dx, y - dy, z - dz);
+  }
+  const double low = Lerp(Lerp(corner[0], corner[1], u), Lerp(corner[2], corner[3], u), v);
+  const double high = Lerp(Lerp(corner[4], corner[5], u), Lerp(corner[6], corner[7], u), v);
+  return Lerp(low, high, w);
+}
+
+double Fbm(Vec3d p, int octaves, uint64_t seed) {
+  double sum = 0, weight = 0.5, frequency = 1;
+  for (int i = 0; i < octaves; ++i) {
+    sum += weight * GradientNoise(Octave(p, frequency, i), seed);
+    weight *= 0.5;
+    frequency *= 2;
+  }
+  return sum;
+}
+
+double Ridged(Vec3d p, int octaves, uint64_t seed) {
+  double sum = 0, weight = 0.5, frequency = 1, carry = 1;
+  for (int i = 0; i < octaves; ++i) {
+    double ridge = 1 - std::abs(GradientNoise(Octave(p, frequency, i), seed));
+    ridge = ridge * ridge * carry;
+    carry = Clamp(ridge * 1.6, 0, 1);
+    sum += weight * ridge;
+    weight *= 0.5;
+    frequency *= 2;
+  }
+  return sum;
+}
+
+}  // namespace sightline
