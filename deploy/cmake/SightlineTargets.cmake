@@ -26,7 +26,10 @@ target_include_directories(sightline_options INTERFACE "${PROJECT_SOURCE_DIR}"
 # by their order of operations). x86-64-v3 is the floor; core/base/cpu_check says so at start.
 target_compile_options(sightline_options INTERFACE -march=x86-64-v3 -ffp-contract=off -Wall -Wextra
                                                    -Wno-missing-field-initializers)
-target_compile_definitions(sightline_options INTERFACE HWY_DISABLE_PCLMUL_AES)
+# Messages name files from the top of the tree, wherever it was built.
+target_compile_options(sightline_options INTERFACE "-fmacro-prefix-map=${PROJECT_SOURCE_DIR}/=")
+target_compile_definitions(sightline_options INTERFACE HWY_DISABLE_PCLMUL_AES
+                                                       $<$<CONFIG:Debug>:SIGHTLINE_DEBUG_CHECKS>)
 if(SIGHTLINE_WERROR)
   target_compile_options(sightline_options INTERFACE -Werror)
 endif()
@@ -38,6 +41,7 @@ if(SIGHTLINE_SANITIZE)
   target_compile_options(sightline_options INTERFACE -fsanitize=${SIGHTLINE_SANITIZE}
                                                      -fno-omit-frame-pointer -g1)
   target_link_options(sightline_options INTERFACE -fsanitize=${SIGHTLINE_SANITIZE})
+  target_compile_definitions(sightline_options INTERFACE SIGHTLINE_DEBUG_CHECKS)
   if(SIGHTLINE_SANITIZE MATCHES "undefined")
     target_compile_options(sightline_options INTERFACE -fno-sanitize-recover=undefined)
   endif()
