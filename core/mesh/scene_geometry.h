@@ -10,6 +10,8 @@
 //     So the order of ids is the order of (object, triangle), and ties go to the lowest id.
 //  2. Every index is in range; every coordinate of a triangle that is not inert has |x| <= 2^40.
 //  3. Equal input doubles under equal transforms give equal floats: shared vertices stay shared.
+//  4. No stored coordinate is -0, so equal positions have equal bits. A vertex that was not finite is stored
+//     as three NaNs, and no finite one is.
 //
 // Thread safety: immutable after construction, shared freely.
 //
@@ -26,6 +28,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
 #include "core/geometry/affine.h"
 #include "core/geometry/box3.h"
 #include "core/geometry/vec3.h"
@@ -44,6 +47,7 @@ struct ObjectRecord {
   uint32_t mask = 0xFFFFFFFFu;
   Culling culling = Culling::kNone;
   Affine3d transform;
+  double largest_rounding = 0;  // As in MeshReport, of this object's vertices.
   // Local doubles of a `dynamic` object, for later transforms; null otherwise.
   std::shared_ptr<const std::vector<Vec3d>> source_vertices;
 };
@@ -56,8 +60,9 @@ struct MeshReport {
   uint64_t non_finite_triangles = 0;  // Inert: at least one corner is not finite.
   uint64_t zero_area_triangles = 0;   // Inert: exactly zero area after rounding to stored floats.
   uint64_t duplicate_triangles = 0;   // Same three stored positions as an earlier one (any order). Kept.
+                                     // Inert ones are not looked at.
   uint64_t inert_triangles = 0;       // non_finite + zero_area.
-  double largest_rounding = 0;        // Largest |world − (origin + stored)| over finite vertices.
+  double largest_rounding = 0;        // Largest |world − (origin + stored)| of a coordinate of a finite vertex.
 };
 
 struct SceneGeometry {
@@ -82,6 +87,7 @@ struct SceneGeometry {
 
 struct MeshLimits {
   uint64_t max_triangles = 200'000'000;
+  uint64_t max_vertices = 600'000'000;
   uint64_t max_objects = 1'000'000;
 };
 
@@ -90,11 +96,15 @@ struct MeshLimits {
 //  - An index out of range, a number of indices that 3 does not divide, a doubled name, a non-finite
 //    transform or origin, a finite coordinate beyond kMaxCoordinate: InvalidArgument naming object,
 //    position and value.
-//  - More triangles or objects than the limits: ResourceExhausted naming the limit and its value.
+//  - More triangles, vertices or objects than the limits: ResourceExhausted naming the limit and its value.
 //  - Non-finite vertices, zero-area and duplicate triangles: counted in the report.
-// A stored vertex is fl32(world − origin), the subtraction in double.
+//  - Cancelled or DeadlineExceeded once `cancel` has fired.
+// A stored vertex is fl32(world − origin), the subtraction in double. An object without a name is called
+// "object-<its position>", or by the next number that is free.
+// Runs in parallel within the pool of the calling thread (core/base/parallel.h).
 absl::StatusOr<SceneGeometry> CompileScene(std::span<const ObjectInput> objects,
-                                           std::optional<Vec3d> origin, const MeshLimits& limits);
+                                           std::optional<Vec3d> origin, const MeshLimits& limits,
+                                           const CancelToken* cancel = nullptr);
 
 }  // namespace sightline
 
