@@ -41,6 +41,7 @@ class ChildRef {
   static constexpr uint32_t kMaxUnit = (1u << 27) - 2;  // One below, so that no leaf looks empty.
   constexpr ChildRef() = default;
   static constexpr ChildRef Empty() { return ChildRef(0xFFFFFFFFu); }
+  static constexpr ChildRef FromBits(uint32_t bits) { return ChildRef(bits); }
   static constexpr ChildRef Inner(uint32_t node) { return ChildRef(node); }
   // REQUIRES: 1 <= count <= kMaxLeafTriangles, unit <= kMaxUnit.
   static constexpr ChildRef Leaf(uint32_t unit, uint32_t count) {

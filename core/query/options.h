@@ -14,6 +14,7 @@
 
 #include "absl/status/statusor.h"
 #include "core/base/cancel.h"
+#include "core/traverse/simd_target.h"
 
 namespace sightline {
 
@@ -27,13 +28,6 @@ enum class Strategy : uint8_t {
 std::string_view StrategyName(Strategy strategy);  // "AUTO", "SINGLE", "PACKET", "BRUTE_FORCE".
 // By that name, in any case. InvalidArgument listing the names.
 absl::StatusOr<Strategy> ParseStrategy(std::string_view name);
-
-// The instruction sets the engine is compiled for.
-enum class SimdTarget : uint8_t { kBest = 0, kAvx2 = 1, kAvx512 = 2 };
-
-std::string_view SimdTargetName(SimdTarget target);  // "best", "AVX2", "AVX-512".
-bool SimdTargetAvailable(SimdTarget target);         // On this machine.
-SimdTarget BestSimdTarget();                         // What kBest means here.
 
 struct QueryOptions {
   Strategy strategy = Strategy::kAuto;

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/traverse/kernels.cc"
+// AVX2 is the floor and AVX-512 (Highway's AVX3) the one other target; newer ones bring nothing to these walks.
+#ifndef HWY_DISABLED_TARGETS
+#define HWY_DISABLED_TARGETS (~(HWY_AVX2 | HWY_AVX3))
+#endif
+#include "hwy/foreach_target.h"
+
+#include "core/traverse/packet-inl.h"
+#include "core/traverse/single-inl.h"
+#include "hwy/highway.h"
+
+#include "core/traverse/kernels.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+
+// Called after the CPU has been asked for this target; plain data, so it could be read before.
+const Kernels& TargetKernels() {
+  static constexpr Kernels kKernels = {
+      .occluded_single = &TraceSingle<true>,
+      .closest_single = &TraceSingle<false>,
+      .occluded_brute = &TraceBrute<true>,
+      .closest_brute = &TraceBrute<false>,
+      .occluded_packet = &TracePacket<true>,
+      .closest_packet = &TracePacket<false>,
+  };
+  return kKernels;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+#include "core/base/check.h"
+
+namespace sightline {
+
+std::string_view SimdTargetName(SimdTarget target) {
+  switch (target) {
+    case SimdTarget::kBest: return "best";
+    case SimdTarget::kAvx2: return "AVX2";
+    case SimdTarget::kAvx512: return "AVX-512";
+  }
+  return "unknown";
+}
+
+bool SimdTargetAvailable(SimdTarget target) {
+  const auto supported = hwy::SupportedTargets();
+  switch (target) {
+    case SimdTarget::kBest:
+    case SimdTarget::kAvx2: return (supported & HWY_AVX2) != 0;
+    case SimdTarget::kAvx512: return (supported & HWY_AVX3) != 0;
+  }
+  return false;
+}
+
+SimdTarget BestSimdTarget() {
+  static const SimdTarget best =
+      SimdTargetAvailable(SimdTarget::kAvx512) ? SimdTarget::kAvx512 : SimdTarget::kAvx2;
+  return best;
+}
+
+const Kernels& KernelsFor(SimdTarget target) {
+  if (target == SimdTarget::kBest) target = BestSimdTarget();
+  SIGHTLINE_CHECK(SimdTargetAvailable(target)) << SimdTargetName(target) << " is not on this CPU";
+  return target == SimdTarget::kAvx512 ? N_AVX3::TargetKernels() : N_AVX2::TargetKernels();
+}
+
+}  // namespace sightline
+#endif  // HWY_ONCE

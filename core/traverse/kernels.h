@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The walks, compiled once per instruction set from one source each and chosen at run time.
+//
+// Every walk returns brute force's answer, bit for bit: occluded rays have a blocker (which one is not defined),
+// closest hits are the least by (t, triangle).
+//
+// Thread safety: the functions are pure; the scene must not change while one runs.
+//
+//   const Kernels& kernels = KernelsFor(SimdTarget::kBest);
+//   kernels.closest_single(scene, rays, hits, cancel, &stats);
+#ifndef SIGHTLINE_CORE_TRAVERSE_KERNELS_H_
+#define SIGHTLINE_CORE_TRAVERSE_KERNELS_H_
+
+#include <span>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/base/cancel.h"
+#include "core/traverse/simd_target.h"
+#include "core/traverse/trace_ray.h"
+
+namespace sightline {
+
+// Functions over spans write hits[i] for rays[i] and return false, having left off, when `cancel` fires.
+using TraceRaysFn = bool (*)(const IndexedGeometry& scene, std::span<const TraceRay> rays,
+                             std::span<Hit> hits, const CancelToken* cancel, WalkStats* stats);
+using TracePacketFn = bool (*)(const IndexedGeometry& scene, RayPacket& packet,
+                               const CancelToken* cancel, WalkStats* stats);
+
+struct Kernels {
+  TraceRaysFn occluded_single, closest_single;    // Depth-first over the BVH, one ray at a time.
+  TraceRaysFn occluded_brute, closest_brute;      // Every triangle of the geometry; no structure.
+  TracePacketFn occluded_packet, closest_packet;  // Depth-first, rays together.
+};
+
+// REQUIRES: SimdTargetAvailable(target).
+const Kernels& KernelsFor(SimdTarget target);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_TRAVERSE_KERNELS_H_

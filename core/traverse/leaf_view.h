@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A leaf of the BVH as its rows (layout: core/accel/bvh.h), and the object flags of a triangle.
+//
+// Thread safety: plain values.
+#ifndef SIGHTLINE_CORE_TRAVERSE_LEAF_VIEW_H_
+#define SIGHTLINE_CORE_TRAVERSE_LEAF_VIEW_H_
+
+#include <bit>
+#include <cstdint>
+
+#include "core/accel/bvh.h"
+#include "core/intersect/predicate.h"
+#include "core/mesh/scene_geometry.h"
+
+namespace sightline {
+
+struct LeafView {
+  const float* rows;
+  uint32_t stride;
+  uint32_t count;
+
+  LeafView(const Bvh& bvh, ChildRef ref)
+      : rows(bvh.leaves.data() + size_t{ref.leaf_unit()} * kUnitFloats),
+        stride(ref.leaf_units() * kUnitTriangles),
+        count(ref.leaf_count()) {}
+  LeafView(const float* rows, uint32_t stride, uint32_t count)
+      : rows(rows), stride(stride), count(count) {}
+
+  uint32_t id(uint32_t lane) const { return std::bit_cast<uint32_t>(rows[9 * stride + lane]); }
+  Vec3f corner(int corner, uint32_t lane) const {
+    const float* p = rows + 3 * corner * stride + lane;
+    return {p[0], p[stride], p[2 * stride]};
+  }
+};
+
+// Whether the object that owns triangle `id` is seen by `mask` and, if it culls, shows its other side to the
+// origin. `side_of_origin` is SideOfPlane's answer for the origin. Only asked where !geometry.uniform.
+inline bool ObjectBlocks(const SceneGeometry& geometry, uint32_t id, uint32_t mask,
+                         int side_of_origin) {
+  const ObjectRecord& object = geometry.objects[geometry.ObjectOf(id)];
+  if ((object.mask & mask) == 0) return false;
+  switch (object.culling) {
+    case Culling::kNone: return true;
+    case Culling::kBack: return side_of_origin > 0;
+    case Culling::kFront: return side_of_origin < 0;
+  }
+  return true;
+}
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_TRAVERSE_LEAF_VIEW_H_

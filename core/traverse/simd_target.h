@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The instruction sets the walks are compiled for, and which of them this machine has.
+//
+// Thread safety: functions only.
+#ifndef SIGHTLINE_CORE_TRAVERSE_SIMD_TARGET_H_
+#define SIGHTLINE_CORE_TRAVERSE_SIMD_TARGET_H_
+
+#include <cstdint>
+#include <string_view>
+
+namespace sightline {
+
+enum class SimdTarget : uint8_t { kBest = 0, kAvx2 = 1, kAvx512 = 2 };
+
+std::string_view SimdTargetName(SimdTarget target);  // "best", "AVX2", "AVX-512".
+bool SimdTargetAvailable(SimdTarget target);         // On this machine.
+SimdTarget BestSimdTarget();                         // What kBest means here.
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_TRAVERSE_SIMD_TARGET_H_

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a walk is asked about, one ray or a packet of them, and what it reports of its work.
+//
+// Thread safety: plain values.
+#ifndef SIGHTLINE_CORE_TRAVERSE_TRACE_RAY_H_
+#define SIGHTLINE_CORE_TRAVERSE_TRACE_RAY_H_
+
+#include <cstdint>
+
+#include "core/geometry/vec3.h"
+#include "core/intersect/hit.h"
+#include "core/intersect/predicate.h"
+
+namespace sightline {
+
+struct TraceRay {
+  PredicateRay ray;
+  uint32_t mask = 0xFFFFFFFFu;           // An object is seen when (object mask & mask) != 0.
+  uint32_t from_source = kNoTriangle;    // Triangles the ends lie on, which do not block.
+  uint32_t to_source = kNoTriangle;
+};
+
+// Rays with one origin (an eye's, or a light's toward its points) that walk together.
+// Invariants: lanes 0 .. count-1 are in use; all run from `origin`; `segments` says what targets are.
+struct alignas(64) RayPacket {
+  static constexpr int kMaxRays = 256;
+
+  Vec3f origin;
+  bool segments = true;
+  uint32_t mask = 0xFFFFFFFFu;
+  uint32_t origin_source = kNoTriangle;
+  int count = 0;
+  alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
+  alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
+  // Results. Occlusion: triangle is some blocker's id or kNoTriangle; t is unused.
+  alignas(64) Hit hit[kMaxRays];
+
+  Vec3f target(int lane) const { return {target_x[lane], target_y[lane], target_z[lane]}; }
+  PredicateRay ray(int lane) const { return {origin, target(lane), segments}; }
+};
+
+struct WalkStats {
+  uint64_t nodes = 0;
+  uint64_t leaves = 0;
+  uint64_t triangle_tests = 0;
+  uint64_t doubt_double = 0;
+  uint64_t doubt_exact = 0;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_TRAVERSE_TRACE_RAY_H_
