@@ -2,6 +2,9 @@
 #include "core/base/parallel.h"
 
 #include <algorithm>
+#include <atomic>
+#include <cstdint>
+#include <exception>
 #include <memory>
 #include <utility>
 
@@ -35,64 +38,99 @@ class HandOver {
   void Acquire() { __tsan_acquire(&address_); }
 
  private:
-  char address_ = 0;
+  uint64_t address_ = 0;  // As wide as the sanitizer's own granule.
 #else
   void Release() {}
   void Acquire() {}
 #endif
 };
 
+// The call of a function on a thread of TBB's choice, handed over both ways. Exceptions are carried
+// by us, so that TBB, which the sanitizer does not see, never holds one.
+class Transfer {
+ public:
+  // On the calling thread, before it goes through the seam.
+  void Send() { begin_.Release(); }
+
+  // On whichever thread runs `function`; on several of them, for a loop.
+  template <typename Function>
+  void Run(Function function) {
+    begin_.Acquire();
+    try {
+      function();
+    } catch (...) {
+      if (!failed_.exchange(true, std::memory_order_relaxed)) error_ = std::current_exception();
+    }
+    end_.Release();
+  }
+
+  // On the calling thread, once the seam has returned.
+  void Receive() {
+    end_.Acquire();
+    if (error_) std::rethrow_exception(std::move(error_));
+  }
+
+  // The same, when an exception is already on its way to the caller.
+  void ReceiveAndDrop() {
+    end_.Acquire();
+    error_ = nullptr;
+  }
+
+  bool failed() const { return failed_.load(std::memory_order_relaxed); }
+
+ private:
+  HandOver begin_;
+  HandOver end_;
+  std::atomic<bool> failed_{false};
+  std::exception_ptr error_;  // Written by the first to set failed_, read after the end.
+};
+
 // A loop on its way through the seam. Lives on the caller's stack until the loop is done.
 struct Loop {
-  size_t n;
-  size_t grain;
-  BlockFn body;
-  const CancelToken* cancel;
-  HandOver begin;
-  HandOver end;
+  const size_t n;
+  const size_t grain;
+  const BlockFn body;
+  const CancelToken* const cancel;
+  Transfer transfer = {};
 
   size_t blocks() const { return n / grain + (n % grain != 0); }
 
   void RunBlocks(size_t first, size_t last) {
     ScopedFloatEnvironment environment;
     for (size_t block = first; block < last; ++block) {
-      if (cancel != nullptr && cancel->cancelled()) return;
+      if (transfer.failed() || (cancel != nullptr && cancel->cancelled())) return;
       const size_t from = block * grain;
-      body(from, std::min(grain, n - from) + from);
+      body(from, from + std::min(grain, n - from));
     }
-  }
-
-  static void RunRange(void* context, size_t first, size_t last) {
-    Loop& loop = *static_cast<Loop*>(context);
-    loop.begin.Acquire();
-    loop.RunBlocks(first, last);
-    loop.end.Release();
   }
 
   // In the arena of the calling thread.
   void Run() {
     if (n == 0) return;
     if (blocks() == 1) return RunBlocks(0, 1);
-    begin.Release();
-    tbb_seam::For(blocks(), &RunRange, this);
-    end.Acquire();
+    transfer.Send();
+    tbb_seam::For(
+        blocks(),
+        [](void* context, size_t first, size_t last) {
+          Loop& loop = *static_cast<Loop*>(context);
+          loop.transfer.Run([&] { loop.RunBlocks(first, last); });
+        },
+        this);
+    transfer.Receive();
   }
 };
 
-// One of two functions run by ParallelInvoke.
-struct Branch {
-  absl::FunctionRef<void()> function;
-  HandOver begin;
-  HandOver end;
+// A whole function on its way through the seam.
+struct Errand {
+  const absl::FunctionRef<void()> function;
+  Transfer transfer = {};
 
   static void Run(void* context) {
-    Branch& branch = *static_cast<Branch*>(context);
-    branch.begin.Acquire();
-    {
+    Errand& errand = *static_cast<Errand*>(context);
+    errand.transfer.Run([&] {
       ScopedFloatEnvironment environment;
-      branch.function();
-    }
-    branch.end.Release();
+      errand.function();
+    });
   }
 };
 
@@ -123,23 +161,13 @@ ThreadPool::~ThreadPool() {
 
 void ThreadPool::ParallelFor(size_t n, size_t grain, BlockFn body, const CancelToken* cancel) {
   SIGHTLINE_CHECK_GT(grain, 0u);
-  // The whole loop may be run for us by a worker when every place of the arena is taken.
-  struct Entry {
-    Loop loop;
-    HandOver begin;
-    HandOver end;
-  } entry{{n, grain, body, cancel, {}, {}}, {}, {}};
-  entry.begin.Release();
-  tbb_seam::Execute(
-      arena_,
-      [](void* context) {
-        Entry& entry = *static_cast<Entry*>(context);
-        entry.begin.Acquire();
-        entry.loop.Run();
-        entry.end.Release();
-      },
-      &entry);
-  entry.end.Acquire();
+  Loop loop{n, grain, body, cancel};
+  const auto run = [&loop] { loop.Run(); };
+  // A worker runs the whole loop for us when every place of the arena is taken.
+  Errand errand{run};
+  errand.transfer.Send();
+  tbb_seam::Execute(arena_, &Errand::Run, &errand);
+  errand.transfer.Receive();
 }
 
 void ThreadPool::Submit(absl::AnyInvocable<void()> task) {
@@ -152,7 +180,7 @@ void ThreadPool::Submit(absl::AnyInvocable<void()> task) {
   tbb_seam::Enqueue(arena_, &RunSubmitted, submitted.release());
 }
 
-void ThreadPool::RunSubmitted(void* context) {
+void ThreadPool::RunSubmitted(void* context) noexcept {
   std::unique_ptr<Submitted> submitted(static_cast<Submitted*>(context));
   submitted->begin.Acquire();
   ThreadPool* const pool = submitted->pool;
@@ -168,17 +196,23 @@ void ThreadPool::RunSubmitted(void* context) {
 
 void ParallelFor(size_t n, size_t grain, BlockFn body, const CancelToken* cancel) {
   SIGHTLINE_CHECK_GT(grain, 0u);
-  Loop{n, grain, body, cancel, {}, {}}.Run();
+  Loop{n, grain, body, cancel}.Run();
 }
 
 void ParallelInvoke(absl::FunctionRef<void()> first, absl::FunctionRef<void()> second) {
-  Branch a{first, {}, {}};
-  Branch b{second, {}, {}};
-  a.begin.Release();
-  b.begin.Release();
-  tbb_seam::Invoke(&Branch::Run, &a, &Branch::Run, &b);
-  a.end.Acquire();
-  b.end.Acquire();
+  Errand a{first};
+  Errand b{second};
+  a.transfer.Send();
+  b.transfer.Send();
+  tbb_seam::Invoke(&Errand::Run, &a, &Errand::Run, &b);
+  // Both are received before an exception leaves: each hand-over has two ends.
+  try {
+    a.transfer.Receive();
+  } catch (...) {
+    b.transfer.ReceiveAndDrop();
+    throw;
+  }
+  b.transfer.Receive();
 }
 
 }  // namespace sightline

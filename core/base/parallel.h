@@ -66,7 +66,7 @@ class ThreadPool {
 
  private:
   struct Submitted;
-  static void RunSubmitted(void* context);
+  static void RunSubmitted(void* context) noexcept;
 
   const int threads_;
   tbb_seam::Arena* const arena_;

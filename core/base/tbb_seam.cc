@@ -8,6 +8,8 @@
 #include <oneapi/tbb/parallel_invoke.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include <new>
+
 namespace sightline::tbb_seam {
 namespace {
 
@@ -19,9 +21,11 @@ constexpr size_t kMaxWorkers = 1024;
 
 void LiftWorkerLimit() {
   // Never destroyed: pools with static storage may outlive anything with a destructor.
-  static auto* const control = new oneapi::tbb::global_control(
-      oneapi::tbb::global_control::max_allowed_parallelism, kMaxWorkers);
-  (void)control;
+  using Control = oneapi::tbb::global_control;
+  alignas(Control) static unsigned char storage[sizeof(Control)];
+  static const bool lifted =
+      (new (storage) Control(Control::max_allowed_parallelism, kMaxWorkers), true);
+  (void)lifted;
 }
 
 }  // namespace

@@ -46,6 +46,17 @@ if(SIGHTLINE_SANITIZE)
     target_compile_options(sightline_options INTERFACE -fno-sanitize-recover=undefined)
   endif()
 endif()
+if(SIGHTLINE_BUILD_FUZZERS)
+  if(NOT CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+    message(FATAL_ERROR "SIGHTLINE_BUILD_FUZZERS needs clang: use the preset \"fuzz\"")
+  endif()
+  # Coverage feedback in every library that a fuzz target reaches.
+  target_compile_options(sightline_options INTERFACE -fsanitize=fuzzer-no-link)
+endif()
+# Libraries of Debian are not built for the thread sanitizer; the list names them and says why.
+set(SIGHTLINE_TEST_ENVIRONMENT
+    "TSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/deploy/tsan.supp"
+    "UBSAN_OPTIONS=print_stacktrace=1")
 
 # sightline_library(NAME SOURCES ... DEPS ...): a static library of one room.
 function(sightline_library NAME)
@@ -70,5 +81,35 @@ function(sightline_test NAME)
     set(ARG_TIMEOUT 300)
   endif()
   add_test(NAME ${NAME} COMMAND ${NAME} ${ARG_ARGS})
-  set_tests_properties(${NAME} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+  set_tests_properties(${NAME} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}"
+                                          ENVIRONMENT "${SIGHTLINE_TEST_ENVIRONMENT}")
+endfunction()
+
+# sightline_fuzzer(NAME SOURCES ... DEPS ... [CORPUS folder...]): one libFuzzer target (it defines
+# LLVMFuzzerTestOneInput) and one ctest entry with the label "fuzz" that runs it for
+# SIGHTLINE_FUZZ_SECONDS. Does nothing unless SIGHTLINE_BUILD_FUZZERS is on. The target "fuzzers" builds
+# them all. CORPUS folders hold seeds and are only read; what is found goes to the build folder.
+set(SIGHTLINE_FUZZ_SECONDS 60 CACHE STRING "How long each fuzz target runs under ctest")
+if(SIGHTLINE_BUILD_FUZZERS)
+  add_custom_target(fuzzers)
+endif()
+function(sightline_fuzzer NAME)
+  if(NOT SIGHTLINE_BUILD_FUZZERS)
+    return()
+  endif()
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS;CORPUS" ${ARGN})
+  add_executable(${NAME} ${ARG_SOURCES})
+  target_link_libraries(${NAME} PRIVATE sightline_options ${ARG_DEPS})
+  target_link_options(${NAME} PRIVATE -fsanitize=fuzzer)
+  add_dependencies(fuzzers ${NAME})
+  set(found "${PROJECT_BINARY_DIR}/fuzz/${NAME}")
+  file(MAKE_DIRECTORY "${found}/corpus")
+  list(TRANSFORM ARG_CORPUS PREPEND "${CMAKE_CURRENT_SOURCE_DIR}/" REGEX "^[^/]")
+  # An input of more than 10 s or 2 GiB is a finding as much as a crash is.
+  add_test(NAME ${NAME}
+           COMMAND ${NAME} -max_total_time=${SIGHTLINE_FUZZ_SECONDS} -timeout=10 -rss_limit_mb=2048
+                   -print_final_stats=1 -artifact_prefix=${found}/ "${found}/corpus" ${ARG_CORPUS})
+  math(EXPR timeout "${SIGHTLINE_FUZZ_SECONDS} + 120")
+  set_tests_properties(${NAME} PROPERTIES TIMEOUT ${timeout} LABELS fuzz
+                                          ENVIRONMENT "${SIGHTLINE_TEST_ENVIRONMENT}")
 endfunction()

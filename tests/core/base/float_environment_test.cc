@@ -10,8 +10,8 @@
 namespace sightline {
 namespace {
 
-// Divides at run time, where it stands: the operands come from and the quotient goes to memory that the
-// compiler must not reason about.
+// Divides at run time, where it stands: the operands come from and the quotient goes to memory that
+// the compiler must not reason about.
 float Divide(float a, float b) {
   volatile float numerator = a, denominator = b;
   volatile float quotient = numerator / denominator;

@@ -64,18 +64,25 @@ TEST(MutexTest, AWaitEndsAtItsDeadline) {
   EXPECT_EQ(value, 3);
 }
 
+// Whether another thread could take the mutex now.
+bool IsFree(Mutex& mutex) {
+  bool taken = false;
+  std::thread([&] {
+    if (mutex.TryLock()) {
+      taken = true;
+      mutex.Unlock();
+    }
+  }).join();
+  return taken;
+}
+
 TEST(MutexTest, TryLockFailsWhileHeld) {
   Mutex mutex;
-  mutex.Lock();
-  bool taken = true;
-  std::thread([&] {
-    taken = mutex.TryLock();
-    if (taken) mutex.Unlock();
-  }).join();
-  EXPECT_FALSE(taken);
-  mutex.Unlock();
-  ASSERT_TRUE(mutex.TryLock());
-  mutex.Unlock();
+  {
+    MutexLock lock(mutex);
+    EXPECT_FALSE(IsFree(mutex));
+  }
+  EXPECT_TRUE(IsFree(mutex));
 }
 
 }  // namespace

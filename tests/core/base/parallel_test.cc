@@ -21,9 +21,9 @@ namespace {
 
 using Blocks = std::set<std::pair<size_t, size_t>>;
 
-// Waits without a clock until `count` has reached `n`.
+// Waits without a clock until `count` has reached `n`, and sees what was done before it was raised.
 void SpinUntil(const std::atomic<int>& count, int n) {
-  while (count.load(std::memory_order_relaxed) < n) std::this_thread::yield();
+  while (count.load(std::memory_order_acquire) < n) std::this_thread::yield();
 }
 
 class ParallelForTest : public testing::TestWithParam<int> {};
@@ -245,6 +245,30 @@ int Fibonacci(int n) {
   int a = 0, b = 0;
   ParallelInvoke([&] { a = Fibonacci(n - 1); }, [&] { b = Fibonacci(n - 2); });
   return a + b;
+}
+
+TEST(ParallelInvokeTest, AnExceptionOfEitherReachesTheCallerOnceBothAreDone) {
+  for (const bool first_throws : {false, true}) {
+    for (const bool second_throws : {false, true}) {
+      int done = 0, also_done = 0, caught = 0;
+      try {
+        ParallelInvoke(
+            [&] {
+              ++done;
+              if (first_throws) throw std::runtime_error("first");
+            },
+            [&] {
+              ++also_done;
+              if (second_throws) throw std::runtime_error("second");
+            });
+      } catch (const std::runtime_error& error) {
+        ++caught;
+        EXPECT_STREQ(error.what(), first_throws ? "first" : "second");
+      }
+      EXPECT_EQ(caught, first_throws || second_throws);
+      EXPECT_EQ(done + also_done, 2);
+    }
+  }
 }
 
 TEST(ParallelInvokeTest, RecursesWithinAPoolAndOutside) {
