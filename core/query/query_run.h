@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What one query call needs around its walks: kernels for the asked instruction set, a clock, and statistics.
+// Internal to core/query.
+//
+// Thread safety: one QueryRun belongs to one call.
+#ifndef SIGHTLINE_CORE_QUERY_QUERY_RUN_H_
+#define SIGHTLINE_CORE_QUERY_QUERY_RUN_H_
+
+#include <chrono>
+
+#include "absl/status/status.h"
+#include "core/base/check.h"
+#include "core/query/options.h"
+#include "core/traverse/kernels.h"
+
+namespace sightline {
+
+class QueryRun {
+ public:
+  explicit QueryRun(const QueryOptions& options)
+      : options_(options), kernels_(KernelsFor(options.simd)) {}
+
+  const QueryOptions& options() const { return options_; }
+  const Kernels& kernels() const { return kernels_; }
+  const CancelToken* cancel() const { return options_.cancel; }
+
+  // The status of a walk that left off. REQUIRES: the token has fired.
+  absl::Status Stopped() const {
+    SIGHTLINE_CHECK(options_.cancel != nullptr) << "a walk stopped that nobody cancelled";
+    return options_.cancel->ToStatus();
+  }
+
+ private:
+  const QueryOptions& options_;
+  const Kernels& kernels_;
+};
+
+// Adds what happened between its construction and destruction to `stats`.
+class StatsScope {
+ public:
+  StatsScope(QueryStats* stats, Strategy strategy, uint64_t rays)
+      : stats_(stats), strategy_(strategy), rays_(rays), start_(Clock::now()) {}
+  ~StatsScope() {
+    QueryStats now;
+    now.strategy = strategy_;
+    now.rays = rays_;
+    now.nodes = walk_.nodes;
+    now.leaves = walk_.leaves;
+    now.triangle_tests = walk_.triangle_tests;
+    now.doubt_double = walk_.doubt_double;
+    now.doubt_exact = walk_.doubt_exact;
+    now.compute_nanoseconds = static_cast<uint64_t>(
+        std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now() - start_).count());
+    stats_->Add(now);
+  }
+  StatsScope(const StatsScope&) = delete;
+  StatsScope& operator=(const StatsScope&) = delete;
+
+  WalkStats* walk() { return &walk_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  QueryStats* const stats_;
+  const Strategy strategy_;
+  const uint64_t rays_;
+  const Clock::time_point start_;
+  WalkStats walk_;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_QUERY_QUERY_RUN_H_

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/query/segments.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/float_environment.h"
+#include "core/base/status_macros.h"
+#include "core/query/ray_block.h"
+#include "core/query/rebase.h"
+
+namespace sightline {
+namespace {
+
+absl::Status CheckSources(const char* name, std::span<const uint32_t> sources, size_t segments,
+                          size_t triangles) {
+  if (sources.empty()) return absl::OkStatus();
+  if (sources.size() != segments) {
+    return absl::InvalidArgumentError(absl::StrCat(name, " holds ", sources.size(),
+                                                   " triangles for ", segments,
+                                                   " segments; give none or one each"));
+  }
+  for (size_t i = 0; i < sources.size(); ++i) {
+    if (sources[i] != kNoTriangle && sources[i] >= triangles) {
+      return absl::InvalidArgumentError(absl::StrCat(name, "[", i, "] = ", sources[i],
+                                                     ", but the scene has ", triangles,
+                                                     " triangles"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status PrepareSegments(const IndexedGeometry& scene, std::span<const std::array<Vec3d, 2>> ends,
+                             std::span<const uint32_t> from_sources,
+                             std::span<const uint32_t> to_sources, PreparedSegments* segments) {
+  const ScopedFloatEnvironment environment;
+  const size_t n = ends.size(), triangles = scene.geometry.triangles.size();
+  SL_RETURN_IF_ERROR(CheckSources("from_sources", from_sources, n, triangles));
+  SL_RETURN_IF_ERROR(CheckSources("to_sources", to_sources, n, triangles));
+  PreparedSegments out;
+  out.from.resize(n);
+  out.to.resize(n);
+  out.valid.resize(n);
+  out.from_source.assign(n, kNoTriangle);
+  out.to_source.assign(n, kNoTriangle);
+  std::copy(from_sources.begin(), from_sources.end(), out.from_source.begin());
+  std::copy(to_sources.begin(), to_sources.end(), out.to_source.begin());
+  for (size_t i = 0; i < n; ++i) {
+    Vec3f from, to;
+    out.valid[i] = RebasePoint(ends[i][0], scene.geometry.origin, &from) &&
+                   RebasePoint(ends[i][1], scene.geometry.origin, &to);
+    if (out.valid[i]) {
+      out.from[i] = from;
+      out.to[i] = to;
+    } else {
+      ++out.invalid;
+    }
+  }
+  *segments = std::move(out);
+  return absl::OkStatus();
+}
+
+absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& segments,
+                          const SegmentOutputs& outputs, const QueryOptions& options,
+                          SegmentResult* result) {
+  const ScopedFloatEnvironment environment;
+  const QueryRun run(options);
+  const size_t n = segments.size();
+  SegmentResult out;
+  if (outputs.bits) out.blocked_bits.assign((n + 7) / 8, 0);
+  if (outputs.first_hits) {
+    out.triangle.assign(n, kNoTriangle);
+    out.t.assign(n, std::numeric_limits<float>::infinity());
+  }
+  const HitKind kind = outputs.first_hits ? HitKind::kClosest : HitKind::kAny;
+  std::array<TraceRay, kBlockRays> rays;
+  std::array<Hit, kBlockRays> hits;
+  std::array<size_t, kBlockRays> index;
+  for (size_t next = 0; next < n;) {
+    size_t count = 0;
+    for (; next < n && count < kBlockRays; ++next) {
+      if (!segments.valid[next]) continue;
+      rays[count] = {.ray = PredicateRay::Segment(segments.from[next], segments.to[next]),
+                     .mask = options.mask,
+                     .from_source = segments.from_source[next],
+                     .to_source = segments.to_source[next]};
+      index[count++] = next;
+    }
+    SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, kind, options.strategy,
+                                     std::span<const TraceRay>(rays.data(), count), hits,
+                                     &out.stats));
+    for (size_t i = 0; i < count; ++i) {
+      if (hits[i].triangle == kNoTriangle) continue;
+      if (outputs.bits) out.blocked_bits[index[i] / 8] |= uint8_t(1u << (index[i] % 8));
+      if (outputs.first_hits) {
+        out.triangle[index[i]] = hits[i].triangle;
+        out.t[index[i]] = std::min(hits[i].t, 1.0f);  // Rounding may have left it just beyond the end.
+      }
+    }
+  }
+  *result = std::move(out);
+  return absl::OkStatus();
+}
+
+}  // namespace sightline

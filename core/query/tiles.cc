@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/query/tiles.h"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/float_environment.h"
+#include "core/base/status_macros.h"
+#include "core/intersect/hit.h"
+#include "core/query/ray_block.h"
+#include "core/query/rebase.h"
+
+namespace sightline {
+namespace {
+
+// A block is a square of pixels whose rays walk together; its lanes run through smaller squares, so that the lanes
+// of one SIMD vector are neighbours in both directions.
+constexpr uint32_t kBlockSide = 16;
+constexpr uint32_t kGroupSide = 4;
+static_assert(kBlockSide * kBlockSide == kBlockRays);
+
+absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
+  const auto check = [](const char* field, uint64_t begin, uint64_t extent, const char* side,
+                        uint64_t limit) -> absl::Status {
+    if (extent == 0) {
+      return absl::InvalidArgumentError(absl::StrCat("tile.", side, " = 0: a tile has pixels"));
+    }
+    if (begin + extent > limit) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("tile.", field, " = ", begin, " with tile.", side, " = ", extent,
+                       " leaves the image, whose ", side, " is ", limit));
+    }
+    return absl::OkStatus();
+  };
+  SL_RETURN_IF_ERROR(check("x", tile.x, tile.width, "width", camera.width));
+  return check("y", tile.y, tile.height, "height", camera.height);
+}
+
+class TileTrace {
+ public:
+  TileTrace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile, Vec3f eye,
+            std::span<const LightSample> samples, const TileOutputs& outputs,
+            const QueryOptions& options, TileResult* out)
+      : scene_(scene), camera_(camera), tile_(tile), samples_(samples), outputs_(outputs),
+        run_(options), pixels_(size_t{tile.width} * tile.height), row_bytes_((pixels_ + 7) / 8),
+        out_(*out) {
+    packet_.origin = eye;
+    packet_.segments = false;
+    packet_.mask = options.mask;
+    if (outputs.hits) out_.hit_bits.assign(row_bytes_, 0);
+    if (outputs.ids) out_.triangle.assign(pixels_, kNoTriangle);
+    if (outputs.depth) out_.depth.assign(pixels_, std::numeric_limits<float>::infinity());
+    if (outputs.uv) {
+      out_.u.assign(pixels_, 0);
+      out_.v.assign(pixels_, 0);
+    }
+    if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
+  }
+
+  absl::Status Run() {
+    for (uint32_t y = 0; y < tile_.height; y += kBlockSide) {
+      for (uint32_t x = 0; x < tile_.width; x += kBlockSide) {
+        SL_RETURN_IF_ERROR(TraceBlock(x, y));
+      }
+    }
+    if (outputs_.points) SortPoints();
+    return absl::OkStatus();
+  }
+
+ private:
+  absl::Status TraceBlock(uint32_t x0, uint32_t y0) {
+    const uint32_t width = std::min(kBlockSide, tile_.width - x0);
+    const uint32_t height = std::min(kBlockSide, tile_.height - y0);
+    int count = 0;
+    for (uint32_t gy = 0; gy < height; gy += kGroupSide) {
+      for (uint32_t gx = 0; gx < width; gx += kGroupSide) {
+        for (uint32_t y = gy; y < std::min(gy + kGroupSide, height); ++y) {
+          for (uint32_t x = gx; x < std::min(gx + kGroupSide, width); ++x) {
+            const Vec3f d = PixelDirection(camera_, tile_.x + x0 + x, tile_.y + y0 + y);
+            packet_.target_x[count] = d.x;
+            packet_.target_y[count] = d.y;
+            packet_.target_z[count] = d.z;
+            packet_.target_source[count] = kNoTriangle;
+            pixel_[count++] = (y0 + y) * tile_.width + (x0 + x);
+          }
+        }
+      }
+    }
+    packet_.count = count;
+    // Which pixels are hit is answered by any hit; all else needs the first.
+    const bool need_first = outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
+    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, need_first ? HitKind::kClosest : HitKind::kAny,
+                                        run_.options().strategy, &packet_, &out_.primary));
+    for (int i = 0; i < count; ++i) {
+      if (packet_.hit[i].triangle != kNoTriangle) WriteHit(i);
+    }
+    if (outputs_.lit || outputs_.points) return ShadeBlock(count);
+    return absl::OkStatus();
+  }
+
+  void WriteHit(int i) {
+    const Hit& hit = packet_.hit[i];
+    const uint32_t pixel = pixel_[i];
+    if (outputs_.hits) SetBit(out_.hit_bits.data(), pixel);
+    if (outputs_.ids) out_.triangle[pixel] = hit.triangle;
+    if (outputs_.depth) out_.depth[pixel] = hit.t;
+    if (outputs_.uv) {
+      const auto [a, b, c] = scene_.geometry.Corners(hit.triangle);
+      HitBarycentrics(packet_.ray(i), a, b, c, &out_.u[pixel], &out_.v[pixel]);
+    }
+  }
+
+  absl::Status ShadeBlock(int count) {
+    int points = 0;
+    for (int i = 0; i < count; ++i) {
+      const Hit& hit = packet_.hit[i];
+      if (hit.triangle == kNoTriangle) continue;
+      positions_[points] = PlaceHit(scene_, packet_.origin, packet_.target(i), hit.t, hit.triangle);
+      sources_[points] = hit.triangle;
+      point_pixel_[points++] = pixel_[i];
+    }
+    if (outputs_.points) {
+      out_.points.positions.insert(out_.points.positions.end(), positions_.begin(),
+                                   positions_.begin() + points);
+      out_.points.sources.insert(out_.points.sources.end(), sources_.begin(),
+                                 sources_.begin() + points);
+      out_.point_pixel.insert(out_.point_pixel.end(), point_pixel_.begin(),
+                              point_pixel_.begin() + points);
+    }
+    if (!outputs_.lit) return absl::OkStatus();
+    for (size_t s = 0; s < samples_.size(); ++s) {
+      if (!samples_[s].valid) continue;
+      SL_RETURN_IF_ERROR(TraceSampleBlock(scene_, run_, HitKind::kAny, samples_[s],
+                                          std::span<const Vec3f>(positions_.data(), points),
+                                          std::span<const uint32_t>(sources_.data(), points),
+                                          /*t_min=*/0, shadow_hits_, &out_.shadow));
+      uint8_t* row = out_.lit_bits.data() + s * row_bytes_;
+      for (int i = 0; i < points; ++i) {
+        if (shadow_hits_[i].triangle == kNoTriangle) SetBit(row, point_pixel_[i]);
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  // Blocks came one after another; points are handed out in pixel order.
+  void SortPoints() {
+    const size_t n = out_.point_pixel.size();
+    std::vector<uint32_t> at(pixels_, kNoTriangle);
+    for (size_t i = 0; i < n; ++i) at[out_.point_pixel[i]] = static_cast<uint32_t>(i);
+    PreparedPoints sorted;
+    sorted.positions.reserve(n);
+    sorted.sources.reserve(n);
+    sorted.valid.assign(n, 1);
+    size_t next = 0;
+    for (size_t pixel = 0; pixel < pixels_; ++pixel) {
+      if (at[pixel] == kNoTriangle) continue;
+      sorted.positions.push_back(out_.points.positions[at[pixel]]);
+      sorted.sources.push_back(out_.points.sources[at[pixel]]);
+      out_.point_pixel[next++] = static_cast<uint32_t>(pixel);
+    }
+    out_.points = std::move(sorted);
+  }
+
+  static void SetBit(uint8_t* row, uint32_t pixel) { row[pixel / 8] |= uint8_t(1u << (pixel % 8)); }
+
+  const IndexedGeometry& scene_;
+  const Camera& camera_;
+  const TileRect tile_;
+  const std::span<const LightSample> samples_;
+  const TileOutputs& outputs_;
+  const QueryRun run_;
+  const size_t pixels_, row_bytes_;
+  TileResult& out_;
+  RayPacket packet_;
+  std::array<uint32_t, kBlockRays> pixel_, point_pixel_, sources_;
+  std::array<Vec3f, kBlockRays> positions_;
+  std::array<Hit, kBlockRays> shadow_hits_;
+};
+
+}  // namespace
+
+absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
+                       std::span<const LightSample> samples, const TileOutputs& outputs,
+                       const QueryOptions& options, TileResult* result) {
+  const ScopedFloatEnvironment environment;
+  *result = TileResult{};
+  SL_RETURN_IF_ERROR(ValidateCamera(camera));
+  SL_RETURN_IF_ERROR(CheckRect(camera, tile));
+  Vec3f eye;
+  if (!RebasePoint(camera.eye, scene.geometry.origin, &eye)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
+        ") lies more than 2^40 from the scene's origin along an axis"));
+  }
+  TileResult out;
+  SL_RETURN_IF_ERROR(
+      TileTrace(scene, camera, tile, eye, samples, outputs, options, &out).Run());
+  *result = std::move(out);
+  return absl::OkStatus();
+}
+
+}  // namespace sightline
