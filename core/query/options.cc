@@ -16,7 +16,7 @@ constexpr std::array<Strategy, 4> kStrategies = {Strategy::kAuto, Strategy::kSin
 
 }  // namespace
 
-std::string_view StrategyName(Strategy strategy) {
+absl::string_view StrategyName(Strategy strategy) {
   switch (strategy) {
     case Strategy::kAuto: return "AUTO";
     case Strategy::kSingle: return "SINGLE";
@@ -26,7 +26,7 @@ std::string_view StrategyName(Strategy strategy) {
   return "UNKNOWN";
 }
 
-absl::StatusOr<Strategy> ParseStrategy(std::string_view name) {
+absl::StatusOr<Strategy> ParseStrategy(absl::string_view name) {
   std::string names;
   for (const Strategy strategy : kStrategies) {
     if (absl::EqualsIgnoreCase(name, StrategyName(strategy))) return strategy;

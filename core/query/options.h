@@ -10,9 +10,9 @@
 #define SIGHTLINE_CORE_QUERY_OPTIONS_H_
 
 #include <cstdint>
-#include <string_view>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "core/base/cancel.h"
 #include "core/traverse/simd_target.h"
 
@@ -25,9 +25,9 @@ enum class Strategy : uint8_t {
   kBruteForce = 3,  // The predicate applied to every triangle: the definition.
 };
 
-std::string_view StrategyName(Strategy strategy);  // "AUTO", "SINGLE", "PACKET", "BRUTE_FORCE".
+absl::string_view StrategyName(Strategy strategy);  // "AUTO", "SINGLE", "PACKET", "BRUTE_FORCE".
 // By that name, in any case. InvalidArgument listing the names.
-absl::StatusOr<Strategy> ParseStrategy(std::string_view name);
+absl::StatusOr<Strategy> ParseStrategy(absl::string_view name);
 
 struct QueryOptions {
   Strategy strategy = Strategy::kAuto;

@@ -39,7 +39,7 @@ HWY_AFTER_NAMESPACE();
 
 namespace sightline {
 
-std::string_view SimdTargetName(SimdTarget target) {
+absl::string_view SimdTargetName(SimdTarget target) {
   switch (target) {
     case SimdTarget::kBest: return "best";
     case SimdTarget::kAvx2: return "AVX2";

@@ -7,13 +7,14 @@
 #define SIGHTLINE_CORE_TRAVERSE_SIMD_TARGET_H_
 
 #include <cstdint>
-#include <string_view>
+
+#include "absl/strings/string_view.h"
 
 namespace sightline {
 
 enum class SimdTarget : uint8_t { kBest = 0, kAvx2 = 1, kAvx512 = 2 };
 
-std::string_view SimdTargetName(SimdTarget target);  // "best", "AVX2", "AVX-512".
+absl::string_view SimdTargetName(SimdTarget target);  // "best", "AVX2", "AVX-512".
 bool SimdTargetAvailable(SimdTarget target);         // On this machine.
 SimdTarget BestSimdTarget();                         // What kBest means here.
 

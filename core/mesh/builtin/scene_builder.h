@@ -4,8 +4,9 @@
 // "how finely?" (Steps) and "how many?" (Items). Both grow with the scene's `detail`: 1 is the scene as it
 // was drawn, and the number of triangles is about proportional to it.
 //
-// Numbers are rounded up or down by a hash of the object's name, so that equal things do not all become finer
-// at the same detail, and a budget can be met closely. A builder without objects counts only.
+// Numbers are rounded up or down by a hash of the object's name and of the number, so that equal things do not all
+// become finer at the same detail, and a budget can be met closely; the order of the questions does not matter (that
+// of a call's arguments is open in C++). A builder without objects counts only.
 //
 // Thread safety: one thread per builder.
 //
@@ -14,6 +15,7 @@
 #ifndef SIGHTLINE_CORE_MESH_BUILTIN_SCENE_BUILDER_H_
 #define SIGHTLINE_CORE_MESH_BUILTIN_SCENE_BUILDER_H_
 
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <optional>
@@ -40,7 +42,7 @@ class SceneBuilder {
   // Starts the next object; the reference stays valid until the next call. Names must be unique.
   MeshBuilder& Object(std::string_view name) {
     Close();
-    key_ = HashString(name);
+    object_key_ = HashString(name);
     ObjectInput* object = nullptr;
     if (objects_ != nullptr) {
       object = &objects_->emplace_back();
@@ -53,11 +55,15 @@ class SceneBuilder {
   }
 
   // Subdivisions along one direction: base · √detail, at least `least`.
-  int Steps(double base, int least) { return Round(base * root_, least, 4096); }
+  int Steps(double base, int least) const { return Round(base, base * root_, least, 4096); }
   // A number of things, `least` .. `most`: base · √detail.
-  int Items(double base, int least, int most) { return Round(base * root_, least, most); }
+  int Items(double base, int least, int most) const {
+    return Round(base, base * root_, least, most);
+  }
   // A number of things that take all of the growth: base · detail.
-  int Swarm(double base, int least) { return Round(base * detail_, least, 1 << 24); }
+  int Swarm(double base, int least) const {
+    return Round(base, base * detail_, least, 1 << 24);
+  }
 
   // All objects so far. REQUIRES: nothing is added after it but through Object.
   uint64_t Triangles() {
@@ -66,9 +72,9 @@ class SceneBuilder {
   }
 
  private:
-  int Round(double value, int least, int most) {
-    key_ = MixBits(key_ + 0x9E3779B97F4A7C15u);
-    const double dither = static_cast<double>(key_ >> 11) * 0x1p-53;
+  int Round(double base, double value, int least, int most) const {
+    const uint64_t hash = MixBits(object_key_ ^ MixBits(std::bit_cast<uint64_t>(base)));
+    const double dither = static_cast<double>(hash >> 11) * 0x1p-53;
     return static_cast<int>(Clamp(std::floor(value + dither), least, most));
   }
   void Close() {
@@ -84,7 +90,7 @@ class SceneBuilder {
   std::vector<ObjectInput>* const objects_;
   std::optional<MeshBuilder> mesh_;
   uint64_t triangles_ = 0;
-  uint64_t key_ = 0;  // The open object's name, then a chain of it.
+  uint64_t object_key_ = 0;  // A hash of the open object's name.
 };
 
 }  // namespace sightline

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The binary tree that the BVH builder makes first: top-down, by the binned surface area heuristic, by
+// object medians where that cannot split or has become too deep. Private to core/accel.
+//
+// The tree's shape, and the order of `ids`, depend on the primitives and the options alone. Where its nodes
+// stand in `nodes` depends on the timing of the threads: follow the links.
+//
+// Thread safety: a tree is built by one call, then read.
+//
+//   BinaryTree tree = BuildBinaryTree(std::move(primitives), cost, options, cancel, progress);
+#ifndef SIGHTLINE_CORE_ACCEL_BINARY_TREE_H_
+#define SIGHTLINE_CORE_ACCEL_BINARY_TREE_H_
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+
+#include "core/accel/build_primitive.h"
+#include "core/accel/sah_split.h"
+#include "core/accel/wide_cost.h"
+#include "core/base/aligned_vector.h"
+#include "core/base/cancel.h"
+
+namespace sightline::bvh_build {
+
+struct alignas(64) BinaryNode {
+  float lo[3];
+  uint32_t first;  // Inner: the left child; the right one follows it. Leaf: its first place in `ids`.
+  float hi[3];
+  uint32_t count;  // Triangles below.
+  WideCost wide;   // What its triangles cost as children of an eight-wide node.
+
+  float HalfArea(float scale) const {
+    const float x = (hi[0] - lo[0]) * scale, y = (hi[1] - lo[1]) * scale, z = (hi[2] - lo[2]) * scale;
+    return (x * y + y * z) + z * x;
+  }
+};
+static_assert(sizeof(BinaryNode) == 64);
+
+struct BinaryTree {
+  // nodes[0] is the root. Most of the array is never touched (nor backed by memory).
+  AlignedVector<BinaryNode> nodes;
+  AlignedVector<uint32_t> ids;  // Each leaf's triangles together, each subtree's too.
+};
+
+struct BinaryTreeOptions {
+  int bins = 16;
+  bool longest_axis_only = false;
+  int max_depth = 64;  // Inner nodes on a path. REQUIRES: >= 33.
+};
+
+// Incomplete once `cancel` has fired. `progress` is called with the share of triangles placed.
+// REQUIRES: primitives not empty, fewer than 2^31.
+BinaryTree BuildBinaryTree(AlignedVector<Primitive> primitives, const Box4& bounds,
+                           const Box4& centroids, const SahCost& cost,
+                           const BinaryTreeOptions& options, const CancelToken* cancel,
+                           const std::function<void(double)>& progress);
+
+}  // namespace sightline::bvh_build
+
+#endif  // SIGHTLINE_CORE_ACCEL_BINARY_TREE_H_
