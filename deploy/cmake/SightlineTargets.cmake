@@ -70,10 +70,12 @@ function(sightline_library NAME)
   endif()
 endfunction()
 
-# sightline_test(NAME SOURCES ... DEPS ... [LABELS ...] [TIMEOUT seconds] [ARGS ...]): one GoogleTest
-# binary, one ctest entry; its TEST()s are listed in its own output.
+# sightline_test(NAME SOURCES ... DEPS ... [LABELS ...] [TIMEOUT seconds] [ARGS ...] [SERIAL]): one
+# GoogleTest binary, one ctest entry. Its TEST()s are listed in its own output and in
+# <build>/test-results/NAME.xml, which deploy/test.sh counts. SERIAL keeps other tests from running beside
+# it, for those that measure time.
 function(sightline_test NAME)
-  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;DEPS;LABELS;ARGS" ${ARGN})
+  cmake_parse_arguments(ARG "SERIAL" "TIMEOUT" "SOURCES;DEPS;LABELS;ARGS" ${ARGN})
   add_executable(${NAME} ${ARG_SOURCES})
   target_link_libraries(${NAME} PRIVATE sightline_options ${ARG_DEPS} GTest::gmock GTest::gtest
                                         GTest::gtest_main)
@@ -81,8 +83,10 @@ function(sightline_test NAME)
     set(ARG_TIMEOUT 300)
   endif()
   add_test(NAME ${NAME} COMMAND ${NAME} ${ARG_ARGS})
+  set(results "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/test-results/${NAME}.xml")
   set_tests_properties(${NAME} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}"
-                                          ENVIRONMENT "${SIGHTLINE_TEST_ENVIRONMENT}")
+                                          RUN_SERIAL ${ARG_SERIAL}
+                                          ENVIRONMENT "${SIGHTLINE_TEST_ENVIRONMENT};${results}")
 endfunction()
 
 # sightline_fuzzer(NAME SOURCES ... DEPS ... [CORPUS folder...]): one libFuzzer target (it defines
