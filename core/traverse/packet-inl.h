@@ -17,6 +17,7 @@
 #define SIGHTLINE_CORE_TRAVERSE_PACKET_INL_H_
 #endif
 
+#include "core/intersect/hit-inl.h"
 #include "core/traverse/single-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -38,7 +39,7 @@ class PacketWalk {
     if (scene_.bvh.empty()) return true;
     Pending stack[kBvhStackSize];
     int depth = 0;
-    stack[depth++] = {-std::numeric_limits<float>::infinity(), ChildRef::Inner(0).bits(), 0};
+    stack[depth++] = {-std::numeric_limits<float>::infinity(), ChildRef::Inner(0).bits(), 0, Slab{}};
     uint64_t visited = 0;
     while (depth > 0) {
       const Pending pending = stack[--depth];
@@ -60,8 +61,7 @@ class PacketWalk {
         uint32_t group = pending.first_group;
         while (group < groups_ && !GroupMeets(group, slab)) ++group;
         if (group == groups_) continue;
-        Pending child = {entries[i], node.child[i].bits(), group};
-        if (node.child[i].is_leaf()) child.slab = slab;
+        const Pending child = {entries[i], node.child[i].bits(), group, slab};
         int at = depth++;
         while (at > base && stack[at - 1].entry < child.entry) {
           stack[at] = stack[at - 1];
@@ -87,7 +87,7 @@ class PacketWalk {
     float entry;    // No lane enters before this.
     uint32_t ref_bits;
     uint32_t first_group;  // No lane of a group before it enters.
-    Slab slab;             // Of a leaf.
+    Slab slab;
   };
   // One triangle, turned so that the origin lies behind it: all three forms are positive where it is hit.
   struct Facing {
@@ -342,25 +342,40 @@ class PacketWalk {
       stats_->doubt_exact += stage == PredicateStage::kExact;
     }
     if (hits == 0) return lanes_in;
-    for (uint32_t rest = hits; rest != 0; rest &= rest - 1) {
-      const uint32_t lane = static_cast<uint32_t>(first) + std::countr_zero(rest);
-      if constexpr (kAny) {
+    if constexpr (kAny) {
+      for (uint32_t rest = hits; rest != 0; rest &= rest - 1) {
+        const uint32_t lane = static_cast<uint32_t>(first) + std::countr_zero(rest);
         packet_.hit[lane] = {0.0f, id};
         limit_of_[lane] = -std::numeric_limits<float>::infinity();
-      } else {
-        const Hit hit{HitDistance(packet_.ray(static_cast<int>(lane)), a, b, c), id};
-        if (hit < packet_.hit[lane]) {
-          packet_.hit[lane] = hit;
-          if (hit.t < limit_of_[lane]) limit_of_[lane] = hit.t;
-        }
       }
-    }
-    if constexpr (kAny) {
       active_[group] &= ~hits;
       live_ -= std::popcount(hits);
       return lanes_in & ~hits;
+    } else {
+      KeepCloserLanes(TriangleDistance::Make(packet_.origin, a, b, c), id, first, hits);
+      return lanes_in;
     }
-    return lanes_in;
+  }
+
+  // Keeps the least hit by (t, id) in the lanes of `hits`.
+  HWY_INLINE void KeepCloserLanes(const TriangleDistance& triangle, uint32_t id, size_t first,
+                                  uint32_t hits) {
+    const D d;
+    const Vec3V<V> target = {hn::Load(d, packet_.target_x + first),
+                             hn::Load(d, packet_.target_y + first),
+                             hn::Load(d, packet_.target_z + first)};
+    const Vec3V<V> inv = {hn::Load(d, inv_[0] + first), hn::Load(d, inv_[1] + first),
+                          hn::Load(d, inv_[2] + first)};
+    HWY_ALIGN float distances[16];
+    hn::Store(HitDistances(d, triangle, packet_.origin, packet_.segments, target, inv), d, distances);
+    for (; hits != 0; hits &= hits - 1) {
+      const uint32_t bit = std::countr_zero(hits);
+      const Hit hit{distances[bit], id};
+      Hit& best = packet_.hit[first + bit];
+      if (!(hit < best)) continue;
+      best = hit;
+      if (hit.t < limit_of_[first + bit]) limit_of_[first + bit] = hit.t;
+    }
   }
 
   void UpdateLimit() {
