@@ -107,7 +107,7 @@ class Builder {
       BuildSubtree(right, child + 1, depth + 1, block);
     }
     out.wide.SetInner(area, out.count, tree_.nodes[child].wide, tree_.nodes[child + 1].wide, cost_);
-    ReportProgress(n, std::max(left.size(), right.size()));
+    ReportProgress(n, left.size(), right.size());
   }
 
   // False if the range is to be a leaf.
@@ -269,12 +269,13 @@ class Builder {
     }
   }
 
-  // Counts a subtree's triangles once: at its lowest node with as many as a task has.
-  void ReportProgress(size_t n, size_t larger_child) {
-    if (!progress_ || n < kTaskTriangles || larger_child >= kTaskTriangles) return;
-    const size_t before = placed_.fetch_add(n, std::memory_order_relaxed);
-    if (100 * before / size_ != 100 * (before + n) / size_) {
-      progress_(static_cast<double>(before + n) / static_cast<double>(size_));
+  // Counts the triangles of a subtree that its large children, done before, have not counted.
+  void ReportProgress(size_t n, size_t left, size_t right) {
+    if (!progress_ || n < kTaskTriangles) return;
+    const size_t more = n - (left >= kTaskTriangles ? left : 0) - (right >= kTaskTriangles ? right : 0);
+    const size_t before = placed_.fetch_add(more, std::memory_order_relaxed);
+    if (100 * before / size_ != 100 * (before + more) / size_) {
+      progress_(static_cast<double>(before + more) / static_cast<double>(size_));
     }
   }
 

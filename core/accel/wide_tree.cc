@@ -2,6 +2,7 @@
 #include "core/accel/wide_tree.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstring>
 #include <limits>

@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/accel/bvh_validation.h"
+
+#include <algorithm>
+#include <bit>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+
+namespace sightline {
+namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+template <typename... Args>
+absl::Status Fault(const Args&... args) {
+  return absl::DataLossError(absl::StrCat("invalid BVH: ", args...));
+}
+
+class Validator {
+ public:
+  Validator(const Bvh& bvh, const SceneGeometry& geometry) : bvh_(bvh), geometry_(geometry) {}
+
+  absl::Status Validate() {
+    const size_t live = geometry_.triangles.size() - geometry_.inert.size();
+    if (bvh_.triangle_count != live) {
+      return Fault("it counts ", bvh_.triangle_count, " triangles, the geometry ", live);
+    }
+    if (bvh_.nodes.empty()) return ValidateEmpty();
+    SL_RETURN_IF_ERROR(ValidateSizes());
+    // What may still be met; inert triangles may not.
+    unseen_triangles_.assign(geometry_.triangles.size(), true);
+    for (uint32_t id : geometry_.inert) unseen_triangles_[id] = false;
+    unseen_nodes_.assign(bvh_.nodes.size(), true);
+    unseen_units_.assign(units_, true);
+    boxes_.assign(bvh_.nodes.size(), Box3f());
+    SL_RETURN_IF_ERROR(WalkDown());
+    SL_RETURN_IF_ERROR(CheckAllSeen());
+    return CheckInnerBoxes();
+  }
+
+ private:
+  absl::Status ValidateEmpty() const {
+    if (bvh_.triangle_count != 0 || bvh_.leaf_count != 0 || bvh_.max_depth != 0 ||
+        !bvh_.leaves.empty() || !bvh_.bounds.empty()) {
+      return Fault("it has no nodes, but triangles, leaves, a depth or bounds");
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status ValidateSizes() {
+    if (bvh_.leaves.size() < kLeafPadding || (bvh_.leaves.size() - kLeafPadding) % kUnitFloats != 0) {
+      return Fault(bvh_.leaves.size(), " leaf floats are not whole units and ", kLeafPadding,
+                   " of padding");
+    }
+    units_ = (bvh_.leaves.size() - kLeafPadding) / kUnitFloats;
+    if (bvh_.nodes.size() > std::numeric_limits<uint32_t>::max()) {
+      return Fault(bvh_.nodes.size(), " nodes are more than can be numbered");
+    }
+    return absl::OkStatus();
+  }
+
+  struct Pending {
+    uint32_t node, depth;
+  };
+
+  // Checks the structure and the leaves' boxes; leaves the visited nodes in order_, parents first.
+  absl::Status WalkDown() {
+    std::vector<Pending> pending = {{0, 1}};
+    unseen_nodes_[0] = false;
+    uint32_t deepest = 0;
+    while (!pending.empty()) {
+      const Pending next = pending.back();
+      pending.pop_back();
+      order_.push_back(next.node);
+      deepest = std::max(deepest, next.depth);
+      if (next.depth > kMaxBvhDepth) {
+        return Fault("node ", next.node, " is at depth ", next.depth, ", beyond ", kMaxBvhDepth);
+      }
+      const BvhNode& node = bvh_.nodes[next.node];
+      if (node.child_count < 1 || node.child_count > kBvhWidth) {
+        return Fault("node ", next.node, " has ", node.child_count, " children");
+      }
+      for (uint32_t slot = 0; slot < kBvhWidth; ++slot) {
+        const ChildRef child = node.child[slot];
+        if ((slot < node.child_count) == child.is_empty()) {
+          return Fault("node ", next.node, " says ", node.child_count, " children, but slot ", slot,
+                       child.is_empty() ? " is empty" : " is not");
+        }
+        if (child.is_empty()) {
+          SL_RETURN_IF_ERROR(CheckEmptySlot(next.node, slot));
+        } else if (child.is_leaf()) {
+          SL_RETURN_IF_ERROR(CheckLeaf(next.node, slot));
+        } else {
+          const uint32_t below = child.node();
+          if (below >= bvh_.nodes.size()) {
+            return Fault("node ", next.node, " slot ", slot, " refers to node ", below, " of ",
+                         bvh_.nodes.size());
+          }
+          if (!unseen_nodes_[below]) return Fault("node ", below, " is reached twice");
+          unseen_nodes_[below] = false;
+          pending.push_back({below, next.depth + 1});
+        }
+      }
+    }
+    if (deepest != bvh_.max_depth) {
+      return Fault("its depth is ", deepest, ", but it says ", bvh_.max_depth);
+    }
+    return absl::OkStatus();
+  }
+
+  Box3f BoxOf(uint32_t node, uint32_t slot) const {
+    const auto& b = bvh_.nodes[node].bounds;
+    return {{b[0][slot], b[1][slot], b[2][slot]}, {b[3][slot], b[4][slot], b[5][slot]}};
+  }
+
+  absl::Status CheckEmptySlot(uint32_t node, uint32_t slot) const {
+    if (BoxOf(node, slot) != Box3f()) {
+      return Fault("node ", node, " slot ", slot, " is empty, but its box is not inverted");
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status CheckLeaf(uint32_t node, uint32_t slot) {
+    const ChildRef child = bvh_.nodes[node].child[slot];
+    const std::string where = absl::StrCat("the leaf of node ", node, " slot ", slot);
+    const uint64_t unit = child.leaf_unit();
+    if (unit + child.leaf_units() > units_) {
+      return Fault(where, " needs units ", unit, " to ", unit + child.leaf_units() - 1, " of ", units_);
+    }
+    for (uint64_t u = unit; u < unit + child.leaf_units(); ++u) {
+      if (!unseen_units_[u]) return Fault(where, " shares unit ", u, " with another");
+      unseen_units_[u] = false;
+    }
+    ++leaves_seen_;
+    const uint32_t lanes = kUnitTriangles * child.leaf_units();
+    const float* const rows = &bvh_.leaves[unit * kUnitFloats];
+    Box3f box;
+    uint32_t previous = 0;
+    for (uint32_t lane = 0; lane < lanes; ++lane) {
+      const uint32_t id = std::bit_cast<uint32_t>(rows[9 * lanes + lane]);
+      std::array<Vec3f, 3> corners{};
+      if (lane < child.leaf_count()) {
+        if (id >= unseen_triangles_.size()) {
+          return Fault(where, " holds triangle ", id, " of ", unseen_triangles_.size());
+        }
+        if (!unseen_triangles_[id]) {
+          return Fault(where, " holds triangle ", id, ", which is inert or stands in a leaf already");
+        }
+        if (lane > 0 && id < previous) return Fault(where, " does not hold its ids in order");
+        unseen_triangles_[id] = false;
+        previous = id;
+        corners = geometry_.Corners(id);
+        for (const Vec3f& corner : corners) box.Extend(corner);
+      } else if (id != kNoTriangle) {
+        return Fault(where, " has triangle ", id, " in unused lane ", lane);
+      }
+      for (int row = 0; row < 9; ++row) {
+        const float stored = corners[row / 3][row % 3];
+        if (std::bit_cast<uint32_t>(rows[row * lanes + lane]) != std::bit_cast<uint32_t>(stored)) {
+          return Fault(where, " has another coordinate in row ", row, " lane ", lane, " than triangle ",
+                       id, " stores");
+        }
+      }
+    }
+    if (box != BoxOf(node, slot)) return Fault(where, " has a box that is not its triangles'");
+    boxes_[node].Extend(box);
+    return absl::OkStatus();
+  }
+
+  absl::Status CheckAllSeen() const {
+    for (size_t i = 0; i < unseen_nodes_.size(); ++i) {
+      if (unseen_nodes_[i]) return Fault("node ", i, " is never reached");
+    }
+    for (size_t i = 0; i < unseen_units_.size(); ++i) {
+      if (unseen_units_[i]) return Fault("leaf unit ", i, " is never reached");
+    }
+    for (size_t i = 0; i < unseen_triangles_.size(); ++i) {
+      if (unseen_triangles_[i]) return Fault("triangle ", i, " stands in no leaf");
+    }
+    if (leaves_seen_ != bvh_.leaf_count) {
+      return Fault("it has ", leaves_seen_, " leaves, but says ", bvh_.leaf_count);
+    }
+    return absl::OkStatus();
+  }
+
+  // Children come after their parents in order_, so backwards every box is complete when it is needed.
+  absl::Status CheckInnerBoxes() {
+    for (size_t i = order_.size(); i-- > 0;) {
+      const uint32_t node = order_[i];
+      for (uint32_t slot = 0; slot < bvh_.nodes[node].child_count; ++slot) {
+        const ChildRef child = bvh_.nodes[node].child[slot];
+        if (!child.is_inner()) continue;
+        if (boxes_[child.node()] != BoxOf(node, slot)) {
+          return Fault("node ", node, " slot ", slot, " has a box that is not node ", child.node(), "'s");
+        }
+        boxes_[node].Extend(boxes_[child.node()]);
+      }
+    }
+    if (boxes_[0] != bvh_.bounds) return Fault("its bounds are not its root's");
+    return absl::OkStatus();
+  }
+
+  const Bvh& bvh_;
+  const SceneGeometry& geometry_;
+  uint64_t units_ = 0;
+  uint64_t leaves_seen_ = 0;
+  std::vector<bool> unseen_triangles_, unseen_nodes_, unseen_units_;
+  std::vector<uint32_t> order_;
+  std::vector<Box3f> boxes_;  // Per node: of what has been seen below it.
+};
+
+}  // namespace
+
+absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry) {
+  return Validator(bvh, geometry).Validate();
+}
+
+}  // namespace sightline
