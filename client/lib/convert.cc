@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/convert.h"
+
+#include <bit>
+
+#include "absl/strings/strip.h"
+
+namespace sightline::client {
+
+static_assert(std::endian::native == std::endian::little, "arrays are packed little-endian");
+
+void ToProto(const Point3& p, v1::Vector3* out) {
+  out->set_x(p[0]);
+  out->set_y(p[1]);
+  out->set_z(p[2]);
+}
+
+void ToProto(const Camera& camera, v1::Camera* out) {
+  ToProto(camera.eye, out->mutable_eye());
+  ToProto(camera.right, out->mutable_right());
+  ToProto(camera.up, out->mutable_up());
+  ToProto(camera.forward, out->mutable_forward());
+  out->set_tan_half_fov_y(camera.tan_half_fov_y);
+  out->set_width(camera.width);
+  out->set_height(camera.height);
+}
+
+void ToProto(const Light& light, v1::Light* out) {
+  switch (light.kind) {
+    case Light::Kind::kPoint:
+      ToProto(light.position, out->mutable_point()->mutable_position());
+      break;
+    case Light::Kind::kDirectional:
+      ToProto(light.direction, out->mutable_directional()->mutable_direction());
+      break;
+    case Light::Kind::kRectangle: {
+      v1::RectangularAreaLight* area = out->mutable_rectangular_area();
+      ToProto(light.position, area->mutable_center());
+      ToProto(light.half_u, area->mutable_half_u());
+      ToProto(light.half_v, area->mutable_half_v());
+      area->set_sample_count(light.samples);
+      break;
+    }
+  }
+  out->set_mask(light.mask);
+  out->set_weight(light.weight);
+}
+
+namespace {
+
+v1::Culling CullingToProto(Culling culling) {
+  switch (culling) {
+    case Culling::kBack:
+      return v1::CULLING_BACK;
+    case Culling::kFront:
+      return v1::CULLING_FRONT;
+    case Culling::kNone:
+      break;
+  }
+  return v1::CULLING_NONE;
+}
+
+absl::Time TimeFromProto(const google::protobuf::Timestamp& time) {
+  return absl::FromUnixSeconds(time.seconds()) + absl::Nanoseconds(time.nanos());
+}
+
+}  // namespace
+
+void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
+  switch (options.strategy) {
+    case Strategy::kAuto:
+      out->set_strategy(v1::STRATEGY_AUTO);
+      break;
+    case Strategy::kSingle:
+      out->set_strategy(v1::STRATEGY_SINGLE);
+      break;
+    case Strategy::kPacket:
+      out->set_strategy(v1::STRATEGY_PACKET);
+      break;
+    case Strategy::kBruteForce:
+      out->set_strategy(v1::STRATEGY_BRUTE_FORCE);
+      break;
+  }
+  out->set_mask(options.mask);
+  out->set_statistics(options.statistics);
+}
+
+void ToProto(const PointOptions& options, v1::PointOptions* out) {
+  out->set_attach_distance(options.attach_distance);
+  out->set_normal_offset(options.normal_offset);
+}
+
+void ToProto(const ObjectUpload& object, v1::ObjectHeader* out) {
+  out->set_object_name(object.name);
+  out->set_vertex_count(object.vertices.size() / 3);
+  out->set_triangle_count(object.indices.size() / 3);
+  if (object.transform) {
+    for (double m : *object.transform) out->add_transform(m);
+  }
+  out->set_mask(object.mask);
+  out->set_culling(CullingToProto(object.culling));
+  out->set_dynamic(object.dynamic);
+}
+
+void ToProto(absl::Duration duration, google::protobuf::Duration* out) {
+  out->set_seconds(absl::IDivDuration(duration, absl::Seconds(1), &duration));
+  out->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(duration)));
+}
+
+Point3 FromProto(const v1::Vector3& p) { return {p.x(), p.y(), p.z()}; }
+
+absl::Duration FromProto(const google::protobuf::Duration& duration) {
+  return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
+}
+
+Scene FromProto(const v1::Scene& scene) {
+  Scene out;
+  out.name = scene.name();
+  out.revision = scene.revision();
+  out.origin = FromProto(scene.origin());
+  out.objects = scene.object_count();
+  out.triangles = scene.triangle_count();
+  out.vertices = scene.vertex_count();
+  if (scene.has_bounds()) {
+    out.bounds = {FromProto(scene.bounds().min()), FromProto(scene.bounds().max())};
+  }
+  const v1::BuildReport& report = scene.build_report();
+  out.report.input_triangles = report.input_triangle_count();
+  out.report.non_finite_triangles = report.non_finite_triangle_count();
+  out.report.zero_area_triangles = report.zero_area_triangle_count();
+  out.report.duplicate_triangles = report.duplicate_triangle_count();
+  out.report.non_finite_vertices = report.non_finite_vertex_count();
+  out.report.max_rounding = report.max_rounding();
+  out.report.compile_time = FromProto(report.compile_duration());
+  out.report.structure_time = FromProto(report.structure_duration());
+  out.report.nodes = report.node_count();
+  out.report.leaves = report.leaf_count();
+  out.report.depth = report.depth();
+  out.report.resident_bytes = report.resident_bytes();
+  switch (scene.state()) {
+    case v1::SCENE_STATE_BUILDING:
+      out.state = SceneState::kBuilding;
+      break;
+    case v1::SCENE_STATE_READY:
+      out.state = SceneState::kReady;
+      break;
+    case v1::SCENE_STATE_UPDATING:
+      out.state = SceneState::kUpdating;
+      break;
+    case v1::SCENE_STATE_FAILED:
+      out.state = SceneState::kFailed;
+      break;
+    case v1::SCENE_STATE_DELETED:
+      out.state = SceneState::kDeleted;
+      break;
+    default:
+      break;
+  }
+  out.state_message = scene.state_message();
+  if (scene.has_create_time()) out.create_time = TimeFromProto(scene.create_time());
+  if (scene.has_update_time()) out.update_time = TimeFromProto(scene.update_time());
+  return out;
+}
+
+SceneObject FromProto(const v1::SceneObject& object) {
+  SceneObject out;
+  out.index = object.index();
+  out.name = object.object_name();
+  out.triangles = object.triangle_count();
+  out.vertices = object.vertex_count();
+  out.mask = object.mask();
+  out.culling = object.culling() == v1::CULLING_BACK    ? Culling::kBack
+                : object.culling() == v1::CULLING_FRONT ? Culling::kFront
+                                                        : Culling::kNone;
+  out.dynamic = object.dynamic();
+  return out;
+}
+
+PointSet FromProto(const v1::PointSet& set) {
+  PointSet out;
+  out.name = set.name();
+  out.revision = set.revision();
+  out.points = set.point_count();
+  out.invalid_points = set.invalid_point_count();
+  out.attached_points = set.attached_point_count();
+  out.near_surface_points = set.near_surface_point_count();
+  if (set.has_create_time()) out.create_time = TimeFromProto(set.create_time());
+  if (set.has_expire_time()) out.expire_time = TimeFromProto(set.expire_time());
+  out.resident_bytes = set.resident_bytes();
+  return out;
+}
+
+Statistics FromProto(const v1::Statistics& statistics) {
+  Statistics out;
+  out.rays = statistics.ray_count();
+  out.nodes = statistics.node_count();
+  out.triangle_tests = statistics.triangle_test_count();
+  out.leaves = statistics.leaf_count();
+  out.double_tests = statistics.double_test_count();
+  out.exact_tests = statistics.exact_test_count();
+  switch (statistics.strategy()) {
+    case v1::STRATEGY_SINGLE:
+      out.strategy = Strategy::kSingle;
+      break;
+    case v1::STRATEGY_PACKET:
+      out.strategy = Strategy::kPacket;
+      break;
+    case v1::STRATEGY_BRUTE_FORCE:
+      out.strategy = Strategy::kBruteForce;
+      break;
+    default:
+      break;
+  }
+  out.compute = absl::Nanoseconds(statistics.compute_nanos());
+  out.queue = absl::Nanoseconds(statistics.queue_nanos());
+  return out;
+}
+
+Capabilities FromProto(const v1::Capabilities& capabilities) {
+  Capabilities out;
+  out.version = capabilities.version();
+  const v1::Limits& in = capabilities.limits();
+  Limits& limits = out.limits;
+  limits.max_message_bytes = in.max_message_bytes();
+  limits.target_reply_bytes = in.target_reply_bytes();
+  limits.max_concurrent_streams = in.max_concurrent_streams();
+  limits.stream_credit_rays = in.stream_credit_rays();
+  limits.min_item_cost_rays = in.min_item_cost_rays();
+  limits.max_item_rays = in.max_item_rays();
+  limits.max_queued_rays = in.max_queued_rays();
+  limits.max_lights = in.max_lights();
+  limits.max_samples_per_light = in.max_samples_per_light();
+  limits.max_light_samples = in.max_light_samples();
+  limits.max_image_width = in.max_image_width();
+  limits.max_image_height = in.max_image_height();
+  limits.max_scenes = in.max_scenes();
+  limits.max_objects_per_scene = in.max_objects_per_scene();
+  limits.max_triangles_per_scene = in.max_triangles_per_scene();
+  limits.max_vertices_per_scene = in.max_vertices_per_scene();
+  limits.max_scene_bytes = in.max_scene_bytes();
+  limits.max_points_per_set = in.max_points_per_set();
+  limits.max_point_sets = in.max_point_sets();
+  limits.max_point_set_bytes = in.max_point_set_bytes();
+  limits.max_lease = FromProto(in.max_lease());
+  limits.max_pin_duration = FromProto(in.max_pin_duration());
+  limits.max_coordinate = in.max_coordinate();
+  limits.max_concurrent_uploads = in.max_concurrent_uploads();
+  out.instruction_set = capabilities.instruction_set();
+  out.available_instruction_sets.assign(capabilities.available_instruction_sets().begin(),
+                                        capabilities.available_instruction_sets().end());
+  for (int strategy : capabilities.strategies()) {
+    const std::string& name = v1::Strategy_Name(static_cast<v1::Strategy>(strategy));
+    if (!name.empty()) out.strategies.emplace_back(absl::StripPrefix(name, "STRATEGY_"));
+  }
+  out.builtin_scenes.assign(capabilities.builtin_scenes().begin(),
+                            capabilities.builtin_scenes().end());
+  out.threads = capabilities.thread_count();
+  return out;
+}
+
+}  // namespace sightline::client

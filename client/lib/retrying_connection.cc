@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Repeats what may be repeated. Reads change nothing; creations and edits carry a request_id, and
+// their uploads can be played again; a deletion that finds nothing on a later attempt was done by an
+// earlier one.
+#include <algorithm>
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/synchronization/notification.h"
+#include "absl/time/clock.h"
+#include "client/lib/backoff.h"
+#include "client/lib/connection.h"
+#include "client/lib/status.h"
+
+namespace sightline::client {
+namespace {
+
+const absl::Status& StatusOf(const absl::Status& status) { return status; }
+template <typename T>
+const absl::Status& StatusOf(const absl::StatusOr<T>& result) {
+  return result.status();
+}
+
+// False when the wait was cut short by a cancellation.
+bool Wait(absl::Duration duration, Cancellation* cancellation) {
+  absl::Notification cancelled;
+  Cancellation::Registration registration(cancellation, [&] { cancelled.Notify(); });
+  return !cancelled.WaitForNotificationWithTimeout(duration);
+}
+
+class RetryingConnection final : public Connection {
+ public:
+  RetryingConnection(std::shared_ptr<Connection> inner, const RetryOptions& options)
+      : inner_(std::move(inner)), options_(options) {}
+
+  absl::StatusOr<v1::Scene> CreateScene(const Upload<v1::CreateSceneRequest>& upload,
+                                        const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->CreateScene(upload, options); });
+  }
+  absl::StatusOr<v1::Scene> UpdateScene(const Upload<v1::UpdateSceneRequest>& upload,
+                                        const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->UpdateScene(upload, options); });
+  }
+  absl::StatusOr<v1::Scene> GetScene(const v1::GetSceneRequest& request,
+                                     const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->GetScene(request, options); });
+  }
+  absl::StatusOr<v1::ListScenesResponse> ListScenes(const v1::ListScenesRequest& request,
+                                                    const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->ListScenes(request, options); });
+  }
+  absl::StatusOr<v1::ListSceneObjectsResponse> ListSceneObjects(
+      const v1::ListSceneObjectsRequest& request, const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->ListSceneObjects(request, options); });
+  }
+  absl::Status DeleteScene(const v1::DeleteSceneRequest& request,
+                           const CallOptions& options) override {
+    return Retry(options, [&](int attempt) {
+      return GoneIsDone(attempt, inner_->DeleteScene(request, options));
+    });
+  }
+  absl::Status WatchScene(const v1::WatchSceneRequest& request,
+                          const std::function<bool(const v1::WatchSceneResponse&)>& on_change,
+                          const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->WatchScene(request, on_change, options); });
+  }
+  absl::StatusOr<v1::PointSet> CreatePointSet(const Upload<v1::CreatePointSetRequest>& upload,
+                                              const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->CreatePointSet(upload, options); });
+  }
+  absl::StatusOr<v1::PointSet> GetPointSet(const v1::GetPointSetRequest& request,
+                                           const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->GetPointSet(request, options); });
+  }
+  absl::StatusOr<v1::ListPointSetsResponse> ListPointSets(const v1::ListPointSetsRequest& request,
+                                                          const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->ListPointSets(request, options); });
+  }
+  absl::Status DeletePointSet(const v1::DeletePointSetRequest& request,
+                              const CallOptions& options) override {
+    return Retry(options, [&](int attempt) {
+      return GoneIsDone(attempt, inner_->DeletePointSet(request, options));
+    });
+  }
+  absl::StatusOr<v1::PointSet> RenewLease(const v1::RenewLeaseRequest& request,
+                                          const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->RenewLease(request, options); });
+  }
+  absl::StatusOr<v1::Capabilities> GetCapabilities(const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->GetCapabilities(options); });
+  }
+  absl::StatusOr<Health> CheckHealth(const std::string& service,
+                                     const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->CheckHealth(service, options); });
+  }
+
+  int channel_count() const override { return inner_->channel_count(); }
+  std::unique_ptr<TileStream> OpenTiles(int channel, const CallOptions& options) override {
+    return inner_->OpenTiles(channel, options);
+  }
+  std::unique_ptr<ShadowStream> OpenShadows(int channel, const CallOptions& options) override {
+    return inner_->OpenShadows(channel, options);
+  }
+  std::unique_ptr<SegmentStream> OpenSegments(int channel, const CallOptions& options) override {
+    return inner_->OpenSegments(channel, options);
+  }
+
+ private:
+  static absl::Status GoneIsDone(int attempt, absl::Status status) {
+    return attempt > 0 && absl::IsNotFound(status) ? absl::OkStatus() : status;
+  }
+
+  template <typename Function>
+  auto Retry(const CallOptions& options, const Function& call) -> decltype(call(0)) {
+    Backoff backoff(options_);
+    absl::Time give_up = absl::InfiniteFuture();
+    for (int attempt = 0;; ++attempt) {
+      auto result = call(attempt);
+      if (!IsRetryable(StatusOf(result))) return result;
+      const absl::Time now = absl::Now();
+      if (attempt == 0) give_up = now + options_.give_up_after;
+      const absl::Duration wait = backoff.Next(StatusOf(result));
+      if (now + wait >= std::min(give_up, options.deadline)) return result;
+      if (!Wait(wait, options.cancellation)) return absl::CancelledError("cancelled by the caller");
+    }
+  }
+
+  const std::shared_ptr<Connection> inner_;
+  const RetryOptions options_;
+};
+
+}  // namespace
+
+std::shared_ptr<Connection> MakeRetryingConnection(std::shared_ptr<Connection> inner,
+                                                   const RetryOptions& options) {
+  return std::make_shared<RetryingConnection>(std::move(inner), options);
+}
+
+}  // namespace sightline::client

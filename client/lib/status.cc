@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/status.h"
+
+#include <google/protobuf/duration.pb.h>
+#include <google/protobuf/unknown_field_set.h>
+
+#include "absl/strings/cord.h"
+#include "absl/strings/strip.h"
+
+namespace sightline::client {
+namespace {
+
+absl::StatusCode ToCode(int code) {
+  // gRPC's codes are Abseil's; one out of range is a server's mistake.
+  return code >= 0 && code <= 16 ? static_cast<absl::StatusCode>(code) : absl::StatusCode::kUnknown;
+}
+
+}  // namespace
+
+absl::Status FromGrpc(const grpc::Status& status) {
+  if (status.ok()) return absl::OkStatus();
+  absl::Status result(ToCode(status.error_code()), status.error_message());
+  v1::Status details;
+  if (!status.error_details().empty() && details.ParseFromString(status.error_details())) {
+    for (const google::protobuf::Any& any : details.details()) {
+      result.SetPayload(any.type_url(), absl::Cord(any.value()));
+    }
+  }
+  return result;
+}
+
+absl::Status FromItem(const v1::ItemStatus& status) {
+  if (status.code() == 0) return absl::OkStatus();
+  absl::Status result(ToCode(status.code()), status.message());
+  if (status.reason() != v1::ERROR_REASON_UNSPECIFIED) {
+    v1::ErrorInfo info;
+    info.set_domain("sightline");
+    info.set_reason(std::string(
+        absl::StripPrefix(v1::ErrorReason_Name(status.reason()), "ERROR_REASON_")));
+    *info.mutable_metadata() = status.metadata();
+    result.SetPayload(kErrorInfoUrl, absl::Cord(info.SerializeAsString()));
+  }
+  return result;
+}
+
+std::optional<ErrorDetail> GetErrorDetail(const absl::Status& status) {
+  const auto payload = status.GetPayload(kErrorInfoUrl);
+  v1::ErrorInfo info;
+  if (!payload || !info.ParseFromString(std::string(*payload))) return std::nullopt;
+  ErrorDetail detail;
+  detail.reason = info.reason();
+  detail.metadata.insert(info.metadata().begin(), info.metadata().end());
+  return detail;
+}
+
+bool IsRetryable(const absl::Status& status) {
+  if (absl::IsUnavailable(status)) return true;
+  if (!absl::IsResourceExhausted(status)) return false;
+  const std::optional<ErrorDetail> detail = GetErrorDetail(status);
+  return (detail && detail->reason == "QUEUE_FULL") || RetryDelay(status).has_value();
+}
+
+std::optional<absl::Duration> RetryDelay(const absl::Status& status) {
+  const auto payload = status.GetPayload(kRetryInfoUrl);
+  // google.rpc.RetryInfo is one Duration in field 1; its generated class is in no Debian package.
+  google::protobuf::UnknownFieldSet fields;
+  if (!payload || !fields.ParseFromString(std::string(*payload))) return std::nullopt;
+  for (int i = 0; i < fields.field_count(); ++i) {
+    const google::protobuf::UnknownField& field = fields.field(i);
+    google::protobuf::Duration delay;
+    if (field.number() != 1 ||
+        field.type() != google::protobuf::UnknownField::TYPE_LENGTH_DELIMITED ||
+        !delay.ParseFromString(field.length_delimited())) {
+      continue;
+    }
+    return absl::Seconds(delay.seconds()) + absl::Nanoseconds(delay.nanos());
+  }
+  return std::nullopt;
+}
+
+}  // namespace sightline::client

@@ -1,0 +1,352 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the client library takes and gives: plain structs of numbers, strings and arrays. No proto and
+// no gRPC type is needed to use it. Units, ranges and meanings are those of proto/sightline/v1.
+//
+// Thread safety: plain values.
+#ifndef SIGHTLINE_CLIENT_LIB_TYPES_H_
+#define SIGHTLINE_CLIENT_LIB_TYPES_H_
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "absl/time/time.h"
+
+namespace sightline::client {
+
+// x, y, z in world coordinates and scene units.
+using Point3 = std::array<double, 3>;
+
+inline constexpr uint32_t kNone = 0xFFFFFFFFu;  // No object, no triangle.
+
+enum class Strategy { kAuto, kSingle, kPacket, kBruteForce };
+enum class Culling { kNone, kBack, kFront };
+enum class SceneState { kUnknown, kBuilding, kReady, kUpdating, kFailed, kDeleted };
+
+// ---- Scenes -------------------------------------------------------------------------------------
+
+// One object of an upload. The arrays are the caller's and must outlive the call.
+struct ObjectUpload {
+  std::string name;
+  std::span<const double> vertices;   // [k, 3]
+  std::span<const uint32_t> indices;  // [m, 3]
+  std::optional<std::array<double, 12>> transform;  // Rows of a 3×4 matrix; unset: the identity.
+  uint32_t mask = 0xFFFFFFFFu;
+  Culling culling = Culling::kNone;
+  bool dynamic = false;  // Its transform may be changed later.
+};
+
+// What a new scene is made of: objects, or a built-in spec ("builtin:hall:1000000"), not both.
+struct SceneSource {
+  std::string scene_id;  // Empty: the server makes one up.
+  std::vector<ObjectUpload> objects;
+  std::string builtin;
+  std::optional<Point3> origin;
+};
+
+struct BuildReport {
+  uint64_t input_triangles = 0;
+  uint64_t non_finite_triangles = 0;  // These and the zero-area ones are never hit.
+  uint64_t zero_area_triangles = 0;
+  uint64_t duplicate_triangles = 0;   // Kept.
+  uint64_t non_finite_vertices = 0;
+  double max_rounding = 0;            // Scene units.
+  absl::Duration compile_time;        // To check, place and store the triangles.
+  absl::Duration structure_time;      // To build the tree.
+  uint64_t nodes = 0, leaves = 0;
+  uint32_t depth = 0;
+  uint64_t resident_bytes = 0;
+};
+
+struct Scene {
+  std::string name;  // "scenes/hall"
+  int64_t revision = 0;
+  Point3 origin{};
+  uint32_t objects = 0;
+  uint64_t triangles = 0;  // As uploaded.
+  uint64_t vertices = 0;
+  std::optional<std::array<Point3, 2>> bounds;  // Smallest and largest corner.
+  BuildReport report;
+  SceneState state = SceneState::kUnknown;
+  std::string state_message;
+  absl::Time create_time = absl::InfinitePast();
+  absl::Time update_time = absl::InfinitePast();
+};
+
+struct SceneObject {
+  uint32_t index = 0;
+  std::string name;
+  uint64_t triangles = 0;
+  uint64_t vertices = 0;
+  uint32_t mask = 0;
+  Culling culling = Culling::kNone;
+  bool dynamic = false;
+};
+
+// One step of an edit; steps apply in order, all or none.
+struct SceneEdit {
+  enum class Kind { kAdd, kRemove, kSetTransform, kReplaceVertices };
+  Kind kind = Kind::kAdd;
+  // kAdd: all of it. Others: its name, and its transform or its vertices.
+  ObjectUpload object;
+};
+
+struct SceneProgress {
+  Scene scene;
+  std::string stage;
+  double progress = 0;  // 0 to 1.
+};
+
+// ---- Queries ------------------------------------------------------------------------------------
+
+struct Camera {
+  Point3 eye{}, right{}, up{}, forward{};
+  double tan_half_fov_y = 0;
+  uint32_t width = 0, height = 0;
+};
+
+struct Light {
+  enum class Kind { kPoint, kDirectional, kRectangle };
+  Kind kind = Kind::kPoint;
+  Point3 position{};   // kPoint; kRectangle: its centre.
+  Point3 direction{};  // kDirectional: from the lit point toward the light.
+  Point3 half_u{}, half_v{};
+  uint32_t samples = 1;  // kRectangle.
+  uint32_t mask = 0xFFFFFFFFu;
+  double weight = 1;
+
+  static Light Point(Point3 p) { return {.kind = Kind::kPoint, .position = p}; }
+  static Light Directional(Point3 d) { return {.kind = Kind::kDirectional, .direction = d}; }
+  uint32_t SampleCount() const { return kind == Kind::kRectangle ? samples : 1; }
+};
+
+// The work done for an item, or for many.
+struct Statistics {
+  uint64_t rays = 0;
+  uint64_t nodes = 0;
+  uint64_t leaves = 0;
+  uint64_t triangle_tests = 0;
+  uint64_t double_tests = 0;  // Left in doubt by the float filter,
+  uint64_t exact_tests = 0;   // and by the double filter.
+  Strategy strategy = Strategy::kAuto;  // What answered; kAuto where several did.
+  absl::Duration compute;               // Summed over threads.
+  absl::Duration queue;
+
+  void Add(const Statistics& other) {
+    const bool first = rays == 0 && nodes == 0 && triangle_tests == 0;
+    strategy = first || strategy == other.strategy ? other.strategy : Strategy::kAuto;
+    rays += other.rays;
+    nodes += other.nodes;
+    leaves += other.leaves;
+    triangle_tests += other.triangle_tests;
+    double_tests += other.double_tests;
+    exact_tests += other.exact_tests;
+    compute += other.compute;
+    queue += other.queue;
+  }
+};
+
+struct QueryOptions {
+  int64_t revision = 0;  // 0: the one that is current when the query starts, for all of it.
+  Strategy strategy = Strategy::kAuto;
+  uint32_t mask = 0xFFFFFFFFu;
+  bool statistics = false;
+};
+
+// What became of a streamed query as a whole.
+struct StreamSummary {
+  int64_t revision = 0;
+  uint64_t items = 0;
+  uint64_t rays = 0;            // Asked for; the statistics count those traced.
+  uint64_t bytes_received = 0;  // Of replies, before transport.
+  uint64_t bytes_sent = 0;
+  uint64_t resent_items = 0;    // Sent again after a failure.
+  absl::Duration elapsed;
+  Statistics statistics;
+};
+
+// ---- Tiles
+
+struct TileRect {
+  uint32_t x = 0, y = 0, width = 0, height = 0;
+};
+
+struct TileOutputs {
+  bool hits = false;
+  bool ids = false;
+  bool depths = false;
+  bool barycentrics = false;
+  bool lit = false;  // Of every light sample at every hit.
+};
+
+struct TileQuery {
+  std::string scene;
+  Camera camera;
+  std::vector<Light> lights;
+  TileOutputs outputs;
+  QueryOptions options;
+  uint32_t tile_size = 64;  // Pixels; tiles at the right and lower border are smaller.
+};
+
+// The answer for one tile; n = width · height pixels, row by row. Only what was asked for is filled.
+struct Tile {
+  size_t index = 0;  // In row-major order of the image's tiles.
+  TileRect rect;
+  std::vector<uint8_t> hit;                     // n: 1 or 0.
+  std::vector<uint32_t> object, triangle;       // n: kNone for a miss.
+  std::vector<float> depth;                     // n: +infinity for a miss.
+  std::vector<float> u, v;                      // n.
+  std::vector<uint8_t> lit;                     // [S, n]: 1 lit, 0 blocked, 255 no hit or not valid.
+  Statistics statistics;
+};
+
+// A whole picture; n = width · height.
+struct TileImage {
+  uint32_t width = 0, height = 0, samples = 0;
+  std::vector<uint8_t> hit;
+  std::vector<uint32_t> object, triangle;
+  std::vector<float> depth, u, v;
+  std::vector<uint8_t> lit;  // [S, n]
+  struct TileCost {
+    TileRect rect;
+    Statistics statistics;
+  };
+  std::vector<TileCost> costs;  // In row-major order of the tiles; with statistics.
+  StreamSummary summary;
+};
+
+// ---- Shadows
+
+// Points and what is known of the surface under them. The arrays are the caller's.
+struct Points {
+  std::span<const double> positions;           // [n, 3]
+  std::span<const uint32_t> source_objects;    // Empty or [n].
+  std::span<const uint32_t> source_triangles;  // Empty or [n].
+  std::span<const double> normals;             // Empty or [n, 3].
+};
+
+struct PointOptions {
+  double attach_distance = 0;
+  double normal_offset = 0;
+};
+
+struct ShadowOutputs {
+  bool lit = true;
+  bool counts = false;
+  bool weighted_sums = false;
+  bool blockers = false;
+};
+
+struct ShadowQuery {
+  std::string scene;
+  std::vector<Light> lights;
+  Points points;                // Or:
+  std::string point_set;        // "scenes/hall/pointSets/desk", all of it.
+  PointOptions point_options;
+  double t_min = 0;  // Segments end this share of their length before the point.
+  ShadowOutputs outputs;
+  QueryOptions options;
+  uint32_t points_per_item = 16384;
+};
+
+// The answer for points offset .. offset + n - 1, or for all (offset 0).
+struct Shadows {
+  uint64_t offset = 0;
+  uint64_t points = 0;
+  uint32_t samples = 0;
+  std::vector<uint8_t> lit;              // [S, n]: 1 lit, 0 blocked, 255 not valid.
+  std::vector<uint8_t> valid;            // n: 1 or 0; the points alone.
+  std::vector<uint32_t> invalid_samples;  // Of lights that are not finite or out of range.
+  std::vector<uint32_t> counts;          // n
+  std::vector<double> weighted_sums;     // n
+  std::vector<uint32_t> blocker_object, blocker_triangle;  // [S, n]
+  std::vector<float> blocker_distance;   // [S, n]
+  uint64_t near_surface_points = 0;
+  Statistics statistics;
+  StreamSummary summary;  // Of the whole query, in the array of all alone.
+};
+
+// ---- Segments
+
+struct SegmentQuery {
+  std::string scene;
+  std::span<const double> segments;  // [n, 6]: from, to.
+  bool blocked = true;
+  bool blockers = false;
+  QueryOptions options;
+  uint32_t segments_per_item = 32768;
+};
+
+struct Segments {
+  uint64_t offset = 0;
+  uint64_t segments = 0;
+  std::vector<uint8_t> blocked;  // n: 1 blocked, 0 free, 255 not valid.
+  std::vector<uint8_t> valid;    // n: 1 or 0.
+  std::vector<uint32_t> blocker_object, blocker_triangle;
+  std::vector<float> blocker_distance;
+  Statistics statistics;
+  StreamSummary summary;
+};
+
+// ---- Point sets
+
+struct PointSetSource {
+  std::string scene;         // "scenes/hall"
+  std::string point_set_id;  // Empty: the server makes one up.
+  int64_t revision = 0;
+  absl::Duration lease = absl::Minutes(10);
+  PointOptions point_options;
+  Points points;                 // Or:
+  std::optional<Camera> camera;  // What it sees becomes the points.
+  QueryOptions options;          // For the camera's rays.
+};
+
+struct PointSet {
+  std::string name;
+  int64_t revision = 0;
+  uint64_t points = 0;
+  uint64_t invalid_points = 0;
+  uint64_t attached_points = 0;
+  uint64_t near_surface_points = 0;
+  absl::Time create_time = absl::InfinitePast();
+  absl::Time expire_time = absl::InfinitePast();
+  uint64_t resident_bytes = 0;
+};
+
+// ---- Server
+
+struct Limits {
+  uint64_t max_message_bytes = 0, target_reply_bytes = 0;
+  uint32_t max_concurrent_streams = 0;
+  int64_t stream_credit_rays = 0, min_item_cost_rays = 0, max_item_rays = 0, max_queued_rays = 0;
+  uint32_t max_lights = 0, max_samples_per_light = 0, max_light_samples = 0;
+  uint32_t max_image_width = 0, max_image_height = 0;
+  uint32_t max_scenes = 0, max_objects_per_scene = 0;
+  uint64_t max_triangles_per_scene = 0, max_vertices_per_scene = 0, max_scene_bytes = 0;
+  uint64_t max_points_per_set = 0;
+  uint32_t max_point_sets = 0;
+  uint64_t max_point_set_bytes = 0;
+  absl::Duration max_lease, max_pin_duration;
+  double max_coordinate = 0;
+  uint32_t max_concurrent_uploads = 0;
+};
+
+struct Capabilities {
+  std::string version;
+  Limits limits;
+  std::string instruction_set;
+  std::vector<std::string> available_instruction_sets;
+  std::vector<std::string> strategies;  // "AUTO", "SINGLE", ...
+  std::vector<std::string> builtin_scenes;
+  uint32_t threads = 0;
+};
+
+enum class Health { kUnknown, kServing, kNotServing, kServiceUnknown };
+
+}  // namespace sightline::client
+
+#endif  // SIGHTLINE_CLIENT_LIB_TYPES_H_
