@@ -3,16 +3,20 @@
 // Points to be shaded, made ready: rebased to the scene's origin in double, rounded once, and placed. What
 // comes out are stored floats; every answer is about them, and they can be read back.
 //
-// Placement (design, section 2 "Exact ends, no epsilon knob")
+// Placement (design, section 2 "Exact ends, no epsilon knob"; how it is done is told in placement.h)
 //  * A camera hit lies on its source triangle only up to rounding. It is moved along the triangle's normal
-//    to the eye's side by PlacementOffset, a bound on that rounding, and further (doubling) until the exact
-//    predicate says that the stored point is strictly on that side.
-//  * `attach_distance`: the nearest triangle within it becomes the source and the point is placed likewise, on the
-//    side it is on already (the front if exactly in the plane), clear of every other triangle it touches there
-//    where one direction does that for all.
-//  * `offset`: the point is moved by that much along its given normal first.
+//    to the eye's side by PlacementOffset, a bound on that rounding, and further until the exact predicate says
+//    that the stored point is strictly on that side, and on the right side of the triangles it touches there.
+//  * `attach_distance`: the nearest triangle within it becomes the source (the lowest id among equals) of a point
+//    that names none, and the point is placed likewise, clear of every other triangle it touches within rounding
+//    where one direction does that for all. Its side is the one it is on already; in the plane within rounding,
+//    where the side would be chance, the one that its normal points to if it has one, else the front. So sensors on
+//    the inside of a room whose fronts face outward need normals or an offset.
+//  * `offset`: the point is moved by that much along its given normal first, in world coordinates.
 //  * `t_min`: a segment ends at that share of its length before the point: see ShadowOptions.
-// A point within rounding of a triangle that is not its source is counted in near_surface.
+// A point that names its source stays where it is.
+// A point within rounding of a triangle that is not its source is counted in near_surface, unless it was placed
+// strictly on the right side of everything it touched.
 //
 // Thread safety: functions only; PreparedPoints is a plain value.
 //
@@ -34,13 +38,15 @@ namespace sightline {
 
 struct PointInput {
   std::span<const Vec3d> positions;          // World coordinates.
-  std::span<const Vec3d> normals;            // Empty, or one per point: for `offset`. Any length but zero.
+  // Empty, or one per point: for `offset` (a point whose normal is zero or not finite is invalid then), and for the
+  // side of attached points. Any length.
+  std::span<const Vec3d> normals;
   std::span<const uint32_t> source_triangles;  // Empty, or one per point: global id or kNoTriangle.
 };
 
 struct PointOptions {
   double attach_distance = 0;    // >= 0, world units; 0: do not attach.
-  double offset = 0;             // World units along the normal; not 0 requires normals.
+  double offset = 0;             // World units along the normal, any sign; not 0 requires normals.
   bool count_near_surface = true;
 };
 
@@ -49,19 +55,20 @@ struct PreparedPoints {
   std::vector<uint32_t> sources;       // Global triangle id or kNoTriangle, one per point.
   std::vector<uint8_t> valid;          // 1, or 0: not finite or beyond kMaxCoordinate.
   uint64_t invalid = 0;
-  uint64_t attached = 0;
+  uint64_t attached = 0;               // Valid, with a source: given or found.
   uint64_t near_surface = 0;           // Valid, within rounding of a triangle that is not their source.
 
   size_t size() const { return positions.size(); }
 };
 
-// InvalidArgument: arrays of different lengths, a source id out of range, a negative or non-finite option
-// (each named with its value). Cancelled / DeadlineExceeded from `cancel`.
+// InvalidArgument: arrays of different lengths, a source id out of range, a negative or non-finite attach_distance, a
+// non-finite offset or one without normals (each named with its value). Cancelled / DeadlineExceeded from `cancel`.
 absl::StatusOr<PreparedPoints> PreparePoints(const IndexedGeometry& scene, const PointInput& input,
                                              const PointOptions& options,
                                              const CancelToken* cancel = nullptr);
 
-// A camera hit on `triangle` at O + t·D, placed on O's side of it. Deterministic scalar double arithmetic.
+// A camera hit on `triangle` at O + t·D, placed on O's side of it. What t lost by rounding to a float is put back, and
+// the point held within the triangle. Deterministic scalar double arithmetic. REQUIRES: the triangle blocks the ray.
 Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, float t, uint32_t triangle);
 
 }  // namespace sightline

@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/query/nearest_triangle.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include "core/base/check.h"
+#include "core/intersect/predicate.h"
+
+namespace sightline {
+namespace {
+
+// Below this share of its longest edge, a triangle's width is lost in the rounding of its corners (2^-24 of a
+// coordinate): its edges stand for it. Above it, the normal in doubles is good to some 2^-53 / 2^-24 = 2^-29.
+constexpr double kSliverWidth = 0x1p-24;
+
+struct Box {
+  Vec3d lo, hi;
+};
+
+Vec3d Clamp(Vec3d p, const Box& box) {
+  return {std::min(std::max(p.x, box.lo.x), box.hi.x), std::min(std::max(p.y, box.lo.y), box.hi.y),
+          std::min(std::max(p.z, box.lo.z), box.hi.z)};
+}
+
+Box BoxOf(Vec3d a, Vec3d b) {
+  return {{std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)},
+          {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}};
+}
+
+bool Before(Vec3d a, Vec3d b) {
+  if (a.x != b.x) return a.x < b.x;
+  if (a.y != b.y) return a.y < b.y;
+  return a.z < b.z;
+}
+
+Vec3d ClosestPointOnEdge(Vec3d p, Vec3d a, Vec3d b) {
+  if (Before(b, a)) std::swap(a, b);
+  const Vec3d d = b - a;
+  const double length_squared = Dot(d, d);
+  const double t = length_squared > 0 ? Dot(p - a, d) / length_squared : 0;
+  if (!(t > 0)) return a;
+  if (t >= 1) return b;
+  return Clamp(a + d * t, BoxOf(a, b));
+}
+
+// Squared distance per axis-aligned box, for `lanes` boxes side by side. Infinite for an inverted box.
+template <int kLanes>
+void BoxDistances(const float* lo_x, const float* lo_y, const float* lo_z, const float* hi_x,
+                  const float* hi_y, const float* hi_z, Vec3d p, double* out) {
+  const auto gap = [](double lo, double hi, double x) {
+    const double below = lo - x, above = x - hi;
+    const double outside = below > above ? below : above;
+    return outside > 0 ? outside : 0.0;
+  };
+  for (int k = 0; k < kLanes; ++k) {
+    const double x = gap(lo_x[k], hi_x[k], p.x);
+    const double y = gap(lo_y[k], hi_y[k], p.y);
+    const double z = gap(lo_z[k], hi_z[k], p.z);
+    out[k] = (x * x + y * y) + z * z;
+  }
+}
+
+void ChildDistances(const BvhNode& node, Vec3d p, double out[kBvhWidth]) {
+  BoxDistances<kBvhWidth>(node.bounds[0], node.bounds[1], node.bounds[2], node.bounds[3],
+                          node.bounds[4], node.bounds[5], p, out);
+}
+
+// A leaf's lanes: rows of corners and ids.
+struct LeafView {
+  LeafView(const Bvh& bvh, ChildRef ref)
+      : rows(&bvh.leaves[static_cast<size_t>(ref.leaf_unit()) * kUnitFloats]),
+        stride(static_cast<int>(ref.leaf_units()) * kUnitTriangles),
+        count(static_cast<int>(ref.leaf_count())) {}
+
+  Vec3f Corner(int corner, int lane) const {
+    const float* r = rows + 3 * corner * stride + lane;
+    return {r[0], r[stride], r[2 * stride]};
+  }
+  uint32_t Id(int lane) const {
+    uint32_t id;
+    std::memcpy(&id, rows + 9 * stride + lane, sizeof id);
+    return id;
+  }
+  // The triangles' boxes; lanes past `count` hold nothing of use.
+  void Boxes(float lo[3][kMaxLeafTriangles], float hi[3][kMaxLeafTriangles]) const {
+    for (int axis = 0; axis < 3; ++axis) {
+      const float* a = rows + axis * stride;
+      const float* b = a + 3 * stride;
+      const float* c = b + 3 * stride;
+      for (int k = 0; k < stride; ++k) {
+        const float ab_lo = a[k] < b[k] ? a[k] : b[k];
+        const float ab_hi = a[k] < b[k] ? b[k] : a[k];
+        lo[axis][k] = ab_lo < c[k] ? ab_lo : c[k];
+        hi[axis][k] = ab_hi < c[k] ? c[k] : ab_hi;
+      }
+      for (int k = stride; k < kMaxLeafTriangles; ++k) lo[axis][k] = hi[axis][k] = 0;
+    }
+  }
+  void Distances(Vec3d p, double out[kMaxLeafTriangles]) const {
+    float lo[3][kMaxLeafTriangles], hi[3][kMaxLeafTriangles];
+    Boxes(lo, hi);
+    BoxDistances<kMaxLeafTriangles>(lo[0], lo[1], lo[2], hi[0], hi[1], hi[2], p, out);
+  }
+
+  const float* rows;
+  int stride;
+  int count;
+};
+
+// Calls leaf(LeafView) for every leaf whose boxes from the root down pass select(node, mask[8]); leaf returns whether
+// to go on.
+template <typename Select, typename Leaf>
+void WalkAll(const Bvh& bvh, Select select, Leaf leaf) {
+  if (bvh.empty()) return;
+  ChildRef stack[kBvhStackSize];
+  uint32_t size = 0;
+  stack[size++] = ChildRef::Inner(0);
+  while (size > 0) {
+    const ChildRef ref = stack[--size];
+    if (ref.is_leaf()) {
+      if (!leaf(LeafView(bvh, ref))) return;
+      continue;
+    }
+    const BvhNode& node = bvh.nodes[ref.node()];
+    bool wanted[kBvhWidth];
+    select(node, wanted);
+    for (uint32_t k = 0; k < node.child_count; ++k) {
+      if (!wanted[k]) continue;
+      SIGHTLINE_DCHECK(size < kBvhStackSize);
+      stack[size++] = node.child[k];
+    }
+  }
+}
+
+// Calls found(id) for touched triangles in no particular order; found returns whether to go on.
+template <typename Found>
+void ForEachTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip, Found found) {
+  // No triangle's corner is farther out than the farthest corner of all bounds, in rounded sums too.
+  const Vec3d lo = ToDouble(bvh.bounds.lo), hi = ToDouble(bvh.bounds.hi);
+  const Vec3d far = {std::max(std::abs(lo.x), std::abs(hi.x)), std::max(std::abs(lo.y), std::abs(hi.y)),
+                     std::max(std::abs(lo.z), std::abs(hi.z))};
+  const double largest = radius.base + radius.per_vertex * NormOne(far);
+  const double limit = largest * largest;
+  WalkAll(
+      bvh,
+      [&](const BvhNode& node, bool* wanted) {
+        double distance[kBvhWidth];
+        ChildDistances(node, p, distance);
+        for (int k = 0; k < kBvhWidth; ++k) wanted[k] = distance[k] <= limit;
+      },
+      [&](const LeafView& leaf) {
+        double distance[kMaxLeafTriangles];
+        leaf.Distances(p, distance);
+        for (int k = 0; k < leaf.count; ++k) {
+          if (!(distance[k] <= limit)) continue;
+          const uint32_t id = leaf.Id(k);
+          if (id == skip) continue;
+          const Vec3f a = leaf.Corner(0, k), b = leaf.Corner(1, k), c = leaf.Corner(2, k);
+          const double r = radius.Of(a, b, c);
+          if (!(distance[k] <= r * r)) continue;
+          if (!(DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r)) continue;
+          if (!found(id)) return false;
+        }
+        return true;
+      });
+}
+
+}  // namespace
+
+Vec3d ClosestPointOnTriangle(Vec3d p, Vec3f af, Vec3f bf, Vec3f cf) {
+  const Vec3d a = ToDouble(af), b = ToDouble(bf), c = ToDouble(cf);
+  const Vec3d ab = b - a, bc = c - b, ca = a - c;
+  const Vec3d n = Cross(ab, bc);
+  const double nn = Dot(n, n);
+  const double longest = std::max({Dot(ab, ab), Dot(bc, bc), Dot(ca, ca)});
+  if (nn >= (kSliverWidth * kSliverWidth) * (longest * longest)) {
+    const Vec3d ap = p - a;
+    if (Dot(Cross(ab, ap), n) > 0 && Dot(Cross(bc, p - b), n) > 0 && Dot(Cross(ca, p - c), n) > 0) {
+      Box box = BoxOf(a, b);
+      box = {BoxOf(box.lo, c).lo, BoxOf(box.hi, c).hi};
+      return Clamp(p - n * (Dot(n, ap) / nn), box);
+    }
+  }
+  Vec3d best = ClosestPointOnEdge(p, a, b);
+  double best_distance = DistanceSquared(p, best);
+  for (const Vec3d q : {ClosestPointOnEdge(p, b, c), ClosestPointOnEdge(p, c, a)}) {
+    const double distance = DistanceSquared(p, q);
+    if (distance < best_distance) best = q, best_distance = distance;
+  }
+  return best;
+}
+
+double TouchRadius::Of(Vec3f a, Vec3f b, Vec3f c) const {
+  return base + per_vertex * std::max({NormOne(ToDouble(a)), NormOne(ToDouble(b)),
+                                       NormOne(ToDouble(c))});
+}
+
+NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared) {
+  NearestTriangle best{kNoTriangle, max_distance_squared};
+  if (bvh.empty()) return best;
+  struct Entry {
+    ChildRef ref;
+    double distance;
+  };
+  Entry stack[kBvhStackSize];
+  uint32_t size = 0;
+  stack[size++] = {ChildRef::Inner(0), 0};
+  while (size > 0) {
+    const Entry entry = stack[--size];
+    // Equal distances are looked at: a lower id may have one.
+    if (!(entry.distance <= best.distance_squared)) continue;
+    double distance[kMaxLeafTriangles];
+    if (entry.ref.is_leaf()) {
+      const LeafView leaf(bvh, entry.ref);
+      leaf.Distances(p, distance);
+      for (int k = 0; k < leaf.count; ++k) {
+        if (!(distance[k] <= best.distance_squared)) continue;
+        const Vec3d q =
+            ClosestPointOnTriangle(p, leaf.Corner(0, k), leaf.Corner(1, k), leaf.Corner(2, k));
+        const NearestTriangle candidate{leaf.Id(k), DistanceSquared(p, q)};
+        if (candidate.distance_squared < best.distance_squared ||
+            (candidate.distance_squared == best.distance_squared &&
+             candidate.triangle < best.triangle)) {
+          best = candidate;
+        }
+      }
+      continue;
+    }
+    // Children go on the stack so that the nearest comes off first.
+    const BvhNode& node = bvh.nodes[entry.ref.node()];
+    ChildDistances(node, p, distance);
+    const uint32_t first = size;
+    for (uint32_t k = 0; k < node.child_count; ++k) {
+      if (!(distance[k] <= best.distance_squared)) continue;
+      SIGHTLINE_DCHECK(size < kBvhStackSize);
+      uint32_t at = size++;
+      for (; at > first && stack[at - 1].distance < distance[k]; --at) stack[at] = stack[at - 1];
+      stack[at] = {node.child[k], distance[k]};
+    }
+  }
+  return best;
+}
+
+void FindTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip,
+                  std::vector<uint32_t>* ids) {
+  ids->clear();
+  ForEachTouching(bvh, p, radius, skip, [&](uint32_t id) {
+    ids->push_back(id);
+    return true;
+  });
+  std::sort(ids->begin(), ids->end());
+}
+
+bool TouchesAny(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip) {
+  bool any = false;
+  ForEachTouching(bvh, p, radius, skip, [&](uint32_t) {
+    any = true;
+    return false;
+  });
+  return any;
+}
+
+bool CrossesAny(const Bvh& bvh, Vec3f from, Vec3f to, std::span<const uint32_t> skip) {
+  Box3f box;
+  box.Extend(from);
+  box.Extend(to);
+  const PredicateRay segment = PredicateRay::Segment(from, to);
+  bool crosses = false;
+  WalkAll(
+      bvh,
+      [&](const BvhNode& node, bool* wanted) {
+        for (int k = 0; k < kBvhWidth; ++k) {
+          wanted[k] = (node.bounds[0][k] <= box.hi.x) & (node.bounds[3][k] >= box.lo.x) &
+                      (node.bounds[1][k] <= box.hi.y) & (node.bounds[4][k] >= box.lo.y) &
+                      (node.bounds[2][k] <= box.hi.z) & (node.bounds[5][k] >= box.lo.z);
+        }
+      },
+      [&](const LeafView& leaf) {
+        float lo[3][kMaxLeafTriangles], hi[3][kMaxLeafTriangles];
+        leaf.Boxes(lo, hi);
+        for (int k = 0; k < leaf.count; ++k) {
+          bool apart = false;
+          for (int axis = 0; axis < 3; ++axis) {
+            apart |= lo[axis][k] > box.hi[axis] || hi[axis][k] < box.lo[axis];
+          }
+          if (apart || std::binary_search(skip.begin(), skip.end(), leaf.Id(k))) continue;
+          if (Blocks(segment, leaf.Corner(0, k), leaf.Corner(1, k), leaf.Corner(2, k))) {
+            crosses = true;
+            return false;
+          }
+        }
+        return true;
+      });
+  return crosses;
+}
+
+}  // namespace sightline

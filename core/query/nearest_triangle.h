@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Distances from a point to triangles: the nearest one, those within rounding, and whether a short way crosses any.
+// All walk the BVH, in doubles, and give what looking at every triangle in order of ids would give.
+//
+// Why no box is culled wrongly, without a margin: a triangle's closest point is held within the triangle's box, and
+// the distances to it and to a box are the same expression of coordinate differences. Subtraction, multiplication and
+// addition round monotonically, so a box's distance never exceeds that of a triangle inside it, bit for bit.
+//
+// Thread safety: functions only.
+//
+//   NearestTriangle nearest = FindNearest(scene.bvh, ToDouble(point), distance * distance);
+//   if (nearest.triangle != kNoTriangle) ...
+#ifndef SIGHTLINE_CORE_QUERY_NEAREST_TRIANGLE_H_
+#define SIGHTLINE_CORE_QUERY_NEAREST_TRIANGLE_H_
+
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <vector>
+
+#include "core/accel/bvh.h"
+#include "core/geometry/vec3.h"
+#include "core/mesh/scene_geometry.h"
+
+namespace sightline {
+
+// The point of triangle ABC closest to `p`, within a few roundings of doubles, and within ABC's box. Exact at corners;
+// on an edge the same bits for every triangle with that edge. REQUIRES: ABC is not of zero area.
+Vec3d ClosestPointOnTriangle(Vec3d p, Vec3f a, Vec3f b, Vec3f c);
+
+// (x² + y²) + z² of the difference.
+inline double DistanceSquared(Vec3d a, Vec3d b) {
+  const Vec3d d = a - b;
+  return Dot(d, d);
+}
+
+// (|x| + |y|) + |z|.
+inline double NormOne(Vec3d a) { return (std::abs(a.x) + std::abs(a.y)) + std::abs(a.z); }
+
+struct NearestTriangle {
+  uint32_t triangle = kNoTriangle;
+  double distance_squared = std::numeric_limits<double>::infinity();
+};
+
+// The nearest triangle within the given distance (the bound included); the lowest id among equals.
+NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared);
+
+// How near is touching: base + per_vertex · (the largest 1-norm of the triangle's corners).
+struct TouchRadius {
+  double base = 0;
+  double per_vertex = 0;
+  double Of(Vec3f a, Vec3f b, Vec3f c) const;
+};
+
+// The ids of all triangles but `skip` that `p` touches, ascending, into `ids`.
+void FindTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip,
+                  std::vector<uint32_t>* ids);
+
+// Whether p touches any triangle but `skip`.
+bool TouchesAny(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip);
+
+// Whether any triangle that is not in `skip` (ascending) blocks the segment. For short ones: boxes are tested
+// against the segment's box.
+bool CrossesAny(const Bvh& bvh, Vec3f from, Vec3f to, std::span<const uint32_t> skip);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_QUERY_NEAREST_TRIANGLE_H_

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Placing a point beside the surface it lies on, so that after rounding it is strictly on the right side of its
+// source triangle, by the exact predicate, and where possible of every other triangle that it touches within rounding.
+//
+// Sides. The point's side of its source is given. The side of another touched triangle follows from it:
+//  * over shared edges (two bit-equal corners), step by step: the side that is contiguous with it on the sheet, whether
+//    the edge is convex or concave, and whichever way the triangles are wound;
+//  * of a triangle that is not so connected and rises above the source's plane (a wall on a floor): the source's own
+//    side of it, if the source lies on one, else that of `reference`;
+//  * any other touched triangle lies behind the source or in its plane: it needs no side. No segment between two points
+//    strictly in front of the source's plane meets it.
+//
+// Three tries, each verified exactly on the rounded point: all sides; the sides of triangles that rise above the source's
+// plane; the source alone, which always succeeds. The first two also must not cross any further triangle on the way.
+//
+// What follows. If the source is part of a convex closed mesh and the point in front of it, nothing of that mesh blocks
+// a light strictly in front of the source's plane: both ends lie strictly in front, the whole mesh behind. With the first
+// try, a point at a convex vertex is lit exactly by the lights in front of any of its triangles (bar the source, which
+// does not block). A point in the concave corner of a room is strictly inside all the walls it touches.
+//
+// Thread safety: functions only; a PlacementScratch belongs to one thread.
+#ifndef SIGHTLINE_CORE_QUERY_PLACEMENT_H_
+#define SIGHTLINE_CORE_QUERY_PLACEMENT_H_
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/geometry/vec3.h"
+#include "core/query/nearest_triangle.h"
+
+namespace sightline {
+
+// Distances below which a point and a triangle cannot be told apart. Rounding to nearest moves a coordinate x by at
+// most 2^-24·|x|, a point by at most 2^-24 times its 1-norm; a triangle's corners were rounded too, and every point of it
+// moved by at most what its corners did. So a point that lay on a triangle in the world lies within
+// 2^-24·(|P|₁ + max|V|₁) of the stored one. Doubles' roundings are covered by the 1-norm standing for the 2-norm and by
+// 2^-44, which exceeds a few hundred of them.
+inline constexpr TouchRadius WorldTouchRadius(double norm_one) {
+  return {0x1p-24 * norm_one, 0x1p-24 + 0x1p-44};
+}
+// A camera hit lies on its stored source; only its own rounding is yet to come. It will move by the placement, less than
+// 3·2^-24·|P|₂ (PlacementOffset, times kAim), and by one rounding: 4. What doubles lose on the way to the point grows with
+// the corners, not with P: 2^-44 as above.
+inline constexpr TouchRadius HitTouchRadius(double norm_one) {
+  return {4 * 0x1p-24 * norm_one, 0x1p-44};
+}
+
+struct Placement {
+  Vec3d at;                 // Where the point is, unrounded.
+  uint32_t source = kNoTriangle;
+  int side = 1;             // +1: it belongs in front of the source, -1: behind.
+  TouchRadius radius;       // Others within it are touched.
+  Vec3f reference;          // Decides on which side of unconnected triangles the point belongs.
+};
+
+struct PlacementScratch {
+  std::vector<uint32_t> touched;
+};
+
+struct Placed {
+  Vec3f position;
+  bool clear = true;  // Strictly on the right side of everything it touched.
+};
+
+// How far from its plane a point P must be so that rounding P to floats leaves it on the same side: twice
+// 2^-24·(|n.x P.x| + |n.y P.y| + |n.z P.z|), the most that rounding can move it along the unit normal n, plus `slack`,
+// the error of the distance in doubles, plus what rounding to subnormals can do (3·2^-150).
+double PlacementOffset(Vec3d unit_normal, Vec3d p, double slack);
+
+// REQUIRES: the source is not inert.
+Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_QUERY_PLACEMENT_H_
