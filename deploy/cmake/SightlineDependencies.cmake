@@ -17,6 +17,7 @@ if(NOT SIGHTLINE_CORE_ONLY)
   find_package(ZLIB REQUIRED)
   find_package(LibLZMA REQUIRED)
   pkg_check_modules(TINYOBJ_DOUBLE REQUIRED IMPORTED_TARGET tinyobjloader_double)
+  find_path(TINYGLTF_HEADER tiny_gltf.h REQUIRED)  # libtinygltf-dev; used as a header.
   find_package(nlohmann_json REQUIRED)
 endif()
 if(SIGHTLINE_BUILD_TESTS)

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/import/gltf_model.h"
+
+#include <cstring>
+#include <exception>
+#include <filesystem>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "client/import/file_bytes.h"
+#include "client/import/text_scanner.h"
+#include "client/import/tinygltf_api.h"
+
+namespace sightline {
+namespace {
+
+// Where a buffer's file lies; empty where it would leave the base folder.
+std::string BufferPath(const std::string& uri, const ImportOptions& options) {
+  const std::filesystem::path relative(uri);
+  if (options.base_folder.empty() || uri.empty() || relative.is_absolute()) return {};
+  for (const std::filesystem::path& part : relative) {
+    if (part == "..") return {};
+  }
+  return (std::filesystem::path(options.base_folder) / relative).string();
+}
+
+// tinygltf's own file access searches the working folder too and expands names as a shell would.
+tinygltf::FsCallbacks ConfinedFiles(const ImportOptions* options) {
+  tinygltf::FsCallbacks fs;
+  fs.user_data = const_cast<ImportOptions*>(options);
+  fs.ExpandFilePath = [](const std::string& uri, void*) { return uri; };
+  fs.FileExists = [](const std::string& uri, void* user) {
+    std::error_code error;
+    const std::string path = BufferPath(uri, *static_cast<const ImportOptions*>(user));
+    return !path.empty() && std::filesystem::is_regular_file(path, error);
+  };
+  fs.ReadWholeFile = [](std::vector<unsigned char>* out, std::string* error, const std::string& uri,
+                        void* user) {
+    const ImportOptions& options = *static_cast<const ImportOptions*>(user);
+    absl::StatusOr<std::string> bytes =
+        ReadFileBytes(BufferPath(uri, options), options.max_file_bytes);
+    if (!bytes.ok()) {
+      *error = std::string(bytes.status().message());
+      return false;
+    }
+    out->assign(bytes->begin(), bytes->end());
+    return true;
+  };
+  fs.WriteWholeFile = [](std::string*, const std::string&, const std::vector<unsigned char>&,
+                         void*) { return false; };
+  return fs;
+}
+
+// A GLB anew, from the filtered JSON and the binary chunk: consistent whatever the file was.
+std::vector<unsigned char> MakeGlb(const GltfSource& source) {
+  const auto padded = [](size_t size) { return (size + 3) / 4 * 4; };
+  const size_t json_size = padded(source.json.size());
+  const size_t bin_size = padded(source.bin.size());
+  const size_t total = 20 + json_size + (bin_size == 0 ? 0 : 8 + bin_size);
+  std::vector<unsigned char> glb(total, 0);
+  const auto put = [&glb](size_t at, size_t value) {
+    const uint32_t word = static_cast<uint32_t>(value);
+    std::memcpy(glb.data() + at, &word, sizeof(word));
+  };
+  std::memcpy(glb.data(), "glTF", 4);
+  put(4, 2);
+  put(8, total);
+  put(12, json_size);
+  put(16, 0x4E4F534A);  // "JSON"
+  std::memset(glb.data() + 20, ' ', json_size);
+  std::memcpy(glb.data() + 20, source.json.data(), source.json.size());
+  if (bin_size != 0) {
+    const size_t at = 20 + json_size;
+    put(at, bin_size);
+    put(at + 4, 0x004E4942);  // "BIN"
+    std::memcpy(glb.data() + at + 8, source.bin.data(), source.bin.size());
+  }
+  return glb;
+}
+
+std::string OneLine(std::string text) {
+  for (char& c : text) {
+    if (IsLineEnd(c)) c = ' ';
+  }
+  return Quoted(TrimBlanks(text));
+}
+
+}  // namespace
+
+absl::Status ParseGltf(const GltfSource& source, MeshFormat format, const ImportOptions& options,
+                       tinygltf::Model* model) {
+  // tinygltf counts in 32 bits.
+  constexpr size_t kMost = std::numeric_limits<uint32_t>::max() - 64;
+  if (source.json.size() > kMost || source.bin.size() > kMost - source.json.size()) {
+    return absl::ResourceExhaustedError("is larger than 4 GiB, which glTF's reader cannot take");
+  }
+  std::string error, warning;
+  bool parsed = false;
+  try {
+    tinygltf::TinyGLTF reader;
+    reader.SetFsCallbacks(ConfinedFiles(&options));
+    if (format == MeshFormat::kGlb) {
+      const std::vector<unsigned char> glb = MakeGlb(source);
+      parsed = reader.LoadBinaryFromMemory(model, &error, &warning, glb.data(),
+                                           static_cast<unsigned int>(glb.size()), "");
+    } else {
+      parsed = reader.LoadASCIIFromString(model, &error, &warning, source.json.data(),
+                                          static_cast<unsigned int>(source.json.size()), "");
+    }
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("needs more memory than there is");
+  } catch (const std::exception& e) {
+    return absl::InvalidArgumentError(absl::StrCat("is malformed glTF: ", OneLine(e.what())));
+  }
+  if (!parsed) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("is malformed glTF: ", OneLine(std::move(error))));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace sightline

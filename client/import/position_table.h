@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Numbers distinct positions in the order in which they first appear: equal coordinates, equal
+// number (0 and -0 are equal; two NaN vertices, which all bear the same bits here, are too). An
+// open hash table that grows; 4 bytes a slot beside the positions themselves.
+//
+// Thread safety: one table per thread.
+//
+//   PositionTable table;
+//   uint32_t id = table.Insert({1, 2, 3});   // 0
+//   table.Insert({1, 2, 3});                 // 0 again
+#ifndef SIGHTLINE_CLIENT_IMPORT_POSITION_TABLE_H_
+#define SIGHTLINE_CLIENT_IMPORT_POSITION_TABLE_H_
+
+#include <bit>
+#include <cstdint>
+#include <vector>
+
+#include "core/geometry/vec3.h"
+
+namespace sightline {
+
+class PositionTable {
+ public:
+  // REQUIRES: fewer than 2^32 - 1 positions so far; p is finite or a CanonicalVertex.
+  uint32_t Insert(Vec3d p) {
+    if (2 * (positions_.size() + 1) > slots_.size()) Grow();
+    uint32_t& slot = Find(p);
+    if (slot == 0) {
+      positions_.push_back(p);
+      slot = static_cast<uint32_t>(positions_.size());
+    }
+    return slot - 1;
+  }
+
+  const std::vector<Vec3d>& positions() const { return positions_; }
+  std::vector<Vec3d> TakePositions() { return std::move(positions_); }
+
+ private:
+  // Adding 0 turns -0 into 0 and leaves every other value's bits as they are.
+  static uint64_t Bits(double x) { return std::bit_cast<uint64_t>(x + 0.0); }
+  static bool Same(Vec3d a, Vec3d b) {
+    return Bits(a.x) == Bits(b.x) && Bits(a.y) == Bits(b.y) && Bits(a.z) == Bits(b.z);
+  }
+  static uint64_t Mix(uint64_t h) {  // MurmurHash3's finalizer: every bit reaches the low ones.
+    h = (h ^ (h >> 33)) * 0xFF51AFD7ED558CCDu;
+    h = (h ^ (h >> 33)) * 0xC4CEB9FE1A85EC53u;
+    return h ^ (h >> 33);
+  }
+
+  // The slot that holds p's number + 1, or the empty one where it belongs.
+  uint32_t& Find(Vec3d p) {
+    const uint64_t hash = Mix(Mix(Mix(Bits(p.x)) + Bits(p.y)) + Bits(p.z));
+    const uint64_t mask = slots_.size() - 1;
+    for (uint64_t i = hash & mask;; i = (i + 1) & mask) {
+      if (slots_[i] == 0 || Same(positions_[slots_[i] - 1], p)) return slots_[i];
+    }
+  }
+
+  void Grow() {
+    slots_.assign(slots_.empty() ? 64 : 2 * slots_.size(), 0);
+    for (size_t i = 0; i < positions_.size(); ++i)
+      Find(positions_[i]) = static_cast<uint32_t>(i + 1);
+  }
+
+  std::vector<Vec3d> positions_;
+  std::vector<uint32_t> slots_;  // A power of two, at most half full; 0 is empty.
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CLIENT_IMPORT_POSITION_TABLE_H_
