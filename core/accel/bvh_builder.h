@@ -28,7 +28,7 @@ struct BvhBuildOptions {
   int max_leaf_triangles = 16;   // 1 .. kMaxLeafTriangles.
   // Cost of one node visit, its eight boxes together, in units of testing one full leaf:
   // 0 .. kMaxTraversalCost.
-  float traversal_cost = 0.5f;
+  float traversal_cost = 1.0f;
   bool longest_axis_only = false;  // Paper 004's choice for rebuilt scenes: one axis, fewer bins.
 };
 

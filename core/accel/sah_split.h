@@ -28,11 +28,14 @@ inline constexpr int kMaxBins = 256;
 // for the collapse into leaves and wide nodes. In units of testing one full leaf.
 struct SahCost {
   int max_leaf_triangles = 16;
-  float node_visit = 0.5f;   // One eight-wide box test.
+  float node_visit = 1.0f;   // One eight-wide box test.
   float area_scale = 1.0f;   // Applied to extents, so that no area over- or underflows.
 
   // A leaf costs its visit whatever it holds, and then by the units of four triangles that it loads.
-  static constexpr float kLeafVisit = 0.5f;
+  // Three quarters: with node_visit = 1 the kitchen (1.44 M triangles) has 10.0 triangles in a leaf, and a
+  // random line meets 6.0 nodes, 3.2 leaves and 10.2 units; with a half, node_visit = 1/2: 6.8 in a leaf and
+  // 6.5, 3.3 and 6.2 for 1.4 times as many nodes; with 1: 11.3 in a leaf, 6.0, 3.2, 10.9, and nodes less full.
+  static constexpr float kLeafVisit = 0.75f;
   float Leaf(uint32_t n) const {
     return kLeafVisit + (1.0f - kLeafVisit) * 0.25f * static_cast<float>((n + 3) / 4);
   }

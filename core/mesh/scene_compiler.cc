@@ -77,8 +77,8 @@ class Compiler {
   }
   // The local doubles of an object that is not kept.
   const std::vector<Vec3d>& LocalVertices(size_t i) const {
-    if (sources_[i].input != nullptr) return sources_[i].input->vertices;
     if (sources_[i].vertices != nullptr) return *sources_[i].vertices;
+    if (sources_[i].input != nullptr) return sources_[i].input->vertices;
     SIGHTLINE_CHECK(BaseOf(i).source_vertices != nullptr);
     return *BaseOf(i).source_vertices;
   }
@@ -98,6 +98,7 @@ class Compiler {
     for (size_t i = 0; i < sources_.size(); ++i) {
       ObjectRecord& record = out_.objects[i];
       uint64_t triangle_count = 0, vertex_count = 0;
+      bool dynamic = false;
       if (const ObjectInput* input = sources_[i].input; input != nullptr) {
         record.name = input->name;
         if (input->indices.size() % 3 != 0) {
@@ -110,25 +111,23 @@ class Compiler {
         record.mask = input->mask;
         record.culling = input->culling;
         record.transform = input->transform;
-        if (input->dynamic) {
-          record.source_vertices = std::make_shared<const std::vector<Vec3d>>(input->vertices);
-        }
+        dynamic = input->dynamic;
       } else {
         record = BaseOf(i);
         triangle_count = record.triangle_count;
         vertex_count = record.vertex_count;
-        if (sources_[i].transform != nullptr) record.transform = *sources_[i].transform;
-        if (const auto* moved = sources_[i].vertices; moved != nullptr) {
-          if (moved->size() != vertex_count) {
-            return absl::InvalidArgumentError(
-                absl::StrCat(NameForMessage(i), " has ", vertex_count, " vertices, but ",
-                             moved->size(), " were given: remove and add it to change its mesh"));
-          }
-          if (record.source_vertices != nullptr) {
-            record.source_vertices = std::make_shared<const std::vector<Vec3d>>(*moved);
-          }
-        }
+        dynamic = record.source_vertices != nullptr;
         if (!IsKept(i)) record.largest_rounding = 0;
+      }
+      if (sources_[i].transform != nullptr) record.transform = *sources_[i].transform;
+      if (const auto* moved = sources_[i].vertices; moved != nullptr && moved->size() != vertex_count) {
+        return absl::InvalidArgumentError(
+            absl::StrCat(NameForMessage(i), " has ", vertex_count, " vertices, but ", moved->size(),
+                         " were given: remove and add it to change its mesh"));
+      }
+      // An object of the base that is only placed anew shares its doubles with the base.
+      if (dynamic && (sources_[i].input != nullptr || sources_[i].vertices != nullptr)) {
+        record.source_vertices = std::make_shared<const std::vector<Vec3d>>(LocalVertices(i));
       }
       for (int k = 0; k < 12; ++k) {
         if (!std::isfinite(record.transform.m[k])) {
@@ -198,7 +197,7 @@ class Compiler {
       return absl::OkStatus();
     }
     for (size_t i = 0; i < sources_.size(); ++i) {
-      for (const Vec3d& v : sources_[i].input->vertices) {
+      for (const Vec3d& v : LocalVertices(i)) {
         if (!IsFinite(v)) continue;
         // A place out of bounds is an error that PlaceVertices reports.
         out_.origin = Place(out_.objects[i].transform, v);

@@ -24,10 +24,12 @@ namespace sightline {
 
 // What is pointed to must outlive the call.
 struct ObjectSource {
-  const ObjectInput* input = nullptr;  // A new object; if null, object `base_object` of the base:
+  const ObjectInput* input = nullptr;  // A new object; if null, object `base_object` of the base.
   uint32_t base_object = 0;
-  const Affine3d* transform = nullptr;          // placed anew (REQUIRES: source_vertices or `vertices`),
-  const std::vector<Vec3d>* vertices = nullptr;  // with other local vertices, as many as it has.
+  // If set, taken instead of the object's own. A new transform for an object of the base needs its local
+  // doubles (REQUIRES: source_vertices, or `vertices` here).
+  const Affine3d* transform = nullptr;
+  const std::vector<Vec3d>* vertices = nullptr;  // As many as it has.
 };
 
 // As CompileScene says. With a `base`, its origin is kept and `origin` is not looked at.

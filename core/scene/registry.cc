@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/scene/registry.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+
+namespace sightline {
+namespace {
+
+absl::Status NoSuchScene(const std::string& name) {
+  return absl::NotFoundError(absl::StrCat("there is no scene \"", name, "\""));
+}
+
+// What a scene of these sizes will hold, in the registry's books.
+struct SceneSize {
+  uint64_t triangles = 0, vertices = 0, kept_doubles = 0;
+
+  void Add(const ObjectInput& object) {
+    triangles += object.indices.size() / 3;
+    vertices += object.vertices.size();
+    if (object.dynamic) kept_doubles += object.vertices.size();
+  }
+  uint64_t bytes() const {
+    return EstimateSceneBytes(triangles, vertices) + kept_doubles * sizeof(Vec3d);
+  }
+};
+
+}  // namespace
+
+SceneRegistry::SceneRegistry(const RegistryOptions& options, ThreadPool& pool)
+    : options_(options), pool_(pool) {}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
+    const std::string& name, std::span<const ObjectInput> objects, std::optional<Vec3d> origin,
+    const SceneBuildOptions& options, const CancelToken* cancel) {
+  SceneSize size;
+  for (const ObjectInput& object : objects) size.Add(object);
+  SceneStatus status;
+  {
+    MutexLock lock(mutex_);
+    if (entries_.count(name) > 0) {
+      return absl::AlreadyExistsError(absl::StrCat("there is a scene \"", name, "\" already"));
+    }
+    if (entries_.size() >= options_.max_scenes) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("the server holds ", entries_.size(), " scenes; max_scenes is ",
+                       options_.max_scenes, ": delete one"));
+    }
+    SL_RETURN_IF_ERROR(Reserve(name, size.bytes()));
+    Entry& entry = entries_[name];
+    entry.creation = ++creations_;
+    entry.building = true;
+    status = StatusOf(name, entry);
+  }
+  Notify(status);
+  return RunBuild(name, size.bytes(), [&](const std::function<void(double)>& progress) {
+    return BuildScene(name, /*revision=*/1, objects, origin, options, pool_, cancel, progress);
+  });
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(const std::string& name,
+                                                                 uint64_t expected_revision,
+                                                                 std::span<const SceneEdit> edits,
+                                                                 const SceneBuildOptions& options,
+                                                                 const CancelToken* cancel) {
+  SceneSize size;  // An upper bound: what is removed or replaced is not taken off.
+  for (const SceneEdit& edit : edits) {
+    if (edit.kind == SceneEdit::Kind::kAdd) size.Add(edit.object);
+    if (edit.kind == SceneEdit::Kind::kSetVertices) size.kept_doubles += edit.object.vertices.size();
+  }
+  std::shared_ptr<const Scene> base;
+  SceneStatus status;
+  {
+    MutexLock lock(mutex_);
+    const auto found = entries_.find(name);
+    if (found == entries_.end()) return NoSuchScene(name);
+    Entry& entry = found->second;
+    if (entry.building) {
+      return absl::AbortedError(
+          absl::StrCat("another build of scene \"", name, "\" is under way: try again after it"));
+    }
+    base = entry.latest;
+    if (expected_revision != 0 && expected_revision != base->revision) {
+      return absl::FailedPreconditionError(
+          absl::StrCat("scene \"", name, "\" is at revision ", base->revision, ", not ",
+                       expected_revision, ": look at the change and edit again"));
+    }
+    size.triangles += base->geometry.triangles.size();
+    size.vertices += base->geometry.vertices.size();
+    for (const ObjectRecord& object : base->geometry.objects) {
+      if (object.source_vertices != nullptr) size.kept_doubles += object.vertex_count;
+    }
+    SL_RETURN_IF_ERROR(Reserve(name, size.bytes()));
+    entry.building = true;
+    entry.progress = 0;
+    entry.error = absl::OkStatus();
+    status = StatusOf(name, entry);
+  }
+  Notify(status);
+  return RunBuild(name, size.bytes(), [&](const std::function<void(double)>& progress) {
+    return EditScene(*base, base->revision + 1, edits, options, pool_, cancel, progress);
+  });
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::RunBuild(const std::string& name,
+                                                                     uint64_t reserved,
+                                                                     Build build) {
+  absl::StatusOr<std::shared_ptr<const Scene>> scene =
+      build([&](double progress) { SetProgress(name, progress); });
+  if (scene.ok()) return Publish(name, reserved, *std::move(scene));
+  Fail(name, reserved, scene.status());
+  return scene;
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
+    const std::string& name, uint64_t reserved, std::shared_ptr<const Scene> scene) {
+  const uint64_t bytes = scene->report.memory_bytes;
+  SceneStatus status;
+  std::shared_ptr<const Scene> replaced;  // Let go of outside the lock: it may be large.
+  {
+    MutexLock lock(mutex_);
+    // The estimate was reserved; a scene that needs more must fit as well.
+    const uint64_t others = AliveBytes() + (reserved_bytes_ - reserved);
+    if (bytes <= reserved || (others <= options_.memory_budget_bytes &&
+                              bytes <= options_.memory_budget_bytes - others)) {
+      reserved_bytes_ -= reserved;
+      std::erase_if(alive_, [](const Revision& revision) { return revision.scene.expired(); });
+      Entry& entry = entries_.at(name);
+      alive_.push_back({entry.creation, scene->revision, bytes, scene});
+      entry.building = false;
+      entry.progress = 1;
+      replaced = std::exchange(entry.latest, scene);
+      status = StatusOf(name, entry);
+    }
+  }
+  if (status.latest == nullptr) {
+    const absl::Status error = absl::ResourceExhaustedError(
+        absl::StrCat("scene \"", name, "\" needs ", bytes, " bytes, beyond the memory budget of ",
+                     options_.memory_budget_bytes, " that all scenes share: delete one"));
+    Fail(name, reserved, error);
+    return error;
+  }
+  Notify(status);
+  return scene;
+}
+
+void SceneRegistry::Fail(const std::string& name, uint64_t reserved, const absl::Status& error) {
+  SceneStatus status;
+  {
+    MutexLock lock(mutex_);
+    reserved_bytes_ -= reserved;
+    const auto found = entries_.find(name);
+    SIGHTLINE_CHECK(found != entries_.end());
+    Entry& entry = found->second;
+    entry.building = false;
+    entry.error = error;
+    status = StatusOf(name, entry);
+    if (entry.latest == nullptr) {
+      status.state = SceneState::kFailed;
+      entries_.erase(found);
+    }
+  }
+  Notify(status);
+}
+
+void SceneRegistry::SetProgress(const std::string& name, double progress) {
+  SceneStatus status;
+  {
+    MutexLock lock(mutex_);
+    Entry& entry = entries_.at(name);
+    if (progress <= entry.progress) return;  // Threads report out of order.
+    entry.progress = progress;
+    status = StatusOf(name, entry);
+  }
+  Notify(status);
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Get(const std::string& name,
+                                                                uint64_t revision) const {
+  MutexLock lock(mutex_);
+  const auto found = entries_.find(name);
+  if (found == entries_.end()) return NoSuchScene(name);
+  const Entry& entry = found->second;
+  if (entry.latest == nullptr) {
+    return absl::UnavailableError(
+        absl::StrCat("scene \"", name, "\" is being built for the first time: try again later"));
+  }
+  if (revision == 0 || revision == entry.latest->revision) return entry.latest;
+  if (revision < entry.latest->revision) {
+    for (const Revision& older : alive_) {
+      if (older.creation != entry.creation || older.number != revision) continue;
+      if (std::shared_ptr<const Scene> scene = older.scene.lock(); scene != nullptr) return scene;
+    }
+  }
+  return absl::FailedPreconditionError(
+      absl::StrCat("scene \"", name, "\" has no revision ", revision,
+                   revision < entry.latest->revision ? " any more" : " yet", ": it is at revision ",
+                   entry.latest->revision));
+}
+
+absl::StatusOr<SceneStatus> SceneRegistry::GetStatus(const std::string& name) const {
+  MutexLock lock(mutex_);
+  const auto found = entries_.find(name);
+  if (found == entries_.end()) return NoSuchScene(name);
+  return StatusOf(name, found->second);
+}
+
+std::vector<SceneStatus> SceneRegistry::List() const {
+  MutexLock lock(mutex_);
+  std::vector<SceneStatus> list;
+  list.reserve(entries_.size());
+  for (const auto& [name, entry] : entries_) list.push_back(StatusOf(name, entry));
+  return list;
+}
+
+absl::Status SceneRegistry::Delete(const std::string& name) {
+  SceneStatus status;
+  std::shared_ptr<const Scene> deleted;  // Let go of outside the lock.
+  {
+    MutexLock lock(mutex_);
+    const auto found = entries_.find(name);
+    if (found == entries_.end()) return NoSuchScene(name);
+    if (found->second.building) {
+      return absl::AbortedError(
+          absl::StrCat("a build of scene \"", name, "\" is under way: cancel it first"));
+    }
+    status = StatusOf(name, found->second);
+    status.state = SceneState::kDeleted;
+    deleted = std::move(found->second.latest);
+    entries_.erase(found);
+  }
+  Notify(status);
+  return absl::OkStatus();
+}
+
+void SceneRegistry::SetObserver(std::function<void(const SceneStatus&)> observer) {
+  auto shared = std::make_shared<const std::function<void(const SceneStatus&)>>(std::move(observer));
+  MutexLock lock(mutex_);
+  observer_.swap(shared);
+}
+
+void SceneRegistry::Notify(const SceneStatus& status) {
+  std::shared_ptr<const std::function<void(const SceneStatus&)>> observer;
+  {
+    MutexLock lock(mutex_);
+    observer = observer_;
+  }
+  if (observer != nullptr && *observer) (*observer)(status);
+}
+
+uint64_t SceneRegistry::MemoryBytes() const {
+  MutexLock lock(mutex_);
+  return AliveBytes() + reserved_bytes_;
+}
+
+uint64_t SceneRegistry::AliveBytes() const {
+  uint64_t bytes = 0;
+  for (const Revision& revision : alive_) bytes += revision.scene.expired() ? 0 : revision.bytes;
+  return bytes;
+}
+
+absl::Status SceneRegistry::Reserve(const std::string& name, uint64_t bytes) {
+  const uint64_t used = AliveBytes() + reserved_bytes_;
+  const uint64_t budget = options_.memory_budget_bytes;
+  if (used > budget || bytes > budget - used) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("scene \"", name, "\" would need about ", bytes, " bytes; ", used,
+                     " of the memory budget of ", budget, " are in use: delete a scene"));
+  }
+  reserved_bytes_ += bytes;
+  return absl::OkStatus();
+}
+
+SceneStatus SceneRegistry::StatusOf(const std::string& name, const Entry& entry) {
+  SceneStatus status;
+  status.name = name;
+  status.state = entry.building ? SceneState::kBuilding : SceneState::kReady;
+  status.progress = entry.progress;
+  status.error = entry.error;
+  status.latest = entry.latest;
+  return status;
+}
+
+}  // namespace sightline
