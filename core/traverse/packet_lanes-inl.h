@@ -1,0 +1,302 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The lanes of a packet with one origin, and the exact test of a leaf's triangles against them: what the packet walk
+// and the shaft walk share. They differ in how they find which triangles to put to which lanes.
+//
+// A leaf's triangles are turned once so that the origin lies behind them; their edge normals relative to the origin
+// then serve every lane. Lanes that floats leave in doubt go to Blocks().
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_PACKET_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_PACKET_LANES_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_PACKET_LANES_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_PACKET_LANES_INL_H_
+#endif
+
+#include <algorithm>
+#include <bit>
+#include <limits>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/geometry/box_ray.h"
+#include "core/intersect/hit-inl.h"
+#include "core/intersect/predicate-inl.h"
+#include "core/traverse/leaf_view.h"
+#include "core/traverse/trace_ray.h"
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// One triangle, turned so that the origin lies behind it: all its forms are positive where it is hit.
+struct FacingTriangle {
+  float edge[3][3], edge_bound[3];
+  float normal[3], normal_bound;
+  float a[3];
+  uint32_t lane;  // In its leaf.
+};
+
+template <bool kAny>
+class PacketLanes {
+ public:
+  using D = hn::CappedTag<float, 16>;
+  using V = hn::Vec<D>;
+  using M = hn::Mask<D>;
+  static constexpr int kMaxRays = RayPacket::kMaxRays;
+
+  PacketLanes(const IndexedGeometry& scene, RayPacket& packet, WalkStats* stats)
+      : scene_(scene), packet_(packet), stats_(stats) {
+    const D d;
+    const size_t lanes = hn::Lanes(d);
+    groups_ = static_cast<uint32_t>((packet.count + lanes - 1) / lanes);
+    padded_ = static_cast<int>(groups_ * lanes);
+    // Lanes out of use copy the last one in use, and are never active.
+    for (int i = packet.count; i < padded_; ++i) {
+      packet.target_x[i] = packet.target_x[packet.count - 1];
+      packet.target_y[i] = packet.target_y[packet.count - 1];
+      packet.target_z[i] = packet.target_z[packet.count - 1];
+      packet.target_source[i] = kNoTriangle;
+    }
+    const Vec3V<V> o = Broadcast(d, packet.origin.x, packet.origin.y, packet.origin.z);
+    first_limit_ = packet.segments ? kSegmentEnd : std::numeric_limits<float>::infinity();
+    for (int i = 0; i < padded_; i += static_cast<int>(lanes)) {
+      Vec3V<V> dir = {hn::Load(d, packet.target_x + i), hn::Load(d, packet.target_y + i),
+                      hn::Load(d, packet.target_z + i)};
+      if (packet.segments) dir = SubV(dir, o);
+      StoreV(d, dir, direction_, i);
+      hn::Store(NormInfV(dir), d, direction_inf_ + i);
+      StoreV(d, Reciprocals(d, dir), inv_, i);
+      hn::Store(hn::Set(d, first_limit_), d, limit_of_ + i);
+    }
+    for (int i = 0; i < padded_; ++i) packet.hit[i] = Hit{};
+    for (int i = packet.count; i < padded_; ++i) {
+      limit_of_[i] = -std::numeric_limits<float>::infinity();  // Enters nothing.
+    }
+    if (packet.segments) {
+      for (int i = 0; i < packet.count; ++i) {
+        has_sources_ |= packet.target_source[i] != kNoTriangle;
+      }
+    }
+    for (uint32_t g = 0; g < groups_; ++g) {
+      const int left = packet.count - static_cast<int>(g * lanes);
+      active_[g] = left >= static_cast<int>(lanes) ? (1u << lanes) - 1 : (1u << left) - 1;
+    }
+    live_ = packet.count;
+  }
+
+  uint32_t groups() const { return groups_; }        // Vectors of lanes.
+  uint32_t active(uint32_t group) const { return active_[group]; }  // Lanes still asked about.
+  int live() const { return live_; }                 // How many of them, when any hit ends a lane.
+  float first_limit() const { return first_limit_; }
+  Vec3f origin() const { return packet_.origin; }
+  int count() const { return packet_.count; }
+  const float* inv_row(int axis) const { return inv_[axis]; }
+  const float* direction_row(int axis) const { return direction_[axis]; }
+  const float* limit_row() const { return limit_of_; }  // Nearest hit or end, in units of D; -inf when done.
+
+  // The largest limit over all lanes: nothing entered later matters.
+  float LargestLimit() const {
+    const D d;
+    V most = hn::Set(d, -std::numeric_limits<float>::infinity());
+    for (uint32_t g = 0; g < groups_; ++g) {
+      most = hn::Max(most, hn::Load(d, limit_of_ + g * hn::Lanes(d)));
+    }
+    return hn::GetLane(hn::MaxOfLanes(d, most));
+  }
+
+  // Whether the leaf's triangle can block a ray from the origin at all, and if so, which way to turn it: +1 when the
+  // origin is behind it, -1 in front, 0 when it blocks nothing. `side`, `bound` as PrepareTriangles gives them.
+  int Turn(const LeafView& leaf, uint32_t lane, float side, float bound) const {
+    const uint32_t id = leaf.id(lane);
+    if (id == packet_.origin_source) return 0;
+    int turn = side > bound ? 1 : side < -bound ? -1 : 0;
+    if (turn == 0) {
+      turn = -SideOfPlane(leaf.corner(0, lane), leaf.corner(1, lane), leaf.corner(2, lane),
+                          packet_.origin);
+      if (turn == 0) return 0;  // The origin lies in its plane.
+    }
+    if (!scene_.geometry.uniform && !ObjectBlocks(scene_.geometry, id, packet_.mask, -turn)) {
+      return 0;
+    }
+    return turn;
+  }
+
+  // One triangle against the lanes `asked` of one group. Returns the lanes that need no further triangle of this leaf
+  // (those just blocked, when any hit ends a lane).
+  HWY_INLINE uint32_t Test(const LeafView& leaf, const FacingTriangle& f, uint32_t group,
+                           uint32_t asked) {
+    const D d;
+    const size_t first = group * hn::Lanes(d);
+    stats_->triangle_tests += std::popcount(asked);
+    const V underflow = hn::Set(d, kFloatUnderflow);
+    const Vec3V<V> dir = LoadV(d, direction_, first);
+    const V dir_inf = hn::Load(d, direction_inf_ + first);
+    V least = hn::Set(d, std::numeric_limits<float>::infinity()), most = least;
+    for (int e = 0; e < 3; ++e) {
+      const V value = DotV(Broadcast(d, f.edge[e][0], f.edge[e][1], f.edge[e][2]), dir);
+      const V bound = hn::MulAdd(hn::Set(d, f.edge_bound[e]), dir_inf, underflow);
+      least = hn::Min(least, hn::Sub(value, bound));
+      most = hn::Min(most, hn::Add(value, bound));
+    }
+    // `most` < 0: some form is certainly negative. `least` > 0: all are certainly positive.
+    uint32_t open = asked & ~MaskBits(d, hn::Lt(most, hn::Zero(d)));
+    if (open == 0) return 0;
+    if (packet_.segments) {
+      const Vec3V<V> ap = SubV(Targets(first), Broadcast(d, f.a[0], f.a[1], f.a[2]));
+      const V value = DotV(Broadcast(d, f.normal[0], f.normal[1], f.normal[2]), ap);
+      const V bound = hn::MulAdd(hn::Set(d, f.normal_bound), NormInfV(ap), underflow);
+      open &= ~MaskBits(d, hn::Lt(hn::Add(value, bound), hn::Zero(d)));
+      least = hn::Min(least, hn::Sub(value, bound));
+    }
+    const uint32_t id = leaf.id(f.lane);
+    open &= ~SourceLanes(group, id);
+    uint32_t hits = open & MaskBits(d, hn::Gt(least, hn::Zero(d)));
+    const Vec3f a = leaf.corner(0, f.lane), b = leaf.corner(1, f.lane), c = leaf.corner(2, f.lane);
+    for (uint32_t doubt = open & ~hits; doubt != 0; doubt &= doubt - 1) {
+      const uint32_t bit = std::countr_zero(doubt);
+      PredicateStage stage;
+      if (Blocks(packet_.ray(static_cast<int>(first + bit)), a, b, c, &stage)) hits |= 1u << bit;
+      ++stats_->doubt_double;
+      stats_->doubt_exact += stage == PredicateStage::kExact;
+    }
+    if (hits == 0) return 0;
+    if constexpr (kAny) {
+      Block(id, group, hits);
+      return hits;
+    } else {
+      KeepCloser(TriangleDistance::Make(packet_.origin, a, b, c), id, first, hits);
+      return 0;
+    }
+  }
+
+  // Lanes of a group whose own source is triangle `id`.
+  HWY_INLINE uint32_t SourceLanes(uint32_t group, uint32_t id) const {
+    if (!has_sources_) return 0;
+    const hn::RebindToUnsigned<D> du;
+    return MaskBits(du, hn::Eq(hn::Load(du, packet_.target_source + group * hn::Lanes(du)),
+                               hn::Set(du, id)));
+  }
+
+  // Ends lanes: triangle `id` blocks them.
+  void Block(uint32_t id, uint32_t group, uint32_t hits) {
+    const uint32_t first = group * static_cast<uint32_t>(hn::Lanes(D()));
+    active_[group] &= ~hits;
+    live_ -= std::popcount(hits);
+    for (; hits != 0; hits &= hits - 1) {
+      const uint32_t lane = first + std::countr_zero(hits);
+      packet_.hit[lane] = {0.0f, id};
+      limit_of_[lane] = -std::numeric_limits<float>::infinity();
+    }
+  }
+
+ private:
+  static HWY_INLINE Vec3V<V> LoadV(D d, const float (&rows)[3][kMaxRays], size_t first) {
+    return {hn::Load(d, rows[0] + first), hn::Load(d, rows[1] + first), hn::Load(d, rows[2] + first)};
+  }
+  static HWY_INLINE void StoreV(D d, const Vec3V<V>& v, float (&rows)[3][kMaxRays], size_t first) {
+    hn::Store(v.x, d, rows[0] + first);
+    hn::Store(v.y, d, rows[1] + first);
+    hn::Store(v.z, d, rows[2] + first);
+  }
+  // SlabReciprocal of core/geometry/box_ray.h, lane by lane.
+  static HWY_INLINE Vec3V<V> Reciprocals(D d, const Vec3V<V>& v) {
+    const V least = hn::Set(d, std::numeric_limits<float>::min());
+    const V nan = hn::Set(d, std::numeric_limits<float>::quiet_NaN());
+    const auto reciprocal = [&](V c) HWY_ATTR {
+      const M subnormal = hn::And(hn::Lt(hn::Abs(c), least), hn::Ne(c, hn::Zero(d)));
+      return hn::IfThenElse(subnormal, nan, hn::Div(hn::Set(d, 1.0f), c));
+    };
+    return {reciprocal(v.x), reciprocal(v.y), reciprocal(v.z)};
+  }
+  HWY_INLINE Vec3V<V> Targets(size_t first) const {
+    const D d;
+    return {hn::Load(d, packet_.target_x + first), hn::Load(d, packet_.target_y + first),
+            hn::Load(d, packet_.target_z + first)};
+  }
+
+  // Keeps the least hit by (t, id) in the lanes of `hits`.
+  HWY_INLINE void KeepCloser(const TriangleDistance& triangle, uint32_t id, size_t first,
+                             uint32_t hits) {
+    const D d;
+    HWY_ALIGN float distances[16];
+    hn::Store(HitDistances(d, triangle, packet_.origin, packet_.segments, Targets(first),
+                           LoadV(d, inv_, first)),
+              d, distances);
+    for (; hits != 0; hits &= hits - 1) {
+      const uint32_t bit = std::countr_zero(hits);
+      const Hit hit{distances[bit], id};
+      Hit& best = packet_.hit[first + bit];
+      if (!(hit < best)) continue;
+      best = hit;
+      if (hit.t < limit_of_[first + bit]) limit_of_[first + bit] = hit.t;
+    }
+  }
+
+  const IndexedGeometry& scene_;
+  RayPacket& packet_;
+  WalkStats* stats_;
+  uint32_t groups_ = 0;
+  int padded_ = 0;
+  int live_ = 0;
+  bool has_sources_ = false;
+  float first_limit_ = 0;
+  uint32_t active_[kMaxRays / 8];
+  alignas(64) float direction_[3][kMaxRays];
+  alignas(64) float inv_[3][kMaxRays];
+  alignas(64) float direction_inf_[kMaxRays];
+  alignas(64) float limit_of_[kMaxRays];
+};
+
+// Turns the triangles `chosen` of a leaf (bit i for lane i) into facing[0 .. returned count).
+template <bool kAny>
+HWY_INLINE uint32_t TurnTriangles(const PacketLanes<kAny>& lanes, const LeafView& leaf,
+                                  uint32_t chosen, FacingTriangle* facing) {
+  const hn::CappedTag<float, kMaxLeafTriangles> d;
+  using V = hn::Vec<decltype(d)>;
+  const size_t width = hn::Lanes(d);
+  const Vec3V<V> o = Broadcast(d, lanes.origin().x, lanes.origin().y, lanes.origin().z);
+  uint32_t count = 0;
+  for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(width)) {
+    uint32_t todo = chosen >> first & ((1u << width) - 1);
+    if (todo == 0) continue;
+    const OriginTriangles<V> t = PrepareTriangles(d, leaf.rows + first, leaf.stride, o);
+    // From a vector per quantity to a record per triangle, through memory.
+    HWY_ALIGN float columns[21][kMaxLeafTriangles];
+    const auto put = [&](int row, const Vec3V<V>& v) HWY_ATTR {
+      hn::Store(v.x, d, columns[row]);
+      hn::Store(v.y, d, columns[row + 1]);
+      hn::Store(v.z, d, columns[row + 2]);
+    };
+    put(0, t.edge[0]);
+    put(3, t.edge[1]);
+    put(6, t.edge[2]);
+    put(9, t.normal);
+    put(12, t.a);
+    put(15, {t.edge_bound[0], t.edge_bound[1], t.edge_bound[2]});
+    put(18, {t.normal_bound, t.origin_side, t.origin_bound});
+    for (; todo != 0; todo &= todo - 1) {
+      const uint32_t i = std::countr_zero(todo);
+      const int turn = lanes.Turn(leaf, first + i, columns[19][i], columns[20][i]);
+      if (turn == 0) continue;
+      FacingTriangle& f = facing[count++];
+      const float sign = static_cast<float>(turn);
+      for (int e = 0; e < 3; ++e) {
+        for (int k = 0; k < 3; ++k) f.edge[e][k] = sign * columns[3 * e + k][i];
+        f.edge_bound[e] = columns[15 + e][i];
+        f.normal[e] = sign * columns[9 + e][i];
+        f.a[e] = columns[12 + e][i];
+      }
+      f.normal_bound = columns[18][i];
+      f.lane = first + i;
+    }
+  }
+  return count;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
