@@ -83,9 +83,11 @@ HWY_INLINE V HitDistances(D d, const TriangleDistance& t, Vec3f origin, bool seg
   slab(inv.x, t.lo.x, t.hi.x);
   slab(inv.y, t.lo.y, t.hi.y);
   slab(inv.z, t.lo.z, t.hi.z);
+  const V one = hn::Set(d, 1.0f);
+  if (segments) distance = hn::IfThenElse(hn::Le(distance, one), distance, one);
   distance = hn::IfThenElse(hn::Le(distance, exit), distance, exit);
   distance = hn::IfThenElse(hn::Ge(distance, entry), distance, entry);
-  return hn::IfThenElse(hn::Ge(distance, hn::Zero(d)), distance, hn::Zero(d));
+  return hn::IfThenElse(hn::Gt(distance, hn::Zero(d)), distance, hn::Zero(d));
 }
 
 }  // namespace HWY_NAMESPACE

@@ -18,12 +18,13 @@ float HitDistance(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c) {
   box.Extend(c);
   const BoxRay box_ray = BoxRay::Make(ray.origin, ray.RoundedDirection());
   // The order matters: a rounded exit may lie before the rounded entry, and the entry must win. The negations let
-  // a quotient of 0/0 pass to the bounds.
+  // a quotient of 0/0 pass to the bounds, and the last one turns -0 into 0.
+  if (ray.segment && !(t <= 1)) t = 1;  // The normal of a sliver may be off by all of its bits.
   const float exit = BoxExit(box_ray, box);
   if (!(t <= exit)) t = exit;
   const float entry = BoxEntry(box_ray, box);
   if (!(t >= entry)) t = entry;
-  if (!(t >= 0)) t = 0;
+  if (!(t > 0)) t = 0;
   return t;
 }
 

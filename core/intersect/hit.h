@@ -27,9 +27,10 @@ struct Hit {
 };
 
 // The parameter t of the crossing, in units of D (of P - O for a segment): N·(A-O) / N·D with N = (B-A)×(C-A) in
-// double, rounded once to float, then held between the ray's entry into and exit from the triangle's own box as the
-// slab test computes them, and not below zero. So a node's entry never exceeds the t of a hit inside it, and
-// distance culling needs no margin; for a segment, t may exceed 1 by the slab test's rounding (kSegmentEnd).
+// double, rounded once to float, then for a segment not above 1, then held between the ray's entry into and exit
+// from the triangle's own box as the slab test computes them, and not below zero. So a node's entry never exceeds
+// the t of a hit inside it, and distance culling needs no margin; for a segment, t may exceed 1 by that entry's
+// rounding (kSegmentEnd). A tiny direction may bring t to +inf.
 // REQUIRES: ABC blocks the ray.
 float HitDistance(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c);
 

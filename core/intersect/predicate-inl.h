@@ -11,10 +11,13 @@
 // Error bound. (x × y)·z, where x, y and z each carry one relative rounding of u = 2^-24 per component, suffers at
 // most 8 roundings per product of three components (three inputs, product, difference, product, two sums; fused
 // multiply-adds do some at once): the error is at most 8(1 + 9u)u times the permanent of |x|, |y|, |z|, and that is at most
-// |x|_1·|y|_1·|z|_inf (it sums |x_i||y_j||z_k| over i ≠ j ≠ k). Norms are computed with at most 3 further roundings
-// and products of them with 2: 8(1 + 15u) < 9 = kFloatUnits. Underflow adds at most 2^-150 per operation to a cross
-// product's component (scaled by |z|_inf later) or to the sum: kFloatUnderflow covers both. Nothing overflows:
-// |coordinates| <= 2^40 keep every value below 2^126.
+// |x|_1·|y|_1·|z|_inf (it sums |x_i||y_j||z_k| over distinct i, j, k). Its computed value carries at most 3 roundings
+// of each 1-norm (difference, two sums), 1 of |z|_inf and 3 of the products: 8(1 + 9u)(1 + 10u) < 9 = kFloatUnits.
+// Underflow adds at most 2^-149 to a cross product's component (scaled by |z|_inf later) and 2^-148 to the sum, and
+// takes as little from the bound: kFloatUnderflow covers all. Nothing overflows: with coordinates within R, differences
+// are within 2R, components of a cross product within 8R², sums of three products within 48R³, which is 2^125.6 for
+// R = 2^40 and below the largest float for R = 1.5·2^40.
+// Measured (float_stage_test): the largest error that a hill climb finds is 0.43 of its bound.
 //
 // Thread safety: pure functions.
 

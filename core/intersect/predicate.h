@@ -17,8 +17,8 @@
 // Blocks decides in doubles where its error bound allows it and in exact expansions otherwise. The float stage
 // before it lives in predicate-inl.h.
 //
-// Thread safety: functions only. REQUIRES: finite coordinates, |x| <= 2^41 (kMaxCoordinate twice over, for sums);
-// round to nearest, gradual underflow.
+// Thread safety: functions only. REQUIRES: finite coordinates, |x| <= 2^41 (the float stage needs |x| <= 1.5·2^40:
+// kMaxCoordinate and what placement may add to it); round to nearest, gradual underflow.
 #ifndef SIGHTLINE_CORE_INTERSECT_PREDICATE_H_
 #define SIGHTLINE_CORE_INTERSECT_PREDICATE_H_
 
