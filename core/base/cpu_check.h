@@ -13,7 +13,7 @@
 #ifndef SIGHTLINE_CORE_BASE_CPU_CHECK_H_
 #define SIGHTLINE_CORE_BASE_CPU_CHECK_H_
 
-#include <stddef.h>
+#include <cstddef>
 
 // Set by the constructor once the check has passed.
 extern "C" bool sightline_cpu_check_ran;

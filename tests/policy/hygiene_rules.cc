@@ -132,8 +132,7 @@ std::vector<std::string> CheckHeaderForm(const SourceFile& file) {
   bool thread_safety = per_target;
   bool guard = false;
   const std::string expected = GuardOf(file.path);
-  for (size_t i = 0; i < file.lines.size(); ++i) {
-    const std::string& line = file.lines[i];
+  for (const std::string& line : file.lines) {
     if (line == "#ifndef " + expected) guard = true;
     if (per_target && line.find(expected) != std::string::npos) guard = true;
     if (line.starts_with("#include")) break;

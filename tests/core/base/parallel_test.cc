@@ -90,6 +90,7 @@ TEST_P(ParallelForTest, CallersFromManyThreadsShareThePool) {
   ThreadPool pool(GetParam());
   std::atomic<int> total{0};
   std::vector<std::thread> callers;
+  callers.reserve(8);
   for (int caller = 0; caller < 6; ++caller) {
     callers.emplace_back([&] {
       pool.ParallelFor(1000, 10,
@@ -141,6 +142,7 @@ TEST(ThreadPoolTest, NeverMoreThreadsAtOnceThanAskedFor) {
     --inside;
   };
   std::vector<std::thread> callers;
+  callers.reserve(8);
   for (int caller = 0; caller < 4; ++caller) {
     callers.emplace_back([&] { pool.ParallelFor(50, 1, enter); });
   }
