@@ -2,6 +2,7 @@
 #include "core/accel/bvh_validation.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <limits>
 #include <string>
@@ -12,8 +13,6 @@
 
 namespace sightline {
 namespace {
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 template <typename... Args>
 absl::Status Fault(const Args&... args) {

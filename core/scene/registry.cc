@@ -219,22 +219,16 @@ std::vector<SceneStatus> SceneRegistry::List() const {
 }
 
 absl::Status SceneRegistry::Delete(const std::string& name) {
-  SceneStatus status;
-  std::shared_ptr<const Scene> deleted;  // Let go of outside the lock.
-  {
-    MutexLock lock(mutex_);
-    const auto found = entries_.find(name);
-    if (found == entries_.end()) return NoSuchScene(name);
-    if (found->second.building) {
-      return absl::AbortedError(
-          absl::StrCat("a build of scene \"", name, "\" is under way: cancel it first"));
-    }
-    status = StatusOf(name, found->second);
-    status.state = SceneState::kDeleted;
-    deleted = std::move(found->second.latest);
-    entries_.erase(found);
+  std::shared_ptr<const Scene> deleted;  // Let go of outside the lock: it may be large.
+  MutexLock lock(mutex_);
+  const auto found = entries_.find(name);
+  if (found == entries_.end()) return NoSuchScene(name);
+  if (found->second.building) {
+    return absl::AbortedError(
+        absl::StrCat("a build of scene \"", name, "\" is under way: cancel it first"));
   }
-  Notify(status);
+  deleted = std::move(found->second.latest);
+  entries_.erase(found);
   return absl::OkStatus();
 }
 

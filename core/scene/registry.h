@@ -39,7 +39,6 @@ enum class SceneState : uint8_t {
   kBuilding,  // A build is under way; `latest`, if any, serves meanwhile.
   kReady,     // `latest` serves. `error` tells whether the last edit failed.
   kFailed,    // The creation failed: seen by the observer only, the scene is gone.
-  kDeleted,   // Likewise, after Delete.
 };
 
 struct SceneStatus {
@@ -78,8 +77,9 @@ class SceneRegistry {
   // Queries that pinned a revision finish on it. NotFound; Aborted while a build runs.
   absl::Status Delete(const std::string& name);
 
-  // Called after every change of a scene's status, outside the lock, from the changing thread: calls may
-  // overlap, and a later change may be told first. May call the registry. Replaces the one before.
+  // Called after every change of a scene's status but its deletion, outside the lock, from the changing
+  // thread: calls may overlap, and a later change may be told first. May call the registry. Replaces the
+  // one before.
   void SetObserver(std::function<void(const SceneStatus&)> observer);
 
   // Of all revisions still alive and of the builds under way; what the budget bounds.

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/duplicate_triangles.h"
+
+#include <algorithm>
+#include <numeric>
+#include <set>
+#include <vector>
+
+#include "core/base/parallel.h"
+#include "gtest/gtest.h"
+#include "tests/support/random.h"
+#include "tests/support/test_scale.h"
+
+namespace sightline {
+namespace {
+
+using testing_support::ScaledCount;
+using testing_support::TestRng;
+using Triangle = std::array<uint32_t, 3>;
+
+uint64_t CountByASet(const std::vector<Vec3f>& vertices, const std::vector<Triangle>& triangles,
+                     const std::vector<uint32_t>& inert) {
+  std::set<std::array<std::array<float, 3>, 3>> seen;
+  uint64_t duplicates = 0;
+  for (uint32_t id = 0; id < triangles.size(); ++id) {
+    if (std::binary_search(inert.begin(), inert.end(), id)) continue;
+    std::array<std::array<float, 3>, 3> key;
+    for (int k = 0; k < 3; ++k) {
+      const Vec3f v = vertices[triangles[id][k]];
+      key[k] = {v.x, v.y, v.z};
+    }
+    std::sort(key.begin(), key.end());
+    duplicates += seen.insert(key).second ? 0 : 1;
+  }
+  return duplicates;
+}
+
+TEST(DuplicateTrianglesTest, NoneAndFew) {
+  EXPECT_EQ(CountDuplicateTriangles({}, {}, {}), 0u);
+  // Vertex 3 stands where vertex 0 does.
+  const std::vector<Vec3f> v = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 0}, {0, 0, 1}};
+  const std::vector<Triangle> t = {{0, 1, 2}, {2, 3, 1}, {1, 0, 2}, {0, 1, 4}};
+  EXPECT_EQ(CountDuplicateTriangles(v, {t.data(), 1}, {}), 0u);
+  EXPECT_EQ(CountDuplicateTriangles(v, t, {}), 2u);
+  EXPECT_EQ(CountDuplicateTriangles(v, t, std::vector<uint32_t>{1}), 1u);
+  EXPECT_EQ(CountDuplicateTriangles(v, t, std::vector<uint32_t>{0, 1, 2, 3}), 0u);
+}
+
+TEST(DuplicateTrianglesTest, AgreesWithASetOnRandomMeshesAndAnyNumberOfThreads) {
+  TestRng rng;
+  for (uint64_t triangles : {3u, 100u, 20'000u, 150'000u}) {
+    std::vector<Vec3f> v(40);
+    for (Vec3f& x : v) {
+      x = {static_cast<float>(rng.Below(4)), static_cast<float>(rng.Below(4)), 0};
+    }
+    std::vector<Triangle> t(static_cast<size_t>(ScaledCount(static_cast<int64_t>(triangles), 4)));
+    std::vector<uint32_t> inert;
+    for (uint32_t i = 0; i < t.size(); ++i) {
+      for (uint32_t& k : t[i]) k = static_cast<uint32_t>(rng.Below(v.size()));
+      if (rng.Chance(0.05)) inert.push_back(i);
+    }
+    const uint64_t expected = CountByASet(v, t, inert);
+    for (int threads : {1, 2, 4}) {
+      ThreadPool pool(threads);
+      uint64_t count = 0;
+      pool.ParallelFor(1, 1, [&](size_t, size_t) { count = CountDuplicateTriangles(v, t, inert); });
+      EXPECT_EQ(count, expected) << t.size() << " triangles, " << threads << " threads";
+    }
+  }
+}
+
+// All in one partition and one place of its table.
+TEST(DuplicateTrianglesTest, ManyIdenticalAndManyDistinct) {
+  const size_t n = static_cast<size_t>(ScaledCount(300'000));
+  const std::vector<Vec3f> corner = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  const std::vector<Triangle> same(n, Triangle{0, 1, 2});
+  EXPECT_EQ(CountDuplicateTriangles(corner, same, {}), n - 1);
+
+  std::vector<Vec3f> strip(n + 2);
+  std::vector<Triangle> distinct(n);
+  for (uint32_t i = 0; i < strip.size(); ++i) strip[i] = {static_cast<float>(i), 0.5f, 0};
+  for (uint32_t i = 0; i < n; ++i) distinct[i] = {i, i + 1, i + 2};
+  EXPECT_EQ(CountDuplicateTriangles(strip, distinct, {}), 0u);
+}
+
+}  // namespace
+}  // namespace sightline

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/scene_compiler.h"
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace sightline {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+ObjectInput Triangle(const std::string& name, double x, bool dynamic = false) {
+  return {.name = name,
+          .vertices = {{x, 0, 0}, {x + 0.1, 0, 0}, {x, 0.3, 0}},
+          .indices = {0, 1, 2},
+          .dynamic = dynamic};
+}
+
+class SceneCompilerTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ObjectInput flat = Triangle("flat", 40);
+    flat.vertices[2] = flat.vertices[1];
+    const std::vector<ObjectInput> objects = {Triangle("first", 1000.7), flat,
+                                              Triangle("moving", 30, /*dynamic=*/true)};
+    absl::StatusOr<SceneGeometry> base = CompileScene(objects, std::nullopt, {});
+    ASSERT_TRUE(base.ok()) << base.status();
+    base_ = *std::move(base);
+  }
+  absl::StatusOr<SceneGeometry> Compile(const std::vector<ObjectSource>& sources) {
+    return CompileSources(sources, &base_, std::nullopt, {}, nullptr);
+  }
+  SceneGeometry base_;
+};
+
+TEST_F(SceneCompilerTest, KeptObjectsKeepTheirFloatsIdsMoveUp) {
+  const ObjectInput added = Triangle("added", 7);
+  const auto next = Compile({{.base_object = 1}, {.base_object = 0}, {.input = &added}});
+  ASSERT_TRUE(next.ok()) << next.status();
+  EXPECT_EQ(next->origin, base_.origin);
+  EXPECT_THAT(next->inert, ElementsAre(0));
+  EXPECT_EQ(next->report.zero_area_triangles, 1u);
+  EXPECT_EQ(next->Corners(1), base_.Corners(0));
+  EXPECT_EQ(next->triangles[1], (std::array<uint32_t, 3>{3, 4, 5}));
+  EXPECT_EQ(next->Corners(2)[0], ToFloat(added.vertices[0] - base_.origin));
+  EXPECT_EQ(next->objects[1].name, "first");
+  // Rounding is reported although the doubles of a kept object are gone.
+  EXPECT_EQ(next->objects[1].largest_rounding, base_.objects[0].largest_rounding);
+}
+
+TEST_F(SceneCompilerTest, ANewTransformUsesTheKeptDoubles) {
+  Affine3d transform;
+  transform.m[3] = 1.0 / 3.0;
+  const auto next = Compile({{.base_object = 2, .transform = &transform}});
+  ASSERT_TRUE(next.ok()) << next.status();
+  const Vec3d local{30, 0, 0};
+  EXPECT_EQ(next->Corners(0)[0], ToFloat(transform.Apply(local) - base_.origin));
+  EXPECT_EQ(next->objects[0].transform, transform);
+  // Shared with the base, not copied.
+  EXPECT_EQ(next->objects[0].source_vertices, base_.objects[2].source_vertices);
+}
+
+TEST_F(SceneCompilerTest, MovedVerticesAreLocal) {
+  const std::vector<Vec3d> moved = {{1, 2, 3}, {4, 5, 6}, {7, 8, 10}};
+  const auto next = Compile({{.base_object = 0, .vertices = &moved},
+                             {.base_object = 2, .vertices = &moved}});
+  ASSERT_TRUE(next.ok()) << next.status();
+  EXPECT_EQ(next->Corners(0)[2], ToFloat(moved[2] - base_.origin));
+  EXPECT_EQ(next->objects[0].source_vertices, nullptr);
+  ASSERT_NE(next->objects[1].source_vertices, nullptr);
+  EXPECT_EQ(*next->objects[1].source_vertices, moved);
+  EXPECT_EQ(next->report.duplicate_triangles, 1u);
+
+  const std::vector<Vec3d> few(2);
+  const absl::Status status = Compile({{.base_object = 0, .vertices = &few}}).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("3 vertices, but 2 were given"));
+}
+
+TEST_F(SceneCompilerTest, ReplacementsApplyToNewObjectsToo) {
+  const ObjectInput added = Triangle("added", 7, /*dynamic=*/true);
+  Affine3d transform;
+  transform.m[7] = 2;
+  const std::vector<Vec3d> moved = {{1, 2, 3}, {4, 5, 6}, {7, 8, 10}};
+  const auto next = Compile({{.input = &added, .transform = &transform, .vertices = &moved}});
+  ASSERT_TRUE(next.ok()) << next.status();
+  EXPECT_EQ(next->Corners(0)[0], ToFloat(Vec3d{1, 4, 3} - base_.origin));
+  EXPECT_EQ(*next->objects[0].source_vertices, moved);
+}
+
+}  // namespace
+}  // namespace sightline
