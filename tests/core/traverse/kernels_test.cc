@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Every walk, for every instruction set of this machine, gives the definition's answer bit for bit.
+#include "core/traverse/kernels.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <iostream>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/base/cancel.h"
+#include "gtest/gtest.h"
+#include "tests/core/traverse/nasty_scenes.h"
+#include "tests/support/random.h"
+#include "tests/support/test_scale.h"
+
+namespace sightline {
+namespace {
+
+using testing_support::IndexObjects;
+using testing_support::MakeClosedSphere;
+using testing_support::MakeNastyScenes;
+using testing_support::NastyRays;
+using testing_support::NastyScene;
+using testing_support::Printed;
+using testing_support::ScaledCount;
+using testing_support::TestRng;
+using testing_support::TraceByDefinition;
+
+std::vector<SimdTarget> Targets() {
+  std::vector<SimdTarget> targets = {SimdTarget::kAvx2};
+  if (SimdTargetAvailable(SimdTarget::kAvx512)) targets.push_back(SimdTarget::kAvx512);
+  return targets;
+}
+
+bool SameBits(const Hit& a, const Hit& b) {
+  return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
+}
+
+std::vector<Hit> Trace(TraceRaysFn trace, const IndexedGeometry& scene,
+                       std::span<const TraceRay> rays) {
+  std::vector<Hit> hits(rays.size(), Hit{-1, 12345});  // Whatever was there must be overwritten.
+  WalkStats stats;
+  EXPECT_TRUE(trace(scene, rays, hits, nullptr, &stats));
+  return hits;
+}
+
+// Any hit names some blocker: what it names has to block by itself.
+void ExpectBlocker(const SceneGeometry& geometry, const TraceRay& query, const Hit& hit) {
+  ASSERT_LT(hit.triangle, geometry.triangles.size());
+  EXPECT_NE(hit.triangle, query.from_source);
+  EXPECT_NE(hit.triangle, query.to_source);
+  const auto [a, b, c] = geometry.Corners(hit.triangle);
+  EXPECT_TRUE(BlocksExactly(query.ray, a, b, c));
+}
+
+class KernelsTest : public testing::TestWithParam<SimdTarget> {
+ protected:
+  const Kernels& kernels() const { return KernelsFor(GetParam()); }
+};
+
+INSTANTIATE_TEST_SUITE_P(Targets, KernelsTest, testing::ValuesIn(Targets()), [](const auto& param) {
+  return param.param == SimdTarget::kAvx2 ? "Avx2" : "Avx512";
+});
+
+TEST_P(KernelsTest, BruteForceIsTheDefinition) {
+  TestRng rng;
+  for (const NastyScene& scene : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(scene.name);
+    NastyRays rays(scene.indexed, rng);
+    std::vector<TraceRay> queries;
+    for (int64_t i = ScaledCount(150, 10); i > 0; --i) queries.push_back(rays.Next());
+    const std::vector<Hit> closest = Trace(kernels().closest_brute, scene.indexed, queries);
+    const std::vector<Hit> any = Trace(kernels().occluded_brute, scene.indexed, queries);
+    for (size_t i = 0; i < queries.size(); ++i) {
+      const Hit truth = TraceByDefinition(scene.indexed.geometry, queries[i]);
+      ASSERT_TRUE(SameBits(closest[i], truth))
+          << Printed{queries[i]} << ": " << closest[i].triangle << " at " << closest[i].t << ", not "
+          << truth.triangle << " at " << truth.t;
+      ASSERT_EQ(any[i].triangle == kNoTriangle, truth.triangle == kNoTriangle) << Printed{queries[i]};
+    }
+  }
+}
+
+TEST_P(KernelsTest, SingleRaysGiveBruteForcesBits) {
+  TestRng rng;
+  int64_t hits = 0, all = 0;
+  for (const NastyScene& scene : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(scene.name);
+    NastyRays rays(scene.indexed, rng);
+    std::vector<TraceRay> queries;
+    for (int64_t i = ScaledCount(6'000); i > 0; --i) queries.push_back(rays.Next());
+    const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
+    const std::vector<Hit> any_brute = Trace(kernels().occluded_brute, scene.indexed, queries);
+    const std::vector<Hit> closest = Trace(kernels().closest_single, scene.indexed, queries);
+    const std::vector<Hit> any = Trace(kernels().occluded_single, scene.indexed, queries);
+    for (size_t i = 0; i < queries.size(); ++i) {
+      ASSERT_TRUE(SameBits(closest[i], truth[i]))
+          << Printed{queries[i]} << ": " << closest[i].triangle << " at " << closest[i].t << ", not "
+          << truth[i].triangle << " at " << truth[i].t;
+      const bool blocked = truth[i].triangle != kNoTriangle;
+      ASSERT_EQ(any[i].triangle != kNoTriangle, blocked) << Printed{queries[i]};
+      ASSERT_EQ(any_brute[i].triangle != kNoTriangle, blocked) << Printed{queries[i]};
+      if (blocked) ExpectBlocker(scene.indexed.geometry, queries[i], any[i]);
+      hits += blocked;
+      ++all;
+    }
+  }
+  EXPECT_GT(hits, all / 10);
+  EXPECT_LT(hits, all - all / 10);
+}
+
+TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
+  TestRng rng;
+  const auto packet = std::make_unique<RayPacket>();
+  for (const NastyScene& scene : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(scene.name);
+    NastyRays rays(scene.indexed, rng);
+    for (int64_t i = 0, n = ScaledCount(110, 10); i < n; ++i) {
+      constexpr int kSizes[] = {1, 2, 7, 8, 9, 15, 16, 17, 31, 64, 255, 256};
+      const int count = i % 3 == 0 ? kSizes[rng.Below(std::size(kSizes))]
+                                   : 1 + static_cast<int>(rng.Below(RayPacket::kMaxRays));
+      packet->origin = rays.Point();
+      packet->segments = rng.Chance(0.6);
+      packet->mask = rng.Chance(0.7) ? 0xFFFFFFFFu : 1u << rng.Below(3);
+      packet->origin_source = rays.Source();
+      packet->count = count;
+      // Some packets are narrow, as a tile's: around one target.
+      const bool narrow = rng.Chance(0.5);
+      const Vec3f middle = rays.Target(packet->origin, packet->segments);
+      std::vector<TraceRay> queries;
+      for (int lane = 0; lane < count; ++lane) {
+        Vec3f target = rays.Target(packet->origin, packet->segments);
+        if (narrow && !rng.Chance(0.02)) {
+          for (int k = 0; k < 3; ++k) {
+            target[k] = middle[k] + static_cast<float>(rng.Uniform(-0.03, 0.03)) * middle[k];
+          }
+        }
+        packet->target_x[lane] = target.x;
+        packet->target_y[lane] = target.y;
+        packet->target_z[lane] = target.z;
+        packet->target_source[lane] = rays.Source();
+        queries.push_back({.ray = packet->ray(lane),
+                           .mask = packet->mask,
+                           .from_source = packet->origin_source,
+                           .to_source = packet->segments ? packet->target_source[lane] : kNoTriangle});
+      }
+      const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
+      for (const bool any : {false, true}) {
+        for (Hit& hit : packet->hit) hit = {-1, 12345};
+        WalkStats stats;
+        const TracePacketFn trace = any ? kernels().occluded_packet : kernels().closest_packet;
+        ASSERT_TRUE(trace(scene.indexed, *packet, nullptr, &stats));
+        for (int lane = 0; lane < count; ++lane) {
+          const Hit& hit = packet->hit[lane];
+          if (any) {
+            ASSERT_EQ(hit.triangle != kNoTriangle, truth[lane].triangle != kNoTriangle)
+                << "lane " << lane << " of " << count << ", " << Printed{queries[lane]};
+            if (hit.triangle != kNoTriangle) {
+              ExpectBlocker(scene.indexed.geometry, queries[lane], hit);
+            }
+          } else {
+            ASSERT_TRUE(SameBits(hit, truth[lane]))
+                << "lane " << lane << " of " << count << ", " << Printed{queries[lane]} << ": "
+                << hit.triangle << " at " << hit.t << ", not " << truth[lane].triangle << " at "
+                << truth[lane].t;
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST_P(KernelsTest, AnEmptyPacketAndNoRaysAreNothing) {
+  const IndexedGeometry scene = IndexObjects({MakeClosedSphere(6, 8, 1, {})}, Vec3d{});
+  const auto packet = std::make_unique<RayPacket>();
+  WalkStats stats;
+  EXPECT_TRUE(kernels().closest_packet(scene, *packet, nullptr, &stats));
+  EXPECT_TRUE(kernels().closest_single(scene, {}, {}, nullptr, &stats));
+  EXPECT_TRUE(kernels().occluded_brute(scene, {}, {}, nullptr, &stats));
+  EXPECT_EQ(stats.triangle_tests, 0u);
+}
+
+// A token that has fired stops every walk that has enough to do.
+TEST_P(KernelsTest, EveryWalkPollsItsToken) {
+  TestRng rng;
+  const IndexedGeometry scene = IndexObjects({MakeClosedSphere(60, 80, 1, {})}, Vec3d{});
+  NastyRays rays(scene, rng);
+  CancelToken cancel;
+  cancel.Cancel();
+  std::vector<TraceRay> queries(5000);
+  for (TraceRay& query : queries) query = rays.Next();
+  std::vector<Hit> hits(queries.size());
+  WalkStats stats;
+  EXPECT_FALSE(kernels().closest_single(scene, queries, hits, &cancel, &stats));
+  EXPECT_FALSE(kernels().occluded_single(scene, queries, hits, &cancel, &stats));
+  EXPECT_FALSE(kernels().closest_brute(scene, queries, hits, &cancel, &stats));
+  EXPECT_FALSE(kernels().occluded_brute(scene, queries, hits, &cancel, &stats));
+  const auto packet = std::make_unique<RayPacket>();
+  packet->segments = false;
+  packet->count = RayPacket::kMaxRays;
+  for (int lane = 0; lane < packet->count; ++lane) {
+    packet->target_x[lane] = static_cast<float>(rng.Uniform(-1, 1));
+    packet->target_y[lane] = static_cast<float>(rng.Uniform(-1, 1));
+    packet->target_z[lane] = static_cast<float>(rng.Uniform(-1, 1));
+  }
+  EXPECT_FALSE(kernels().closest_packet(scene, *packet, &cancel, &stats));
+}
+
+}  // namespace
+}  // namespace sightline
