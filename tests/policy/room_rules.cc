@@ -33,6 +33,12 @@ constexpr Room kRooms[] = {
     {"tests", "sightline_test_support"},
 };
 
+// Targets whose names do not begin with their room's.
+constexpr Room kOtherTargets[] = {
+    {"core/mesh", "sightline_core_builtin"},
+    {"server", "sightlined"},
+};
+
 // What a room must not use although it stands above it: the engine knows no wire, the client
 // library needs the wire alone, the importers make plain arrays, the server parses no mesh file.
 struct Exclusion {
@@ -117,6 +123,8 @@ std::optional<std::string_view> RoomOfPath(std::string_view path) {
 }
 
 std::optional<std::string_view> RoomOfTarget(std::string_view target) {
+  const Room* const other = std::ranges::find(kOtherTargets, target, &Room::target);
+  if (other != std::end(kOtherTargets)) return other->folder;
   for (const Room& room : kRooms) {
     if (target == room.target || target.starts_with(std::string(room.target) + "_")) {
       return room.folder;
@@ -165,13 +173,21 @@ std::vector<std::string> FindTargetViolations(const SourceFile& file) {
   for (size_t i = 0; i < file.lines.size(); ++i) {
     std::string_view line = file.lines[i];
     line = line.substr(0, std::min(line.find('#'), line.size()));
+    bool after_library = false;
     while (!line.empty()) {
       line.remove_prefix(std::min(line.find_first_of(kWord), line.size()));
       const std::string_view word =
           line.substr(0, std::min(line.find_first_not_of(kWord), line.size()));
-      if (const auto used = RoomOfTarget(word); used && !MayUse(*user, *used)) {
+      const std::optional<std::string_view> used = RoomOfTarget(word);
+      if (used && !MayUse(*user, *used)) {
         found.push_back(Finding(file, i + 1, Explain(*user, *used)));
       }
+      // A library that the list does not know would escape the rule.
+      if (after_library && *user != "tests" && used != user) {
+        found.push_back(
+            Finding(file, i + 1, std::string(word) + " is not named after " + std::string(*user)));
+      }
+      after_library = word == "sightline_library";
       line.remove_prefix(word.size());
     }
   }

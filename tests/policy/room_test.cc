@@ -87,6 +87,12 @@ TEST(RoomTest, PlantedTargetsAreFound) {
       ElementsAre("core/mesh/CMakeLists.txt:3: core/mesh must not use core/accel"));
   EXPECT_THAT(FindTargetViolations(MakeFile("core/query/CMakeLists.txt", "x(sightline_proto)\n")),
               testing::SizeIs(1));
+  EXPECT_THAT(
+      FindTargetViolations(MakeFile("core/accel/CMakeLists.txt", "x(sightline_core_builtin)")),
+      IsEmpty());
+  EXPECT_THAT(FindTargetViolations(MakeFile("core/mesh/CMakeLists.txt",
+                                            "sightline_library(sightline_toys SOURCES a.cc)\n")),
+              ElementsAre(HasSubstr("sightline_toys is not named after core/mesh")));
 }
 
 }  // namespace
