@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <utility>
 
 #include "core/base/check.h"
 #include "core/intersect/predicate.h"
+#include "core/traverse/leaf_view.h"
 
 namespace sightline {
 namespace {
@@ -68,26 +68,14 @@ void ChildDistances(const BvhNode& node, Vec3d p, double out[kBvhWidth]) {
                           node.bounds[4], node.bounds[5], p, out);
 }
 
-// A leaf's lanes: rows of corners and ids.
-struct LeafView {
-  LeafView(const Bvh& bvh, ChildRef ref)
-      : rows(&bvh.leaves[static_cast<size_t>(ref.leaf_unit()) * kUnitFloats]),
-        stride(static_cast<int>(ref.leaf_units()) * kUnitTriangles),
-        count(static_cast<int>(ref.leaf_count())) {}
+// The boxes of a leaf's triangles; lanes past their number hold nothing of use.
+struct LeafBoxes {
+  float lo[3][kMaxLeafTriangles], hi[3][kMaxLeafTriangles];
 
-  Vec3f Corner(int corner, int lane) const {
-    const float* r = rows + 3 * corner * stride + lane;
-    return {r[0], r[stride], r[2 * stride]};
-  }
-  uint32_t Id(int lane) const {
-    uint32_t id;
-    std::memcpy(&id, rows + 9 * stride + lane, sizeof id);
-    return id;
-  }
-  // The triangles' boxes; lanes past `count` hold nothing of use.
-  void Boxes(float lo[3][kMaxLeafTriangles], float hi[3][kMaxLeafTriangles]) const {
+  explicit LeafBoxes(const LeafView& leaf) {
+    const int stride = static_cast<int>(leaf.stride);
     for (int axis = 0; axis < 3; ++axis) {
-      const float* a = rows + axis * stride;
+      const float* a = leaf.rows + axis * stride;
       const float* b = a + 3 * stride;
       const float* c = b + 3 * stride;
       for (int k = 0; k < stride; ++k) {
@@ -100,14 +88,8 @@ struct LeafView {
     }
   }
   void Distances(Vec3d p, double out[kMaxLeafTriangles]) const {
-    float lo[3][kMaxLeafTriangles], hi[3][kMaxLeafTriangles];
-    Boxes(lo, hi);
     BoxDistances<kMaxLeafTriangles>(lo[0], lo[1], lo[2], hi[0], hi[1], hi[2], p, out);
   }
-
-  const float* rows;
-  int stride;
-  int count;
 };
 
 // Calls leaf(LeafView) for every leaf whose boxes from the root down pass select(node, mask[8]); leaf returns whether
@@ -153,12 +135,12 @@ void ForEachTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip,
       },
       [&](const LeafView& leaf) {
         double distance[kMaxLeafTriangles];
-        leaf.Distances(p, distance);
-        for (int k = 0; k < leaf.count; ++k) {
+        LeafBoxes(leaf).Distances(p, distance);
+        for (uint32_t k = 0; k < leaf.count; ++k) {
           if (!(distance[k] <= limit)) continue;
-          const uint32_t id = leaf.Id(k);
+          const uint32_t id = leaf.id(k);
           if (id == skip) continue;
-          const Vec3f a = leaf.Corner(0, k), b = leaf.Corner(1, k), c = leaf.Corner(2, k);
+          const Vec3f a = leaf.corner(0, k), b = leaf.corner(1, k), c = leaf.corner(2, k);
           const double r = radius.Of(a, b, c);
           if (!(distance[k] <= r * r)) continue;
           if (!(DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r)) continue;
@@ -215,12 +197,12 @@ NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared
     double distance[kMaxLeafTriangles];
     if (entry.ref.is_leaf()) {
       const LeafView leaf(bvh, entry.ref);
-      leaf.Distances(p, distance);
-      for (int k = 0; k < leaf.count; ++k) {
+      LeafBoxes(leaf).Distances(p, distance);
+      for (uint32_t k = 0; k < leaf.count; ++k) {
         if (!(distance[k] <= best.distance_squared)) continue;
         const Vec3d q =
-            ClosestPointOnTriangle(p, leaf.Corner(0, k), leaf.Corner(1, k), leaf.Corner(2, k));
-        const NearestTriangle candidate{leaf.Id(k), DistanceSquared(p, q)};
+            ClosestPointOnTriangle(p, leaf.corner(0, k), leaf.corner(1, k), leaf.corner(2, k));
+        const NearestTriangle candidate{leaf.id(k), DistanceSquared(p, q)};
         if (candidate.distance_squared < best.distance_squared ||
             (candidate.distance_squared == best.distance_squared &&
              candidate.triangle < best.triangle)) {
@@ -279,15 +261,14 @@ bool CrossesAny(const Bvh& bvh, Vec3f from, Vec3f to, std::span<const uint32_t> 
         }
       },
       [&](const LeafView& leaf) {
-        float lo[3][kMaxLeafTriangles], hi[3][kMaxLeafTriangles];
-        leaf.Boxes(lo, hi);
-        for (int k = 0; k < leaf.count; ++k) {
+        const LeafBoxes boxes(leaf);
+        for (uint32_t k = 0; k < leaf.count; ++k) {
           bool apart = false;
           for (int axis = 0; axis < 3; ++axis) {
-            apart |= lo[axis][k] > box.hi[axis] || hi[axis][k] < box.lo[axis];
+            apart |= boxes.lo[axis][k] > box.hi[axis] || boxes.hi[axis][k] < box.lo[axis];
           }
-          if (apart || std::binary_search(skip.begin(), skip.end(), leaf.Id(k))) continue;
-          if (Blocks(segment, leaf.Corner(0, k), leaf.Corner(1, k), leaf.Corner(2, k))) {
+          if (apart || std::binary_search(skip.begin(), skip.end(), leaf.id(k))) continue;
+          if (Blocks(segment, leaf.corner(0, k), leaf.corner(1, k), leaf.corner(2, k))) {
             crosses = true;
             return false;
           }

@@ -11,8 +11,9 @@
 namespace sightline {
 namespace {
 
-constexpr std::array<Strategy, 4> kStrategies = {Strategy::kAuto, Strategy::kSingle,
-                                                 Strategy::kPacket, Strategy::kBruteForce};
+constexpr std::array<Strategy, 5> kStrategies = {Strategy::kAuto, Strategy::kSingle,
+                                                 Strategy::kPacket, Strategy::kShaft,
+                                                 Strategy::kBruteForce};
 
 }  // namespace
 
@@ -22,6 +23,7 @@ absl::string_view StrategyName(Strategy strategy) {
     case Strategy::kSingle: return "SINGLE";
     case Strategy::kPacket: return "PACKET";
     case Strategy::kBruteForce: return "BRUTE_FORCE";
+    case Strategy::kShaft: return "SHAFT";
   }
   return "UNKNOWN";
 }

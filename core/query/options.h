@@ -23,9 +23,10 @@ enum class Strategy : uint8_t {
   kSingle = 1,      // One ray at a time.
   kPacket = 2,      // Rays with a common origin walk together.
   kBruteForce = 3,  // The predicate applied to every triangle: the definition.
+  kShaft = 4,       // Rays with a common origin as one convex shaft.
 };
 
-absl::string_view StrategyName(Strategy strategy);  // "AUTO", "SINGLE", "PACKET", "BRUTE_FORCE".
+absl::string_view StrategyName(Strategy strategy);  // "AUTO", "SINGLE", "PACKET", "BRUTE_FORCE", "SHAFT".
 // By that name, in any case. InvalidArgument listing the names.
 absl::StatusOr<Strategy> ParseStrategy(absl::string_view name);
 

@@ -43,9 +43,14 @@ inline constexpr TouchRadius WorldTouchRadius(double norm_one) {
 }
 // A camera hit lies on its stored source; only its own rounding is yet to come. It will move by the placement, less than
 // 3·2^-24·|P|₂ (PlacementOffset, times kAim), and by one rounding: 4. What doubles lose on the way to the point grows with
-// the corners, not with P: 2^-44 as above.
-inline constexpr TouchRadius HitTouchRadius(double norm_one) {
-  return {4 * 0x1p-24 * norm_one, 0x1p-44};
+// the corners, not with P: 2^-44 as above. Two triangles whose distances from the eye round to one float tie, and the
+// lower id is the hit even if it is the farther one, by up to 2^-23 of `along` = |t·D|₁: so the nearer one is touched too.
+// For an eye much farther away than the origin that is held to kMostTied roundings of P, lest all of a fine mesh be
+// touched; a tie may then leave a point behind the nearer triangle.
+inline constexpr double kMostTied = 16;
+inline constexpr TouchRadius HitTouchRadius(double norm_one, double along) {
+  const double tied = 0x1p-23 * along, most = kMostTied * 0x1p-24 * norm_one;
+  return {4 * 0x1p-24 * norm_one + (tied < most ? tied : most), 0x1p-44};
 }
 
 struct Placement {

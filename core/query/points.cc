@@ -174,7 +174,7 @@ Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, floa
                {.at = at,
                 .source = triangle,
                 .side = side,
-                .radius = HitTouchRadius(NormOne(at)),
+                .radius = HitTouchRadius(NormOne(at), NormOne(d) * t),
                 .reference = origin},
                &scratch)
       .position;

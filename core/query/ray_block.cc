@@ -16,7 +16,9 @@ Strategy Choose(Strategy asked, bool common_origin, int rays) {
   if (asked == Strategy::kAuto) {
     return common_origin && rays >= kMinPacketRays ? Strategy::kPacket : Strategy::kSingle;
   }
-  if (asked == Strategy::kPacket && !common_origin) return Strategy::kSingle;
+  if ((asked == Strategy::kPacket || asked == Strategy::kShaft) && !common_origin) {
+    return Strategy::kSingle;
+  }
   return asked;
 }
 
@@ -42,10 +44,13 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   SIGHTLINE_CHECK_LE(packet->count, kBlockRays);
   if (packet->count == 0) return absl::OkStatus();
   strategy = Choose(strategy, /*common_origin=*/true, packet->count);
-  if (strategy == Strategy::kPacket) {
+  if (strategy == Strategy::kPacket || strategy == Strategy::kShaft) {
     StatsScope scope(stats, strategy, static_cast<uint64_t>(packet->count));
-    const TracePacketFn trace = kind == HitKind::kAny ? run.kernels().occluded_packet
-                                                      : run.kernels().closest_packet;
+    const Kernels& kernels = run.kernels();
+    const bool shaft = strategy == Strategy::kShaft;
+    const TracePacketFn trace = kind == HitKind::kAny
+                                    ? (shaft ? kernels.occluded_shaft : kernels.occluded_packet)
+                                    : (shaft ? kernels.closest_shaft : kernels.closest_packet);
     return trace(scene, *packet, run.cancel(), scope.walk()) ? absl::OkStatus() : run.Stopped();
   }
   std::array<TraceRay, kBlockRays> rays;

@@ -8,6 +8,7 @@
 #include "hwy/foreach_target.h"
 
 #include "core/traverse/packet-inl.h"
+#include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
 #include "hwy/highway.h"
 
@@ -26,6 +27,8 @@ const Kernels& TargetKernels() {
       .closest_brute = &TraceBrute<false>,
       .occluded_packet = &TracePacket<true>,
       .closest_packet = &TracePacket<false>,
+      .occluded_shaft = &TraceShaft<true>,
+      .closest_shaft = &TraceShaft<false>,
   };
   return kKernels;
 }

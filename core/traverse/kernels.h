@@ -31,6 +31,7 @@ struct Kernels {
   TraceRaysFn occluded_single, closest_single;    // Depth-first over the BVH, one ray at a time.
   TraceRaysFn occluded_brute, closest_brute;      // Every triangle of the geometry; no structure.
   TracePacketFn occluded_packet, closest_packet;  // Depth-first, rays together.
+  TracePacketFn occluded_shaft, closest_shaft;    // Depth-first, all rays as one convex shaft.
 };
 
 // REQUIRES: SimdTargetAvailable(target).

@@ -35,7 +35,8 @@ struct FacingTriangle {
   float edge[3][3], edge_bound[3];
   float normal[3], normal_bound;
   float a[3];
-  uint32_t lane;  // In its leaf.
+  float depth, depth_bound;  // normal·(A-O), and how far rounding may have taken it off.
+  uint32_t lane;             // In its leaf.
 };
 
 template <bool kAny>
@@ -94,6 +95,7 @@ class PacketLanes {
   int count() const { return packet_.count; }
   const float* inv_row(int axis) const { return inv_[axis]; }
   const float* direction_row(int axis) const { return direction_[axis]; }
+  bool segments() const { return packet_.segments; }
   const float* limit_row() const { return limit_of_; }  // Nearest hit or end, in units of D; -inf when done.
 
   // The largest limit over all lanes: nothing entered later matters.
@@ -289,6 +291,8 @@ HWY_INLINE uint32_t TurnTriangles(const PacketLanes<kAny>& lanes, const LeafView
         f.a[e] = columns[12 + e][i];
       }
       f.normal_bound = columns[18][i];
+      f.depth = sign * columns[19][i];
+      f.depth_bound = columns[20][i];
       f.lane = first + i;
     }
   }
