@@ -12,8 +12,10 @@
 #define TINYGLTF_NO_STB_IMAGE
 #define TINYGLTF_NO_STB_IMAGE_WRITE
 #define TINYGLTF_NO_EXTERNAL_IMAGE
-#include <tiny_gltf.h>
-
+// tinygltf.h uses the JSON library without including it.
+// clang-format off
 #include <nlohmann/json.hpp>
+#include <tiny_gltf.h>
+// clang-format on
 
 #endif  // SIGHTLINE_CLIENT_IMPORT_TINYGLTF_API_H_
