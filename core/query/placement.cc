@@ -282,7 +282,7 @@ bool PlaceAmong(const IndexedGeometry& scene, const Placement& placement, const 
 
 double PlacementOffset(Vec3d n, Vec3d p, double slack) {
   const double rounding = (std::abs(n.x * p.x) + std::abs(n.y * p.y)) + std::abs(n.z * p.z);
-  return (2 * 0x1p-24 * rounding + slack) + 3 * 0x1p-150;
+  return 2 * (0x1p-24 * rounding + 2 * 0x1p-150) + slack;
 }
 
 Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch) {

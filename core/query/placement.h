@@ -70,9 +70,10 @@ struct Placed {
   bool clear = true;  // Strictly on the right side of everything it touched.
 };
 
-// How far from its plane a point P must be so that rounding P to floats leaves it on the same side: twice
-// 2^-24·(|n.x P.x| + |n.y P.y| + |n.z P.z|), the most that rounding can move it along the unit normal n, plus `slack`,
-// the error of the distance in doubles, plus what rounding to subnormals can do (3·2^-150).
+// How far from its plane a point P must be so that rounding P to floats leaves it on the same side: twice the most that
+// rounding can move it along the unit normal n, plus `slack`, the error of the distance in doubles. Rounding moves a
+// coordinate x by at most 2^-24·|x|, a subnormal one by 2^-150; together 2^-24·(|n.x P.x| + |n.y P.y| + |n.z P.z|) +
+// √3·2^-150.
 double PlacementOffset(Vec3d unit_normal, Vec3d p, double slack);
 
 // REQUIRES: the source is not inert.

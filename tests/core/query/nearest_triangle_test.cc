@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/query/nearest_triangle.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "gtest/gtest.h"
+#include "tests/core/query/query_meshes.h"
+#include "tests/support/random.h"
+#include "tests/support/test_scale.h"
+
+namespace sightline {
+namespace {
+
+using namespace testing_support;  // NOLINT
+
+// Triangles of all sizes and shapes, slivers, duplicates and shared corners among them.
+ObjectInput Soup(TestRng& rng, int count) {
+  ObjectInput mesh{.name = "soup"};
+  for (int i = 0; i < count; ++i) {
+    const double size = std::exp2(-rng.Uniform(0, 12));
+    const Vec3d centre = RandomInBox(rng, {1, 1, 1});
+    for (int k = 0; k < 3; ++k) {
+      if (!mesh.vertices.empty() && rng.Chance(0.3)) {
+        mesh.indices.push_back(rng.Below(mesh.vertices.size()));
+      } else {
+        mesh.indices.push_back(mesh.vertices.size());
+        mesh.vertices.push_back(centre + RandomDirection(rng) * size);
+      }
+    }
+  }
+  return mesh;
+}
+
+NearestTriangle NearestByLookingAtAll(const SceneGeometry& geometry, Vec3d p, double limit) {
+  NearestTriangle best{kNoTriangle, limit};
+  for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
+    if (std::binary_search(geometry.inert.begin(), geometry.inert.end(), id)) continue;
+    const auto [a, b, c] = geometry.Corners(id);
+    const double d = DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c));
+    if (d < best.distance_squared || (d == best.distance_squared && id < best.triangle)) best = {id, d};
+  }
+  return best;
+}
+
+TEST(NearestTriangleTest, ClosestPointIsInTheTriangleAndNoneIsCloser) {
+  TestRng rng;
+  for (int64_t i = ScaledCount(20'000); i-- > 0;) {
+    std::array<Vec3f, 3> t;
+    const double size = std::exp2(-rng.Uniform(0, 8));
+    for (Vec3f& corner : t) corner = ToFloat(Vec3d{3, -2, 1} + RandomDirection(rng) * size);
+    const Vec3d n = Cross(ToDouble(t[1]) - ToDouble(t[0]), ToDouble(t[2]) - ToDouble(t[0]));
+    if (Length(n) < 0x1p-10 * size * size) continue;
+    const Vec3d p = Vec3d{3, -2, 1} + RandomInBox(rng, {2, 2, 2}) * (2 * size);
+    const Vec3d q = ClosestPointOnTriangle(p, t[0], t[1], t[2]);
+    const double distance = std::sqrt(DistanceSquared(p, q));
+    // A few hundred roundings at these coordinates, made worse by the aspect ratio.
+    const double tolerance = 0x1p-53 * 256 * 0x1p10;
+    EXPECT_LE(std::abs(Dot(n, q - ToDouble(t[0]))) / Length(n), tolerance);
+    for (int k = 0; k < 20; ++k) {
+      const Vec3d other = PointNearRim(rng, t);
+      EXPECT_LE(distance, std::sqrt(DistanceSquared(p, other)) + tolerance);
+    }
+  }
+}
+
+TEST(NearestTriangleTest, ClosestPointIsExactAtCornersAndAlikeOnSharedEdges) {
+  TestRng rng;
+  for (int64_t i = ScaledCount(5'000); i-- > 0;) {
+    Vec3f v[4];
+    for (Vec3f& corner : v) corner = ToFloat(RandomInBox(rng, {1, 1, 1}));
+    for (int k = 0; k < 3; ++k) {
+      EXPECT_EQ(ClosestPointOnTriangle(ToDouble(v[k]), v[0], v[1], v[2]), ToDouble(v[k]));
+    }
+    // Where both triangles say "on the edge", they name the same point.
+    const Vec3d p = RandomInBox(rng, {2, 2, 2});
+    const Vec3d q = ClosestPointOnTriangle(p, v[0], v[1], v[2]);
+    const Vec3d r = ClosestPointOnTriangle(p, v[2], v[1], v[3]);
+    if (DistanceSquared(q, r) < 0x1p-80) {
+      EXPECT_EQ(q, r);
+    }
+  }
+}
+
+TEST(NearestTriangleTest, AgreesWithLookingAtAll) {
+  for (uint64_t seed = 0; seed < 6; ++seed) {
+    TestRng rng(seed);
+    BvhBuildOptions options;
+    options.max_leaf_triangles = 1 + static_cast<int>(rng.Below(16));
+    const IndexedGeometry scene = MakeScene({Soup(rng, 1 + 60 * static_cast<int>(seed))}, Vec3d{}, options);
+    for (int64_t i = ScaledCount(1000); i-- > 0;) {
+      Vec3d p = RandomInBox(rng, {1.5, 1.5, 1.5});
+      // Corners themselves: many triangles at distance zero.
+      if (rng.Chance(0.3)) p = ToDouble(scene.geometry.vertices[rng.Below(scene.geometry.vertices.size())]);
+      const double limit = rng.Chance(0.5) ? 100 : std::exp2(-rng.Uniform(0, 10));
+      const NearestTriangle expected = NearestByLookingAtAll(scene.geometry, p, limit);
+      const NearestTriangle found = FindNearest(scene.bvh, p, limit);
+      ASSERT_EQ(found.triangle, expected.triangle);
+      ASSERT_EQ(found.distance_squared, expected.distance_squared);
+
+      const TouchRadius radius = {limit * 0.1, limit * 0.01};
+      std::vector<uint32_t> touching, expected_touching;
+      const uint32_t skip = found.triangle;
+      FindTouching(scene.bvh, p, radius, skip, &touching);
+      for (uint32_t id = 0; id < scene.geometry.triangles.size(); ++id) {
+        if (id == skip || std::binary_search(scene.geometry.inert.begin(), scene.geometry.inert.end(), id)) {
+          continue;
+        }
+        const auto [a, b, c] = scene.geometry.Corners(id);
+        const double r = radius.Of(a, b, c);
+        if (DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r) expected_touching.push_back(id);
+      }
+      ASSERT_EQ(touching, expected_touching);
+      ASSERT_EQ(TouchesAny(scene.bvh, p, radius, skip), !touching.empty());
+    }
+  }
+}
+
+TEST(NearestTriangleTest, CrossingAgreesWithThePredicate) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeScene({Soup(rng, 300)});
+  int crossings = 0;
+  for (int64_t i = ScaledCount(3000); i-- > 0;) {
+    const Vec3d p = RandomInBox(rng, {1, 1, 1});
+    const Vec3f from = ToFloat(p), to = ToFloat(p + RandomDirection(rng) * std::exp2(-rng.Uniform(0, 6)));
+    const std::vector<uint32_t> skip = {1, 7, 100, 299};
+    bool expected = false;
+    for (uint32_t id = 0; id < scene.geometry.triangles.size(); ++id) {
+      if (std::binary_search(skip.begin(), skip.end(), id)) continue;
+      const auto [a, b, c] = scene.geometry.Corners(id);
+      expected |= Blocks(PredicateRay::Segment(from, to), a, b, c);
+    }
+    ASSERT_EQ(CrossesAny(scene.bvh, from, to, skip), expected);
+    crossings += expected;
+  }
+  EXPECT_GT(crossings, 10);
+}
+
+TEST(NearestTriangleTest, NothingIsNearInAnEmptyScene) {
+  const IndexedGeometry scene = MakeScene({});
+  EXPECT_EQ(FindNearest(scene.bvh, {1, 2, 3}, 1e9).triangle, kNoTriangle);
+  EXPECT_FALSE(TouchesAny(scene.bvh, {1, 2, 3}, {1e9, 1}, kNoTriangle));
+  EXPECT_FALSE(CrossesAny(scene.bvh, {0, 0, 0}, {1, 1, 1}, {}));
+}
+
+// The limit itself is included.
+TEST(NearestTriangleTest, DistanceLimitIsInclusive) {
+  const IndexedGeometry scene = MakeScene({{.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}}});
+  EXPECT_EQ(FindNearest(scene.bvh, {0.25, 0.25, 2}, 4).triangle, 0u);
+  EXPECT_EQ(FindNearest(scene.bvh, {0.25, 0.25, 2}, std::nextafter(4.0, 0.0)).triangle, kNoTriangle);
+}
+
+}  // namespace
+}  // namespace sightline

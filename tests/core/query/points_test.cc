@@ -1,0 +1,363 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/query/points.h"
+
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "tests/core/query/query_meshes.h"
+#include "tests/support/random.h"
+#include "tests/support/test_scale.h"
+
+namespace sightline {
+namespace {
+
+using namespace testing_support;  // NOLINT
+using ::testing::HasSubstr;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInf = std::numeric_limits<double>::infinity();
+const Vec3d kCentres[] = {{0, 0, 0}, {1.5e5, -1.2e5, 1.4e5}};
+
+ObjectInput UnitTriangle() {
+  return {.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}};
+}
+
+PreparedPoints Prepare(const IndexedGeometry& scene, const std::vector<Vec3d>& positions,
+                       const PointOptions& options = {}, const std::vector<Vec3d>& normals = {},
+                       const std::vector<uint32_t>& sources = {}) {
+  auto points = PreparePoints(scene, {positions, normals, sources}, options);
+  EXPECT_TRUE(points.ok()) << points.status();
+  return points.ok() ? *std::move(points) : PreparedPoints{};
+}
+
+std::vector<Vec3d> World(const SceneGeometry& geometry, const std::vector<Vec3f>& stored) {
+  std::vector<Vec3d> world;
+  for (Vec3f v : stored) world.push_back(ToDouble(v) + geometry.origin);
+  return world;
+}
+
+TEST(PointsTest, RebasesInDoubleAndRoundsOnce) {
+  const IndexedGeometry scene = MakeScene({UnitTriangle()}, Vec3d{4194304, 10, -0.5});
+  const PreparedPoints p = Prepare(scene, {{4194304.3, 10, -5}});
+  EXPECT_EQ(p.positions[0], (Vec3f{static_cast<float>(4194304.3 - 4194304.0), 0, -4.5f}));
+  EXPECT_FALSE(std::signbit(p.positions[0].y));
+  EXPECT_EQ(p.sources[0], kNoTriangle);
+  EXPECT_EQ(p.valid[0], 1);
+  EXPECT_EQ(p.invalid + p.attached + p.near_surface, 0u);
+}
+
+TEST(PointsTest, InvalidPointsAreZeroAndCounted) {
+  const IndexedGeometry scene = MakeScene({UnitTriangle()}, Vec3d{-1, 0, 0});
+  const double limit = kMaxCoordinate;
+  const PreparedPoints p =
+      Prepare(scene, {{kNan, 0, 0}, {0, kInf, 0}, {0, 0, -kInf}, {limit, 0, 0}, {0, -limit, 0}, {0, 0, limit * 1.5}},
+              {.attach_distance = 1});
+  EXPECT_EQ(p.valid, (std::vector<uint8_t>{0, 0, 0, 0, 1, 0}));
+  EXPECT_EQ(p.invalid, 5u);
+  for (size_t i = 0; i < p.size(); ++i) {
+    if (!p.valid[i]) {
+      EXPECT_EQ(p.positions[i], Vec3f{});
+    }
+  }
+}
+
+TEST(PointsTest, BadInputIsNamed) {
+  const IndexedGeometry scene = MakeScene({UnitTriangle()});
+  const std::vector<Vec3d> two(2), three(3);
+  const std::vector<uint32_t> ids = {kNoTriangle, 1};
+  const auto message = [&](const PointInput& input, const PointOptions& options) {
+    const auto p = PreparePoints(scene, input, options);
+    EXPECT_EQ(p.status().code(), absl::StatusCode::kInvalidArgument);
+    return std::string(p.status().message());
+  };
+  EXPECT_THAT(message({two, three, {}}, {}), HasSubstr("normals: 3 entries for 2 points"));
+  EXPECT_THAT(message({three, {}, ids}, {}), HasSubstr("source_triangles: 2 entries for 3 points"));
+  EXPECT_THAT(message({two, {}, ids}, {}), HasSubstr("source_triangles[1] = 1, but the scene has 1"));
+  EXPECT_THAT(message({two, {}, {}}, {.attach_distance = -2}), HasSubstr("attach_distance = -2"));
+  EXPECT_THAT(message({two, {}, {}}, {.attach_distance = kInf}), HasSubstr("attach_distance = inf"));
+  EXPECT_THAT(message({two, {}, {}}, {.attach_distance = kNan}), HasSubstr("attach_distance = nan"));
+  EXPECT_THAT(message({two, {}, {}}, {.offset = 0.5}), HasSubstr("offset = 0.5 needs normals"));
+  EXPECT_THAT(message({two, two, {}}, {.offset = kInf}), HasSubstr("offset = inf"));
+  EXPECT_TRUE(PreparePoints(scene, {}, {.offset = 1}).ok());
+}
+
+TEST(PointsTest, StopsWhenCancelled) {
+  const IndexedGeometry scene = MakeScene({UnitTriangle()});
+  const std::vector<Vec3d> points(10);
+  CancelToken cancel;
+  EXPECT_TRUE(PreparePoints(scene, {points, {}, {}}, {}, &cancel).ok());
+  cancel.Cancel();
+  EXPECT_EQ(PreparePoints(scene, {points, {}, {}}, {}, &cancel).status().code(),
+            absl::StatusCode::kCancelled);
+  CancelToken late;
+  late.set_deadline(CancelToken::Clock::now());
+  EXPECT_EQ(PreparePoints(scene, {points, {}, {}}, {}, &late).status().code(),
+            absl::StatusCode::kDeadlineExceeded);
+}
+
+TEST(PointsTest, OffsetMovesAlongNormalsOfAnyLength) {
+  const IndexedGeometry scene = MakeScene({UnitTriangle()});
+  const std::vector<Vec3d> at(7, {1, 2, 3});
+  const std::vector<Vec3d> normals = {{0, 0, 2}, {1e-300, 0, 0}, {0, -1e300, 0}, {3, 0, 4},
+                                      {0, 0, 0}, {kNan, 0, 1},   {kInf, 0, 0}};
+  const PreparedPoints p = Prepare(scene, at, {.offset = 0.5}, normals);
+  EXPECT_EQ(p.positions[0], (Vec3f{1, 2, 3.5f}));
+  EXPECT_EQ(p.positions[1], (Vec3f{1.5f, 2, 3}));
+  EXPECT_EQ(p.positions[2], (Vec3f{1, 1.5f, 3}));
+  EXPECT_NEAR(p.positions[3].x, 1.3, 1e-6);
+  EXPECT_NEAR(p.positions[3].z, 3.4, 1e-6);
+  EXPECT_EQ(p.valid, (std::vector<uint8_t>{1, 1, 1, 1, 0, 0, 0}));
+  EXPECT_EQ(p.invalid, 3u);
+  EXPECT_EQ(Prepare(scene, {at[0]}, {.offset = -0.5}, {normals[0]}).positions[0], (Vec3f{1, 2, 2.5f}));
+  // Without an offset nobody looks at a normal's length.
+  EXPECT_EQ(Prepare(scene, at, {}, normals).invalid, 0u);
+}
+
+TEST(PointsTest, AttachesToTheNearestWithinReach) {
+  ObjectInput two = UnitTriangle();
+  for (Vec3d v : {Vec3d{0, 0, 1}, Vec3d{1, 0, 1}, Vec3d{0, 1, 1}}) two.vertices.push_back(v);
+  two.indices = {0, 1, 2, 3, 4, 5};
+  const IndexedGeometry scene = MakeScene({two});
+  const std::vector<Vec3d> at = {{.2, .2, .25}, {.2, .2, .75}, {.2, .2, .5}, {.2, .2, -.25}, {.2, .2, 3}};
+  const PreparedPoints p = Prepare(scene, at, {.attach_distance = 0.5});
+  EXPECT_EQ(p.sources, (std::vector<uint32_t>{0, 1, 0, 0, kNoTriangle}));  // Lowest id among equals.
+  EXPECT_EQ(p.attached, 4u);
+  EXPECT_EQ(p.near_surface, 0u);
+  // Clear of their sources by far: not moved.
+  for (size_t i = 0; i < at.size(); ++i) EXPECT_EQ(p.positions[i], ToFloat(at[i]));
+}
+
+TEST(PointsTest, GivenSourcesStay) {
+  const IndexedGeometry scene = MakeScene({UnitTriangle()});
+  const std::vector<Vec3d> at = {{.25, .25, 0}, {.25, .25, 0}};
+  const PreparedPoints p = Prepare(scene, at, {.attach_distance = 1}, {}, {0, kNoTriangle});
+  EXPECT_EQ(p.positions[0], (Vec3f{.25f, .25f, 0}));  // Its caller knows best.
+  EXPECT_EQ(SideOf(scene.geometry, 0, p.positions[1]), 1);
+  EXPECT_EQ(p.sources, (std::vector<uint32_t>{0, 0}));
+  EXPECT_EQ(p.attached, 2u);
+  EXPECT_EQ(p.near_surface, 0u);
+}
+
+// In the plane within rounding: the front, or the normal's side. Off it: where the point is.
+TEST(PointsTest, SideOfAttachedPoints) {
+  const IndexedGeometry scene = MakeScene({{.vertices = {{1000, 1000, 1000}, {1001, 1000, 1000.3}, {1000, 1001, 1000.7}},
+                                            .indices = {0, 1, 2}}});
+  const auto [a, b, c] = scene.geometry.Corners(0);
+  TestRng rng;
+  for (int64_t i = ScaledCount(500); i-- > 0;) {
+    const Vec3d q = (ToDouble(a) * 2.0 + ToDouble(b) + ToDouble(c)) * 0.25 + RandomInBox(rng, {1, 1, 1}) * 0x1p-16;
+    const Vec3d n = Cross(ToDouble(b) - ToDouble(a), ToDouble(c) - ToDouble(a));
+    const Vec3d on = q - n * (Dot(n, q - ToDouble(a)) / Dot(n, n));
+    const PointOptions attach = {.attach_distance = 0.1};
+    EXPECT_EQ(SideOf(scene.geometry, 0, Prepare(scene, {on}, attach).positions[0]), 1);
+    EXPECT_EQ(SideOf(scene.geometry, 0, Prepare(scene, {on}, attach, {n * 3.0}).positions[0]), 1);
+    EXPECT_EQ(SideOf(scene.geometry, 0, Prepare(scene, {on}, attach, {-n}).positions[0]), -1);
+    const Vec3d behind = on - n * 0.01;
+    EXPECT_EQ(SideOf(scene.geometry, 0, Prepare(scene, {behind}, attach, {n}).positions[0]), -1);
+  }
+}
+
+TEST(PointsTest, NearSurfaceCountsWhatRoundingCannotTell) {
+  const IndexedGeometry scene = MakeScene({MakeBox({1, 1, 1}, {{1, 0, 0, 4, 0, 1, 0, 4, 0, 0, 1, 4}})});
+  const Vec3d on_face = {3.25, 4.5, 5};
+  EXPECT_EQ(Prepare(scene, {on_face}).near_surface, 1u);
+  EXPECT_EQ(Prepare(scene, {on_face + Vec3d{0, 0, 0x1p-21}}).near_surface, 1u);
+  EXPECT_EQ(Prepare(scene, {on_face + Vec3d{0, 0, 0x1p-18}}).near_surface, 0u);
+  EXPECT_EQ(Prepare(scene, {on_face}, {.count_near_surface = false}).near_surface, 0u);
+  uint32_t source = 0;
+  while (SideOf(scene.geometry, source, {3.25f, 4.5f, 5}) != 0) ++source;
+  // Each face has two triangles, met on the diagonal; this point touches one of them only.
+  EXPECT_EQ(Prepare(scene, {on_face}, {}, {}, {source}).near_surface +
+                Prepare(scene, {on_face}, {}, {}, {source + 1}).near_surface,
+            1u);
+  EXPECT_EQ(Prepare(scene, {{5, 5, 5}}, {}, {}, {source}).near_surface, 1u);  // A corner.
+  EXPECT_EQ(Prepare(scene, {{5, 5, 5}}, {.attach_distance = 0.1}).near_surface, 0u);
+  // Inert triangles are no surface.
+  const IndexedGeometry inert = MakeScene({{.vertices = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, .indices = {0, 1, 2}}});
+  EXPECT_EQ(Prepare(inert, {{1, 0, 0}}).near_surface, 0u);
+}
+
+// A point between two sheets nearer than rounding can tell apart cannot be cleared of both, and says so.
+TEST(PointsTest, NearSurfaceCountsWhatCannotBeCleared) {
+  const float z = 1000, next = std::nextafter(z, 2000.0f);
+  ObjectInput sheets{.vertices = {{-9, -9, z}, {9, -9, z}, {0, 12, z}, {-9, -9, next}, {9, -9, next}, {0, 12, next}},
+                     .indices = {0, 1, 2, 3, 5, 4}};  // Fronts face each other.
+  const IndexedGeometry scene = MakeScene({sheets});
+  const PreparedPoints p = Prepare(scene, {{0, 0, z}}, {.attach_distance = 1});
+  EXPECT_EQ(p.sources[0], 0u);
+  EXPECT_EQ(p.near_surface, 1u);
+  EXPECT_EQ(SideOf(scene.geometry, 0, p.positions[0]), 1);
+}
+
+// The trap: a mesh's own vertices as points. On a convex mesh one is lit exactly by what is in front of any of its
+// triangles.
+TEST(PointsTest, AttachedVerticesOfConvexMeshes) {
+  for (Vec3d centre : kCentres) {
+    for (int level = 0; level <= 2; ++level) {
+      TestRng rng(level);
+      const IndexedGeometry scene =
+          MakeScene({MakeIcosphere(level, 100, RandomPlacement(rng, centre))});
+      ASSERT_TRUE(IsExactlyConvex(scene.geometry));
+      const PreparedPoints p = Prepare(scene, World(scene.geometry, scene.geometry.vertices), {.attach_distance = 1});
+      EXPECT_EQ(p.attached, p.size());
+      EXPECT_EQ(p.near_surface, 0u);
+      int lit = 0, dark = 0;
+      for (uint32_t v = 0; v < p.size(); ++v) {
+        for (int k = 0; k < 8; ++k) {
+          const Vec3f light = ToFloat(centre + RandomDirection(rng) * rng.Uniform(110, 500));
+          bool expected = false;
+          for (uint32_t id = 0; id < scene.geometry.triangles.size(); ++id) {
+            const auto& t = scene.geometry.triangles[id];
+            if (t[0] != v && t[1] != v && t[2] != v) continue;
+            ASSERT_EQ(SideOf(scene.geometry, id, p.positions[v]), 1);
+            expected |= SideOf(scene.geometry, id, light) > 0;
+          }
+          (expected ? lit : dark)++;
+          ASSERT_EQ(IsLit(scene.geometry, PredicateRay::Segment(light, p.positions[v]), p.sources[v]), expected);
+        }
+      }
+      EXPECT_GT(lit, 10);
+      EXPECT_GT(dark, 10);
+    }
+  }
+}
+
+// Points anywhere on a rotated box, corners and edges favoured, known by world coordinates alone: rounding has put
+// them before or behind their faces.
+TEST(PointsTest, AttachedPointsOnRotatedBoxes) {
+  for (Vec3d centre : kCentres) {
+    for (uint64_t b = 0; b < 10; ++b) {
+      TestRng rng(b);
+      const Vec3d half = {rng.Uniform(0.5, 5), rng.Uniform(0.5, 5), rng.Uniform(0.5, 5)};
+      const IndexedGeometry scene = MakeScene({MakeBox(half, RandomPlacement(rng, centre))});
+      std::vector<Vec3d> at;
+      for (int64_t i = ScaledCount(300); i-- > 0;) {
+        at.push_back(PointNearRim(rng, scene.geometry.Corners(rng.Below(12))));
+      }
+      const PreparedPoints p = Prepare(scene, at, {.attach_distance = 0.5});
+      EXPECT_EQ(p.attached, p.size());
+      EXPECT_EQ(p.near_surface, 0u);
+      for (size_t i = 0; i < p.size(); ++i) {
+        const Vec3f light = ToFloat(centre + RandomDirection(rng) * 20.0);
+        const uint32_t source = p.sources[i];
+        if (SideOf(scene.geometry, source, light) <= 0 || SideOf(scene.geometry, source ^ 1, light) <= 0) continue;
+        ASSERT_TRUE(IsLit(scene.geometry, PredicateRay::Segment(light, p.positions[i]), source)) << "box " << b;
+      }
+    }
+  }
+}
+
+void ExpectLitInside(const IndexedGeometry& scene, const PreparedPoints& p, TestRng& rng,
+                     const Affine3d& placement, Vec3d half) {
+  EXPECT_EQ(p.attached, p.size());
+  int unlit = 0;
+  for (size_t i = 0; i < p.size(); ++i) {
+    for (int k = 0; k < 4; ++k) {
+      const Vec3f light = ToFloat(placement.Apply(RandomInBox(rng, half * 0.9)));
+      unlit += !IsLit(scene.geometry, PredicateRay::Segment(light, p.positions[i]), p.sources[i]);
+    }
+  }
+  EXPECT_EQ(unlit, 0);
+}
+
+// Rooms: fronts inward are enough; fronts outward need normals (or an offset). Corners, edges, walls.
+TEST(PointsTest, AttachedPointsInRooms) {
+  for (Vec3d centre : kCentres) {
+    for (uint64_t b = 0; b < 10; ++b) {
+      TestRng rng(b);
+      const Vec3d half = {rng.Uniform(2, 5), rng.Uniform(2, 5), rng.Uniform(2, 5)};
+      const Affine3d placement = RandomPlacement(rng, centre);
+      const ObjectInput box = MakeBox(half, placement);
+      const IndexedGeometry inward = MakeScene({Flipped(box)}), outward = MakeScene({box});
+      std::vector<Vec3d> at = World(inward.geometry, inward.geometry.vertices), normals;
+      for (int64_t i = ScaledCount(300); i-- > 0;) {
+        at.push_back(PointNearRim(rng, inward.geometry.Corners(rng.Below(12))));
+      }
+      // Toward the middle: in front of every wall a point may touch.
+      for (Vec3d p : at) normals.push_back(centre - p);
+      const PointOptions attach = {.attach_distance = 0.5};
+      const PreparedPoints inside = Prepare(inward, at, attach);
+      EXPECT_EQ(inside.near_surface, 0u);
+      ExpectLitInside(inward, inside, rng, placement, half);
+      ExpectLitInside(outward, Prepare(outward, at, attach, normals), rng, placement, half);
+      // Without: outside, where the lights in the room do not reach.
+      const PreparedPoints outside = Prepare(outward, at, attach);
+      const Vec3f light = ToFloat(centre);
+      for (size_t i = 0; i < outside.size(); ++i) {
+        EXPECT_EQ(SideOf(outward.geometry, outside.sources[i], outside.positions[i]), 1);
+      }
+      // A corner is in front of all walls there, and more than its source is in the way.
+      for (size_t i = 0; i < 8; ++i) {
+        EXPECT_FALSE(IsLit(outward.geometry, PredicateRay::Segment(light, outside.positions[i]), kNoTriangle));
+      }
+    }
+  }
+}
+
+// A wavy ground of gentle slopes under steep suns: nothing shadows anything, vertices and edges included.
+TEST(PointsTest, AttachedPointsOnTerrain) {
+  for (Vec3d centre : kCentres) {
+    for (double size : {16.0, 4000.0}) {
+      TestRng rng;
+      const IndexedGeometry scene = MakeScene({MakeTerrain(16, size, centre)});
+      std::vector<Vec3d> at = World(scene.geometry, scene.geometry.vertices);
+      for (int64_t i = ScaledCount(500); i-- > 0;) {
+        at.push_back(PointNearRim(rng, scene.geometry.Corners(rng.Below(scene.geometry.triangles.size()))));
+      }
+      const PreparedPoints p = Prepare(scene, at, {.attach_distance = size * 0.01});
+      EXPECT_EQ(p.attached, p.size());
+      EXPECT_EQ(p.near_surface, 0u);
+      for (size_t i = 0; i < p.size(); ++i) {
+        for (int k = 0; k < 4; ++k) {
+          Vec3d sun = RandomDirection(rng);
+          sun.z = std::abs(sun.z) + 1.5;  // 56 degrees and higher.
+          ASSERT_TRUE(IsLit(scene.geometry, PredicateRay::Ray(p.positions[i], ToFloat(sun)), p.sources[i]));
+        }
+      }
+    }
+  }
+}
+
+// Placed once, it is placed: what is read back and sent again stays.
+TEST(PointsTest, PlacedPointsStayPut) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeScene({MakeIcosphere(1, 10, RandomPlacement(rng, {300, 200, 100}))});
+  std::vector<Vec3d> at = World(scene.geometry, scene.geometry.vertices);
+  const PreparedPoints once = Prepare(scene, at, {.attach_distance = 1});
+  const PreparedPoints again = Prepare(scene, World(scene.geometry, once.positions), {.attach_distance = 1}, {}, once.sources);
+  EXPECT_EQ(again.positions, once.positions);
+  EXPECT_EQ(again.sources, once.sources);
+}
+
+// Neither the cut into ranges nor the tree shows.
+TEST(PointsTest, DependsOnThePointAlone) {
+  TestRng rng;
+  const ObjectInput box = MakePatchedBox(rng, {3, 4, 5}, RandomPlacement(rng, kCentres[1]));
+  BvhBuildOptions small;
+  small.max_leaf_triangles = 2;
+  const IndexedGeometry scene = MakeScene({box}), other = MakeScene({box}, Vec3d{}, small);
+  std::vector<Vec3d> at;
+  for (int i = 0; i < 300; ++i) {
+    at.push_back(PointNearRim(rng, scene.geometry.Corners(rng.Below(scene.geometry.triangles.size()))));
+  }
+  const PointOptions attach = {.attach_distance = 0.5};
+  const PreparedPoints whole = Prepare(scene, at, attach), elsewhere = Prepare(other, at, attach);
+  EXPECT_EQ(elsewhere.positions, whole.positions);
+  EXPECT_EQ(elsewhere.sources, whole.sources);
+  EXPECT_EQ(elsewhere.near_surface, whole.near_surface);
+  uint64_t near = 0;
+  for (size_t i = 0; i < at.size(); ++i) {
+    const PreparedPoints one = Prepare(scene, {at[i]}, attach);
+    EXPECT_EQ(one.positions[0], whole.positions[i]);
+    EXPECT_EQ(one.sources[0], whole.sources[i]);
+    near += one.near_surface;
+  }
+  EXPECT_EQ(near, whole.near_surface);
+}
+
+}  // namespace
+}  // namespace sightline

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Meshes whose right answers are known without tracing, and the definition of "lit" to check against.
+//
+// Thread safety: functions only.
+#ifndef SIGHTLINE_TESTS_CORE_QUERY_QUERY_MESHES_H_
+#define SIGHTLINE_TESTS_CORE_QUERY_QUERY_MESHES_H_
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "core/accel/bvh_builder.h"
+#include "core/accel/indexed_geometry.h"
+#include "core/intersect/hit.h"
+#include "core/intersect/predicate.h"
+#include "core/mesh/object.h"
+#include "tests/support/random.h"
+
+namespace sightline::testing_support {
+
+// A rotation about a random axis, then a move.
+Affine3d RandomPlacement(TestRng& rng, Vec3d centre);
+
+// Fronts outward. `level` 0 is the icosahedron, each level has four times the triangles.
+ObjectInput MakeIcosphere(int level, double radius, const Affine3d& placement);
+// Half sides `half`; twelve triangles, fronts outward, triangles 2i and 2i + 1 are one face.
+ObjectInput MakeBox(Vec3d half, const Affine3d& placement);
+// A box whose faces are grids of their own: face i is cut into (i + 1) × (i + 1) squares, so that corners of one face
+// lie amid edges of the next, and each face's winding is random.
+ObjectInput MakePatchedBox(TestRng& rng, Vec3d half, const Affine3d& placement);
+// A wavy height field over [0, size]², cells × cells squares, fronts up, no slope above about 31 degrees.
+ObjectInput MakeTerrain(int cells, double size, Vec3d corner);
+
+ObjectInput Flipped(ObjectInput object);  // Fronts become backs.
+
+IndexedGeometry MakeScene(const std::vector<ObjectInput>& objects,
+                          std::optional<Vec3d> origin = Vec3d{}, const BvhBuildOptions& options = {});
+
+// Whether no triangle but `source` blocks, by the predicate applied to every one.
+bool IsLit(const SceneGeometry& geometry, const PredicateRay& ray, uint32_t source);
+// The first hit of a ray by looking at every triangle.
+Hit FirstHit(const SceneGeometry& geometry, const PredicateRay& ray);
+
+// Whether every vertex is on or behind every triangle's plane, exactly.
+bool IsExactlyConvex(const SceneGeometry& geometry);
+
+inline int SideOf(const SceneGeometry& geometry, uint32_t triangle, Vec3f p) {
+  const auto [a, b, c] = geometry.Corners(triangle);
+  return SideOfPlane(a, b, c, p);
+}
+
+Vec3d RandomInBox(TestRng& rng, Vec3d half);
+Vec3d RandomDirection(TestRng& rng);
+
+// A point of a triangle that favours its corners, edges and their neighbourhoods at all scales.
+Vec3d PointNearRim(TestRng& rng, const std::array<Vec3f, 3>& corners);
+
+}  // namespace sightline::testing_support
+
+#endif  // SIGHTLINE_TESTS_CORE_QUERY_QUERY_MESHES_H_
