@@ -10,19 +10,20 @@
 namespace sightline {
 namespace {
 
-// Roberts' R2 sequence: steps 1/g and 1/g² for the plastic number g = 1.3247179572447460… (g³ = g + 1), here
-// floor(2^64/g) and floor(2^64/g²). In fixed point the recurrence is an integer product modulo 2^64: sample k
-// comes from k alone, with no rounding to gather.
+// Roberts' R2 sequence: steps 1/g and 1/g² for the plastic number g = 1.3247179572447460… (g³ = g +
+// 1), here floor(2^64/g) and floor(2^64/g²). In fixed point the recurrence is an integer product
+// modulo 2^64: sample k comes from k alone, with no rounding to gather.
 constexpr uint64_t kStepU = 0xC13FA9A902A6328Fu;
 constexpr uint64_t kStepV = 0x91E10DA5C79E7B1Cu;
 constexpr uint64_t kHalf = 0x8000000000000000u;
 
-// Lengths a directional light may have, per largest component (light.h). Both are floats, so a direction in
-// range is still in range once rounded.
+// Lengths a directional light may have, per largest component (light.h). Both are floats, so a
+// direction in range is still in range once rounded.
 constexpr double kMinDirection = 0x1p-20;
 constexpr double kMaxDirection = 0x1p20;
 
-// frac(½ + k·step) mapped from [0, 1) to [-1, 1): the upper 53 bits are a double, and so are 2x and 2x - 1.
+// frac(½ + k·step) mapped from [0, 1) to [-1, 1): the upper 53 bits are a double, and so are 2x and
+// 2x - 1.
 double Recurrence(uint64_t k, uint64_t step) {
   const double share = static_cast<double>((kHalf + k * step) >> 11) * 0x1p-53;
   return 2 * share - 1;
@@ -33,8 +34,8 @@ absl::Status CheckLight(const Light& light, uint32_t index) {
     case Light::Kind::kPoint:
     case Light::Kind::kDirectional:
       if (light.sample_count != 1) {
-        return absl::InvalidArgumentError(absl::StrCat("light ", index, ": sample_count = ",
-                                                       light.sample_count,
+        return absl::InvalidArgumentError(absl::StrCat("light ", index,
+                                                       ": sample_count = ", light.sample_count,
                                                        ", but only a rectangle has more than 1"));
       }
       break;
@@ -46,9 +47,9 @@ absl::Status CheckLight(const Light& light, uint32_t index) {
       }
       break;
     default:
-      return absl::InvalidArgumentError(absl::StrCat(
-          "light ", index, ": kind = ", static_cast<int>(light.kind),
-          " is unknown; there are point (0), directional (1) and rectangle (2)"));
+      return absl::InvalidArgumentError(
+          absl::StrCat("light ", index, ": kind = ", static_cast<int>(light.kind),
+                       " is unknown; there are point (0), directional (1) and rectangle (2)"));
   }
   if (!std::isfinite(light.weight)) {
     return absl::InvalidArgumentError(

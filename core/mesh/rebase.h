@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How a world position becomes a stored one: fl32(world - origin), the subtraction in double, rounded once,
-// without -0. Points, lights, segment ends and cameras are rebased as vertices are (CompileScene), so a point
-// given by a vertex's own doubles gets that vertex's bits.
+// How a world position becomes a stored one: fl32(world - origin), the subtraction in double,
+// rounded once, without -0. Points, lights, segment ends and cameras are rebased as vertices are
+// (CompileScene), so a point given by a vertex's own doubles gets that vertex's bits.
 //
 // Thread safety: a pure function.
 //
@@ -15,8 +15,8 @@
 
 namespace sightline {
 
-// False, and *stored = 0, if `world` is not finite or has a coordinate beyond kMaxCoordinate in the world or
-// relative to `origin`.
+// False, and *stored = 0, if `world` is not finite or has a coordinate beyond kMaxCoordinate in the
+// world or relative to `origin`.
 inline bool Rebase(Vec3d world, Vec3d origin, Vec3f* stored) {
   const Vec3d relative = world - origin;
   if (!(MaxAbs(world) <= kMaxCoordinate) || !(MaxAbs(relative) <= kMaxCoordinate)) {

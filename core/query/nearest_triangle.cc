@@ -12,8 +12,9 @@
 namespace sightline {
 namespace {
 
-// Below this share of its longest edge, a triangle's width is lost in the rounding of its corners (2^-24 of a
-// coordinate): its edges stand for it. Above it, the normal in doubles is good to some 2^-53 / 2^-24 = 2^-29.
+// Below this share of its longest edge, a triangle's width is lost in the rounding of its corners
+// (2^-24 of a coordinate): its edges stand for it. Above it, the normal in doubles is good to some
+// 2^-53 / 2^-24 = 2^-29.
 constexpr double kSliverWidth = 0x1p-24;
 
 struct Box {
@@ -46,7 +47,8 @@ Vec3d ClosestPointOnEdge(Vec3d p, Vec3d a, Vec3d b) {
   return Clamp(a + d * t, BoxOf(a, b));
 }
 
-// Squared distance per axis-aligned box, for `lanes` boxes side by side. Infinite for an inverted box.
+// Squared distance per axis-aligned box, for `lanes` boxes side by side. Infinite for an inverted
+// box.
 template <int kLanes>
 void BoxDistances(const float* lo_x, const float* lo_y, const float* lo_z, const float* hi_x,
                   const float* hi_y, const float* hi_z, Vec3d p, double* out) {
@@ -92,8 +94,8 @@ struct LeafBoxes {
   }
 };
 
-// Calls leaf(LeafView) for every leaf whose boxes from the root down pass select(node, mask[8]); leaf returns whether
-// to go on.
+// Calls leaf(LeafView) for every leaf whose boxes from the root down pass select(node, mask[8]);
+// leaf returns whether to go on.
 template <typename Select, typename Leaf>
 void WalkAll(const Bvh& bvh, Select select, Leaf leaf) {
   if (bvh.empty()) return;
@@ -120,9 +122,11 @@ void WalkAll(const Bvh& bvh, Select select, Leaf leaf) {
 // Calls found(id) for touched triangles in no particular order; found returns whether to go on.
 template <typename Found>
 void ForEachTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip, Found found) {
-  // No triangle's corner is farther out than the farthest corner of all bounds, in rounded sums too.
+  // No triangle's corner is farther out than the farthest corner of all bounds, in rounded sums
+  // too.
   const Vec3d lo = ToDouble(bvh.bounds.lo), hi = ToDouble(bvh.bounds.hi);
-  const Vec3d far = {std::max(std::abs(lo.x), std::abs(hi.x)), std::max(std::abs(lo.y), std::abs(hi.y)),
+  const Vec3d far = {std::max(std::abs(lo.x), std::abs(hi.x)),
+                     std::max(std::abs(lo.y), std::abs(hi.y)),
                      std::max(std::abs(lo.z), std::abs(hi.z))};
   const double largest = radius.base + radius.per_vertex * NormOne(far);
   const double limit = largest * largest;
@@ -176,8 +180,8 @@ Vec3d ClosestPointOnTriangle(Vec3d p, Vec3f af, Vec3f bf, Vec3f cf) {
 }
 
 double TouchRadius::Of(Vec3f a, Vec3f b, Vec3f c) const {
-  return base + per_vertex * std::max({NormOne(ToDouble(a)), NormOne(ToDouble(b)),
-                                       NormOne(ToDouble(c))});
+  return base +
+         per_vertex * std::max({NormOne(ToDouble(a)), NormOne(ToDouble(b)), NormOne(ToDouble(c))});
 }
 
 NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared) {

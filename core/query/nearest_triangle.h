@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Distances from a point to triangles: the nearest one, those within rounding, and whether a short way crosses any.
-// All walk the BVH, in doubles, and give what looking at every triangle in order of ids would give.
+// Distances from a point to triangles: the nearest one, those within rounding, and whether a short
+// way crosses any. All walk the BVH, in doubles, and give what looking at every triangle in order
+// of ids would give.
 //
-// Why no box is culled wrongly, without a margin: a triangle's closest point is held within the triangle's box, and
-// the distances to it and to a box are the same expression of coordinate differences. Subtraction, multiplication and
-// addition round monotonically, so a box's distance never exceeds that of a triangle inside it, bit for bit.
+// Why no box is culled wrongly, without a margin: a triangle's closest point is held within the
+// triangle's box, and the distances to it and to a box are the same expression of coordinate
+// differences. Subtraction, multiplication and addition round monotonically, so a box's distance
+// never exceeds that of a triangle inside it, bit for bit.
 //
 // Thread safety: functions only.
 //
@@ -25,8 +27,9 @@
 
 namespace sightline {
 
-// The point of triangle ABC closest to `p`, within a few roundings of doubles, and within ABC's box. Exact at corners;
-// on an edge the same bits for every triangle with that edge. REQUIRES: ABC is not of zero area.
+// The point of triangle ABC closest to `p`, within a few roundings of doubles, and within ABC's
+// box. Exact at corners; on an edge the same bits for every triangle with that edge. REQUIRES: ABC
+// is not of zero area.
 Vec3d ClosestPointOnTriangle(Vec3d p, Vec3f a, Vec3f b, Vec3f c);
 
 // (x² + y²) + z² of the difference.
@@ -60,8 +63,8 @@ void FindTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip,
 // Whether p touches any triangle but `skip`.
 bool TouchesAny(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip);
 
-// Whether any triangle that is not in `skip` (ascending) blocks the segment. For short ones: boxes are tested
-// against the segment's box.
+// Whether any triangle that is not in `skip` (ascending) blocks the segment. For short ones: boxes
+// are tested against the segment's box.
 bool CrossesAny(const Bvh& bvh, Vec3f from, Vec3f to, std::span<const uint32_t> skip);
 
 }  // namespace sightline

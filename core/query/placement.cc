@@ -11,31 +11,34 @@
 namespace sightline {
 namespace {
 
-// A point that is less than one offset from a plane is moved to this many. More than 1, so that going back and forth
-// between several planes ends: each move is a projection onto a half-space, so it brings the point nearer to every point
-// that is kAim offsets inside all of them, by at least (kAim - 1)² offset² in squared distance.
+// A point that is less than one offset from a plane is moved to this many. More than 1, so that
+// going back and forth between several planes ends: each move is a projection onto a half-space, so
+// it brings the point nearer to every point that is kAim offsets inside all of them, by at least
+// (kAim - 1)² offset² in squared distance.
 constexpr double kAim = 1.5;
-// Rounds of such moves. At right angles one or two are enough, and what kMaxReach lets through needs few more; the
-// result is verified, so this bounds time alone.
+// Rounds of such moves. At right angles one or two are enough, and what kMaxReach lets through
+// needs few more; the result is verified, so this bounds time alone.
 constexpr int kSweeps = 32;
-// A point is not moved farther than this many touch radii for the sake of other triangles: room for two planes that
-// meet at some 10 degrees. Beyond that, the move would begin to show.
+// A point is not moved farther than this many touch radii for the sake of other triangles: room for
+// two planes that meet at some 10 degrees. Beyond that, the move would begin to show.
 constexpr double kMaxReach = 16;
-// The offsets, in units of PlacementOffset, that are tried for several planes. Rounding alone needs the first; the
-// others help where planes are slivers, whose normals are bad in doubles.
+// The offsets, in units of PlacementOffset, that are tried for several planes. Rounding alone needs
+// the first; the others help where planes are slivers, whose normals are bad in doubles.
 constexpr std::array<double, 3> kScales = {1, 4, 16};
-// More touched triangles than this (the pole of a finely cut sphere may have that many) are not sorted out.
+// More touched triangles than this (the pole of a finely cut sphere may have that many) are not
+// sorted out.
 constexpr size_t kMaxTouched = 1024;
-// Doublings of the source's own offset. From 2^-149 to 2^41 there are 190; PlacementOffset starts within 2^-50 of the
-// coordinates, from where 60 reach past them.
+// Doublings of the source's own offset. From 2^-149 to 2^41 there are 190; PlacementOffset starts
+// within 2^-50 of the coordinates, from where 60 reach past them.
 constexpr int kMaxDoublings = 60;
 
 // One oriented plane: the point belongs where normal·(P - anchor) > 0.
 struct Plane {
   std::array<Vec3f, 3> corners;
   int side = 0;
-  Vec3d normal;          // Unit, times side.
-  double conditioning = 0;  // |AB|·|AC| / |AB × AC|: how much worse than one double rounding the normal is.
+  Vec3d normal;  // Unit, times side.
+  double conditioning =
+      0;  // |AB|·|AC| / |AB × AC|: how much worse than one double rounding the normal is.
 
   bool Holds(Vec3f p) const {
     return SideOfPlane(corners[0], corners[1], corners[2], p) * side > 0;
@@ -52,22 +55,24 @@ Plane MakePlane(const std::array<Vec3f, 3>& corners, int side) {
     plane.normal = n * (side / length);
     plane.conditioning = Length(ab) * Length(ac) / length;
   }
-  return plane;  // A zero normal (area lost in doubles) pushes nowhere; the source's fallback is exact.
+  return plane;  // A zero normal (area lost in doubles) pushes nowhere; the source's fallback is
+                 // exact.
 }
 
-// Error of normal·(P - A) in doubles, u = 2^-53: the cross product carries three roundings per product and one for the
-// difference, 4u·|AB||AC| per component, hence 7u·conditioning in the normal's direction; normalizing, P - A and the dot
-// product add less than 8u. Together below 16u·conditioning·|P - A|₁, as conditioning >= 1.
+// Error of normal·(P - A) in doubles, u = 2^-53: the cross product carries three roundings per
+// product and one for the difference, 4u·|AB||AC| per component, hence 7u·conditioning in the
+// normal's direction; normalizing, P - A and the dot product add less than 8u. Together below
+// 16u·conditioning·|P - A|₁, as conditioning >= 1.
 double Slack(const Plane& plane, Vec3d from_anchor) {
   return 16 * 0x1p-53 * plane.conditioning * NormOne(from_anchor);
 }
 
-// Moves *x to kAim offsets from the plane if it is nearer than one, or behind. False if nothing had to be done.
+// Moves *x to kAim offsets from the plane if it is nearer than one, or behind. False if nothing had
+// to be done.
 bool Correct(const Plane& plane, double scale, Vec3d* x) {
   const Vec3d from_anchor = *x - ToDouble(plane.corners[0]);
   const double distance = Dot(plane.normal, from_anchor);
-  const double offset =
-      scale * PlacementOffset(plane.normal, *x, Slack(plane, from_anchor));
+  const double offset = scale * PlacementOffset(plane.normal, *x, Slack(plane, from_anchor));
   if (distance >= offset) return false;
   *x = *x + plane.normal * (kAim * offset - distance);
   return true;
@@ -92,8 +97,8 @@ bool TryAll(std::span<const Plane> planes, double scale, Vec3d at, double reach,
   return HoldsAll(planes, *placed);
 }
 
-// The exact signs of the normal's components: moving along them raises the distance from the plane by at least as much
-// as the move's largest component, whatever the normal is in doubles.
+// The exact signs of the normal's components: moving along them raises the distance from the plane
+// by at least as much as the move's largest component, whatever the normal is in doubles.
 Vec3d SignsOfNormal(const Plane& plane) {
   const auto& [a, b, c] = plane.corners;
   return {static_cast<double>(plane.side * SideOfDirection(a, b, c, {1, 0, 0})),
@@ -116,15 +121,15 @@ Vec3f PlaceBesideSource(const Plane& plane, Vec3d at) {
     placed = Rounded(at + signs * step);
     if (plane.Holds(placed)) return placed;
   }
-  SIGHTLINE_CHECK(false) << "no place beside a triangle near (" << at.x << ", " << at.y << ", " << at.z
-                         << "): is it of zero area?";
+  SIGHTLINE_CHECK(false) << "no place beside a triangle near (" << at.x << ", " << at.y << ", "
+                         << at.z << "): is it of zero area?";
   return placed;
 }
 
 // A touched triangle while its side is being found.
 struct Neighbour {
   std::array<Vec3f, 3> corners;
-  int side = 0;        // 0: not known, or not needed.
+  int side = 0;  // 0: not known, or not needed.
   bool coplanar = false;
   bool rises = false;  // Has a corner strictly on the point's side of the source's plane.
 };
@@ -170,9 +175,10 @@ struct HalfEdge {
   }
 };
 
-// Passes sides from triangle to triangle over shared edges, breadth first from those that have one. Two triangles on
-// one sheet run along their edge in opposite directions if their fronts are on the same side of the sheet. Where more
-// than two meet at an edge, or a sheet has one side only, the first to come decides (ids ascend).
+// Passes sides from triangle to triangle over shared edges, breadth first from those that have one.
+// Two triangles on one sheet run along their edge in opposite directions if their fronts are on the
+// same side of the sheet. Where more than two meet at an edge, or a sheet has one side only, the
+// first to come decides (ids ascend).
 void SpreadSides(std::vector<Neighbour>& neighbours) {
   std::vector<HalfEdge> edges;
   edges.reserve(3 * neighbours.size());

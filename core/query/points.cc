@@ -17,9 +17,10 @@ namespace {
 // Points between two looks at the cancel token: some hundred microseconds of work.
 constexpr size_t kCancelBlock = 256;
 
-// The most by which the exact parameter of a hit can differ from its float, relatively: one rounding (2^-24), the slab
-// test's hold on it (2^-20, kSegmentEnd), and the distance's own error in doubles unless the ray grazes. A larger
-// correction would say that doubles cannot tell where a grazing ray meets the plane; then t is as good.
+// The most by which the exact parameter of a hit can differ from its float, relatively: one
+// rounding (2^-24), the slab test's hold on it (2^-20, kSegmentEnd), and the distance's own error
+// in doubles unless the ray grazes. A larger correction would say that doubles cannot tell where a
+// grazing ray meets the plane; then t is as good.
 constexpr double kParameterError = 0x1p-19;
 
 absl::Status CheckInput(const IndexedGeometry& scene, const PointInput& input,
@@ -47,15 +48,15 @@ absl::Status CheckInput(const IndexedGeometry& scene, const PointInput& input,
   for (size_t i = 0; i < input.source_triangles.size(); ++i) {
     const uint32_t id = input.source_triangles[i];
     if (id != kNoTriangle && id >= triangles) {
-      return absl::InvalidArgumentError(absl::StrCat("source_triangles[", i, "] = ", id,
-                                                     ", but the scene has ", triangles,
-                                                     " triangles"));
+      return absl::InvalidArgumentError(absl::StrCat(
+          "source_triangles[", i, "] = ", id, ", but the scene has ", triangles, " triangles"));
     }
   }
   return absl::OkStatus();
 }
 
-// p + offset · n/|n|; false if n has no direction. Scaled first, so that no square over- or underflows.
+// p + offset · n/|n|; false if n has no direction. Scaled first, so that no square over- or
+// underflows.
 bool MoveAlong(Vec3d normal, double offset, Vec3d* p) {
   const double size = MaxAbs(normal);
   if (!(size > 0) || !std::isfinite(size)) return false;
@@ -113,7 +114,8 @@ class Preparer {
   PreparedPoints Take() { return std::move(out_); }
 
  private:
-  // False if no triangle is near enough. Otherwise *near says whether some touched triangle could not be cleared.
+  // False if no triangle is near enough. Otherwise *near says whether some touched triangle could
+  // not be cleared.
   bool Attach(size_t i, bool* near) {
     const Vec3d p = ToDouble(out_.positions[i]);
     const double limit = options_.attach_distance;
@@ -150,7 +152,8 @@ absl::StatusOr<PreparedPoints> PreparePoints(const IndexedGeometry& scene, const
   SL_RETURN_IF_ERROR(CheckInput(scene, input, options));
   Preparer preparer(scene, input, options);
   for (size_t i = 0; i < input.positions.size(); ++i) {
-    if (i % kCancelBlock == 0 && cancel != nullptr && cancel->cancelled()) return cancel->ToStatus();
+    if (i % kCancelBlock == 0 && cancel != nullptr && cancel->cancelled())
+      return cancel->ToStatus();
     preparer.Prepare(i);
   }
   return preparer.Take();
@@ -167,7 +170,9 @@ Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, floa
   if (std::abs(lost) <= kParameterError * t) p = p + d * lost;
 
   int side = SideOfPlane(a, b, c, origin);
-  if (side == 0) side = SideOfDirection(a, b, c, direction) > 0 ? -1 : 1;  // Not a hit of ours; any answer will do.
+  if (side == 0)
+    side =
+        SideOfDirection(a, b, c, direction) > 0 ? -1 : 1;  // Not a hit of ours; any answer will do.
   const Vec3d at = ClosestPointOnTriangle(p, a, b, c);
   PlacementScratch scratch;
   return Place(scene,

@@ -121,8 +121,8 @@ TEST(LightTest, SampleDoesNotDependOnTheCount) {
   }
 }
 
-// The reason for this sequence: any prefix covers the square evenly. Independent samples leave cells of a 16 × 16
-// grid with 256 samples empty at a share of 1/e.
+// The reason for this sequence: any prefix covers the square evenly. Independent samples leave
+// cells of a 16 × 16 grid with 256 samples empty at a share of 1/e.
 TEST(LightTest, SamplesCoverTheRectangle) {
   std::vector<int> cells(256);
   for (const LightSample& s : Samples(Square(1024))) {

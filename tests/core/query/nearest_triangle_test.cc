@@ -40,7 +40,8 @@ NearestTriangle NearestByLookingAtAll(const SceneGeometry& geometry, Vec3d p, do
     if (std::binary_search(geometry.inert.begin(), geometry.inert.end(), id)) continue;
     const auto [a, b, c] = geometry.Corners(id);
     const double d = DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c));
-    if (d < best.distance_squared || (d == best.distance_squared && id < best.triangle)) best = {id, d};
+    if (d < best.distance_squared || (d == best.distance_squared && id < best.triangle))
+      best = {id, d};
   }
   return best;
 }
@@ -89,11 +90,13 @@ TEST(NearestTriangleTest, AgreesWithLookingAtAll) {
     TestRng rng(seed);
     BvhBuildOptions options;
     options.max_leaf_triangles = 1 + static_cast<int>(rng.Below(16));
-    const IndexedGeometry scene = MakeScene({Soup(rng, 1 + 60 * static_cast<int>(seed))}, Vec3d{}, options);
+    const IndexedGeometry scene =
+        MakeScene({Soup(rng, 1 + 60 * static_cast<int>(seed))}, Vec3d{}, options);
     for (int64_t i = ScaledCount(1000); i-- > 0;) {
       Vec3d p = RandomInBox(rng, {1.5, 1.5, 1.5});
       // Corners themselves: many triangles at distance zero.
-      if (rng.Chance(0.3)) p = ToDouble(scene.geometry.vertices[rng.Below(scene.geometry.vertices.size())]);
+      if (rng.Chance(0.3))
+        p = ToDouble(scene.geometry.vertices[rng.Below(scene.geometry.vertices.size())]);
       const double limit = rng.Chance(0.5) ? 100 : std::exp2(-rng.Uniform(0, 10));
       const NearestTriangle expected = NearestByLookingAtAll(scene.geometry, p, limit);
       const NearestTriangle found = FindNearest(scene.bvh, p, limit);
@@ -105,12 +108,14 @@ TEST(NearestTriangleTest, AgreesWithLookingAtAll) {
       const uint32_t skip = found.triangle;
       FindTouching(scene.bvh, p, radius, skip, &touching);
       for (uint32_t id = 0; id < scene.geometry.triangles.size(); ++id) {
-        if (id == skip || std::binary_search(scene.geometry.inert.begin(), scene.geometry.inert.end(), id)) {
+        if (id == skip ||
+            std::binary_search(scene.geometry.inert.begin(), scene.geometry.inert.end(), id)) {
           continue;
         }
         const auto [a, b, c] = scene.geometry.Corners(id);
         const double r = radius.Of(a, b, c);
-        if (DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r) expected_touching.push_back(id);
+        if (DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r)
+          expected_touching.push_back(id);
       }
       ASSERT_EQ(touching, expected_touching);
       ASSERT_EQ(TouchesAny(scene.bvh, p, radius, skip), !touching.empty());
@@ -124,7 +129,8 @@ TEST(NearestTriangleTest, CrossingAgreesWithThePredicate) {
   int crossings = 0;
   for (int64_t i = ScaledCount(3000); i-- > 0;) {
     const Vec3d p = RandomInBox(rng, {1, 1, 1});
-    const Vec3f from = ToFloat(p), to = ToFloat(p + RandomDirection(rng) * std::exp2(-rng.Uniform(0, 6)));
+    const Vec3f from = ToFloat(p),
+                to = ToFloat(p + RandomDirection(rng) * std::exp2(-rng.Uniform(0, 6)));
     const std::vector<uint32_t> skip = {1, 7, 100, 299};
     bool expected = false;
     for (uint32_t id = 0; id < scene.geometry.triangles.size(); ++id) {
@@ -147,9 +153,11 @@ TEST(NearestTriangleTest, NothingIsNearInAnEmptyScene) {
 
 // The limit itself is included.
 TEST(NearestTriangleTest, DistanceLimitIsInclusive) {
-  const IndexedGeometry scene = MakeScene({{.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}}});
+  const IndexedGeometry scene =
+      MakeScene({{.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}}});
   EXPECT_EQ(FindNearest(scene.bvh, {0.25, 0.25, 2}, 4).triangle, 0u);
-  EXPECT_EQ(FindNearest(scene.bvh, {0.25, 0.25, 2}, std::nextafter(4.0, 0.0)).triangle, kNoTriangle);
+  EXPECT_EQ(FindNearest(scene.bvh, {0.25, 0.25, 2}, std::nextafter(4.0, 0.0)).triangle,
+            kNoTriangle);
 }
 
 }  // namespace

@@ -36,12 +36,21 @@ Affine3d RandomPlacement(TestRng& rng, Vec3d centre) {
 ObjectInput MakeIcosphere(int level, double radius, const Affine3d& placement) {
   const double g = (1 + std::sqrt(5.0)) / 2;
   ObjectInput mesh{.name = "sphere",
-                   .vertices = {{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0},
-                                {0, -1, g}, {0, 1, g}, {0, -1, -g}, {0, 1, -g},
-                                {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}},
-                   .indices = {0, 11, 5, 0, 5,  1, 0, 1, 7, 0, 7,  10, 0, 10, 11, 1, 5, 9, 5, 11,
-                               4, 11, 10, 2, 10, 7, 6, 7, 1, 8, 3, 9, 4, 3, 4,  2, 3, 2, 6, 3,
-                               6, 8,  3, 8, 9,  4, 9, 5, 2, 4, 11, 6, 2, 10, 8, 6, 7, 9, 8, 1},
+                   .vertices = {{-1, g, 0},
+                                {1, g, 0},
+                                {-1, -g, 0},
+                                {1, -g, 0},
+                                {0, -1, g},
+                                {0, 1, g},
+                                {0, -1, -g},
+                                {0, 1, -g},
+                                {g, 0, -1},
+                                {g, 0, 1},
+                                {-g, 0, -1},
+                                {-g, 0, 1}},
+                   .indices = {0, 11, 5,  0, 5,  1, 0, 1, 7, 0, 7,  10, 0, 10, 11, 1, 5, 9, 5, 11,
+                               4, 11, 10, 2, 10, 7, 6, 7, 1, 8, 3,  9,  4, 3,  4,  2, 3, 2, 6, 3,
+                               6, 8,  3,  8, 9,  4, 9, 5, 2, 4, 11, 6,  2, 10, 8,  6, 7, 9, 8, 1},
                    .transform = placement};
   for (int i = 0; i < level; ++i) {
     std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
@@ -65,7 +74,8 @@ ObjectInput MakeIcosphere(int level, double radius, const Affine3d& placement) {
 
 namespace {
 
-// The four corners of each face, seen counter-clockwise from outside. Corner k has signs of its bits.
+// The four corners of each face, seen counter-clockwise from outside. Corner k has signs of its
+// bits.
 constexpr int kFaces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
                               {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
 
@@ -117,7 +127,8 @@ ObjectInput MakeTerrain(int cells, double size, Vec3d corner) {
   for (int j = 0; j <= cells; ++j) {
     for (int i = 0; i <= cells; ++i) {
       // Slopes: at most 0.3 each way from each wave, 0.6 together: 31 degrees.
-      const double h = step * (0.5 * std::sin(0.6 * i + 0.1 * j) + 0.5 * std::sin(0.6 * j - 0.1 * i));
+      const double h =
+          step * (0.5 * std::sin(0.6 * i + 0.1 * j) + 0.5 * std::sin(0.6 * j - 0.1 * i));
       mesh.vertices.push_back(corner + Vec3d{i * step, j * step, h});
     }
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Meshes whose right answers are known without tracing, and the definition of "lit" to check against.
+// Meshes whose right answers are known without tracing, and the definition of "lit" to check
+// against.
 //
 // Thread safety: functions only.
 #ifndef SIGHTLINE_TESTS_CORE_QUERY_QUERY_MESHES_H_
@@ -27,16 +28,18 @@ Affine3d RandomPlacement(TestRng& rng, Vec3d centre);
 ObjectInput MakeIcosphere(int level, double radius, const Affine3d& placement);
 // Half sides `half`; twelve triangles, fronts outward, triangles 2i and 2i + 1 are one face.
 ObjectInput MakeBox(Vec3d half, const Affine3d& placement);
-// A box whose faces are grids of their own: face i is cut into (i + 1) × (i + 1) squares, so that corners of one face
-// lie amid edges of the next, and each face's winding is random.
+// A box whose faces are grids of their own: face i is cut into (i + 1) × (i + 1) squares, so that
+// corners of one face lie amid edges of the next, and each face's winding is random.
 ObjectInput MakePatchedBox(TestRng& rng, Vec3d half, const Affine3d& placement);
-// A wavy height field over [0, size]², cells × cells squares, fronts up, no slope above about 31 degrees.
+// A wavy height field over [0, size]², cells × cells squares, fronts up, no slope above about 31
+// degrees.
 ObjectInput MakeTerrain(int cells, double size, Vec3d corner);
 
 ObjectInput Flipped(ObjectInput object);  // Fronts become backs.
 
 IndexedGeometry MakeScene(const std::vector<ObjectInput>& objects,
-                          std::optional<Vec3d> origin = Vec3d{}, const BvhBuildOptions& options = {});
+                          std::optional<Vec3d> origin = Vec3d{},
+                          const BvhBuildOptions& options = {});
 
 // Whether no triangle but `source` blocks, by the predicate applied to every one.
 bool IsLit(const SceneGeometry& geometry, const PredicateRay& ray, uint32_t source);
