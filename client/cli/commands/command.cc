@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/commands/command.h"
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/exit_code.h"
+#include "client/cli/formats/file.h"
+
+namespace sightline::cli {
+namespace {
+
+Json PointJson(const client::Point3& p) { return Json::array({p[0], p[1], p[2]}); }
+
+std::string PointText(const client::Point3& p) {
+  return absl::StrFormat("(%.17g, %.17g, %.17g)", p[0], p[1], p[2]);
+}
+
+const char* StateName(client::SceneState state) {
+  switch (state) {
+    case client::SceneState::kBuilding:
+      return "building";
+    case client::SceneState::kReady:
+      return "ready";
+    case client::SceneState::kUpdating:
+      return "updating";
+    case client::SceneState::kFailed:
+      return "failed";
+    case client::SceneState::kDeleted:
+      return "deleted";
+    case client::SceneState::kUnknown:
+      break;
+  }
+  return "unknown";
+}
+
+}  // namespace
+
+void RegisterOutput(FlagSet* flags, std::string* output) {
+  *output = "text";
+  flags->Choice("output", {"text", "json"}, "what is printed on standard output", output);
+}
+
+void RegisterStrategy(FlagSet* flags, std::string* strategy) {
+  *strategy = "AUTO";
+  flags->Choice("strategy", {"AUTO", "SINGLE", "PACKET", "BRUTE_FORCE"},
+                "how the engine goes about it; every answer is the same bit for bit", strategy);
+}
+
+client::Strategy ToStrategy(const std::string& name) {
+  if (name == "SINGLE") return client::Strategy::kSingle;
+  if (name == "PACKET") return client::Strategy::kPacket;
+  if (name == "BRUTE_FORCE") return client::Strategy::kBruteForce;
+  return client::Strategy::kAuto;
+}
+
+absl::StatusOr<bool> ParseOrHelp(FlagSet* flags, std::span<const std::string> args,
+                                 const std::vector<std::string>& word_names,
+                                 const std::string& epilogue, Context& context,
+                                 std::vector<std::string>* words) {
+  absl::StatusOr<std::vector<std::string>> parsed = flags->Parse(args);
+  if (!parsed.ok()) return parsed.status();
+  if (flags->help_requested()) {
+    context.out << flags->Help();
+    if (!epilogue.empty()) context.out << '\n' << epilogue;
+    context.out << '\n' << ExitCodeHelp();
+    return false;
+  }
+  if (parsed->size() != word_names.size()) {
+    if (parsed->size() > word_names.size()) {
+      return UsageError(absl::StrCat("unexpected '", (*parsed)[word_names.size()], "'"));
+    }
+    return UsageError(absl::StrCat("wants ", absl::StrJoin(word_names, " ")));
+  }
+  *words = *std::move(parsed);
+  return true;
+}
+
+absl::Status CheckOutputs(std::initializer_list<std::string> paths) {
+  for (const std::string& path : paths) {
+    if (path.empty()) continue;
+    if (absl::Status s = CheckWritable(path); !s.ok()) return WithExitCode(s, kExitCannotCreate);
+  }
+  return absl::OkStatus();
+}
+
+Json SceneJson(const client::Scene& scene) {
+  Json json;
+  json["name"] = scene.name;
+  json["state"] = StateName(scene.state);
+  if (!scene.state_message.empty()) json["state_message"] = scene.state_message;
+  json["revision"] = scene.revision;
+  json["objects"] = scene.objects;
+  json["triangles"] = scene.triangles;
+  json["vertices"] = scene.vertices;
+  json["origin"] = PointJson(scene.origin);
+  if (scene.bounds) {
+    json["bounds"] = Json::array({PointJson((*scene.bounds)[0]), PointJson((*scene.bounds)[1])});
+  } else {
+    json["bounds"] = nullptr;
+  }
+  Json report;
+  report["non_finite_vertices"] = scene.report.non_finite_vertices;
+  report["non_finite_triangles"] = scene.report.non_finite_triangles;
+  report["zero_area_triangles"] = scene.report.zero_area_triangles;
+  report["duplicate_triangles"] = scene.report.duplicate_triangles;
+  report["max_rounding"] = scene.report.max_rounding;
+  report["compile_seconds"] = absl::ToDoubleSeconds(scene.report.compile_time);
+  report["structure_seconds"] = absl::ToDoubleSeconds(scene.report.structure_time);
+  report["nodes"] = scene.report.nodes;
+  report["leaves"] = scene.report.leaves;
+  report["depth"] = scene.report.depth;
+  report["resident_bytes"] = scene.report.resident_bytes;
+  json["build_report"] = std::move(report);
+  if (scene.create_time != absl::InfinitePast()) {
+    json["create_time"] = absl::FormatTime(scene.create_time, absl::UTCTimeZone());
+  }
+  if (scene.update_time != absl::InfinitePast()) {
+    json["update_time"] = absl::FormatTime(scene.update_time, absl::UTCTimeZone());
+  }
+  return json;
+}
+
+void PrintScene(const client::Scene& scene, std::ostream& out) {
+  const client::BuildReport& report = scene.report;
+  std::vector<std::pair<std::string, std::string>> rows = {
+      {"scene", scene.name},
+      {"state", absl::StrCat(StateName(scene.state), scene.state_message.empty() ? "" : ": ",
+                             scene.state_message)},
+      {"revision", absl::StrCat(scene.revision)},
+      {"objects", GroupedCount(scene.objects)},
+      {"triangles", GroupedCount(scene.triangles)},
+      {"vertices", GroupedCount(scene.vertices)},
+      {"origin", PointText(scene.origin)},
+      {"bounds", scene.bounds ? absl::StrCat(PointText((*scene.bounds)[0]), " .. ",
+                                             PointText((*scene.bounds)[1]))
+                              : "nothing can be hit"},
+      {"never hit", absl::StrCat(GroupedCount(report.non_finite_triangles), " not finite, ",
+                                 GroupedCount(report.zero_area_triangles), " without area")},
+      {"duplicates", GroupedCount(report.duplicate_triangles)},
+      {"largest rounding", absl::StrFormat("%.3g", report.max_rounding)},
+      {"build time", absl::StrFormat("%.3f s", absl::ToDoubleSeconds(report.compile_time +
+                                                                     report.structure_time))},
+      {"memory", absl::StrCat(GroupedCount(report.resident_bytes), " bytes")}};
+  PrintTable(rows, out);
+}
+
+double EngineRate(const client::StreamSummary& summary, uint32_t threads) {
+  const double seconds = absl::ToDoubleSeconds(summary.statistics.compute) / std::max(1u, threads);
+  return seconds > 0 ? static_cast<double>(summary.statistics.rays) / seconds : 0;
+}
+
+double ClientRate(const client::StreamSummary& summary) {
+  const double seconds = absl::ToDoubleSeconds(summary.elapsed);
+  const uint64_t rays = summary.statistics.rays > 0 ? summary.statistics.rays : summary.rays;
+  return seconds > 0 ? static_cast<double>(rays) / seconds : 0;
+}
+
+void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json* json) {
+  static constexpr const char* kStrategies[] = {"AUTO", "SINGLE", "PACKET", "BRUTE_FORCE"};
+  Json& j = *json;
+  j["items"] = summary.items;
+  j["resent_items"] = summary.resent_items;
+  j["rays_asked"] = summary.rays;
+  j["rays"] = summary.statistics.rays;
+  j["strategy"] = kStrategies[static_cast<int>(summary.statistics.strategy)];
+  j["seconds"] = absl::ToDoubleSeconds(summary.elapsed);
+  j["compute_thread_seconds"] = absl::ToDoubleSeconds(summary.statistics.compute);
+  j["threads"] = threads;
+  j["rays_per_s_engine"] = EngineRate(summary, threads);
+  j["rays_per_s_client"] = ClientRate(summary);
+  j["nodes"] = summary.statistics.nodes;
+  j["leaves"] = summary.statistics.leaves;
+  j["triangle_tests"] = summary.statistics.triangle_tests;
+  j["double_tests"] = summary.statistics.double_tests;
+  j["exact_tests"] = summary.statistics.exact_tests;
+  j["bytes_received"] = summary.bytes_received;
+  j["bytes_sent"] = summary.bytes_sent;
+}
+
+void PrintTable(const std::vector<std::pair<std::string, std::string>>& rows, std::ostream& out) {
+  size_t width = 0;
+  for (const auto& [name, value] : rows) width = std::max(width, name.size());
+  for (const auto& [name, value] : rows) {
+    out << name << std::string(width + 2 - name.size(), ' ') << value << '\n';
+  }
+}
+
+std::string Percent(double share) { return absl::StrFormat("%.1f %%", 100.0 * share); }
+
+}  // namespace sightline::cli

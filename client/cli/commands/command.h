@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What every command of `sightline` is: a function of its words that writes to two streams. One file per
+// command; run.cc knows them all.
+//
+// Thread safety: commands may run side by side, each with streams of its own.
+#ifndef SIGHTLINE_CLIENT_CLI_COMMANDS_COMMAND_H_
+#define SIGHTLINE_CLIENT_CLI_COMMANDS_COMMAND_H_
+
+#include <functional>
+#include <ostream>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/cli/flags.h"
+#include "client/cli/progress.h"
+#include "client/lib/types.h"
+
+namespace sightline::cli {
+
+using Json = nlohmann::ordered_json;
+
+struct Context {
+  std::ostream& out;
+  std::ostream& err;
+  bool err_is_terminal = false;
+};
+
+// The words after the command's name. The status becomes one line on `err` and the exit code.
+using Command = absl::Status (*)(std::span<const std::string> args, Context& context);
+
+absl::Status ViewCommand(std::span<const std::string> args, Context& context);
+absl::Status ShadeCommand(std::span<const std::string> args, Context& context);
+absl::Status SegmentsCommand(std::span<const std::string> args, Context& context);
+absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context);
+absl::Status SceneListCommand(std::span<const std::string> args, Context& context);
+absl::Status SceneShowCommand(std::span<const std::string> args, Context& context);
+absl::Status SceneDeleteCommand(std::span<const std::string> args, Context& context);
+absl::Status HealthCommand(std::span<const std::string> args, Context& context);
+absl::Status CheckCommand(std::span<const std::string> args, Context& context);
+
+// ---- What commands share
+
+// --output text|json, text unless said otherwise.
+void RegisterOutput(FlagSet* flags, std::string* output);
+// --strategy, AUTO unless said otherwise.
+void RegisterStrategy(FlagSet* flags, std::string* strategy);
+client::Strategy ToStrategy(const std::string& name);
+
+// Parses; on --help prints it with `epilogue` and returns false. Wants as many words as `words` names.
+absl::StatusOr<bool> ParseOrHelp(FlagSet* flags, std::span<const std::string> args,
+                                 const std::vector<std::string>& word_names,
+                                 const std::string& epilogue, Context& context,
+                                 std::vector<std::string>* words);
+
+// CheckWritable for each file that is named, before work starts.
+absl::Status CheckOutputs(std::initializer_list<std::string> paths);
+
+Json SceneJson(const client::Scene& scene);
+void PrintScene(const client::Scene& scene, std::ostream& out);
+// Rays, rates and bytes of a query, as keys of `json`. `threads`: those of the server's engine.
+void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json* json);
+// Rays per second of the engine: rays over the time that its threads computed, shared among them.
+double EngineRate(const client::StreamSummary& summary, uint32_t threads);
+// Rays per second as the client saw them, from the first message to the last.
+double ClientRate(const client::StreamSummary& summary);
+// Rows of "name   value", the names in one column.
+void PrintTable(const std::vector<std::pair<std::string, std::string>>& rows, std::ostream& out);
+std::string Percent(double share);
+
+}  // namespace sightline::cli
+
+#endif  // SIGHTLINE_CLIENT_CLI_COMMANDS_COMMAND_H_

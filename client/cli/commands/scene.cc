@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// sightline scene load|list|show|delete: the scenes that a server holds.
+#include <memory>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cli/commands/command.h"
+#include "client/cli/exit_code.h"
+#include "client/cli/scene_argument.h"
+#include "client/cli/session.h"
+#include "core/base/status_macros.h"
+
+namespace sightline::cli {
+namespace {
+
+absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags) {
+  if (flags.server.empty()) {
+    return UsageError("wants --server HOST:PORT: scenes live on a server");
+  }
+  return Session::Open(flags);
+}
+
+}  // namespace
+
+absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context) {
+  std::string name, output;
+  SessionFlags session_flags;
+  FlagSet flags("sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
+                "Loads a file or a built-in scene into a server, where it stays until it is deleted.");
+  flags.Text("name", "NAME",
+             "name of the new scene: 1 to 63 of a-z, 0-9, - _ and ., starting with a letter or digit; "
+             "without it the server makes one up",
+             &name);
+  RegisterOutput(&flags, &output);
+  session_flags.Register(&flags, /*embeddable=*/false);
+  std::vector<std::string> words;
+  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, SceneHelp(), context, &words));
+  if (!go) return absl::OkStatus();
+  if (name.substr(0, 7) == "scenes/") name = name.substr(7);
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
+  SL_ASSIGN_OR_RETURN(client::Scene scene,
+                      LoadScene(*session, words[0], name, context.err, nullptr));
+  if (output == "json") {
+    context.out << SceneJson(scene).dump(2) << '\n';
+  } else {
+    PrintScene(scene, context.out);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status SceneListCommand(std::span<const std::string> args, Context& context) {
+  std::string output;
+  SessionFlags session_flags;
+  FlagSet flags("sightline scene list --server HOST:PORT [flags]", "Lists the scenes of a server.");
+  RegisterOutput(&flags, &output);
+  session_flags.Register(&flags, /*embeddable=*/false);
+  std::vector<std::string> words;
+  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {}, "", context, &words));
+  if (!go) return absl::OkStatus();
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
+  SL_ASSIGN_OR_RETURN(std::vector<client::Scene> scenes,
+                      session->client().ListScenes(session->call()));
+  if (output == "json") {
+    Json json = Json::array();
+    for (const client::Scene& scene : scenes) json.push_back(SceneJson(scene));
+    context.out << json.dump(2) << '\n';
+    return absl::OkStatus();
+  }
+  context.out << absl::StreamFormat("%-32s %8s %10s %14s %16s\n", "scene", "revision", "objects",
+                                    "triangles", "bytes");
+  for (const client::Scene& scene : scenes) {
+    context.out << absl::StreamFormat("%-32s %8d %10s %14s %16s\n", scene.name, scene.revision,
+                                      GroupedCount(scene.objects), GroupedCount(scene.triangles),
+                                      GroupedCount(scene.report.resident_bytes));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status SceneShowCommand(std::span<const std::string> args, Context& context) {
+  std::string output;
+  bool with_objects = false;
+  SessionFlags session_flags;
+  FlagSet flags("sightline scene show NAME --server HOST:PORT [flags]",
+                "Describes one scene of a server.");
+  flags.Switch("objects", "list its objects too", &with_objects);
+  RegisterOutput(&flags, &output);
+  session_flags.Register(&flags, /*embeddable=*/false);
+  std::vector<std::string> words;
+  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"NAME"}, "", context, &words));
+  if (!go) return absl::OkStatus();
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
+  const std::string name = SceneName(words[0]);
+  SL_ASSIGN_OR_RETURN(client::Scene scene, session->client().GetScene(name, session->call()));
+  std::vector<client::SceneObject> objects;
+  if (with_objects) {
+    SL_ASSIGN_OR_RETURN(objects, session->client().ListSceneObjects(name, session->call()));
+  }
+  if (output == "json") {
+    Json json = SceneJson(scene);
+    if (with_objects) {
+      json["object_list"] = Json::array();
+      for (const client::SceneObject& object : objects) {
+        json["object_list"].push_back({{"index", object.index},
+                                       {"name", object.name},
+                                       {"triangles", object.triangles},
+                                       {"vertices", object.vertices},
+                                       {"mask", object.mask},
+                                       {"dynamic", object.dynamic}});
+      }
+    }
+    context.out << json.dump(2) << '\n';
+    return absl::OkStatus();
+  }
+  PrintScene(scene, context.out);
+  if (with_objects) {
+    context.out << '\n' << absl::StreamFormat("%8s %12s %12s  %s\n", "object", "triangles", "vertices", "name");
+    for (const client::SceneObject& object : objects) {
+      context.out << absl::StreamFormat("%8d %12s %12s  %s\n", object.index,
+                                        GroupedCount(object.triangles), GroupedCount(object.vertices),
+                                        object.name);
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status SceneDeleteCommand(std::span<const std::string> args, Context& context) {
+  std::string output;
+  SessionFlags session_flags;
+  FlagSet flags("sightline scene delete NAME --server HOST:PORT [flags]",
+                "Takes a scene away from a server.");
+  RegisterOutput(&flags, &output);
+  session_flags.Register(&flags, /*embeddable=*/false);
+  std::vector<std::string> words;
+  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"NAME"}, "", context, &words));
+  if (!go) return absl::OkStatus();
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
+  const std::string name = SceneName(words[0]);
+  SL_RETURN_IF_ERROR(session->client().DeleteScene(name, session->call()));
+  if (output == "json") {
+    Json json;
+    json["deleted"] = name;
+    context.out << json.dump(2) << '\n';
+  } else {
+    context.out << "deleted " << name << '\n';
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace sightline::cli

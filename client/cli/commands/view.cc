@@ -1,0 +1,329 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// sightline view: what a camera sees, which lights reach it, and pictures of both.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <optional>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+#include "client/cli/commands/command.h"
+#include "client/cli/exit_code.h"
+#include "client/cli/formats/npy.h"
+#include "client/cli/picture/pictures.h"
+#include "client/cli/scene_argument.h"
+#include "client/cli/session.h"
+#include "client/cli/view_choice.h"
+#include "core/base/status_macros.h"
+#include "core/geometry/camera.h"
+
+namespace sightline::cli {
+namespace {
+
+// Pixels that this tool holds arrays for: 2^28 take about 10 GB with three lights.
+constexpr uint64_t kMaxPixels = uint64_t{1} << 28;
+
+struct ViewArguments {
+  ViewFlags view;
+  uint32_t width = 1920, height = 1080;
+  std::vector<Vec3d> lights, suns;
+  uint64_t auto_lights = 3;
+  std::vector<std::string> outs;
+  std::string picture = "lit";
+  std::string ids, depth, lit;
+  std::string strategy, output;
+  bool stats = false;
+  uint64_t tile = 64;
+  SessionFlags session;
+};
+
+struct Output {
+  std::string kind, path;
+};
+
+absl::Status ParseSize(const std::string& text, ViewArguments* arguments) {
+  const std::vector<std::string> parts = absl::StrSplit(text, 'x');
+  uint32_t w = 0, h = 0;
+  if (parts.size() != 2 || !absl::SimpleAtoi(parts[0], &w) || !absl::SimpleAtoi(parts[1], &h) ||
+      w == 0 || h == 0 || w > kMaxImageSide || h > kMaxImageSide) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("wants WIDTHxHEIGHT in pixels, each from 1 to ", kMaxImageSide));
+  }
+  if (uint64_t{w} * h > kMaxPixels) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("has ", uint64_t{w} * h, " pixels; at most ", kMaxPixels, " are allowed"));
+  }
+  arguments->width = w;
+  arguments->height = h;
+  return absl::OkStatus();
+}
+
+void Register(FlagSet* flags, ViewArguments* a) {
+  flags->Heading("Camera (what is not given is chosen by rule, see below)");
+  flags->Point("eye", "where the camera is, scene units", &a->view.eye);
+  flags->Point("at", "the point in the middle of the picture, scene units", &a->view.at);
+  flags->Point("up", "upward direction in the picture, any length", &a->view.up);
+  flags->Custom("fov", "DEGREES", "vertical field of view, above 0 and at most 179.9", "by rule",
+                [a](const std::string& text) -> absl::Status {
+                  double degrees = 0;
+                  if (!absl::SimpleAtod(text, &degrees) || !(degrees > 0 && degrees <= 179.9)) {
+                    return absl::InvalidArgumentError("wants degrees above 0 and at most 179.9");
+                  }
+                  a->view.fov_y_degrees = degrees;
+                  return absl::OkStatus();
+                });
+  flags->Custom("size", "WIDTHxHEIGHT", "size of the picture in pixels", "1920x1080",
+                [a](const std::string& text) { return ParseSize(text, a); });
+  flags->Heading("Lights");
+  flags->Points("light", "a point light, scene units", &a->lights);
+  flags->Points("sun", "a light infinitely far away: the direction toward it, any length", &a->suns);
+  flags->Count("auto-lights", "N", "lights placed by rule where neither --light nor --sun is given",
+               &a->auto_lights, 0, 3);
+  flags->Heading("Results");
+  flags->Texts("out", "[KIND:]FILE.png",
+               "a picture; KIND is lit, depth or cost, without it what --picture says", &a->outs);
+  flags->Choice("picture", {"lit", "depth", "cost"}, "the kind of picture that --out FILE.png is",
+                &a->picture);
+  flags->Text("ids", "FILE.npy",
+              "object and triangle seen by each pixel, int32 [height, width, 2]; -1: none", &a->ids);
+  flags->Text("depth", "FILE.npy",
+              "depth along the view direction, scene units, float32 [height, width]; inf: none",
+              &a->depth);
+  flags->Text("lit", "FILE.npy",
+              "uint8 [lights, height, width]; 1 lit, 0 blocked, 255 nothing seen", &a->lit);
+  flags->Switch("stats", "print the table of triangles, build time, tiles, rays and rates", &a->stats);
+  RegisterOutput(flags, &a->output);
+  flags->Heading("Work");
+  RegisterStrategy(flags, &a->strategy);
+  flags->Count("tile", "PIXELS", "side of the tiles that the picture is cut into", &a->tile, 1, 4096);
+  a->session.Register(flags, /*embeddable=*/true);
+}
+
+std::string Epilogue() {
+  return SceneHelp() +
+         "\nWithout --eye and --at, built-in scenes use their own first view and lights. Other scenes are\n"
+         "seen whole from outside, a quarter turn off the front and 25 degrees from above; closed rooms\n"
+         "from the inside. Without --up, z is up in .stl files and where a scene is over three times\n"
+         "wider than high along z; else y is. Lights by rule stand about the view.\n";
+}
+
+absl::StatusOr<std::vector<Output>> ParseOutputs(const ViewArguments& a) {
+  std::vector<Output> outputs;
+  for (const std::string& out : a.outs) {
+    Output output{a.picture, out};
+    for (const char* kind : {"lit", "depth", "cost"}) {
+      const std::string prefix = absl::StrCat(kind, ":");
+      if (out.substr(0, prefix.size()) == prefix) output = {kind, out.substr(prefix.size())};
+    }
+    if (output.path.size() < 4 || output.path.substr(output.path.size() - 4) != ".png") {
+      return UsageError(absl::StrCat("--out wants a name that ends in .png; got '", out, "'"));
+    }
+    outputs.push_back(output);
+  }
+  return outputs;
+}
+
+absl::Status WriteArrays(const ViewArguments& a, const client::TileImage& image) {
+  const size_t n = size_t{image.width} * image.height;
+  const auto written = [](absl::Status s) { return WithExitCode(std::move(s), kExitCannotCreate); };
+  if (!a.ids.empty()) {
+    std::vector<int32_t> ids(2 * n);
+    for (size_t i = 0; i < n; ++i) {
+      const bool hit = image.object[i] != client::kNone;
+      ids[2 * i] = hit ? static_cast<int32_t>(image.object[i]) : -1;
+      ids[2 * i + 1] = hit ? static_cast<int32_t>(image.triangle[i]) : -1;
+    }
+    const size_t shape[] = {image.height, image.width, 2};
+    SL_RETURN_IF_ERROR(written(WriteNpy<int32_t>(a.ids, shape, ids)));
+  }
+  if (!a.depth.empty()) {
+    const size_t shape[] = {image.height, image.width};
+    SL_RETURN_IF_ERROR(written(WriteNpy<float>(a.depth, shape, image.depth)));
+  }
+  if (!a.lit.empty()) {
+    const size_t shape[] = {image.samples, image.height, image.width};
+    SL_RETURN_IF_ERROR(written(WriteNpy<uint8_t>(a.lit, shape, image.lit)));
+  }
+  return absl::OkStatus();
+}
+
+// Per light, the share of the pixels with a hit that it reaches.
+std::vector<double> LitShares(const client::TileImage& image, uint64_t hits) {
+  const size_t n = size_t{image.width} * image.height;
+  std::vector<double> shares;
+  for (uint32_t k = 0; k < image.samples && !image.lit.empty(); ++k) {
+    const auto begin = image.lit.begin() + static_cast<ptrdiff_t>(k * n);
+    const auto lit = std::count(begin, begin + static_cast<ptrdiff_t>(n), uint8_t{1});
+    shares.push_back(hits == 0 ? 0.0 : static_cast<double>(lit) / static_cast<double>(hits));
+  }
+  return shares;
+}
+
+Json ViewJson(const std::string& argument, const OpenedScene& scene, const ViewChoice& view,
+              const std::vector<client::Light>& lights, const client::TileImage& image,
+              const std::vector<Output>& outputs, const ViewArguments& a, uint64_t hits,
+              const std::vector<double>& shares, uint32_t threads) {
+  const auto vec = [](Vec3d v) { return Json::array({v.x, v.y, v.z}); };
+  Json json;
+  json["command"] = "view";
+  json["scene"] = argument;
+  json["scene_name"] = scene.scene().name;
+  json["revision"] = image.summary.revision;
+  json["objects"] = scene.scene().objects;
+  json["triangles"] = scene.scene().triangles;
+  json["build_seconds"] = absl::ToDoubleSeconds(scene.scene().report.compile_time +
+                                                scene.scene().report.structure_time);
+  json["resident_bytes"] = scene.scene().report.resident_bytes;
+  json["camera"] = {{"chosen", view.how}, {"eye", vec(view.eye)}, {"at", vec(view.at)},
+                    {"up", vec(view.up)}, {"fov_y_deg", view.fov_y_degrees},
+                    {"width", image.width}, {"height", image.height}};
+  json["lights"] = Json::array();
+  for (const client::Light& light : lights) {
+    const bool sun = light.kind == client::Light::Kind::kDirectional;
+    const client::Point3& p = sun ? light.direction : light.position;
+    json["lights"].push_back({{"kind", sun ? "sun" : "point"}, {"value", {p[0], p[1], p[2]}}});
+  }
+  json["tiles"] = image.summary.items;
+  json["tile_size"] = a.tile;
+  json["pixels"] = uint64_t{image.width} * image.height;
+  json["hit_pixels"] = hits;
+  json["lit_shares"] = shares;
+  AddSummaryJson(image.summary, threads, &json);
+  json["outputs"] = Json::array();
+  for (const Output& output : outputs) {
+    json["outputs"].push_back({{"kind", output.kind}, {"path", output.path}});
+  }
+  const std::vector<Output> arrays = {{"ids", a.ids}, {"depth", a.depth}, {"lit", a.lit}};
+  for (const Output& array : arrays) {
+    if (!array.path.empty()) json["outputs"].push_back({{"kind", array.kind}, {"path", array.path}});
+  }
+  return json;
+}
+
+}  // namespace
+
+absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
+  ViewArguments a;
+  FlagSet flags("sightline view SCENE [flags]",
+                "Traces what a camera sees of a scene and which lights reach it; writes pictures and "
+                "arrays.");
+  Register(&flags, &a);
+  std::vector<std::string> words;
+  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, Epilogue(), context, &words));
+  if (!go) return absl::OkStatus();
+  SL_ASSIGN_OR_RETURN(std::vector<Output> outputs, ParseOutputs(a));
+  const bool json = a.output == "json";
+  if (outputs.empty() && a.ids.empty() && a.depth.empty() && a.lit.empty() && !a.stats && !json) {
+    return UsageError("nothing to do: give --out FILE.png, --ids, --depth, --lit or --stats");
+  }
+  for (const Output& output : outputs) SL_RETURN_IF_ERROR(CheckOutputs({output.path}));
+  SL_RETURN_IF_ERROR(CheckOutputs({a.ids, a.depth, a.lit}));
+
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene, OpenScene(*session, words[0], context.err));
+  SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
+                      session->client().GetCapabilities(session->call()));
+  SL_ASSIGN_OR_RETURN(ViewChoice view, ChooseView(*session, *scene, words[0], a.view,
+                                                  static_cast<double>(a.width) / a.height));
+  absl::StatusOr<Camera> camera =
+      LookAt(view.eye, view.at, view.up, view.fov_y_degrees, a.width, a.height);
+  if (!camera.ok()) return WithExitCode(camera.status(), kExitUsage);
+
+  client::TileQuery query;
+  query.scene = scene->scene().name;
+  query.options.revision = scene->scene().revision;
+  query.options.strategy = ToStrategy(a.strategy);
+  query.options.statistics = true;
+  query.tile_size = static_cast<uint32_t>(a.tile);
+  const auto point = [](Vec3d v) { return client::Point3{v.x, v.y, v.z}; };
+  query.camera = {.eye = point(camera->eye),
+                  .right = point(camera->right),
+                  .up = point(camera->up),
+                  .forward = point(camera->forward),
+                  .tan_half_fov_y = camera->tan_half_fov_y,
+                  .width = camera->width,
+                  .height = camera->height};
+  for (Vec3d light : a.lights) query.lights.push_back(client::Light::Point(point(light)));
+  for (Vec3d sun : a.suns) query.lights.push_back(client::Light::Directional(point(sun)));
+  if (query.lights.empty()) {
+    for (size_t k = 0; k < std::min<size_t>(a.auto_lights, view.lights.size()); ++k) {
+      query.lights.push_back(client::Light::Point(point(view.lights[k])));
+    }
+  }
+  const auto has = [&](const char* kind) {
+    return std::any_of(outputs.begin(), outputs.end(), [&](const Output& o) { return o.kind == kind; });
+  };
+  query.outputs.hits = true;
+  query.outputs.ids = has("lit") || !a.ids.empty();
+  query.outputs.depths = has("lit") || has("depth") || !a.depth.empty();
+  // Statistics alone are asked for the whole work too.
+  query.outputs.lit = !query.lights.empty() && (has("lit") || !a.lit.empty() || a.stats || json);
+
+  const uint64_t pixels = uint64_t{a.width} * a.height;
+  const uint64_t rays_per_pixel = 1 + (query.outputs.lit ? query.lights.size() : 0);
+  Progress progress(context.err, context.err_is_terminal, "tracing", "rays", pixels * rays_per_pixel);
+  SL_ASSIGN_OR_RETURN(
+      client::TileImage image,
+      session->client().TraceImage(query, session->stream(),
+                                   [&](uint64_t done) { progress.Update(done * rays_per_pixel); }));
+  progress.Finish();
+
+  SL_RETURN_IF_ERROR(WriteArrays(a, image));
+  for (const Output& output : outputs) {
+    const Image picture = output.kind == "depth"  ? DepthPicture(image)
+                          : output.kind == "cost" ? CostPicture(image)
+                                                  : LitPicture(image, query.camera,
+                                                               query.outputs.lit
+                                                                   ? std::span<const client::Light>(query.lights)
+                                                                   : std::span<const client::Light>(),
+                                                               view.up);
+    SL_RETURN_IF_ERROR(WithExitCode(WritePng(output.path, picture), kExitCannotCreate));
+  }
+
+  const auto hits = static_cast<uint64_t>(std::count(image.hit.begin(), image.hit.end(), uint8_t{1}));
+  const std::vector<double> shares = LitShares(image, hits);
+  if (json) {
+    context.out << ViewJson(words[0], *scene, view, query.lights, image, outputs, a, hits, shares,
+                            capabilities.threads)
+                       .dump(2)
+                << '\n';
+    return absl::OkStatus();
+  }
+  if (a.stats) {
+    const client::BuildReport& report = scene->scene().report;
+    PrintTable(
+        {{"scene", words[0]},
+         {"triangles", GroupedCount(scene->scene().triangles)},
+         {"build time", absl::StrFormat("%.3f s", absl::ToDoubleSeconds(report.compile_time +
+                                                                        report.structure_time))},
+         {"tiles", GroupedCount(image.summary.items)},
+         {"rays", GroupedCount(image.summary.statistics.rays)},
+         {"rays/s in the engine", HumanCount(EngineRate(image.summary, capabilities.threads))},
+         {"rays/s seen by the client", HumanCount(ClientRate(image.summary))},
+         {"bytes received", GroupedCount(image.summary.bytes_received)}},
+        context.out);
+  }
+  std::string line = absl::StrFormat(
+      "%dx%d pixels, %s hit", a.width, a.height,
+      Percent(static_cast<double>(hits) / static_cast<double>(std::max<uint64_t>(1, pixels))));
+  if (!shares.empty()) {
+    absl::StrAppend(&line, "; lit ", absl::StrJoin(shares, ", ", [](std::string* out, double s) {
+                      absl::StrAppend(out, Percent(s));
+                    }));
+  }
+  context.out << line << '\n';
+  for (const Output& output : outputs) {
+    context.out << "wrote " << output.path << " (" << output.kind << ")\n";
+  }
+  for (const std::string& path : {a.ids, a.depth, a.lit}) {
+    if (!path.empty()) context.out << "wrote " << path << '\n';
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace sightline::cli

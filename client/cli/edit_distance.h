@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// "Did you mean": how many letters must be put in, taken out or exchanged to make one word another.
+//
+// Thread safety: free functions.
+#ifndef SIGHTLINE_CLIENT_CLI_EDIT_DISTANCE_H_
+#define SIGHTLINE_CLIENT_CLI_EDIT_DISTANCE_H_
+
+#include <algorithm>
+#include <numeric>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "absl/strings/string_view.h"
+
+namespace sightline::cli {
+
+inline size_t EditDistance(absl::string_view a, absl::string_view b) {
+  std::vector<size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), size_t{0});
+  for (size_t i = 1; i <= a.size(); ++i) {
+    size_t diagonal = row[0];
+    row[0] = i;
+    for (size_t j = 1; j <= b.size(); ++j) {
+      const size_t above = row[j];
+      row[j] = std::min({row[j - 1] + 1, above + 1, diagonal + (a[i - 1] == b[j - 1] ? 0 : 1)});
+      diagonal = above;
+    }
+  }
+  return row[b.size()];
+}
+
+// The word nearest to `word`, or "" if none is near: at most a third of its letters may differ, or
+// `word` is its beginning.
+inline std::string NearestWord(absl::string_view word, std::span<const std::string> words) {
+  std::string best;
+  size_t best_distance = std::max<size_t>(1, word.size() / 3) + 1;
+  for (const std::string& candidate : words) {
+    size_t distance = EditDistance(word, candidate);
+    if (word.size() >= 3 && absl::string_view(candidate).substr(0, word.size()) == word) distance = 1;
+    if (distance < best_distance) {
+      best_distance = distance;
+      best = candidate;
+    }
+  }
+  return best;
+}
+
+}  // namespace sightline::cli
+
+#endif  // SIGHTLINE_CLIENT_CLI_EDIT_DISTANCE_H_

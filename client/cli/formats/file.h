@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Whole files in and out. What is written appears at its path complete or not at all: the bytes go to
+// a temporary file beside the target, which is then renamed. A target that exists and is no regular
+// file (/dev/null, a pipe) is written to as it is.
+//
+// Thread safety: free functions; two writers of one path race for the rename, and one of them wins.
+//
+//   RETURN_IF_ERROR(WriteFile("lit.npy", bytes));
+#ifndef SIGHTLINE_CLIENT_CLI_FORMATS_FILE_H_
+#define SIGHTLINE_CLIENT_CLI_FORMATS_FILE_H_
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+namespace sightline::cli {
+
+// All bytes of the file. NOT_FOUND, PERMISSION_DENIED or INVALID_ARGUMENT (a folder) name the path.
+absl::StatusOr<std::string> ReadFile(const std::string& path);
+
+// Puts `bytes` at `path`. The errors name the path and what the system said.
+absl::Status WriteFile(const std::string& path, absl::string_view bytes);
+
+// Fails now rather than after minutes of work: the folder of `path` must exist and take a new file.
+absl::Status CheckWritable(const std::string& path);
+
+}  // namespace sightline::cli
+
+#endif  // SIGHTLINE_CLIENT_CLI_FORMATS_FILE_H_

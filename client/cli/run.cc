@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/run.h"
+
+#include <exception>
+#include <new>
+#include <span>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
+#include "client/cli/commands/command.h"
+#include "client/cli/edit_distance.h"
+#include "client/cli/exit_code.h"
+
+namespace sightline::cli {
+namespace {
+
+constexpr char kVersion[] = SIGHTLINE_VERSION;
+
+struct Entry {
+  const char* name;  // One or two words.
+  const char* summary;
+  Command run;
+};
+
+constexpr Entry kCommands[] = {
+    {"view", "what a camera sees and which lights reach it, as pictures and arrays", ViewCommand},
+    {"shade", "which lights reach which points", ShadeCommand},
+    {"segments", "which segments are blocked", SegmentsCommand},
+    {"check", "what a mesh file holds and what is wrong with it", CheckCommand},
+    {"scene load", "load a scene into a server", SceneLoadCommand},
+    {"scene list", "list the scenes of a server", SceneListCommand},
+    {"scene show", "describe a scene of a server", SceneShowCommand},
+    {"scene delete", "take a scene away from a server", SceneDeleteCommand},
+    {"health", "is the server there, and what can it do", HealthCommand},
+};
+
+std::string GeneralHelp() {
+  std::string help =
+      "sightline tells, exactly and for many points at once, whether anything stands between A and B.\n"
+      "\nUsage: sightline COMMAND [words] [flags]\n\nCommands:\n";
+  for (const Entry& entry : kCommands) {
+    absl::StrAppend(&help, absl::StrFormat("  %-13s %s\n", entry.name, entry.summary));
+  }
+  absl::StrAppend(&help,
+                  "  help          this text; sightline help COMMAND or COMMAND --help lists its flags\n"
+                  "\nExamples:\n"
+                  "  sightline view builtin:hall --out hall.png\n"
+                  "  sightline view city.obj.xz --out lit:lit.png --out depth:depth.png --stats\n"
+                  "  sightline shade city.obj.xz --points P.npy --sun 0.3,-0.5,0.8 --out lit.npy\n"
+                  "  sightline segments city.obj.xz --segments S.npy --out hit.npy\n"
+                  "\n",
+                  ExitCodeHelp());
+  return help;
+}
+
+std::vector<std::string> CommandNames() {
+  std::vector<std::string> names = {"help"};
+  for (const Entry& entry : kCommands) names.emplace_back(entry.name);
+  return names;
+}
+
+// The command that `args` begins with, and how many words name it; null if there is none.
+const Entry* FindCommand(std::span<const std::string> args, size_t* words) {
+  for (const Entry& entry : kCommands) {
+    const absl::string_view name = entry.name;
+    const size_t blank = name.find(' ');
+    *words = blank == absl::string_view::npos ? 1 : 2;
+    if (args.size() < *words || args[0] != name.substr(0, blank)) continue;
+    if (*words == 1 || args[1] == name.substr(blank + 1)) return &entry;
+  }
+  return nullptr;
+}
+
+absl::Status UnknownCommand(std::span<const std::string> args) {
+  std::string text = args[0];
+  if (args[0] == "scene") {
+    if (args.size() < 2) return UsageError("scene wants load, list, show or delete");
+    absl::StrAppend(&text, " ", args[1]);
+  }
+  const std::string nearest = NearestWord(text, CommandNames());
+  return UsageError(absl::StrCat("unknown command '", absl::CHexEscape(text), "'",
+                                 nearest.empty() ? "; see sightline help" : "; did you mean ",
+                                 nearest));
+}
+
+absl::Status Dispatch(std::span<const std::string> args, Context& context, std::string* command) {
+  if (args.empty()) return UsageError("wants a command; see sightline help");
+  if (args[0] == "--version") {
+    context.out << "sightline " << kVersion << '\n';
+    return absl::OkStatus();
+  }
+  const bool help = args[0] == "help" || args[0] == "--help" || args[0] == "-h";
+  if (help && args.size() == 1) {
+    context.out << GeneralHelp();
+    return absl::OkStatus();
+  }
+  if (help) args = args.subspan(1);
+  // `sightline scene --help`: the general help lists what scene can do.
+  if (args[0] == "scene" && (args.size() == 1 ? help : args[1] == "--help" || args[1] == "-h")) {
+    context.out << GeneralHelp();
+    return absl::OkStatus();
+  }
+  size_t words = 0;
+  const Entry* entry = FindCommand(args, &words);
+  if (entry == nullptr) return UnknownCommand(args);
+  *command = entry->name;
+  if (help) {
+    const std::string flag = "--help";
+    return entry->run(std::span(&flag, 1), context);
+  }
+  return entry->run(args.subspan(words), context);
+}
+
+}  // namespace
+
+int RunCli(const std::vector<std::string>& args, std::ostream& out, std::ostream& err,
+           bool err_is_terminal) {
+  Context context{out, err, err_is_terminal};
+  std::string command;
+  absl::Status status;
+  try {
+    status = Dispatch(args, context, &command);
+  } catch (const std::bad_alloc&) {  // The one boundary at which library exceptions end.
+    status = absl::ResourceExhaustedError("out of memory");
+  } catch (const std::exception& e) {
+    status = absl::InternalError(absl::StrCat("unexpected exception: ", e.what()));
+  }
+  if (status.ok()) {
+    out.flush();
+    if (out.good()) return kExitOk;
+    status = WithExitCode(absl::DataLossError("standard output cannot be written"), kExitCannotCreate);
+  }
+  // One line, whatever the message holds.
+  const std::string message = absl::StrReplaceAll(std::string(status.message()), {{"\n", " "}, {"\r", " "}});
+  err << "sightline" << (command.empty() ? "" : " ") << command << ": " << message;
+  const ExitCode code = ToExitCode(status);
+  if (code == kExitUsage) err << (command.empty() ? "" : absl::StrCat(" (see sightline ", command, " --help)"));
+  err << '\n';
+  err.flush();
+  return code;
+}
+
+}  // namespace sightline::cli

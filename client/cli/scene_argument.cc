@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/scene_argument.h"
+
+#include <utility>
+
+#include "absl/random/random.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/strip.h"
+#include "client/cli/exit_code.h"
+#include "client/import/import.h"
+#include "core/base/status_macros.h"
+
+namespace sightline::cli {
+namespace {
+
+constexpr char kBuiltinPrefix[] = "builtin:";
+constexpr char kServerPrefix[] = "scenes/";
+
+// The library reads vertices as a flat row of doubles; a Vec3d is just that.
+static_assert(sizeof(Vec3d) == 3 * sizeof(double) && std::is_standard_layout_v<Vec3d>);
+
+client::ObjectUpload ToUpload(const ObjectInput& object) {
+  client::ObjectUpload upload;
+  upload.name = object.name;
+  upload.vertices = std::span<const double>(reinterpret_cast<const double*>(object.vertices.data()),
+                                            object.vertices.size() * 3);
+  upload.indices = object.indices;
+  if (!object.transform.IsIdentity()) upload.transform = object.transform.m;
+  upload.mask = object.mask;
+  upload.culling = object.culling == Culling::kBack    ? client::Culling::kBack
+                   : object.culling == Culling::kFront ? client::Culling::kFront
+                                                       : client::Culling::kNone;
+  upload.dynamic = object.dynamic;
+  return upload;
+}
+
+std::string TemporaryId() {
+  absl::BitGen random;
+  return absl::StrFormat("cli-%016x", absl::Uniform<uint64_t>(random));
+}
+
+}  // namespace
+
+std::string SceneHelp() {
+  std::string help =
+      "SCENE is one of\n"
+      "  FILE                       a mesh: .obj .ply .stl .off .gltf .glb, .3ds and what else assimp\n"
+      "                             reads; also with .xz or .gz behind it\n"
+      "  builtin:NAME[:TRIANGLES]   a scene that is generated, such as builtin:hall:1M\n"
+      "  scenes/NAME                a scene that the server at --server holds\n"
+      "Built-in scenes:\n";
+  for (const BuiltinInfo& info : BuiltinScenes()) {
+    absl::StrAppend(&help, absl::StrFormat("  %-10s %s\n", std::string(info.name),
+                                           std::string(info.description)));
+  }
+  return help;
+}
+
+SceneKind KindOf(const std::string& argument) {
+  if (absl::StartsWith(argument, kBuiltinPrefix)) return SceneKind::kBuiltin;
+  // A file of that path wins only when it is written as one ("./scenes/x").
+  if (absl::StartsWith(argument, kServerPrefix)) return SceneKind::kServer;
+  return SceneKind::kFile;
+}
+
+std::string SceneName(const std::string& argument) {
+  return absl::StartsWith(argument, kServerPrefix) ? argument : kServerPrefix + argument;
+}
+
+absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
+                                        const std::string& scene_id, std::ostream& err,
+                                        ImportedScene* imported) {
+  client::SceneSource source;
+  source.scene_id = scene_id;
+  ImportedScene file;
+  switch (KindOf(argument)) {
+    case SceneKind::kServer:
+      return UsageError(absl::StrCat("'", argument, "' is a scene that a server holds already; "
+                                     "give a file or builtin:NAME"));
+    case SceneKind::kBuiltin: {
+      const std::string name(absl::StripPrefix(argument, kBuiltinPrefix));
+      absl::StatusOr<BuiltinSpec> spec = ParseBuiltin(name);
+      if (!spec.ok()) return WithExitCode(spec.status(), kExitUsage);
+      source.builtin = argument;
+      break;
+    }
+    case SceneKind::kFile: {
+      SL_ASSIGN_OR_RETURN(file, ImportFile(argument));
+      for (const std::string& warning : file.report.warnings) {
+        err << "warning: '" << argument << "': " << warning << '\n';
+      }
+      const uint64_t dropped = file.report.faces_bad_index + file.report.faces_too_few_corners;
+      if (dropped > 0) {
+        err << "warning: '" << argument << "': " << dropped
+            << " faces with bad indices or too few corners were left out (see sightline check)\n";
+      }
+      for (const ObjectInput& object : file.objects) source.objects.push_back(ToUpload(object));
+      break;
+    }
+  }
+  absl::StatusOr<client::Scene> scene = session.client().CreateScene(source, session.call());
+  if (!scene.ok()) {
+    const absl::Status& status = scene.status();
+    // What the server says of the arrays is said of the file.
+    if (KindOf(argument) != SceneKind::kFile || absl::IsUnavailable(status)) return status;
+    absl::Status named(status.code(), absl::StrCat("'", argument, "': ", status.message()));
+    status.ForEachPayload([&named](absl::string_view url, const absl::Cord& payload) {
+      named.SetPayload(url, payload);
+    });
+    return named;
+  }
+  if (imported != nullptr) *imported = std::move(file);
+  return scene;
+}
+
+absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
+                                                       const std::string& argument,
+                                                       std::ostream& err) {
+  if (KindOf(argument) == SceneKind::kServer) {
+    if (session.embedded()) {
+      return UsageError(absl::StrCat("'", argument, "' names a scene of a server; give --server, or "
+                                     "'./", argument, "' for a file of that name"));
+    }
+    SL_ASSIGN_OR_RETURN(client::Scene scene, session.client().GetScene(argument, session.call()));
+    return std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/false);
+  }
+  ImportedScene imported;
+  SL_ASSIGN_OR_RETURN(client::Scene scene,
+                      LoadScene(session, argument, TemporaryId(), err, &imported));
+  auto opened =
+      std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/!session.embedded());
+  opened->objects_ = std::move(imported.objects);
+  opened->format_ = imported.report.format;
+  if (KindOf(argument) == SceneKind::kBuiltin) {
+    // Views are the same at every size: make the smallest to learn them.
+    SL_ASSIGN_OR_RETURN(BuiltinSpec spec,
+                        ParseBuiltin(std::string(absl::StripPrefix(argument, kBuiltinPrefix))));
+    for (const BuiltinInfo& info : BuiltinScenes()) {
+      if (info.name == spec.name) spec.target_triangles = info.min_triangles;
+    }
+    SL_ASSIGN_OR_RETURN(BuiltinScene smallest, MakeBuiltin(spec));
+    if (!smallest.views.empty()) opened->builtin_view_ = smallest.views.front();
+  }
+  return opened;
+}
+
+OpenedScene::~OpenedScene() {
+  if (!temporary_) return;
+  // Nothing more can be done about a failure here; the server's operator sees the scene in its list.
+  session_.client()
+      .DeleteScene(scene_.name, {.deadline = absl::Now() + absl::Seconds(10)})
+      .IgnoreError();
+}
+
+}  // namespace sightline::cli

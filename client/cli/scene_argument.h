@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The SCENE of a command line: a mesh file, `builtin:NAME[:TRIANGLES]`, or `scenes/NAME` that a server
+// already holds. Files and built-in scenes become a scene of the session's server for the time of the
+// command; on a server at --server that scene is deleted again afterwards.
+//
+// Thread safety: one thread per object.
+//
+//   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene, OpenScene(*session, "bunny.ply.xz", err));
+//   scene->scene().triangles
+#ifndef SIGHTLINE_CLIENT_CLI_SCENE_ARGUMENT_H_
+#define SIGHTLINE_CLIENT_CLI_SCENE_ARGUMENT_H_
+
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/cli/session.h"
+#include "client/import/import_types.h"
+#include "core/mesh/builtin/builtin.h"
+#include "core/mesh/object.h"
+
+namespace sightline::cli {
+
+// The paragraph on SCENE for --help.
+std::string SceneHelp();
+
+enum class SceneKind { kFile, kBuiltin, kServer };
+SceneKind KindOf(const std::string& argument);
+
+class OpenedScene {
+ public:
+  OpenedScene(const Session& session, client::Scene scene, bool temporary)
+      : session_(session), scene_(std::move(scene)), temporary_(temporary) {}
+  ~OpenedScene();
+  OpenedScene(const OpenedScene&) = delete;
+  OpenedScene& operator=(const OpenedScene&) = delete;
+
+  const client::Scene& scene() const { return scene_; }
+  // A file's own arrays, to look at; empty for others.
+  const std::vector<ObjectInput>& objects() const { return objects_; }
+  // A built-in scene's first view.
+  const std::optional<BuiltinView>& builtin_view() const { return builtin_view_; }
+  // "stl binary" and the like; empty for others.
+  const std::string& format() const { return format_; }
+
+ private:
+  friend absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session&, const std::string&,
+                                                                std::ostream&);
+  const Session& session_;
+  const client::Scene scene_;
+  const bool temporary_;
+  std::vector<ObjectInput> objects_;
+  std::optional<BuiltinView> builtin_view_;
+  std::string format_;
+};
+
+// What a file lost on the way is said on `err`, one line each.
+absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
+                                                       const std::string& argument,
+                                                       std::ostream& err);
+
+// Makes a scene on the session's server of a file or a built-in scene, with a name of its own or one
+// that the server makes up (empty). `imported` (may be null) receives a file's arrays and report.
+absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
+                                        const std::string& scene_id, std::ostream& err,
+                                        ImportedScene* imported);
+
+// "city" and "scenes/city" both name scenes/city.
+std::string SceneName(const std::string& argument);
+
+}  // namespace sightline::cli
+
+#endif  // SIGHTLINE_CLIENT_CLI_SCENE_ARGUMENT_H_

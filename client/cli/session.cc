@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/session.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "client/cli/exit_code.h"
+
+namespace sightline::cli {
+namespace {
+
+class RemoteSession final : public Session {
+ public:
+  RemoteSession(client::Client client, const SessionFlags& flags)
+      : Session(std::move(client), /*embedded=*/false, flags) {}
+};
+
+client::RetryOptions RetriesOf(const SessionFlags& flags) {
+  client::RetryOptions retry;
+  retry.give_up_after = absl::Seconds(flags.retry_seconds);
+  return retry;
+}
+
+}  // namespace
+
+void SessionFlags::Register(FlagSet* flags, bool embeddable) {
+  flags->Heading("Server");
+  flags->Custom("server", "HOST:PORT",
+                embeddable ? "the server to ask; without it one is started in this process"
+                           : "the server to ask; required",
+                "", [this](const std::string& text) -> absl::Status {
+                  const size_t colon = text.rfind(':');
+                  const bool unix_socket = text.substr(0, 5) == "unix:";
+                  if (!unix_socket && (colon == std::string::npos || colon == 0 ||
+                                       colon + 1 == text.size())) {
+                    return absl::InvalidArgumentError("wants HOST:PORT");
+                  }
+                  server = text;
+                  return absl::OkStatus();
+                });
+  if (embeddable) {
+    flags->Count("threads", "N",
+                 "threads of the server in this process, 0: one per core; no answer depends on it",
+                 &threads, 0, 1000);
+  }
+  flags->Number("timeout", "SECONDS", "give up after so long, 0: never", &timeout_seconds);
+  flags->Number("retry", "SECONDS",
+                "go on so long while the server cannot be reached or is busy, 0: try once",
+                &retry_seconds);
+  if (embeddable) {
+    flags->Count("streams", "N", "streams to the server at once, 0: one per connection", &streams,
+                 0, 64);
+  }
+}
+
+absl::Status SessionFlags::Check() const {
+  if (timeout_seconds < 0) {
+    return UsageError(absl::StrCat("--timeout wants 0 or more seconds; got ", timeout_seconds));
+  }
+  if (retry_seconds < 0) {
+    return UsageError(absl::StrCat("--retry wants 0 or more seconds; got ", retry_seconds));
+  }
+  return absl::OkStatus();
+}
+
+Session::Session(client::Client client, bool embedded, const SessionFlags& flags)
+    : client_(std::move(client)),
+      embedded_(embedded),
+      flags_(flags),
+      deadline_(flags.timeout_seconds > 0 ? absl::Now() + absl::Seconds(flags.timeout_seconds)
+                                          : absl::InfiniteFuture()) {}
+
+client::StreamOptions Session::stream() const {
+  client::StreamOptions options;
+  if (deadline_ != absl::InfiniteFuture()) {
+    options.timeout = std::max(deadline_ - absl::Now(), absl::ZeroDuration());
+  }
+  options.streams = static_cast<int>(flags_.streams);
+  options.retry = RetriesOf(flags_);
+  return options;
+}
+
+absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags) {
+  if (absl::Status s = flags.Check(); !s.ok()) return s;
+  if (flags.server.empty()) return OpenEmbedded(flags);
+  client::ConnectionOptions options;
+  options.retry = RetriesOf(flags);
+  if (flags.streams > 0) options.channels = static_cast<int>(std::min<uint64_t>(flags.streams, 8));
+  return std::make_unique<RemoteSession>(
+      client::Client(client::MakeConnection(flags.server, options)), flags);
+}
+
+}  // namespace sightline::cli

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a command talks to: the server at --server, or one started in this process and stopped with the
+// command. Both are spoken to by the same client library, over the same messages.
+//
+// Thread safety: one thread per Session; its Client may be shared.
+//
+//   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(flags));
+//   session->client().ListScenes();
+#ifndef SIGHTLINE_CLIENT_CLI_SESSION_H_
+#define SIGHTLINE_CLIENT_CLI_SESSION_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "client/cli/flags.h"
+#include "client/lib/client.h"
+
+namespace sightline::cli {
+
+struct SessionFlags {
+  std::string server;           // HOST:PORT; empty: embedded.
+  uint64_t threads = 0;         // Of the embedded server; 0: one per core.
+  double timeout_seconds = 0;   // 0: none.
+  double retry_seconds = 10;    // How long to go on without an answer.
+  uint64_t streams = 0;         // 0: one per network connection.
+
+  // `embeddable`: the command also works without a server.
+  void Register(FlagSet* flags, bool embeddable);
+  // Usage errors that one flag alone does not show.
+  absl::Status Check() const;
+};
+
+class Session {
+ public:
+  static absl::StatusOr<std::unique_ptr<Session>> Open(const SessionFlags& flags);
+  virtual ~Session() = default;
+
+  const client::Client& client() const { return client_; }
+  bool embedded() const { return embedded_; }
+  // For calls that are made now.
+  client::CallOptions call() const { return {.deadline = deadline_}; }
+  client::StreamOptions stream() const;
+
+ protected:
+  Session(client::Client client, bool embedded, const SessionFlags& flags);
+
+ private:
+  const client::Client client_;
+  const bool embedded_;
+  const SessionFlags flags_;
+  const absl::Time deadline_;
+};
+
+// Starts a server in this process (embedded_session.cc: the one file that knows the server).
+absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags);
+
+}  // namespace sightline::cli
+
+#endif  // SIGHTLINE_CLIENT_CLI_SESSION_H_
