@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // How much work a randomized test does: counts are written for a Release build; under a sanitizer,
-// which is some ten to twenty times slower, a share of them is run. SIGHTLINE_TEST_SCALE (a positive
-// number) multiplies all of them, for a longer hunt by hand.
+// which is some ten to twenty times slower, a share of them is run. SIGHTLINE_TEST_SCALE (a
+// positive number) multiplies all of them, for a longer hunt by hand.
 //
 // Thread safety: reads the environment; call it from tests only.
 //

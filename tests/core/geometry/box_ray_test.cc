@@ -31,8 +31,9 @@ struct Case {
 std::ostream& operator<<(std::ostream& out, const Case& c) {
   char text[320];
   std::snprintf(text, sizeof(text), "%s {%a, %a, %a} {%a, %a, %a} box {%a, %a, %a} .. {%a, %a, %a}",
-                c.segment ? "segment" : "ray", c.origin.x, c.origin.y, c.origin.z, c.target.x, c.target.y,
-                c.target.z, c.box.lo.x, c.box.lo.y, c.box.lo.z, c.box.hi.x, c.box.hi.y, c.box.hi.z);
+                c.segment ? "segment" : "ray", c.origin.x, c.origin.y, c.origin.z, c.target.x,
+                c.target.y, c.target.z, c.box.lo.x, c.box.lo.y, c.box.lo.z, c.box.hi.x, c.box.hi.y,
+                c.box.hi.z);
   return out << text;
 }
 
@@ -43,7 +44,8 @@ bool MeetsExactly(const Case& c) {
   if (bounded) exit = 1;
   for (int k = 0; k < 3; ++k) {
     const mpq_class o(double{c.origin[k]}), lo(double{c.box.lo[k]}), hi(double{c.box.hi[k]});
-    const mpq_class d = c.segment ? mpq_class(double{c.target[k]}) - o : mpq_class(double{c.target[k]});
+    const mpq_class d =
+        c.segment ? mpq_class(double{c.target[k]}) - o : mpq_class(double{c.target[k]});
     if (d == 0) {
       if (o < lo || o > hi) return false;
       continue;
@@ -57,7 +59,8 @@ bool MeetsExactly(const Case& c) {
 }
 
 float Nudge(float x, int steps) {
-  const float end = std::copysign(std::numeric_limits<float>::infinity(), static_cast<float>(steps));
+  const float end =
+      std::copysign(std::numeric_limits<float>::infinity(), static_cast<float>(steps));
   for (int i = 0; i < std::abs(steps); ++i) x = std::nextafter(x, end);
   return x;
 }
@@ -85,9 +88,12 @@ class Cases {
       c.target = Lattice(unit);
     }
     for (int k = 0; k < 3; ++k) {
-      if (rng_.Chance(0.15)) c.target[k] = c.segment ? c.origin[k] : rng_.Chance(0.5) ? 0.0f : -0.0f;
-      if (!c.segment && rng_.Chance(0.05)) c.target[k] = static_cast<float>(rng_.Below(8)) * 0x1p-149f;
-      if (!c.segment && rng_.Chance(0.05)) c.target[k] = Nudge(0x1p-126f, static_cast<int>(rng_.Below(5)) - 2);
+      if (rng_.Chance(0.15))
+        c.target[k] = c.segment ? c.origin[k] : rng_.Chance(0.5) ? 0.0f : -0.0f;
+      if (!c.segment && rng_.Chance(0.05))
+        c.target[k] = static_cast<float>(rng_.Below(8)) * 0x1p-149f;
+      if (!c.segment && rng_.Chance(0.05))
+        c.target[k] = Nudge(0x1p-126f, static_cast<int>(rng_.Below(5)) - 2);
     }
     // A point of the line, and the least box that surely holds it, at times wider on some sides.
     const double t = rng_.Chance(0.2) ? 0 : rng_.Chance(0.2) ? 1 : rng_.Uniform(0, 1.2);
@@ -98,7 +104,8 @@ class Cases {
       c.box.hi[k] = Clamp(Nudge(at, static_cast<int>(rng_.Below(3))));
       if (rng_.Chance(0.2)) c.box.lo[k] = std::min(c.box.lo[k], Bounded());
       if (rng_.Chance(0.2)) c.box.hi[k] = std::max(c.box.hi[k], Bounded());
-      if (rng_.Chance(0.1)) c.box.lo[k] = std::min(c.box.lo[k], c.origin[k]);  // The origin on a face.
+      if (rng_.Chance(0.1))
+        c.box.lo[k] = std::min(c.box.lo[k], c.origin[k]);  // The origin on a face.
       if (rng_.Chance(0.1)) c.box.hi[k] = std::max(c.box.hi[k], c.origin[k]);
     }
     return c;
@@ -108,7 +115,8 @@ class Cases {
   static float Clamp(float x) { return std::fmin(std::fmax(x, -0x1p40f), 0x1p40f); }
   float Bounded() { return Clamp(rng_.AnyFloat()); }
   Vec3f Point(double scale) {
-    return ToFloat(Vec3d{rng_.Uniform(-scale, scale), rng_.Uniform(-scale, scale), rng_.Uniform(-scale, scale)});
+    return ToFloat(Vec3d{rng_.Uniform(-scale, scale), rng_.Uniform(-scale, scale),
+                         rng_.Uniform(-scale, scale)});
   }
   Vec3f Lattice(float unit) {
     Vec3f v;
@@ -160,10 +168,18 @@ TEST(BoxRayTest, IsMonotone) {
       ASSERT_FALSE(std::isnan(entry) || std::isnan(exit)) << c;
       const int k = static_cast<int>(rng.Below(3));
       switch (rng.Below(4)) {
-        case 0: box.lo[k] = Nudge(box.lo[k], -1); break;
-        case 1: box.hi[k] = Nudge(box.hi[k], 1); break;
-        case 2: box.lo[k] = std::min(box.lo[k], c.origin[k]); break;
-        default: box.hi[k] = std::max(box.hi[k], c.origin[k]); break;
+        case 0:
+          box.lo[k] = Nudge(box.lo[k], -1);
+          break;
+        case 1:
+          box.hi[k] = Nudge(box.hi[k], 1);
+          break;
+        case 2:
+          box.lo[k] = std::min(box.lo[k], c.origin[k]);
+          break;
+        default:
+          box.hi[k] = std::max(box.hi[k], c.origin[k]);
+          break;
       }
       ASSERT_LE(BoxEntry(ray, box), entry) << c;
       ASSERT_GE(BoxExit(ray, box), exit) << c;
@@ -176,7 +192,8 @@ TEST(BoxRayTest, AxisParallelRaysWithZerosOfBothSigns) {
   for (const float zero : {0.0f, -0.0f}) {
     for (const float other : {0.0f, -0.0f}) {
       EXPECT_TRUE(MayMeetBox(BoxRay::Make({0.5f, 0.5f, -1}, {zero, other, 1}), box));
-      EXPECT_TRUE(MayMeetBox(BoxRay::Make({0, 0.5f, -1}, {zero, other, 1}), box)) << "in a face's plane";
+      EXPECT_TRUE(MayMeetBox(BoxRay::Make({0, 0.5f, -1}, {zero, other, 1}), box))
+          << "in a face's plane";
       EXPECT_TRUE(MayMeetBox(BoxRay::Make({1, 1, -1}, {zero, other, 1}), box)) << "along an edge";
       EXPECT_TRUE(MayMeetBox(BoxRay::Make({1, 1, 1}, {zero, other, 1}), box)) << "from a corner";
       EXPECT_FALSE(MayMeetBox(BoxRay::Make({2, 0.5f, -1}, {zero, other, 1}), box));
@@ -186,8 +203,8 @@ TEST(BoxRayTest, AxisParallelRaysWithZerosOfBothSigns) {
   }
 }
 
-// A slot that is not in use, or a scene without triangles, has an inverted box: nothing meets it, unless no axis says
-// anything at all.
+// A slot that is not in use, or a scene without triangles, has an inverted box: nothing meets it,
+// unless no axis says anything at all.
 TEST(BoxRayTest, AnEmptyBoxIsMetByNoRayWithADirection) {
   TestRng rng;
   Cases cases(rng);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// ExactSum against GMP's integers: every double here is a multiple of 2^-1074, so a shifted sum is a whole number.
+// ExactSum against GMP's integers: every double here is a multiple of 2^-1074, so a shifted sum is
+// a whole number.
 #include "core/geometry/exact_sum.h"
 
 #include <gmpxx.h>
@@ -55,7 +56,8 @@ TEST(ExactSumTest, SignsAgreeWithIntegersThroughCancellation) {
     const int n = 1 + static_cast<int>(rng.Below(kTerms / 2));
     const int spread = 1 + static_cast<int>(rng.Below(1000));
     for (int k = 0; k < n; ++k) {
-      terms.push_back(std::ldexp(rng.Uniform(-1, 1), static_cast<int>(rng.Below(spread)) - spread / 2));
+      terms.push_back(
+          std::ldexp(rng.Uniform(-1, 1), static_cast<int>(rng.Below(spread)) - spread / 2));
     }
     // Most of them once more with the other sign, some moved by an ulp.
     for (int k = 0; k < n; ++k) {
@@ -78,7 +80,8 @@ TEST(ExactSumTest, ProductsAreExact) {
     mpq_class exact = 0;
     const int range = 1 + static_cast<int>(rng.Below(189));
     const auto number = [&] {
-      const double x = std::ldexp(rng.Uniform(-1, 1), static_cast<int>(rng.Below(range)) - range + 40);
+      const double x =
+          std::ldexp(rng.Uniform(-1, 1), static_cast<int>(rng.Below(range)) - range + 40);
       return static_cast<float>(x);
     };
     std::vector<std::pair<double, double>> products;

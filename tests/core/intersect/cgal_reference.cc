@@ -16,7 +16,8 @@ Point ToPoint(Vec3f v) { return Point(double{v.x}, double{v.y}, double{v.z}); }
 Vector ToVector(Vec3f v) { return Vector(double{v.x}, double{v.y}, double{v.z}); }
 
 int DeterminantSign(const Vector& x, const Vector& y, const Vector& z) {
-  const Number value = CGAL::determinant(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
+  const Number value =
+      CGAL::determinant(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
   return static_cast<int>(CGAL::sign(value));
 }
 
@@ -44,8 +45,8 @@ bool CgalBlocks(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c) {
   const bool all_zero = no_negative && no_positive;
   if (all_zero || !(no_negative || no_positive)) return false;
   const int origin_side = CgalSideOfPlane(a, b, c, ray.origin);
-  const int target_side = ray.segment ? CgalSideOfPlane(a, b, c, ray.target)
-                                      : CgalSideOfDirection(a, b, c, ray.target);
+  const int target_side =
+      ray.segment ? CgalSideOfPlane(a, b, c, ray.target) : CgalSideOfDirection(a, b, c, ray.target);
   return origin_side * target_side < 0;
 }
 

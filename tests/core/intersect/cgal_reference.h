@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The predicate's definition once more, in CGAL's exact kernel: nothing of ours takes part in it. Test-only.
+// The predicate's definition once more, in CGAL's exact kernel: nothing of ours takes part in it.
+// Test-only.
 //
 // Thread safety: functions only.
 #ifndef SIGHTLINE_TESTS_CORE_INTERSECT_CGAL_REFERENCE_H_

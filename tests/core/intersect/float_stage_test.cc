@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The SIMD float stage by itself, for every target of this machine: each linear form's real error against its
-// bound (the exact value comes from 113-bit arithmetic, whose own error is 2^-80 of the bound), and each claim of
-// a sign against exact arithmetic. A hill climb hunts for the input that comes nearest to the bound.
+// The SIMD float stage by itself, for every target of this machine: each linear form's real error
+// against its bound (the exact value comes from 113-bit arithmetic, whose own error is 2^-80 of the
+// bound), and each claim of a sign against exact arithmetic. A hill climb hunts for the input that
+// comes nearest to the bound.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "tests/core/intersect/float_stage_test.cc"
 #ifndef HWY_DISABLED_TARGETS
 #define HWY_DISABLED_TARGETS (~(HWY_AVX2 | HWY_AVX3))
 #endif
+// clang-format off: it has to come before what it compiles for every target.
 #include "hwy/foreach_target.h"
+// clang-format on
 
 #include "core/intersect/predicate-inl.h"
 #include "core/intersect/predicate.h"
@@ -102,7 +105,8 @@ struct Vec3q {
 };
 Vec3q Difference(Vec3f a, Vec3f b) { return {Quad(a.x) - b.x, Quad(a.y) - b.y, Quad(a.z) - b.z}; }
 Quad Determinant(Vec3q x, Vec3q y, Vec3q z) {
-  return (x.y * y.z - x.z * y.y) * z.x + (x.z * y.x - x.x * y.z) * z.y + (x.x * y.y - x.y * y.x) * z.z;
+  return (x.y * y.z - x.z * y.y) * z.x + (x.z * y.x - x.x * y.z) * z.y +
+         (x.x * y.y - x.y * y.x) * z.z;
 }
 
 // The form's value, to 113 bits of its permanent, and its exact sign.
@@ -120,9 +124,11 @@ Truth TruthOf(const PredicateRay& ray, const StageLanes& lanes, int form, int la
             ray.segment ? SideOfPlane(o, p, q, t) : SideOfDirection(o, p, q, t)};
   }
   if (form == 3) {  // N·(A-O): the origin's side, turned.
-    return {Determinant(Difference(b, a), Difference(c, b), Difference(a, o)), -SideOfPlane(a, b, c, o)};
+    return {Determinant(Difference(b, a), Difference(c, b), Difference(a, o)),
+            -SideOfPlane(a, b, c, o)};
   }
-  return {Determinant(Difference(b, a), Difference(c, b), Difference(t, a)), SideOfPlane(a, b, c, t)};
+  return {Determinant(Difference(b, a), Difference(c, b), Difference(t, a)),
+          SideOfPlane(a, b, c, t)};
 }
 
 struct Target {
@@ -132,7 +138,8 @@ struct Target {
 
 std::vector<Target> Targets() {
   std::vector<Target> targets = {{"AVX2", &N_AVX2::EvaluateStage}};
-  if ((hwy::SupportedTargets() & HWY_AVX3) != 0) targets.push_back({"AVX-512", &N_AVX3::EvaluateStage});
+  if ((hwy::SupportedTargets() & HWY_AVX3) != 0)
+    targets.push_back({"AVX-512", &N_AVX3::EvaluateStage});
   return targets;
 }
 
@@ -206,8 +213,8 @@ TEST(FloatStageTest, ErrorsStayWithinTheirBoundsAndCertainSignsAreExact) {
         ++tally.second;
       }
     }
-    std::cout << target.name << ": largest error over bound, edges " << worst[0] << " " << worst[1] << " "
-              << worst[2] << ", origin " << worst[3] << ", target " << worst[4]
+    std::cout << target.name << ": largest error over bound, edges " << worst[0] << " " << worst[1]
+              << " " << worst[2] << ", origin " << worst[3] << ", target " << worst[4]
               << "\n  lanes in doubt by kind of input:\n";
     for (const auto& [kind, tally] : doubt) {
       std::cout << "    " << kind << ": " << 100.0 * tally.first / tally.second << " %\n";
@@ -222,8 +229,8 @@ TEST(FloatStageTest, OrdinaryTrianglesAreSeldomInDoubt) {
     StageLanes lanes;
     int64_t in_doubt = 0, all = 0;
     const auto point = [&](double scale) {
-      return ToFloat(
-          Vec3d{rng.Uniform(-scale, scale), rng.Uniform(-scale, scale), rng.Uniform(-scale, scale)});
+      return ToFloat(Vec3d{rng.Uniform(-scale, scale), rng.Uniform(-scale, scale),
+                           rng.Uniform(-scale, scale)});
     };
     for (int64_t i = ScaledCount(50'000); i > 0; --i) {
       const PredicateRay ray{point(10), point(10), rng.Chance(0.5)};
@@ -235,7 +242,8 @@ TEST(FloatStageTest, OrdinaryTrianglesAreSeldomInDoubt) {
       for (int lane = 0; lane < kStageLanes; ++lane) in_doubt += InDoubt(ray, lanes, lane);
       all += kStageLanes;
     }
-    std::cout << target.name << ": " << 100.0 * static_cast<double>(in_doubt) / static_cast<double>(all)
+    std::cout << target.name << ": "
+              << 100.0 * static_cast<double>(in_doubt) / static_cast<double>(all)
               << " % of ordinary lanes are in doubt\n";
     EXPECT_LT(in_doubt, all / 1000) << target.name;
   }

@@ -6,7 +6,9 @@
 #ifndef HWY_DISABLED_TARGETS
 #define HWY_DISABLED_TARGETS (~(HWY_AVX2 | HWY_AVX3))
 #endif
+// clang-format off: it has to come before what it compiles for every target.
 #include "hwy/foreach_target.h"
+// clang-format on
 
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate.h"
@@ -104,9 +106,10 @@ TEST(HitSimdTest, EveryLaneHasTheScalarDistancesBits) {
     for (const Evaluate evaluate : targets) {
       evaluate(lanes);
       for (int lane = 0; lane < kHitLanes; ++lane) {
-        const PredicateRay ray{c.ray.origin,
-                               {lanes.target[0][lane], lanes.target[1][lane], lanes.target[2][lane]},
-                               c.ray.segment};
+        const PredicateRay ray{
+            c.ray.origin,
+            {lanes.target[0][lane], lanes.target[1][lane], lanes.target[2][lane]},
+            c.ray.segment};
         if (!Blocks(ray, c.a, c.b, c.c)) continue;
         ++compared;
         ASSERT_EQ(std::bit_cast<uint32_t>(lanes.distance[lane]),

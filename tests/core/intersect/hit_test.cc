@@ -62,14 +62,17 @@ TEST(HitTest, DistanceIsNotBelowTheEntryOfItsOwnBoxNorOfAnyBoxAroundIt) {
       // Some faces move outward, by an ulp or by a lot.
       for (int k = 0; k < 3; ++k) {
         if (rng.Chance(0.5)) {
-          box.lo[k] = rng.Chance(0.5) ? MoveByUlps(box.lo[k], -1)
-                                      : std::min(box.lo[k], static_cast<float>(rng.Uniform(-10, 10)));
+          box.lo[k] = rng.Chance(0.5)
+                          ? MoveByUlps(box.lo[k], -1)
+                          : std::min(box.lo[k], static_cast<float>(rng.Uniform(-10, 10)));
         }
         if (rng.Chance(0.5)) {
-          box.hi[k] = rng.Chance(0.5) ? MoveByUlps(box.hi[k], 1)
-                                      : std::max(box.hi[k], static_cast<float>(rng.Uniform(-10, 10)));
+          box.hi[k] = rng.Chance(0.5)
+                          ? MoveByUlps(box.hi[k], 1)
+                          : std::max(box.hi[k], static_cast<float>(rng.Uniform(-10, 10)));
         }
-        if (rng.Chance(0.1)) box.lo[k] = std::min(box.lo[k], c.ray.origin[k]);  // A face on the ray's line.
+        if (rng.Chance(0.1))
+          box.lo[k] = std::min(box.lo[k], c.ray.origin[k]);  // A face on the ray's line.
         if (rng.Chance(0.1)) box.hi[k] = std::max(box.hi[k], c.ray.origin[k]);
       }
       const float parent_entry = BoxEntry(ray, box), parent_exit = BoxExit(ray, box);
@@ -92,12 +95,15 @@ TEST(HitTest, DistanceIsNeverMinusZero) {
   EXPECT_FALSE(std::signbit(HitDistance(ray, a, b, c)));
 }
 
-// Found by the random cases: N, summed in doubles, is off by its last bits, and the crossing lies near the end.
+// Found by the random cases: N, summed in doubles, is off by its last bits, and the crossing lies
+// near the end.
 TEST(HitTest, DistanceDoesNotPassTheEndWhereTheNormalIsInexact) {
-  const PredicateRay ray = PredicateRay::Segment({-0x1.eca60ap-83f, -0x1.83e868p-44f, 0x1.5b9e7ap-86f},
-                                                 {0x1.6896fcp-65f, -0x1.708f8ep-124f, -0x1.33d636p-46f});
+  const PredicateRay ray =
+      PredicateRay::Segment({-0x1.eca60ap-83f, -0x1.83e868p-44f, 0x1.5b9e7ap-86f},
+                            {0x1.6896fcp-65f, -0x1.708f8ep-124f, -0x1.33d636p-46f});
   const Vec3f a{-0x1.5e44p+8f, -0x1.f03516p-3f, -0x1.41d274p-46f},
-      b{0x1p+40f, 0x1.eaca16p+23f, -0x1p+40f}, c{-0x1.4c8064p-101f, -0x1.72859ap-97f, 0x1.21e8fcp-119f};
+      b{0x1p+40f, 0x1.eaca16p+23f, -0x1p+40f},
+      c{-0x1.4c8064p-101f, -0x1.72859ap-97f, 0x1.21e8fcp-119f};
   ASSERT_TRUE(Blocks(ray, a, b, c));
   EXPECT_LE(HitDistance(ray, a, b, c), kSegmentEnd);
 }
@@ -126,13 +132,16 @@ TEST(HitTest, DistanceIsWithinFourUlpsWhereTheCrossingIsWellConditioned) {
   double worst = 0;
   for (int64_t i = ScaledCount(100'000), hits = 0; hits < i;) {
     const auto point = [&](double scale) {
-      return ToFloat(Vec3d{rng.Uniform(-scale, scale), rng.Uniform(-scale, scale), rng.Uniform(-scale, scale)});
+      return ToFloat(Vec3d{rng.Uniform(-scale, scale), rng.Uniform(-scale, scale),
+                           rng.Uniform(-scale, scale)});
     };
     const Vec3f base = rng.Chance(0.5) ? Vec3f{} : point(1e5);
     const Vec3f a = point(1) + base, b = point(1) + base, c = point(1) + base;
-    const PredicateRay ray{point(3) + base, rng.Chance(0.5) ? point(3) + base : point(1), rng.Chance(0.5)};
+    const PredicateRay ray{point(3) + base, rng.Chance(0.5) ? point(3) + base : point(1),
+                           rng.Chance(0.5)};
     const Vec3d n = Cross(ToDouble(b) - ToDouble(a), ToDouble(c) - ToDouble(a));
-    const Vec3d d = ray.segment ? ToDouble(ray.target) - ToDouble(ray.origin) : ToDouble(ray.target);
+    const Vec3d d =
+        ray.segment ? ToDouble(ray.target) - ToDouble(ray.origin) : ToDouble(ray.target);
     if (std::abs(Dot(n, d)) < 0.01 * Length(n) * Length(d) || !Blocks(ray, a, b, c)) continue;
     ++hits;
     using Quad = __float128;
@@ -141,12 +150,15 @@ TEST(HitTest, DistanceIsWithinFourUlpsWhereTheCrossingIsWellConditioned) {
              (Quad(x.x) * y.y - Quad(x.y) * y.x) * z.z;
     };
     const Vec3d e = ToDouble(b) - ToDouble(a), f = ToDouble(c) - ToDouble(a);
-    const double truth = static_cast<double>(det(e, f, ToDouble(a) - ToDouble(ray.origin)) / det(e, f, d));
+    const double truth =
+        static_cast<double>(det(e, f, ToDouble(a) - ToDouble(ray.origin)) / det(e, f, d));
     const float t = HitDistance(ray, a, b, c);
-    // Slab entries and exits carry the roundings that box_ray.h counts; the quotient itself carries one.
+    // Slab entries and exits carry the roundings that box_ray.h counts; the quotient itself carries
+    // one.
     const double ulps = std::abs(t - truth) / (std::abs(truth) * 0x1p-23);
     worst = std::max(worst, ulps);
-    ASSERT_LE(ulps, 4) << testing_support::Hex(a) << testing_support::Hex(b) << testing_support::Hex(c);
+    ASSERT_LE(ulps, 4) << testing_support::Hex(a) << testing_support::Hex(b)
+                       << testing_support::Hex(c);
   }
   std::cout << "largest error of a well-conditioned distance: " << worst << " ulps\n";
 }
@@ -159,7 +171,8 @@ TEST(HitTest, BarycentricsLieWithinTheTriangle) {
   });
   // By hand: at 1/4 of B and 1/2 of C.
   float u, v;
-  HitBarycentrics(PredicateRay::Segment({1, 2, 1}, {1, 2, -1}), {0, 0, 0}, {4, 0, 0}, {0, 4, 0}, &u, &v);
+  HitBarycentrics(PredicateRay::Segment({1, 2, 1}, {1, 2, -1}), {0, 0, 0}, {4, 0, 0}, {0, 4, 0}, &u,
+                  &v);
   EXPECT_EQ(u, 0.25f);
   EXPECT_EQ(v, 0.5f);
 }

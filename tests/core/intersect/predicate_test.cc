@@ -63,7 +63,9 @@ TEST(PredicateTest, SidesAgreeWithCgal) {
   TriangleCases cases(rng);
   for (int64_t i = ScaledCount(100'000); i > 0; --i) {
     const TriangleCase c = cases.Next();
-    ASSERT_EQ(SideOfPlane(c.a, c.b, c.c, c.ray.origin), CgalSideOfPlane(c.a, c.b, c.c, c.ray.origin)) << c;
+    ASSERT_EQ(SideOfPlane(c.a, c.b, c.c, c.ray.origin),
+              CgalSideOfPlane(c.a, c.b, c.c, c.ray.origin))
+        << c;
     ASSERT_EQ(SideOfDirection(c.a, c.b, c.c, c.ray.target),
               CgalSideOfDirection(c.a, c.b, c.c, c.ray.target))
         << c;
@@ -82,7 +84,8 @@ TEST(PredicateTest, DoesNotDependOnTheOrderOfCornersNorOnTheSegmentsSense) {
     ASSERT_EQ(blocks, Blocks(c.ray, c.a, c.c, c.b)) << c;
     ASSERT_EQ(blocks, Blocks(c.ray, c.c, c.b, c.a)) << c;
     if (c.ray.segment) {
-      ASSERT_EQ(blocks, Blocks(PredicateRay::Segment(c.ray.target, c.ray.origin), c.a, c.b, c.c)) << c;
+      ASSERT_EQ(blocks, Blocks(PredicateRay::Segment(c.ray.target, c.ray.origin), c.a, c.b, c.c))
+          << c;
     }
   }
 }
@@ -126,14 +129,15 @@ TEST(PredicateTest, NothingSlipsBetweenTrianglesOfAFan) {
     const Vec3f spoke = rim[rng.Below(n)];
     const double w = rng.Chance(0.5) ? 0 : rng.Uniform(0, 0.2);
     const Vec3d at = ToDouble(hub) * (1 - w) + ToDouble(spoke) * w;
-    const Vec3f origin = ToFloat(at + Vec3d{rng.Uniform(-0.2, 0.2), rng.Uniform(-0.2, 0.2), rng.Uniform(2, 3)});
+    const Vec3f origin =
+        ToFloat(at + Vec3d{rng.Uniform(-0.2, 0.2), rng.Uniform(-0.2, 0.2), rng.Uniform(2, 3)});
     const Vec3f target = ToFloat(at * 2.0 - ToDouble(origin));
     const PredicateRay ray = rng.Chance(0.5) ? PredicateRay::Segment(origin, target)
                                              : PredicateRay::Ray(origin, target - origin);
     int met = 0;
     for (int k = 0; k < n; ++k) met += Blocks(ray, hub, rim[k], rim[(k + 1) % n]);
-    ASSERT_GE(met, 1) << "hub " << testing_support::Hex(hub) << " origin " << testing_support::Hex(origin)
-                      << " target " << testing_support::Hex(target);
+    ASSERT_GE(met, 1) << "hub " << testing_support::Hex(hub) << " origin "
+                      << testing_support::Hex(origin) << " target " << testing_support::Hex(target);
   }
 }
 
@@ -150,9 +154,11 @@ TEST(PredicateTest, TouchingAnEdgeOrAVertexBlocksAndLyingInThePlaneDoesNot) {
   EXPECT_FALSE(Blocks(PredicateRay::Segment({-1, 1, 0}, {5, 1, 0}), a, b, c)) << "in the plane";
   EXPECT_FALSE(Blocks(PredicateRay::Segment({1, 1, 1}, {1, 1, 0}), a, b, c)) << "ends on it";
   EXPECT_FALSE(Blocks(PredicateRay::Segment({1, 1, 0}, {1, 1, -1}), a, b, c)) << "starts on it";
-  EXPECT_TRUE(Blocks(PredicateRay::Segment({1, 1, 1}, {1, 1, -0x1p-149f}), a, b, c)) << "just through it";
+  EXPECT_TRUE(Blocks(PredicateRay::Segment({1, 1, 1}, {1, 1, -0x1p-149f}), a, b, c))
+      << "just through it";
   EXPECT_FALSE(Blocks(PredicateRay::Segment({1, 1, 1}, {1, 1, 1}), a, b, c)) << "empty";
-  EXPECT_TRUE(Blocks(PredicateRay::Ray({1, 1, 1}, {0, 0, -0x1p-149f}), a, b, c)) << "the least direction";
+  EXPECT_TRUE(Blocks(PredicateRay::Ray({1, 1, 1}, {0, 0, -0x1p-149f}), a, b, c))
+      << "the least direction";
   EXPECT_FALSE(Blocks(PredicateRay::Ray({1, 1, 1}, {0, 0, 1}), a, b, c)) << "away";
   EXPECT_FALSE(Blocks(PredicateRay::Ray({1, 1, 0}, {0, 0, 1}), a, b, c)) << "from it";
   EXPECT_FALSE(Blocks(PredicateRay::Ray({1, 1, 1}, {0, 0, 0}), a, b, c)) << "nowhere";

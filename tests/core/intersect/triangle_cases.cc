@@ -27,12 +27,13 @@ std::string Hex(Vec3f v) {
 
 std::ostream& operator<<(std::ostream& out, const TriangleCase& c) {
   return out << c.kind << ": " << (c.ray.segment ? "Segment(" : "Ray(") << Hex(c.ray.origin) << ", "
-             << Hex(c.ray.target) << ") against " << Hex(c.a) << ", " << Hex(c.b) << ", " << Hex(c.c);
+             << Hex(c.ray.target) << ") against " << Hex(c.a) << ", " << Hex(c.b) << ", "
+             << Hex(c.c);
 }
 
 float MoveByUlps(float x, int steps) {
-  const float end = steps > 0 ? std::numeric_limits<float>::infinity()
-                              : -std::numeric_limits<float>::infinity();
+  const float end =
+      steps > 0 ? std::numeric_limits<float>::infinity() : -std::numeric_limits<float>::infinity();
   for (int i = 0; i < std::abs(steps); ++i) x = std::nextafter(x, end);
   return x;
 }
@@ -111,7 +112,8 @@ TriangleCase TriangleCases::Next() {
       c.a = a;
       c.b = a + e;
       c.c = a + f;
-      const float i = static_cast<float>(rng_.Below(9)) - 4, j = static_cast<float>(rng_.Below(9)) - 4;
+      const float i = static_cast<float>(rng_.Below(9)) - 4,
+                  j = static_cast<float>(rng_.Below(9)) - 4;
       const Vec3f in_plane = a + e * i + f * j;
       (rng_.Chance(0.5) ? c.ray.origin : c.ray.target) = in_plane;
       if (rng_.Chance(0.2)) {  // Both.
@@ -143,7 +145,8 @@ TriangleCase TriangleCases::Next() {
     case 9: {
       c.kind = "subnormal lattice";
       const int range = 1 << (1 + rng_.Below(20));
-      for (Vec3f* v : {&c.a, &c.b, &c.c, &c.ray.origin, &c.ray.target}) *v = Integer(range, 0x1p-149f);
+      for (Vec3f* v : {&c.a, &c.b, &c.c, &c.ray.origin, &c.ray.target})
+        *v = Integer(range, 0x1p-149f);
       break;
     }
     case 10: {
@@ -170,7 +173,8 @@ TriangleCase TriangleCases::Next() {
     case 12: {
       c.kind = "far from the origin";
       const Vec3f base = Random(std::ldexp(1.0, 10 + static_cast<int>(rng_.Below(28))));
-      for (Vec3f* v : {&c.a, &c.b, &c.c, &c.ray.origin}) *v = *v * static_cast<float>(1 / scale) + base;
+      for (Vec3f* v : {&c.a, &c.b, &c.c, &c.ray.origin})
+        *v = *v * static_cast<float>(1 / scale) + base;
       AimAt(c, Mix(c.a, c.b, rng_.Uniform(0, 1)));
       break;
     }
@@ -217,7 +221,8 @@ TriangleCase TriangleCases::Next() {
     default: {
       c.kind = "a lattice far from the origin";
       const Vec3f base = Integer(1 << 20, 8.0f);
-      for (Vec3f* v : {&c.a, &c.b, &c.c, &c.ray.origin, &c.ray.target}) *v = Integer(3, 1.0f) + base;
+      for (Vec3f* v : {&c.a, &c.b, &c.c, &c.ray.origin, &c.ray.target})
+        *v = Integer(3, 1.0f) + base;
       break;
     }
   }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Pairs of a ray or segment and a triangle that are meant to break a predicate: random ones, ones constructed on
-// an edge, a vertex or the plane and then rounded, moved by single ulps or hit exactly, degenerate triangles, and
-// coordinates from 2^-149 to 2^40.
+// Pairs of a ray or segment and a triangle that are meant to break a predicate: random ones, ones
+// constructed on an edge, a vertex or the plane and then rounded, moved by single ulps or hit
+// exactly, degenerate triangles, and coordinates from 2^-149 to 2^40.
 //
 // Invariants: everything is finite, |coordinate| <= 2^40, |component of a direction| <= 2^40.
 //

@@ -78,9 +78,10 @@ TEST_P(KernelsTest, BruteForceIsTheDefinition) {
     for (size_t i = 0; i < queries.size(); ++i) {
       const Hit truth = TraceByDefinition(scene.indexed.geometry, queries[i]);
       ASSERT_TRUE(SameBits(closest[i], truth))
-          << Printed{queries[i]} << ": " << closest[i].triangle << " at " << closest[i].t << ", not "
-          << truth.triangle << " at " << truth.t;
-      ASSERT_EQ(any[i].triangle == kNoTriangle, truth.triangle == kNoTriangle) << Printed{queries[i]};
+          << Printed{queries[i]} << ": " << closest[i].triangle << " at " << closest[i].t
+          << ", not " << truth.triangle << " at " << truth.t;
+      ASSERT_EQ(any[i].triangle == kNoTriangle, truth.triangle == kNoTriangle)
+          << Printed{queries[i]};
     }
   }
 }
@@ -99,8 +100,8 @@ TEST_P(KernelsTest, SingleRaysGiveBruteForcesBits) {
     const std::vector<Hit> any = Trace(kernels().occluded_single, scene.indexed, queries);
     for (size_t i = 0; i < queries.size(); ++i) {
       ASSERT_TRUE(SameBits(closest[i], truth[i]))
-          << Printed{queries[i]} << ": " << closest[i].triangle << " at " << closest[i].t << ", not "
-          << truth[i].triangle << " at " << truth[i].t;
+          << Printed{queries[i]} << ": " << closest[i].triangle << " at " << closest[i].t
+          << ", not " << truth[i].triangle << " at " << truth[i].t;
       const bool blocked = truth[i].triangle != kNoTriangle;
       ASSERT_EQ(any[i].triangle != kNoTriangle, blocked) << Printed{queries[i]};
       ASSERT_EQ(any_brute[i].triangle != kNoTriangle, blocked) << Printed{queries[i]};
@@ -143,10 +144,11 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
         packet->target_y[lane] = target.y;
         packet->target_z[lane] = target.z;
         packet->target_source[lane] = rays.Source();
-        queries.push_back({.ray = packet->ray(lane),
-                           .mask = packet->mask,
-                           .from_source = packet->origin_source,
-                           .to_source = packet->segments ? packet->target_source[lane] : kNoTriangle});
+        queries.push_back(
+            {.ray = packet->ray(lane),
+             .mask = packet->mask,
+             .from_source = packet->origin_source,
+             .to_source = packet->segments ? packet->target_source[lane] : kNoTriangle});
       }
       const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
       for (const bool any : {false, true}) {

@@ -61,7 +61,8 @@ ObjectInput CoplanarAndDuplicate(TestRng& rng) {
       return p;
     };
     const double s = static_cast<double>(rng.Below(4)), t = static_cast<double>(rng.Below(4));
-    const double w = 1 + static_cast<double>(rng.Below(3)), h = 1 + static_cast<double>(rng.Below(3));
+    const double w = 1 + static_cast<double>(rng.Below(3)),
+                 h = 1 + static_cast<double>(rng.Below(3));
     for (uint64_t copies = 1 + rng.Below(3); copies > 0; --copies) {
       if (rng.Chance(0.5)) {
         AddTriangle(object, corner(s, t), corner(s + w, t), corner(s, t + h));
@@ -100,10 +101,18 @@ ObjectInput ZeroAreasAndNonFinite(TestRng& rng) {
   for (int i = 0; i < 100; ++i) {
     const Vec3d a = RandomPoint(rng, 3), b = RandomPoint(rng, 3);
     switch (rng.Below(4)) {
-      case 0: AddTriangle(object, a, a, b); break;
-      case 1: AddTriangle(object, a, a, a); break;
-      case 2: AddTriangle(object, {1, 1, 1}, {2, 2, 2}, {4, 4, 4}); break;
-      default: AddTriangle(object, a, b, {nan, 0, 0}); break;
+      case 0:
+        AddTriangle(object, a, a, b);
+        break;
+      case 1:
+        AddTriangle(object, a, a, a);
+        break;
+      case 2:
+        AddTriangle(object, {1, 1, 1}, {2, 2, 2}, {4, 4, 4});
+        break;
+      default:
+        AddTriangle(object, a, b, {nan, 0, 0});
+        break;
     }
   }
   return object;
@@ -134,8 +143,7 @@ ObjectInput MakeGrid(int cells, double height, Vec3d corner, TestRng& rng) {
   for (int j = 0; j <= cells; ++j) {
     for (int i = 0; i <= cells; ++i) {
       const double y = height == 0 ? 0 : rng.Uniform(-height, height);
-      object.vertices.push_back(
-          corner + Vec3d{static_cast<double>(i), y, static_cast<double>(j)});
+      object.vertices.push_back(corner + Vec3d{static_cast<double>(i), y, static_cast<double>(j)});
     }
   }
   const uint32_t row = static_cast<uint32_t>(cells) + 1;
@@ -168,7 +176,8 @@ ObjectInput MakeClosedSphere(int rings, int sectors, double radius, Vec3d centre
   };
   for (int r = 0; r < rings; ++r) {
     for (int s = 0; s < sectors; ++s) {
-      if (r > 0) object.indices.insert(object.indices.end(), {at(r, s), at(r + 1, s), at(r, s + 1)});
+      if (r > 0)
+        object.indices.insert(object.indices.end(), {at(r, s), at(r + 1, s), at(r, s + 1)});
       if (r + 1 < rings) {
         object.indices.insert(object.indices.end(), {at(r, s + 1), at(r + 1, s), at(r + 1, s + 1)});
       }
@@ -281,10 +290,17 @@ Vec3f NastyRays::OnTriangle() {
       geometry_.Corners(static_cast<uint32_t>(rng_.Below(geometry_.triangles.size())));
   double u = rng_.Uniform(0, 1), v = rng_.Uniform(0, 1 - u);
   switch (rng_.Below(4)) {
-    case 0: v = 0; break;                // On edge AB.
-    case 1: u = 0.5, v = 0; break;       // Its middle.
-    case 2: u = 0.25, v = 0.5; break;    // Dyadic: exact on lattices.
-    default: break;
+    case 0:
+      v = 0;
+      break;  // On edge AB.
+    case 1:
+      u = 0.5, v = 0;
+      break;  // Its middle.
+    case 2:
+      u = 0.25, v = 0.5;
+      break;  // Dyadic: exact on lattices.
+    default:
+      break;
   }
   const Vec3f p = ToFloat(ToDouble(a) * (1 - u - v) + ToDouble(b) * u + ToDouble(c) * v);
   return IsFinite(p) ? p : Vec3f{};
@@ -293,9 +309,13 @@ Vec3f NastyRays::OnTriangle() {
 Vec3f NastyRays::Point() {
   Vec3f p;
   switch (rng_.Below(6)) {
-    case 0: p = Corner(); break;
+    case 0:
+      p = Corner();
+      break;
     case 1:
-    case 2: p = OnTriangle(); break;
+    case 2:
+      p = OnTriangle();
+      break;
     case 3: {  // A corner's coordinates mixed with another's: axis-parallel relations.
       p = Corner();
       const int axis = static_cast<int>(rng_.Below(3));
@@ -320,9 +340,14 @@ Vec3f NastyRays::Target(Vec3f origin, bool segment) {
   const Vec3f at = Point();
   Vec3f target = at;
   switch (rng_.Below(4)) {
-    case 0: target = origin + (at - origin) * 2.0f; break;   // Through it.
-    case 1: target = origin + (at - origin) * 17.0f; break;  // Far beyond.
-    default: break;
+    case 0:
+      target = origin + (at - origin) * 2.0f;
+      break;  // Through it.
+    case 1:
+      target = origin + (at - origin) * 17.0f;
+      break;  // Far beyond.
+    default:
+      break;
   }
   target = ClampToRange(target);
   if (segment) {
@@ -337,7 +362,8 @@ Vec3f NastyRays::Target(Vec3f origin, bool segment) {
   }
   Vec3f d = ClampToRange(at - origin);
   if (rng_.Chance(0.15)) {
-    const Vec3f whole[] = {{1, 2, 1}, {0.3f, 0.9f, 0.2f}, {1, 1, 1}, {-1, 1, 0}, {0, -1, 0}, {1, 1, -1}};
+    const Vec3f whole[] = {{1, 2, 1},  {0.3f, 0.9f, 0.2f}, {1, 1, 1},
+                           {-1, 1, 0}, {0, -1, 0},         {1, 1, -1}};
     d = whole[rng_.Below(std::size(whole))];
   }
   for (int k = 0; k < 3; ++k) {
@@ -391,8 +417,9 @@ Hit TraceByDefinition(const SceneGeometry& geometry, const TraceRay& query) {
 
 std::ostream& operator<<(std::ostream& out, const Printed& p) {
   const TraceRay& q = p.query;
-  return out << (q.ray.segment ? "Segment(" : "Ray(") << Hex(q.ray.origin) << ", " << Hex(q.ray.target)
-             << "), mask " << q.mask << ", sources " << q.from_source << " " << q.to_source;
+  return out << (q.ray.segment ? "Segment(" : "Ray(") << Hex(q.ray.origin) << ", "
+             << Hex(q.ray.target) << "), mask " << q.mask << ", sources " << q.from_source << " "
+             << q.to_source;
 }
 
 }  // namespace sightline::testing_support

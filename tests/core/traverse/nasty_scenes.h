@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Small scenes that are meant to break a tracer, and rays aimed at what is weak in them: slivers, coplanar and duplicate
-// faces, shared edges and vertices, zero areas, huge scale ratios, large coordinates, subnormal ones, one triangle, none.
+// Small scenes that are meant to break a tracer, and rays aimed at what is weak in them: slivers,
+// coplanar and duplicate faces, shared edges and vertices, zero areas, huge scale ratios, large
+// coordinates, subnormal ones, one triangle, none.
 //
 // Thread safety: none; the scenes are immutable once made.
 //
@@ -39,7 +40,8 @@ IndexedGeometry IndexObjects(const std::vector<ObjectInput>& objects, std::optio
 std::vector<NastyScene> MakeNastyScenes(TestRng& rng);
 
 // Grids and closed meshes, also for watertight tests.
-ObjectInput MakeGrid(int cells, double height, Vec3d corner, TestRng& rng);    // y up; height 0: flat.
+ObjectInput MakeGrid(int cells, double height, Vec3d corner,
+                     TestRng& rng);  // y up; height 0: flat.
 ObjectInput MakeClosedSphere(int rings, int sectors, double radius, Vec3d centre);
 ObjectInput MakeClosedBox(int cells, Vec3d lo, Vec3d hi);
 
@@ -48,7 +50,8 @@ class NastyRays {
  public:
   NastyRays(const IndexedGeometry& scene, TestRng& rng);
 
-  // A stored point: a vertex, on an edge, on a face, an ulp beside those, near the scene, or anywhere.
+  // A stored point: a vertex, on an edge, on a face, an ulp beside those, near the scene, or
+  // anywhere.
   Vec3f Point();
   // What a segment from `origin` ends at, or the direction of a ray from there.
   Vec3f Target(Vec3f origin, bool segment);

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Scenes, and cameras, lights, points and segments in them, for tests that put one question to core/query in every way
+// there is: strategy × instruction set × partition × threads.
+//
+// Thread safety: none.
+#ifndef SIGHTLINE_TESTS_PROPERTY_QUERY_CASES_H_
+#define SIGHTLINE_TESTS_PROPERTY_QUERY_CASES_H_
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/geometry/camera.h"
+#include "core/light/light.h"
+#include "core/query/options.h"
+#include "core/query/points.h"
+#include "core/query/segments.h"
+#include "core/query/tiles.h"
+#include "tests/support/random.h"
+
+namespace sightline::testing_support {
+
+struct QueryScene {
+  std::string name;
+  IndexedGeometry indexed;
+  std::vector<Camera> cameras;  // World coordinates, small images.
+};
+
+// The nasty scenes of tests/core/traverse, with cameras at odd places.
+std::vector<QueryScene> MakeNastyQueryScenes(TestRng& rng);
+// Built-in scenes at a small size, through their own first view.
+std::vector<QueryScene> MakeBuiltinQueryScenes();
+
+// Point lights outside, amid the points, on a surface and at a vertex, and directions; one is invalid.
+std::vector<LightSample> MakeSamples(const IndexedGeometry& scene, TestRng& rng);
+// Stored points on, near and off the surfaces; some have a source, some are invalid.
+PreparedPoints MakePoints(const IndexedGeometry& scene, TestRng& rng, size_t count);
+PreparedSegments MakeSegments(const IndexedGeometry& scene, TestRng& rng, size_t count);
+
+// A way of asking.
+struct Way {
+  Strategy strategy;
+  SimdTarget simd;
+  std::string Name() const;
+  QueryOptions Options(uint32_t mask = 0xFFFFFFFFu) const {
+    return {.strategy = strategy, .simd = simd, .mask = mask};
+  }
+};
+// Every strategy × instruction set of this machine; the first is brute force, the reference.
+std::vector<Way> AllWays();
+
+inline bool Bit(const std::vector<uint8_t>& bits, size_t i) { return bits[i / 8] >> (i % 8) & 1; }
+
+}  // namespace sightline::testing_support
+
+#endif  // SIGHTLINE_TESTS_PROPERTY_QUERY_CASES_H_
