@@ -1,0 +1,248 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/scene/registry.h"
+
+#include <atomic>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "core/accel/bvh_validation.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace sightline {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using Kind = SceneEdit::Kind;
+
+// A strip of triangles.
+ObjectInput Strip(const std::string& name, uint32_t triangles) {
+  ObjectInput object{.name = name};
+  for (uint32_t i = 0; i < triangles + 2; ++i) {
+    object.vertices.push_back({static_cast<double>(i), static_cast<double>(i % 2), 0});
+  }
+  for (uint32_t i = 0; i < triangles; ++i) {
+    object.indices.insert(object.indices.end(), {i, i + 1, i + 2});
+  }
+  return object;
+}
+
+void ExpectError(const absl::Status& status, absl::StatusCode code,
+                 const std::vector<std::string>& parts) {
+  EXPECT_EQ(status.code(), code) << status;
+  for (const std::string& part : parts) {
+    EXPECT_THAT(std::string(status.message()), HasSubstr(part));
+  }
+}
+
+class RegistryTest : public ::testing::Test {
+ protected:
+  absl::StatusOr<std::shared_ptr<const Scene>> Create(SceneRegistry& registry,
+                                                      const std::string& name,
+                                                      uint32_t triangles = 10) {
+    const std::vector<ObjectInput> objects = {Strip("strip", triangles)};
+    return registry.Create(name, objects, std::nullopt, {});
+  }
+  absl::StatusOr<std::shared_ptr<const Scene>> Add(SceneRegistry& registry, const std::string& name,
+                                                   uint64_t expected, const std::string& object,
+                                                   uint32_t triangles = 5) {
+    const std::vector<SceneEdit> edits = {{Kind::kAdd, Strip(object, triangles)}};
+    return registry.Edit(name, expected, edits, {});
+  }
+  ThreadPool pool_{2};
+};
+
+TEST_F(RegistryTest, CreatesServesAndDeletes) {
+  SceneRegistry registry({}, pool_);
+  ExpectError(registry.Get("hall", 0).status(), absl::StatusCode::kNotFound, {"\"hall\""});
+  ExpectError(registry.GetStatus("hall").status(), absl::StatusCode::kNotFound, {"\"hall\""});
+  ExpectError(registry.Delete("hall"), absl::StatusCode::kNotFound, {"\"hall\""});
+  ExpectError(Add(registry, "hall", 0, "a").status(), absl::StatusCode::kNotFound, {"\"hall\""});
+
+  ASSERT_TRUE(Create(registry, "hall").ok());
+  ASSERT_TRUE(Create(registry, "attic").ok());
+  ExpectError(Create(registry, "hall").status(), absl::StatusCode::kAlreadyExists, {"\"hall\""});
+  const auto scene = registry.Get("hall", 0);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_EQ((*scene)->revision, 1u);
+  EXPECT_EQ(*registry.Get("hall", 1), *scene);
+  const std::vector<SceneStatus> list = registry.List();
+  ASSERT_EQ(list.size(), 2u);
+  EXPECT_EQ(list[0].name, "attic");
+  EXPECT_EQ(list[1].name, "hall");
+  EXPECT_EQ(list[1].state, SceneState::kReady);
+  EXPECT_EQ(list[1].progress, 1.0);
+  ASSERT_TRUE(registry.Delete("hall").ok());
+  EXPECT_EQ(registry.List().size(), 1u);
+  // What was pinned lives on.
+  EXPECT_TRUE(ValidateBvh((*scene)->bvh, (*scene)->geometry).ok());
+}
+
+TEST_F(RegistryTest, EditsMakeRevisionsAndPinnedOnesLive) {
+  SceneRegistry registry({}, pool_);
+  std::shared_ptr<const Scene> first = *Create(registry, "hall");
+  const auto second = Add(registry, "hall", 1, "a");
+  ASSERT_TRUE(second.ok()) << second.status();
+  EXPECT_EQ((*second)->revision, 2u);
+  EXPECT_EQ(*registry.Get("hall", 0), *second);
+  EXPECT_EQ(*registry.Get("hall", 1), first);
+  ExpectError(Add(registry, "hall", 1, "b").status(), absl::StatusCode::kFailedPrecondition,
+              {"revision 2", "not 1"});
+  ExpectError(registry.Get("hall", 3).status(), absl::StatusCode::kFailedPrecondition,
+              {"no revision 3 yet", "revision 2"});
+  EXPECT_EQ(first->geometry.triangles.size(), 10u);
+  const uint64_t with_both = registry.MemoryBytes();
+  const uint64_t bytes = first->report.memory_bytes;
+  first.reset();
+  EXPECT_EQ(registry.MemoryBytes(), with_both - bytes);
+  ExpectError(registry.Get("hall", 1).status(), absl::StatusCode::kFailedPrecondition,
+              {"no revision 1 any more", "revision 2"});
+}
+
+TEST_F(RegistryTest, AFailedEditLeavesTheRevisionServing) {
+  SceneRegistry registry({}, pool_);
+  ASSERT_TRUE(Create(registry, "hall").ok());
+  const uint64_t bytes = registry.MemoryBytes();
+  const std::vector<SceneEdit> edits = {{Kind::kRemove, {.name = "sofa"}}};
+  EXPECT_EQ(registry.Edit("hall", 0, edits, {}).status().code(), absl::StatusCode::kNotFound);
+  const auto status = registry.GetStatus("hall");
+  ASSERT_TRUE(status.ok());
+  EXPECT_EQ(status->state, SceneState::kReady);
+  EXPECT_EQ(status->error.code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(status->latest->revision, 1u);
+  EXPECT_EQ(registry.MemoryBytes(), bytes);
+  ASSERT_TRUE(Add(registry, "hall", 1, "a").ok());
+  EXPECT_TRUE(registry.GetStatus("hall")->error.ok());
+}
+
+TEST_F(RegistryTest, AFailedCreationLeavesNothing) {
+  SceneRegistry registry({}, pool_);
+  std::vector<ObjectInput> objects = {Strip("strip", 3)};
+  objects[0].indices[0] = 99;
+  EXPECT_EQ(registry.Create("hall", objects, std::nullopt, {}).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  EXPECT_TRUE(registry.List().empty());
+  EXPECT_EQ(registry.MemoryBytes(), 0u);
+  CancelToken cancel;
+  cancel.Cancel();
+  objects = {Strip("strip", 3)};
+  EXPECT_EQ(registry.Create("hall", objects, std::nullopt, {}, &cancel).status().code(),
+            absl::StatusCode::kCancelled);
+  EXPECT_TRUE(Create(registry, "hall").ok());
+}
+
+TEST_F(RegistryTest, LimitsAreNamedWithTheirValue) {
+  SceneRegistry registry({.memory_budget_bytes = EstimateSceneBytes(1000, 1002), .max_scenes = 2},
+                         pool_);
+  const std::string budget = std::to_string(registry.options().memory_budget_bytes);
+  ExpectError(Create(registry, "large", 1001).status(), absl::StatusCode::kResourceExhausted,
+              {"\"large\"", budget});
+  EXPECT_TRUE(registry.List().empty());
+  std::shared_ptr<const Scene> pinned = *Create(registry, "a", 1000);
+  ExpectError(Create(registry, "b", 900).status(), absl::StatusCode::kResourceExhausted, {budget});
+  ExpectError(Add(registry, "a", 0, "more", 1).status(), absl::StatusCode::kResourceExhausted,
+              {budget});
+  // A deleted scene counts as long as somebody holds a revision of it.
+  ASSERT_TRUE(registry.Delete("a").ok());
+  EXPECT_EQ(registry.MemoryBytes(), pinned->report.memory_bytes);
+  EXPECT_FALSE(Create(registry, "b", 900).ok());
+  pinned.reset();
+  EXPECT_EQ(registry.MemoryBytes(), 0u);
+  EXPECT_TRUE(Create(registry, "b", 10).ok());
+  EXPECT_TRUE(Create(registry, "c", 10).ok());
+  ExpectError(Create(registry, "d", 10).status(), absl::StatusCode::kResourceExhausted,
+              {"max_scenes is 2"});
+}
+
+// The observer runs within the build, so what is refused meanwhile can be tried from it.
+TEST_F(RegistryTest, WhileABuildRuns) {
+  SceneRegistry registry({}, pool_);
+  std::vector<SceneState> states;
+  bool tried = false;
+  registry.SetObserver([&](const SceneStatus& status) {
+    states.push_back(status.state);
+    if (status.state != SceneState::kBuilding || tried) return;
+    tried = true;
+    EXPECT_EQ(registry.Get("hall", 0).status().code(), absl::StatusCode::kUnavailable);
+    EXPECT_EQ(registry.Delete("hall").code(), absl::StatusCode::kAborted);
+    EXPECT_EQ(Add(registry, "hall", 0, "a").status().code(), absl::StatusCode::kAborted);
+    EXPECT_EQ(Create(registry, "hall").status().code(), absl::StatusCode::kAlreadyExists);
+    EXPECT_EQ(registry.GetStatus("hall")->state, SceneState::kBuilding);
+    EXPECT_GT(registry.MemoryBytes(), 0u);  // Reserved.
+  });
+  ASSERT_TRUE(Create(registry, "hall").ok());
+  EXPECT_TRUE(tried);
+  EXPECT_EQ(states.back(), SceneState::kReady);
+  states.clear();
+  ASSERT_TRUE(Add(registry, "hall", 0, "a").ok());
+  EXPECT_EQ(states.front(), SceneState::kBuilding);
+  EXPECT_EQ(states.back(), SceneState::kReady);
+  states.clear();
+  std::vector<ObjectInput> bad = {Strip("strip", 1)};
+  bad[0].indices[2] = 3;
+  EXPECT_FALSE(registry.Create("bad", bad, std::nullopt, {}).ok());
+  EXPECT_THAT(states, ElementsAre(SceneState::kBuilding, SceneState::kFailed));
+  registry.SetObserver(nullptr);
+  EXPECT_TRUE(Create(registry, "quiet").ok());
+}
+
+TEST_F(RegistryTest, AnOldRevisionOfADeletedNamesakeIsNotFound) {
+  SceneRegistry registry({}, pool_);
+  const auto old_first = Create(registry, "hall", 10);
+  ASSERT_TRUE(registry.Delete("hall").ok());
+  ASSERT_TRUE(Create(registry, "hall", 20).ok());
+  ASSERT_TRUE(Add(registry, "hall", 0, "a").ok());
+  EXPECT_EQ(registry.Get("hall", 1).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ((*old_first)->geometry.triangles.size(), 10u);
+}
+
+// Threads create, edit, read and delete the same few scenes; every scene seen is whole, every error one of
+// those documented, and the books are even at the end.
+TEST_F(RegistryTest, ManyThreads) {
+  SceneRegistry registry({}, pool_);
+  std::atomic<int> seen{0};
+  registry.SetObserver([&](const SceneStatus&) { seen.fetch_add(1); });
+  const auto work = [&](int thread) {
+    for (int i = 0; i < 40; ++i) {
+      const std::string name = "scene-" + std::to_string((thread + i) % 3);
+      absl::Status status;
+      switch ((7 * i + thread) % 5) {
+        case 0:
+          status = Create(registry, name).status();
+          break;
+        case 1:
+          status = Add(registry, name, 0, std::to_string(100 * thread + i)).status();
+          break;
+        case 4:
+          status = i % 3 == 0 ? registry.Delete(name) : absl::OkStatus();
+          break;
+        default: {
+          const auto scene = registry.Get(name, 0);
+          status = scene.status();
+          if (scene.ok()) {
+            EXPECT_EQ((*scene)->name, name);
+            EXPECT_TRUE(ValidateBvh((*scene)->bvh, (*scene)->geometry).ok());
+          }
+        }
+      }
+      EXPECT_THAT(status.code(),
+                  ::testing::AnyOf(absl::StatusCode::kOk, absl::StatusCode::kNotFound,
+                                   absl::StatusCode::kAlreadyExists, absl::StatusCode::kAborted,
+                                   absl::StatusCode::kUnavailable));
+    }
+  };
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) threads.emplace_back(work, t);
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_GT(seen.load(), 0);
+  for (const SceneStatus& status : registry.List()) {
+    EXPECT_EQ(status.state, SceneState::kReady);
+    EXPECT_TRUE(registry.Delete(status.name).ok());
+  }
+  EXPECT_EQ(registry.MemoryBytes(), 0u);
+}
+
+}  // namespace
+}  // namespace sightline

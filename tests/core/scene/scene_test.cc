@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/scene/scene.h"
+
+#include <vector>
+
+#include "core/accel/bvh_validation.h"
+#include "core/base/mutex.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "tests/support/random.h"
+
+namespace sightline {
+namespace {
+
+using ::testing::HasSubstr;
+using testing_support::TestRng;
+using Kind = SceneEdit::Kind;
+
+ObjectInput Soup(TestRng& rng, const std::string& name, size_t triangles, bool dynamic = false) {
+  ObjectInput object{.name = name, .dynamic = dynamic};
+  for (size_t i = 0; i < 3 * triangles; ++i) {
+    object.indices.push_back(static_cast<uint32_t>(i));
+    object.vertices.push_back({rng.Uniform(0, 9), rng.Uniform(0, 9), rng.Uniform(0, 9)});
+  }
+  return object;
+}
+
+class SceneTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    objects_ = {Soup(rng_, "walls", 300), Soup(rng_, "chair", 50, /*dynamic=*/true)};
+    base_ = Build(objects_);
+    ASSERT_NE(base_, nullptr);
+  }
+  std::shared_ptr<const Scene> Build(const std::vector<ObjectInput>& objects) {
+    auto scene = BuildScene("hall", 1, objects, std::nullopt, {}, pool_);
+    EXPECT_TRUE(scene.ok()) << scene.status();
+    return scene.ok() ? *scene : nullptr;
+  }
+  absl::StatusOr<std::shared_ptr<const Scene>> Edit(const std::vector<SceneEdit>& edits) {
+    return EditScene(*base_, 2, edits, {}, pool_);
+  }
+  void ExpectError(const std::vector<SceneEdit>& edits, absl::StatusCode code,
+                   const std::string& part) {
+    const absl::Status status = Edit(edits).status();
+    EXPECT_EQ(status.code(), code) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(part));
+  }
+
+  TestRng rng_;
+  ThreadPool pool_{2};
+  std::vector<ObjectInput> objects_;
+  std::shared_ptr<const Scene> base_;
+};
+
+TEST_F(SceneTest, BuildsAndReports) {
+  EXPECT_EQ(base_->name, "hall");
+  EXPECT_EQ(base_->revision, 1u);
+  EXPECT_TRUE(ValidateBvh(base_->bvh, base_->geometry).ok());
+  EXPECT_EQ(base_->report.mesh.triangles, 350u);
+  EXPECT_EQ(base_->report.bvh_nodes, base_->bvh.nodes.size());
+  EXPECT_EQ(base_->report.bvh_leaves, base_->bvh.leaf_count);
+  EXPECT_EQ(base_->report.bvh_depth, base_->bvh.max_depth);
+  EXPECT_EQ(base_->report.memory_bytes, base_->MemoryBytes());
+  EXPECT_LE(base_->report.memory_bytes, EstimateSceneBytes(350, 1050) + 150 * sizeof(Vec3d));
+  const auto empty = Build({});
+  EXPECT_TRUE(empty->bvh.empty());
+}
+
+TEST_F(SceneTest, ProgressRisesToOneAndErrorsComeThrough) {
+  Mutex mutex;
+  double last = 0;
+  ASSERT_TRUE(BuildScene("hall", 1, objects_, std::nullopt, {}, pool_, nullptr, [&](double share) {
+                MutexLock lock(mutex);
+                EXPECT_GT(share, last);
+                last = share;
+              }).ok());
+  EXPECT_EQ(last, 1.0);
+  SceneBuildOptions options;
+  options.bvh.bins = 0;
+  EXPECT_EQ(BuildScene("hall", 1, objects_, std::nullopt, options, pool_).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  options = {};
+  options.limits.max_triangles = 349;
+  EXPECT_EQ(BuildScene("hall", 1, objects_, std::nullopt, options, pool_).status().code(),
+            absl::StatusCode::kResourceExhausted);
+  CancelToken cancel;
+  cancel.Cancel();
+  EXPECT_EQ(BuildScene("hall", 1, objects_, std::nullopt, {}, pool_, &cancel).status().code(),
+            absl::StatusCode::kCancelled);
+}
+
+TEST_F(SceneTest, EditsGiveWhatABuildOfTheEditedObjectsGives) {
+  Affine3d transform;
+  transform.m = {0, -1, 0, 3, 1, 0, 0, 4, 0, 0, 2, 5};
+  const ObjectInput lamp = Soup(rng_, "lamp", 20);
+  const std::vector<Vec3d> moved = Soup(rng_, "", 20).vertices;
+  const auto edited = Edit({{Kind::kAdd, lamp},
+                            {Kind::kSetTransform, {.name = "chair", .transform = transform}},
+                            {Kind::kSetVertices, {.name = "lamp", .vertices = moved}}});
+  ASSERT_TRUE(edited.ok()) << edited.status();
+  EXPECT_EQ((*edited)->revision, 2u);
+  EXPECT_EQ((*edited)->name, "hall");
+  EXPECT_TRUE(ValidateBvh((*edited)->bvh, (*edited)->geometry).ok());
+  std::vector<ObjectInput> objects = objects_;
+  objects[1].transform = transform;
+  objects.push_back(lamp);
+  objects[2].vertices = moved;
+  const auto built = Build(objects);
+  EXPECT_EQ((*edited)->geometry.vertices, built->geometry.vertices);
+  EXPECT_EQ((*edited)->geometry.triangles, built->geometry.triangles);
+  EXPECT_EQ((*edited)->bvh.leaves.size(), built->bvh.leaves.size());
+  // The base is as it was.
+  EXPECT_EQ(base_->geometry.objects.size(), 2u);
+  EXPECT_EQ(base_->geometry.objects[1].transform, Affine3d());
+}
+
+TEST_F(SceneTest, RemovingKeepsTheOriginAndTheOtherFloats) {
+  const auto edited = Edit({{Kind::kRemove, {.name = "walls"}}});
+  ASSERT_TRUE(edited.ok()) << edited.status();
+  EXPECT_EQ((*edited)->geometry.origin, base_->geometry.origin);
+  for (uint32_t i = 0; i < 50; ++i) {
+    EXPECT_EQ((*edited)->geometry.Corners(i), base_->geometry.Corners(300 + i));
+  }
+  // A removed name is free again, within the same edit.
+  EXPECT_TRUE(Edit({{Kind::kRemove, {.name = "walls"}}, {Kind::kAdd, Soup(rng_, "walls", 1)}}).ok());
+  EXPECT_TRUE(Edit({}).ok());
+}
+
+TEST_F(SceneTest, AddedObjectsWithoutANameGetAFreeOne) {
+  const auto edited = Edit({{Kind::kAdd, Soup(rng_, "", 1)}, {Kind::kAdd, Soup(rng_, "", 1)}});
+  ASSERT_TRUE(edited.ok()) << edited.status();
+  EXPECT_EQ((*edited)->geometry.objects[2].name, "object-2");
+  EXPECT_EQ((*edited)->geometry.objects[3].name, "object-3");
+}
+
+TEST_F(SceneTest, EditErrorsNameTheObject) {
+  ExpectError({{Kind::kRemove, {.name = "sofa"}}}, absl::StatusCode::kNotFound, "\"sofa\"");
+  ExpectError({{Kind::kRemove, {.name = "walls"}}, {Kind::kSetVertices, {.name = "walls"}}},
+              absl::StatusCode::kNotFound, "\"walls\"");
+  ExpectError({{Kind::kAdd, Soup(rng_, "chair", 1)}}, absl::StatusCode::kAlreadyExists, "\"chair\"");
+  ExpectError({{Kind::kSetTransform, {.name = "walls"}}}, absl::StatusCode::kFailedPrecondition,
+              "\"walls\" is not dynamic");
+  ExpectError({{Kind::kSetVertices, {.name = "chair", .vertices = {{1, 2, 3}}}}},
+              absl::StatusCode::kInvalidArgument, "150 vertices, but 1 were given");
+  ObjectInput bad = Soup(rng_, "bad", 1);
+  bad.indices[1] = 17;
+  ExpectError({{Kind::kAdd, bad}}, absl::StatusCode::kInvalidArgument, "indices[1] = 17");
+}
+
+}  // namespace
+}  // namespace sightline
