@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The server in this process. The one file of the tool that includes the server's headers.
+#include <unistd.h>
+
+#include <algorithm>
 #include <memory>
 #include <utility>
+#include <vector>
 
-#include "absl/strings/str_cat.h"
 #include "client/cli/session.h"
+#include "core/base/status_macros.h"
 #include "server/server.h"
 
 namespace sightline::cli {
@@ -13,11 +17,37 @@ namespace {
 
 class EmbeddedSession final : public Session {
  public:
-  EmbeddedSession(client::Client client, std::unique_ptr<Server> server, const SessionFlags& flags)
-      : Session(std::move(client), /*embedded=*/true, flags), server_(std::move(server)) {}
-
- private:
-  std::unique_ptr<Server> server_;
+  EmbeddedSession(client::Client client, std::shared_ptr<void> server, const SessionFlags& flags)
+      : Session(std::move(client), std::move(server), flags) {}
 };
 
+// Scenes may take three quarters of the machine's memory: nobody else uses this server.
+uint64_t SceneBudget(uint64_t least) {
+  const long pages = ::sysconf(_SC_PHYS_PAGES), page = ::sysconf(_SC_PAGESIZE);
+  if (pages <= 0 || page <= 0) return least;
+  return std::max(least, static_cast<uint64_t>(pages) * static_cast<uint64_t>(page) / 4 * 3);
+}
+
 }  // namespace
+
+absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags) {
+  ServerOptions options;
+  options.listen.clear();  // No socket: in-process channels alone.
+  options.threads = static_cast<int>(flags.threads);
+  options.build_threads = static_cast<int>(flags.threads);
+  options.log_level = LogLevel::kError;
+  options.limits.max_scene_bytes = SceneBudget(options.limits.max_scene_bytes);
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Server> server, Server::Start(options));
+  std::vector<std::shared_ptr<grpc::Channel>> channels;
+  const uint64_t count = flags.streams == 0 ? 1 : std::min<uint64_t>(flags.streams, 8);
+  for (uint64_t i = 0; i < count; ++i) {
+    channels.push_back(server->InProcessChannel(client::DefaultChannelArguments()));
+  }
+  client::ConnectionOptions connection;
+  connection.retry.give_up_after = absl::Seconds(flags.retry_seconds);
+  return std::make_unique<EmbeddedSession>(
+      client::Client(client::MakeConnection(std::move(channels), connection)), std::move(server),
+      flags);
+}
+
+}  // namespace sightline::cli

@@ -14,7 +14,7 @@ namespace {
 class RemoteSession final : public Session {
  public:
   RemoteSession(client::Client client, const SessionFlags& flags)
-      : Session(std::move(client), /*embedded=*/false, flags) {}
+      : Session(std::move(client), /*server=*/nullptr, flags) {}
 };
 
 client::RetryOptions RetriesOf(const SessionFlags& flags) {
@@ -65,9 +65,9 @@ absl::Status SessionFlags::Check() const {
   return absl::OkStatus();
 }
 
-Session::Session(client::Client client, bool embedded, const SessionFlags& flags)
-    : client_(std::move(client)),
-      embedded_(embedded),
+Session::Session(client::Client client, std::shared_ptr<void> server, const SessionFlags& flags)
+    : server_(std::move(server)),
+      client_(std::move(client)),
       flags_(flags),
       deadline_(flags.timeout_seconds > 0 ? absl::Now() + absl::Seconds(flags.timeout_seconds)
                                           : absl::InfiniteFuture()) {}

@@ -40,17 +40,18 @@ class Session {
   virtual ~Session() = default;
 
   const client::Client& client() const { return client_; }
-  bool embedded() const { return embedded_; }
+  bool embedded() const { return server_ != nullptr; }
   // For calls that are made now.
   client::CallOptions call() const { return {.deadline = deadline_}; }
   client::StreamOptions stream() const;
 
  protected:
-  Session(client::Client client, bool embedded, const SessionFlags& flags);
+  // `server`: the embedded one, null for a remote one.
+  Session(client::Client client, std::shared_ptr<void> server, const SessionFlags& flags);
 
  private:
+  const std::shared_ptr<void> server_;  // Outlives client_, whose channels end in it.
   const client::Client client_;
-  const bool embedded_;
   const SessionFlags flags_;
   const absl::Time deadline_;
 };
