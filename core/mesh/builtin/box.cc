@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// After the Cornell box: 2 m along each side, open toward -y, with a lamp below the ceiling, a tall and a low block
-// and a ball. Its walls share bit-equal vertices along their common edges.
+// After the Cornell box: 2 m along each side, open toward -y, with a lamp below the ceiling, a tall
+// and a low block and a ball. Its walls share bit-equal vertices along their common edges.
 #include "core/mesh/builtin/generators.h"
 #include "core/mesh/builtin/noise.h"
 #include "core/mesh/builtin/shapes.h"
@@ -15,13 +15,24 @@ void MakeBox(SceneBuilder& scene) {
   const auto line = [n](int i) { return Lerp(-1, 1, static_cast<double>(i) / n); };
   const auto level = [n](int i) { return Lerp(0, 2, static_cast<double>(i) / n); };
   AddSheet(floor, n, n, [&](int i, int j) { return Vec3d{line(i), line(j), 0}; });
-  AddSheet(scene.Object("ceiling"), n, n, [&](int i, int j) { return Vec3d{line(i), line(n - j), 2}; });
-  AddSheet(scene.Object("wall-back"), n, n, [&](int i, int j) { return Vec3d{line(i), 1, level(j)}; });
-  AddSheet(scene.Object("wall-left"), n, n, [&](int i, int j) { return Vec3d{-1, line(i), level(j)}; });
-  AddSheet(scene.Object("wall-right"), n, n, [&](int i, int j) { return Vec3d{1, line(n - i), level(j)}; });
-  AddBlock(scene.Object("lamp"), Placement({0, 0, 1.97}), {0.28, 0.22, 0.012}, 0.006, scene.Steps(4, 1));
-  AddBlock(scene.Object("block-tall"), Placement({-0.36, 0.32, 0.6}, 0.05), {0.29, 0.29, 0.6}, 0.02, scene.Steps(9, 1));
-  AddBlock(scene.Object("block-low"), Placement({0.36, -0.28, 0.29}, -0.045), {0.29, 0.29, 0.29}, 0.02, scene.Steps(9, 1));
+  AddSheet(scene.Object("ceiling"), n, n, [&](int i, int j) {
+    return Vec3d{line(i), line(n - j), 2};
+  });
+  AddSheet(scene.Object("wall-back"), n, n, [&](int i, int j) {
+    return Vec3d{line(i), 1, level(j)};
+  });
+  AddSheet(scene.Object("wall-left"), n, n, [&](int i, int j) {
+    return Vec3d{-1, line(i), level(j)};
+  });
+  AddSheet(scene.Object("wall-right"), n, n, [&](int i, int j) {
+    return Vec3d{1, line(n - i), level(j)};
+  });
+  AddBlock(scene.Object("lamp"), Placement({0, 0, 1.97}), {0.28, 0.22, 0.012}, 0.006,
+           scene.Steps(4, 1));
+  AddBlock(scene.Object("block-tall"), Placement({-0.36, 0.32, 0.6}, 0.05), {0.29, 0.29, 0.6}, 0.02,
+           scene.Steps(9, 1));
+  AddBlock(scene.Object("block-low"), Placement({0.36, -0.28, 0.29}, -0.045), {0.29, 0.29, 0.29},
+           0.02, scene.Steps(9, 1));
   const uint64_t seed = scene.seed();
   AddBall(scene.Object("ball"), {0.36, -0.28, 0.58 + 0.23}, scene.Steps(15, 2), [&](Vec3d d) {
     return 0.23 - 0.02 * (1 + d.z) * (0.5 + 0.5 * GradientNoise(d * 3, seed));
@@ -30,9 +41,13 @@ void MakeBox(SceneBuilder& scene) {
 
 std::vector<BuiltinView> BoxViews(uint64_t) {
   return {
-      MakeView({0, -3.6, 1}, {0, 0, 1}, 40, {{0, -1, 1.8}, {0, 0, 1.8}, {-0.9, 0.8, 0.3}}, {275, 260, 265}, 0.1),
-      MakeView({0.75, -0.85, 1.65}, {-0.35, 0.5, 0.4}, 65, {{0, -1, 1.8}, {0, 0, 1.8}, {-0.9, 0.8, 0.3}}, {275, 260, 265}, 0.1),
-      MakeView({-0.85, -0.6, 0.35}, {0.4, 0.1, 0.7}, 70, {{0, -1, 1.8}, {0, 0, 1.8}, {-0.9, 0.8, 0.3}}, {275, 260, 265}, 0.1),
+      MakeView({0, -3.6, 1}, {0, 0, 1}, 40,
+               {{-0.3, -0.5, 1.6}, {-0.75, 0.85, 0.85}, {0.082, -0.02, 1.986}}, {275, 260, 265},
+               0.1),
+      MakeView({0.75, -0.85, 1.65}, {-0.35, 0.5, 0.4}, 65,
+               {{0.4, 0.15, 1.6}, {0.75, 0.05, 0.4}, {0.65, -0.5, 0.25}}, {275, 260, 265}, 0.1),
+      MakeView({-0.85, -0.6, 0.35}, {0.4, 0.1, 0.7}, 70,
+               {{-0.75, -0.15, 1.4}, {0.15, 0.15, 0.95}, {-0.8, 0.9, 0.75}}, {275, 260, 265}, 0.1),
   };
 }
 

@@ -16,15 +16,17 @@ namespace sightline {
 namespace {
 
 constexpr BuiltinInfo kInfos[] = {
-    {"hall", "columned hall with a vault, tables, chairs, crates and balls; cameras inside", 250'000, 25'000},
-    {"room", "furnished living room with books, cushions, plants and a window", 200'000, 20'000},
-    {"office", "open office with desks, chairs and sixteen ceiling lights", 300'000, 30'000},
-    {"plants", "potted plants of several kinds with many leaves", 300'000, 20'000},
-    {"city", "blocks of buildings and towers around (500000, 4400000), metres", 500'000, 40'000},
-    {"forest", "hilly ground with conifers, broad-leaved trees, ferns and stones", 1'000'000, 60'000},
-    {"sphere", "one closed, displaced sphere", 200'000, 200},
+    {"hall", "columned hall with a vault, tables, chairs, crates and balls; cameras inside",
+     250'000, 30'000},
+    {"room", "furnished living room with books, cushions, plants and a window", 200'000, 15'000},
+    {"office", "open office with desks, chairs and sixteen ceiling lights", 300'000, 60'000},
+    {"plants", "potted plants of several kinds with many leaves", 300'000, 10'000},
+    {"city", "blocks of buildings and towers around (500000, 4400000), metres", 1'000'000, 200'000},
+    {"forest", "hilly ground with conifers, broad-leaved trees, ferns and stones", 1'000'000,
+     80'000},
+    {"sphere", "one closed, displaced sphere", 200'000, 1'500},
     {"terrain", "fractal mountains, eight kilometres square", 500'000, 200},
-    {"box", "Cornell-like box with two blocks and a ball", 10'000, 200},
+    {"box", "Cornell-like box with two blocks and a ball", 10'000, 300},
 };
 
 struct Generator {
@@ -33,8 +35,8 @@ struct Generator {
 };
 // In the order of kInfos.
 constexpr Generator kGenerators[] = {
-    {MakeHall, HallViews},     {MakeRoom, RoomViews},     {MakeOffice, OfficeViews},
-    {MakePlants, PlantsViews}, {MakeCity, CityViews},     {MakeForest, ForestViews},
+    {MakeHall, HallViews},     {MakeRoom, RoomViews},       {MakeOffice, OfficeViews},
+    {MakePlants, PlantsViews}, {MakeCity, CityViews},       {MakeForest, ForestViews},
     {MakeSphere, SphereViews}, {MakeTerrain, TerrainViews}, {MakeBox, BoxViews},
 };
 static_assert(std::size(kInfos) == std::size(kGenerators));
@@ -45,18 +47,17 @@ absl::StatusOr<size_t> Find(std::string_view name) {
     if (kInfos[i].name == name) return i;
     absl::StrAppend(&known, i == 0 ? "" : ", ", std::string(kInfos[i].name));
   }
-  return absl::InvalidArgumentError(absl::StrCat("unknown built-in scene '", std::string(name),
-                                                 "'; known are ", known, "; a size up to ",
-                                                 kMaxBuiltinTriangles, " triangles may follow, as in ",
-                                                 "hall:1000000 or forest:2M,seed=7"));
+  return absl::InvalidArgumentError(absl::StrCat(
+      "unknown built-in scene '", std::string(name), "'; known are ", known, "; a size up to ",
+      kMaxBuiltinTriangles, " triangles may follow, as in ", "hall:1000000 or forest:2M,seed=7"));
 }
 
 absl::Status CheckTarget(const BuiltinInfo& info, uint64_t target) {
   if (target >= info.min_triangles && target <= kMaxBuiltinTriangles) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat(
-      "built-in scene '", std::string(info.name), "' cannot have ", target, " triangles; ask for ",
-      info.min_triangles, " to ", kMaxBuiltinTriangles, ", or leave the size out for ",
-      info.default_triangles));
+  return absl::InvalidArgumentError(
+      absl::StrCat("built-in scene '", std::string(info.name), "' cannot have ", target,
+                   " triangles; ask for ", info.min_triangles, " to ", kMaxBuiltinTriangles,
+                   ", or leave the size out for ", info.default_triangles));
 }
 
 // A whole number below 2^64; digits only.
@@ -101,8 +102,8 @@ uint64_t CountTriangles(const Generator& generator, double detail, uint64_t seed
   return counter.Triangles();
 }
 
-// The detail whose scene comes nearest to `target`, by bisection on the logarithm. Counts rise with detail but for
-// the dither of a few objects, so the nearest of all that were tried is kept.
+// The detail whose scene comes nearest to `target`, by bisection on the logarithm. Counts rise with
+// detail but for the dither of a few objects, so the nearest of all that were tried is kept.
 double FitDetail(const Generator& generator, uint64_t target, uint64_t seed) {
   double low = 0x1p-14, high = 0x1p12, best = low;
   uint64_t best_error = UINT64_MAX;
@@ -165,7 +166,8 @@ absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec) {
   if (!index.ok()) return index.status();
   const BuiltinInfo& info = kInfos[*index];
   const Generator& generator = kGenerators[*index];
-  const uint64_t target = spec.target_triangles == 0 ? info.default_triangles : spec.target_triangles;
+  const uint64_t target =
+      spec.target_triangles == 0 ? info.default_triangles : spec.target_triangles;
   if (absl::Status status = CheckTarget(info, target); !status.ok()) return status;
 
   BuiltinScene scene;

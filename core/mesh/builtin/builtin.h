@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Sightline's own scenes: made, not read, so that tests, demo and benchmarks need no file. Each is sized by a
-// number of triangles up to ten million and comes with three views of the kind the benchmark uses.
+// Sightline's own scenes: made, not read, so that tests, demo and benchmarks need no file. Each is
+// sized by a number of triangles up to ten million and comes with three views of the kind the
+// benchmark uses.
 //
-// - Deterministic: the same spec gives the same bits on every machine and compiler (no libm function whose last
+// - Deterministic: the same spec gives the same bits on every machine and compiler (no libm
+// function whose last
 //   digit is open, our own random numbers, one order of operations).
-// - Sized by finer tessellation and more furniture, leaves and windows, not by copies: within 10 % of the target.
+// - Sized by finer tessellation and more furniture, leaves and windows, not by copies: within 10 %
+// of the target.
 //   What a view looks at stays where it is at every size.
 // - Metres, z up, x east and y north, in every scene.
-// - Vertices are shared by index within an object; columns, balls, blocks, pots, branches and buildings are closed
-//   solids (every directed edge has its reverse once) with fronts outward. Grounds, leaves and rugs are sheets.
+// - Vertices are shared by index within an object; columns, balls, blocks, pots, branches and
+// buildings are closed
+//   solids (every directed edge has its reverse once) with fronts outward. Grounds, leaves and rugs
+//   are sheets.
 //
 // Thread safety: pure functions; a scene is plain data.
 //
@@ -40,8 +45,9 @@ struct BuiltinView {
   Vec3d eye, at, up;
   double fov_y_degrees = 60;
   std::vector<Vec3d> lights;  // Three points that leave about 90, 50 and 10 % of the view lit.
-  std::vector<Vec3d> suns;    // Unit directions toward the sun, 60, 30 and 8 degrees above the horizon.
-  BuiltinAreaLight area;      // Around the second light.
+  std::vector<Vec3d>
+      suns;               // Unit directions toward the sun, 60, 30 and 8 degrees above the horizon.
+  BuiltinAreaLight area;  // Around the second light.
 };
 
 struct BuiltinScene {
@@ -71,12 +77,13 @@ struct BuiltinInfo {
 // Every built-in scene, in the order of the documentation.
 std::span<const BuiltinInfo> BuiltinScenes();
 
-// Reads NAME[:TRIANGLES][,seed=N], without the "builtin:" of the command line; TRIANGLES is a whole number
-// or one with k or M behind it ("250k", "2M", "1.5M"). InvalidArgument names what is wrong, the known names or the limits.
+// Reads NAME[:TRIANGLES][,seed=N], without the "builtin:" of the command line; TRIANGLES is a whole
+// number or one with k or M behind it ("250k", "2M", "1.5M"). InvalidArgument names what is wrong,
+// the known names or the limits.
 absl::StatusOr<BuiltinSpec> ParseBuiltin(std::string_view text);
 
-// Makes the scene: up to some seconds for ten million triangles. InvalidArgument for an unknown name or a target outside
-// [min_triangles, kMaxBuiltinTriangles].
+// Makes the scene: up to some seconds for ten million triangles. InvalidArgument for an unknown
+// name or a target outside [min_triangles, kMaxBuiltinTriangles].
 absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec);
 
 }  // namespace sightline

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The few functions that the built-in scenes need beyond + - * / and sqrt, written so that every machine and
-// compiler gives the same bits: no libm function whose last digit is left to the library. Angles are in
-// turns (1 = 360 degrees), so that range reduction is exact and quarter turns give exact 0 and 1.
+// The few functions that the built-in scenes need beyond + - * / and sqrt, written so that every
+// machine and compiler gives the same bits: no libm function whose last digit is left to the
+// library. Angles are in turns (1 = 360 degrees), so that range reduction is exact and quarter
+// turns give exact 0 and 1.
 //
 // Thread safety: pure functions.
 //
@@ -21,9 +22,9 @@ struct SinCos {
   double sin, cos;
 };
 
-// Sine and cosine of `turns` full turns. Taylor polynomials on |x| <= pi/4: the first dropped terms are
-// (pi/4)^17/17! < 2^-54 and (pi/4)^18/18! < 2^-58, so only rounding remains.
-// REQUIRES: |turns| < 2^51 (beyond it a double no longer holds a fraction of a turn).
+// Sine and cosine of `turns` full turns. Taylor polynomials on |x| <= pi/4: the first dropped terms
+// are (pi/4)^17/17! < 2^-54 and (pi/4)^18/18! < 2^-58, so only rounding remains. REQUIRES: |turns|
+// < 2^51 (beyond it a double no longer holds a fraction of a turn).
 inline SinCos SinCosTurns(double turns) {
   const double t = turns - std::floor(turns + 0.5);  // [-1/2, 1/2), exact.
   const double quarter = std::floor(t * 4 + 0.5);    // -2 .. 2.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A clearing in a mixed forest: 160 m × 160 m of hilly ground around the origin, conifers, broad-leaved trees, ferns,
-// stones and fallen trunks. The ground is near z = 0.
+// A clearing in a mixed forest: 160 m × 160 m of hilly ground around the origin, conifers,
+// broad-leaved trees, ferns, stones and fallen trunks. The ground is near z = 0.
 #include <algorithm>
 #include <vector>
 
@@ -35,31 +35,36 @@ void MakeTree(SceneBuilder& scene, int index, Vec3d at, Prng& rng) {
                            .crown_radius = conifer ? 0.19 * height : 0.36 * height,
                            .trunk_radius = 0.017 * height,
                            .conifer = conifer,
-                           .branches = conifer ? 26 : 11,
-                           .twigs = conifer ? 4 : 6};
+                           .branches = conifer ? scene.Items(60, 6, 26) : scene.Items(30, 4, 11),
+                           .twigs = conifer ? 4 : scene.Items(18, 1, 6)};
   std::vector<Twig> twigs;
   const Placement place(at, rng.Uniform());
   AddWood(scene, scene.Object("tree", index), place, shape, rng, &twigs);
   MeshBuilder& leaves = scene.Object(conifer ? "needles" : "leaves", index);
-  const double area = (conifer ? 2.6 : 3.4) * shape.crown_radius * height;
+  const double area = (conifer ? 1.9 : 3.2) * shape.crown_radius * height;
   // Near the middle of the clearing leaves are looked at from close by: there are more of them.
   const double near = 1 + 2.5 / (1 + (at.x * at.x + at.y * at.y) / 600);
   AddLeaves(leaves, twigs,
-            {.count = scene.Swarm((conifer ? 620 : 560) * near * (young ? 0.4 : 1.0), 40), .area = area,
-             .slenderness = conifer ? 4.5 : 1.7, .max_length = 0.07 * height, .spread = conifer ? 0.1 : 0.25, .cells = 0},
+            {.count = scene.Swarm((conifer ? 1500 : 1300) * near * (young ? 0.4 : 1.0), 40),
+             .area = area,
+             .slenderness = conifer ? 7.0 : 1.7,
+             .max_length = 0.05 * height,
+             .spread = conifer ? 0.1 : 0.25,
+             .cells = 0},
             rng);
 }
 
 void MakeUndergrowth(SceneBuilder& scene, FloorPlan& plan) {
   const uint64_t seed = scene.seed();
-  const int ferns = scene.Items(120, 30, 700);
+  const int ferns = scene.Items(110, 30, 700);
   for (int i = 0; i < ferns; ++i) {
     Prng rng(seed, "forest-fern", static_cast<uint64_t>(i));
     const double half = i % 3 == 0 ? 60 : 22;
     Vec3d at;
     if (!plan.Place(rng, {-half, -half, 0}, {half, half, 0}, 0.5, &at)) continue;
     const Placement foot(Above(at.x, at.y, -0.02, seed), rng.Uniform());
-    AddFern(scene.Object("fern", i), foot, rng.Uniform(0.4, 1.0), 11, scene.Items(14, 5, 60), scene.Steps(0.8, 0), rng);
+    AddFern(scene.Object("fern", i), foot, rng.Uniform(0.4, 1.0), 9, scene.Items(8, 5, 60),
+            scene.Steps(0.3, 0), rng);
   }
   const int stones = scene.Items(60, 20, 300);
   for (int i = 0; i < stones; ++i) {
@@ -69,9 +74,10 @@ void MakeUndergrowth(SceneBuilder& scene, FloorPlan& plan) {
     Vec3d at;
     if (!plan.Place(rng, {-45, -45, 0}, {45, 45, 0}, r, &at)) continue;
     const uint64_t shape = rng.Next();
-    AddBall(scene.Object("stone", i), Above(at.x, at.y, 0.1 * r, seed), scene.Steps(5 + 5 * r, 2), [&](Vec3d d) {
-      return r * (1 + 0.55 * Fbm(d * 1.3, 5, shape)) * (0.75 + 0.25 * (1 - d.z * d.z));
-    });
+    AddBall(scene.Object("stone", i), Above(at.x, at.y, 0.1 * r, seed), scene.Steps(5 + 5 * r, 2),
+            [&](Vec3d d) {
+              return r * (1 + 0.55 * Fbm(d * 1.3, 5, shape)) * (0.75 + 0.25 * (1 - d.z * d.z));
+            });
   }
   for (int i = 0; i < 7; ++i) {
     Prng rng(seed, "forest-log", static_cast<uint64_t>(i));
@@ -83,7 +89,8 @@ void MakeUndergrowth(SceneBuilder& scene, FloorPlan& plan) {
     std::vector<Joint> joints;
     for (int k = 0; k <= kJoints; ++k) {
       const double s = length * (k / 12.0 - 0.5);
-      joints.push_back({Above(at.x + s * sc.cos, at.y + s * sc.sin, 0.6 * radius, seed), radius * (1.1 - 0.03 * k)});
+      joints.push_back({Above(at.x + s * sc.cos, at.y + s * sc.sin, 0.6 * radius, seed),
+                        radius * (1.1 - 0.03 * k)});
     }
     AddTube(scene.Object("log", i), joints, scene.Steps(12, 5));
   }
@@ -94,7 +101,7 @@ void MakeGrass(SceneBuilder& scene) {
   const uint64_t seed = scene.seed();
   for (int patch = 0; patch < 16; ++patch) {
     MeshBuilder& mesh = scene.Object("grass", patch);
-    const int blades = scene.Swarm(900, 60);
+    const int blades = scene.Swarm(2600, 60);
     if (mesh.counting()) {
       mesh.Begin(0, blades * LeafTriangles(0));
       continue;
@@ -106,8 +113,8 @@ void MakeGrass(SceneBuilder& scene) {
       const SinCos sc = SinCosTurns(rng.Uniform());
       const double lean = rng.Uniform(0.1, 0.7);
       const double length = rng.Uniform(0.12, 0.4);
-      AddLeaf(mesh, Above(x, y, -0.02, seed), Unit({lean * sc.cos, lean * sc.sin, 1}), {-sc.sin, sc.cos, 0},
-              {length, 0.02, 0.25, 0.2}, 0);
+      AddLeaf(mesh, Above(x, y, -0.02, seed), Unit({lean * sc.cos, lean * sc.sin, 1}),
+              {-sc.sin, sc.cos, 0}, {length, 0.02, 0.25, 0.2}, 0);
     }
   }
 }
@@ -117,7 +124,7 @@ void MakeGrass(SceneBuilder& scene) {
 void MakeForest(SceneBuilder& scene) {
   const uint64_t seed = scene.seed();
   MeshBuilder& ground = scene.Object("ground");
-  const int nx = scene.Steps(150, 16), ny = scene.Steps(150, 16);
+  const int nx = scene.Steps(130, 16), ny = scene.Steps(130, 16);
   AddSheet(ground, nx, ny, [&](int i, int j) {
     const double x = Lerp(-kHalf, kHalf, static_cast<double>(i) / nx);
     const double y = Lerp(-kHalf, kHalf, static_cast<double>(j) / ny);
@@ -125,8 +132,8 @@ void MakeForest(SceneBuilder& scene) {
   });
   FloorPlan plan;
   // The cameras stand free, and so does the middle of the clearing.
-  plan.Reserve(-14, -20, 3.5);
-  plan.Reserve(24, 6, 3.5);
+  plan.Reserve(-14, -20, 5);
+  plan.Reserve(24, 6, 5.5);
   plan.Reserve(0, 0, 8);
   plan.Reserve(-7, -10, 5);
   plan.Reserve(12, 3, 5);
@@ -143,12 +150,18 @@ void MakeForest(SceneBuilder& scene) {
 
 std::vector<BuiltinView> ForestViews(uint64_t seed) {
   return {
-      MakeView(Above(-14, -20, 2.0, seed), Above(4, 8, 4.5, seed), 60,
-               {Above(-10, -14, 10, seed), Above(0, -5, 20, seed), Above(30, 10, 10, seed)}, {200, 120, 330}, 0.8),
-      MakeView(Above(24, 6, 1.7, seed), Above(-6, -2, 4, seed), 58,
-               {Above(20, 4, 10, seed), Above(0, -5, 20, seed), Above(-30, 10, 10, seed)}, {200, 120, 330}, 0.8),
-      MakeView(Above(-70, -75, 48, seed), Above(5, 5, 2, seed), 50,
-               {Above(-60, -60, 60, seed), Above(0, -5, 30, seed), Above(30, 10, 10, seed)}, {200, 120, 330}, 0.8),
+      MakeView(
+          Above(-14, -20, 2.0, seed), Above(4, 8, 4.5, seed), 60,
+          {Above(-14.5, -21, 2, seed), Above(-33.5, 22, 35.5, seed), Above(16, 50.5, 7.5, seed)},
+          {200, 120, 330}, 0.8),
+      MakeView(
+          Above(24, 6, 1.7, seed), Above(-6, -2, 4, seed), 58,
+          {Above(22.5, 4.5, 2.5, seed), Above(9, -65, 50.5, seed), Above(20, -53.5, 9.5, seed)},
+          {200, 120, 330}, 0.8),
+      MakeView(
+          Above(-70, -75, 48, seed), Above(5, 5, 2, seed), 50,
+          {Above(-68.5, -75, 47.5, seed), Above(-15, -26.5, 56, seed), Above(16, 50.5, 7.5, seed)},
+          {200, 120, 330}, 0.8),
   };
 }
 

@@ -10,17 +10,19 @@ void AddChair(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Pr
   const double back = rng.Uniform(0.90, 1.02);
   AddBlock(mesh, place.Moved({0, 0, 0.45}), {0.22, 0.21, 0.025}, 0.02, block);
   for (double x : {-0.18, 0.18}) {
-    AddLathe(mesh, place.Moved({x, -0.17, 0}), {{0.014, 0}, {0.022, 0.2}, {0.016, 0.35}, {0.02, 0.43}},
-             round, fine);
+    AddLathe(mesh, place.Moved({x, -0.17, 0}),
+             {{0.014, 0}, {0.022, 0.2}, {0.016, 0.35}, {0.02, 0.43}}, round, fine);
     const Joint leg[] = {{place.At({x, 0.20, 0}), 0.016},
                          {place.At({x, 0.18, 0.25}), 0.02},
                          {place.At({x, 0.18, 0.5}), 0.02},
                          {place.At({x, 0.21, 0.75}), 0.018},
                          {place.At({x, 0.25, back}), 0.015}};
     AddTube(mesh, leg, round);
-    AddTube(mesh, {{place.At({x, -0.165, 0.16}), 0.009}, {place.At({x, 0.185, 0.16}), 0.009}}, round);
+    AddTube(mesh, {{place.At({x, -0.165, 0.16}), 0.009}, {place.At({x, 0.185, 0.16}), 0.009}},
+            round);
   }
-  AddTube(mesh, {{place.At({-0.18, 0.0, 0.16}), 0.009}, {place.At({0.18, 0.0, 0.16}), 0.009}}, round);
+  AddTube(mesh, {{place.At({-0.18, 0.0, 0.16}), 0.009}, {place.At({0.18, 0.0, 0.16}), 0.009}},
+          round);
   const int slats = 3 + rng.Below(3);
   for (int i = 0; i < slats; ++i) {
     const double t = static_cast<double>(i + 1) / slats;
@@ -44,27 +46,41 @@ void AddTable(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Ve
   for (double sx : {-1.0, 1.0}) {
     for (double sy : {-1.0, 1.0}) {
       AddLathe(mesh, place.Moved({sx * lx, sy * ly, 0}),
-               {{0.022, 0}, {0.03, 0.03}, {0.02, 0.08}, {0.032, top * 0.35}, {0.038, top * 0.6},
-                {0.024, top * 0.74}, {0.04, top * 0.8}, {0.04, top - 0.03}},
+               {{0.022, 0},
+                {0.03, 0.03},
+                {0.02, 0.08},
+                {0.032, top * 0.35},
+                {0.038, top * 0.6},
+                {0.024, top * 0.74},
+                {0.04, top * 0.8},
+                {0.04, top - 0.03}},
                round, fine);
     }
   }
 }
 
-void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height, Prng& rng) {
+void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height,
+             Prng& rng) {
   const double belly = height * rng.Uniform(0.22, 0.36);
   const double at = rng.Uniform(0.3, 0.6);
   const double neck = belly * rng.Uniform(0.35, 0.6);
   const double foot = belly * rng.Uniform(0.45, 0.7);
   const double wall = 0.06 * belly;
   AddLathe(mesh, place,
-           {{foot, 0}, {foot * 0.95, 0.04 * height}, {belly, at * height}, {neck, 0.82 * height},
-            {neck * 1.35, height}, {neck * 1.25, height * 1.01}, {neck - wall, 0.82 * height},
-            {belly - 2 * wall, at * height}, {foot - 2 * wall, 0.1 * height}},
+           {{foot, 0},
+            {foot * 0.95, 0.04 * height},
+            {belly, at * height},
+            {neck, 0.82 * height},
+            {neck * 1.35, height},
+            {neck * 1.25, height * 1.01},
+            {neck - wall, 0.82 * height},
+            {belly - 2 * wall, at * height},
+            {foot - 2 * wall, 0.1 * height}},
            scene.Steps(20, 6), scene.Steps(3, 1), 10, 0.04);
 }
 
-void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d space, Prng& rng) {
+void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d space,
+              Prng& rng) {
   double x = -space.x / 2;
   while (true) {
     const double thick = rng.Uniform(0.014, 0.05);
@@ -80,14 +96,16 @@ void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Ve
       const double u = static_cast<double>(i) / n, v = static_cast<double>(j) / n;
       const double w = static_cast<double>(k) / n;
       const double bulge = n > 1 ? round * 4 * u * (1 - u) * (1 - v) : 0.0;
-      return place.At({left + thick * u + lean * w, space.y / 2 - deep * (1 - v) - bulge, high * w});
+      return place.At(
+          {left + thick * u + lean * w, space.y / 2 - deep * (1 - v) - bulge, high * w});
     });
     x += thick + lean + 0.0015;
     if (rng.Below(14) == 0) x += rng.Uniform(0.02, 0.12);
   }
 }
 
-void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size, int boards) {
+void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size,
+                int boards) {
   const double x = size.x / 2, y = size.y / 2;
   const int n = scene.Steps(1.5, 1);
   AddBox(mesh, place, {-x, -y, 0}, {-x + 0.025, y, size.z}, 1, n, n);
@@ -99,7 +117,8 @@ void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, 
   }
 }
 
-void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double size, Prng& rng) {
+void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double size,
+                Prng& rng) {
   const int n = scene.Steps(12, 3);
   const double crease = rng.Uniform(0.02, 0.06);
   const double lean = rng.Uniform(0.2, 0.4);
@@ -110,7 +129,7 @@ void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, 
     const double pinch = 1 - 0.12 * ((1 - u * u) * v * v + (1 - v * v) * u * u);
     const double thick = 0.012 + 0.11 * (1 - u * u) * (1 - v * v);
     const double fold = crease * SinCosTurns(phase + u * 0.7 + v * 0.4).sin * (1 - u * u);
-    const double depth = (k - 1) * size * (thick + 0.3 * fold * (1 - v * v));
+    const double depth = (1 - k) * size * (thick + 0.3 * fold * (1 - v * v));
     const double up = 0.5 * size * (v * pinch + 1);
     return place.At({0.5 * size * u * pinch, lean * up + depth, up - 0.25 * depth});
   });
@@ -118,7 +137,12 @@ void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, 
 
 void AddCup(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place) {
   AddLathe(mesh, place,
-           {{0.026, 0}, {0.034, 0.01}, {0.04, 0.05}, {0.041, 0.09}, {0.037, 0.09}, {0.035, 0.05},
+           {{0.026, 0},
+            {0.034, 0.01},
+            {0.04, 0.05},
+            {0.041, 0.09},
+            {0.037, 0.09},
+            {0.035, 0.05},
             {0.024, 0.012}},
            scene.Steps(14, 5), scene.Steps(2, 1));
   const Joint handle[] = {{place.At({0.038, 0, 0.072}), 0.005},
@@ -133,9 +157,13 @@ void AddLamp(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, dou
   const int round = scene.Steps(22, 6), fine = scene.Steps(2, 1);
   const double r = 0.16 * height;
   AddLathe(mesh, place,
-           {{r * 0.75, 0}, {r * 0.72, 0.012 * height}, {r * 0.15, 0.03 * height},
-            {0.012 * height, 0.08 * height}, {0.012 * height, 0.4 * height},
-            {0.016 * height, 0.45 * height}, {0.01 * height, 0.5 * height},
+           {{r * 0.75, 0},
+            {r * 0.72, 0.012 * height},
+            {r * 0.15, 0.03 * height},
+            {0.012 * height, 0.08 * height},
+            {0.012 * height, 0.4 * height},
+            {0.016 * height, 0.45 * height},
+            {0.01 * height, 0.5 * height},
             {0.01 * height, 0.78 * height}},
            round, fine);
   // The shade: a closed band, open above and below.
@@ -148,12 +176,17 @@ void AddLamp(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, dou
   });
 }
 
-void AddBowl(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius, int count,
-             Prng& rng) {
+void AddBowl(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius,
+             int count, Prng& rng) {
   const double r = radius;
   AddLathe(mesh, place,
-           {{0.45 * r, 0}, {0.5 * r, 0.05 * r}, {0.85 * r, 0.3 * r}, {r, 0.6 * r}, {0.95 * r, 0.61 * r},
-            {0.78 * r, 0.32 * r}, {0.4 * r, 0.12 * r}},
+           {{0.45 * r, 0},
+            {0.5 * r, 0.05 * r},
+            {0.85 * r, 0.3 * r},
+            {r, 0.6 * r},
+            {0.95 * r, 0.61 * r},
+            {0.78 * r, 0.32 * r},
+            {0.4 * r, 0.12 * r}},
            scene.Steps(24, 6), scene.Steps(2, 1));
   for (int i = 0; i < count; ++i) {
     const SinCos sc = SinCosTurns(i * 0.381966011 + rng.Uniform(0, 0.05));

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Furniture for the scenes with rooms in them, life-sized in metres: every piece is added to the open object of a
-// SceneBuilder, at a placement whose origin is on the floor (or shelf, or table) below its middle.
+// Furniture for the scenes with rooms in them, life-sized in metres: every piece is added to the
+// open object of a SceneBuilder, at a placement whose origin is on the floor (or shelf, or table)
+// below its middle.
 //
 // Thread safety: one thread per SceneBuilder.
 //
@@ -23,27 +24,34 @@ void AddChair(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Pr
 // A table of the given width, depth and height on four turned legs.
 void AddTable(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size);
 // A vase `height` high, shaped by `rng`, hollow from above.
-void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height, Prng& rng);
-// A row of standing books along x, filling `width`, none higher than `height` or deeper than `depth`.
-void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d space, Prng& rng);
-// Shelves: a case of the given width, depth and height with `boards` compartments, backed toward +y.
-void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size, int boards);
+void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height,
+             Prng& rng);
+// A row of standing books along x, filling `width`, none higher than `height` or deeper than
+// `depth`.
+void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d space,
+              Prng& rng);
+// Shelves: a case of the given width, depth and height with `boards` compartments, backed toward
+// +y.
+void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size,
+                int boards);
 // A cushion standing on its edge, leaning back toward +y, `size` wide.
-void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double size, Prng& rng);
+void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double size,
+                Prng& rng);
 // A cup with a handle, 0.09 m high.
 void AddCup(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place);
 // A lamp with a pole and an open shade, `height` high.
 void AddLamp(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height);
 // A basket of `count` balls of fruit or stone, `radius` wide.
-void AddBowl(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius, int count,
-             Prng& rng);
+void AddBowl(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius,
+             int count, Prng& rng);
 
 // Finds room on a floor for round things: none overlaps another.
 class FloorPlan {
  public:
   // Keeps a disc free of what is placed later.
   void Reserve(double x, double y, double radius) { discs_.push_back({x, y, radius}); }
-  // Draws positions within [lo, hi] until a disc fits, at most 24 times, and reserves it. False: no room.
+  // Draws positions within [lo, hi] until a disc fits, at most 24 times, and reserves it. False: no
+  // room.
   bool Place(Prng& rng, Vec3d lo, Vec3d hi, double radius, Vec3d* at);
 
  private:

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The generators behind builtin.h, one file each: a Make function writes the objects to a SceneBuilder, a Views
-// function gives the cameras and lights. What a generator writes depends on (detail, seed) alone.
+// The generators behind builtin.h, one file each: a Make function writes the objects to a
+// SceneBuilder, a Views function gives the cameras and lights. What a generator writes depends on
+// (detail, seed) alone.
 //
 // Thread safety: one thread per SceneBuilder.
 //
@@ -41,8 +42,8 @@ std::vector<BuiltinView> BoxViews(uint64_t seed);
 // Where the office's ceiling lights hang.
 std::vector<Vec3d> OfficeLights();
 
-// A view with its suns at 60, 30 and 8 degrees in the three azimuths (degrees from east toward north), and a level
-// square area light of half size `area_half` around the second light.
+// A view with its suns at 60, 30 and 8 degrees in the three azimuths (degrees from east toward
+// north), and a level square area light of half size `area_half` around the second light.
 inline BuiltinView MakeView(Vec3d eye, Vec3d at, double fov_y_degrees, std::vector<Vec3d> lights,
                             Vec3d azimuths, double area_half) {
   return {.eye = eye,

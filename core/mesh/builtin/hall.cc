@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A columned hall, 40 m long (x), with a nave under a barrel vault that is open along its crown, two aisles with
-// windows, tables, chairs, crates, balls, vases and chandeliers. The floor is z = 0.
+// A columned hall, 40 m long (x), with a nave under a barrel vault that is open along its crown,
+// two aisles with windows, tables, chairs, crates, balls, vases and chandeliers. The floor is z =
+// 0.
 #include <algorithm>
 #include <string>
 
@@ -18,8 +19,8 @@ constexpr int kBays = 10;
 const Placement kHall({0, 0, 0});
 
 // A slab that spans `from`..`to` of half a turn about (y = 0, z = kVault), from x0 to x1.
-void AddVaultBand(SceneBuilder& scene, MeshBuilder& mesh, double x0, double x1, double from, double to,
-                  double inner, double outer) {
+void AddVaultBand(SceneBuilder& scene, MeshBuilder& mesh, double x0, double x1, double from,
+                  double to, double inner, double outer) {
   const int around = scene.Steps(60 * (to - from) + 1, 2);
   AddSolid(mesh, 1, around, 1, [&](int i, int j, int k) {
     // Angles fall as j grows, so that (x, along, outward) is right-handed.
@@ -61,9 +62,11 @@ void MakeWalls(SceneBuilder& scene) {
     }
     MeshBuilder& roof = scene.Object(side < 0 ? "aisle-roof-south" : "aisle-roof-north");
     const double in = side * (kNave - 0.35), out = side * (kAisle + 0.6);
-    AddBox(roof, kHall, {-kHalfLength, std::min(in, out), 7.3}, {kHalfLength, std::max(in, out), 7.5}, n, n, 1);
+    AddBox(roof, kHall, {-kHalfLength, std::min(in, out), 7.3},
+           {kHalfLength, std::max(in, out), 7.5}, n, n, 1);
     MeshBuilder& attic = scene.Object(side < 0 ? "attic-south" : "attic-north");
-    AddBox(attic, kHall, {-kHalfLength, side * kNave - 0.35, 7.5}, {kHalfLength, side * kNave + 0.35, kVault + 0.3}, n, 1, 1);
+    AddBox(attic, kHall, {-kHalfLength, side * kNave - 0.35, 7.5},
+           {kHalfLength, side * kNave + 0.35, kVault + 0.3}, n, 1, 1);
     AddBox(attic, kHall, {-kHalfLength, side * (kNave - 0.35) - 0.08, 7.6},
            {kHalfLength, side * (kNave - 0.35) + 0.08, 7.75}, n, 1, 1);
   }
@@ -80,7 +83,8 @@ void MakeWalls(SceneBuilder& scene) {
     AddSolid(end, 1, around, 2, [&](int i, int j, int k) {
       const SinCos sc = SinCosTurns(0.5 - 0.5 * j / around);
       const double y = (kNave + 0.2) * sc.cos;
-      return Vec3d{i == 0 ? x0 : x1, y, Lerp(7.5, kVault + 0.05 + (kNave + 0.15) * sc.sin, k / 2.0)};
+      return Vec3d{i == 0 ? x0 : x1, y,
+                   Lerp(7.5, kVault + 0.05 + (kNave + 0.15) * sc.sin, k / 2.0)};
     });
   }
 }
@@ -98,7 +102,8 @@ void MakeVault(SceneBuilder& scene) {
   }
   for (int i = 0; i <= kBays; ++i) {
     const double x = -kHalfLength + kBay * i;
-    AddVaultBand(scene, scene.Object("rib", i), x - 0.18, x + 0.18, 0, 0.5, kNave - 0.25, kNave + 0.1);
+    AddVaultBand(scene, scene.Object("rib", i), x - 0.18, x + 0.18, 0, 0.5, kNave - 0.25,
+                 kNave + 0.1);
   }
 }
 
@@ -110,8 +115,18 @@ void MakeColumns(SceneBuilder& scene) {
     const Placement foot({x, y, 0});
     AddBox(mesh, foot, {-0.55, -0.55, 0}, {0.55, 0.55, 0.25});
     AddLathe(mesh, foot,
-             {{0.52, 0.25}, {0.52, 0.34}, {0.44, 0.42}, {0.47, 0.5}, {0.39, 0.6}, {0.385, 1.6},
-              {0.37, 3.0}, {0.34, 4.3}, {0.36, 4.4}, {0.34, 4.5}, {0.4, 4.75}, {0.5, 4.95}},
+             {{0.52, 0.25},
+              {0.52, 0.34},
+              {0.44, 0.42},
+              {0.47, 0.5},
+              {0.39, 0.6},
+              {0.385, 1.6},
+              {0.37, 3.0},
+              {0.34, 4.3},
+              {0.36, 4.4},
+              {0.34, 4.5},
+              {0.4, 4.75},
+              {0.5, 4.95}},
              scene.Steps(64, 8), scene.Steps(2.4, 1), 16, 0.09);
     AddBlock(mesh, foot.Moved({0, 0, 5.08}), {0.55, 0.55, 0.13}, 0.05, scene.Steps(5, 1));
   }
@@ -130,7 +145,10 @@ void MakeChandelier(SceneBuilder& scene, int index, double x) {
   AddTube(mesh, {{at.At({0, 0, 0.7}), 0.03}, {at.At({0, 0, kVault + kNave - 6.2}), 0.03}}, round);
   for (int i = 0; i < 12; ++i) {
     const SinCos sc = SinCosTurns(i / 12.0);
-    AddTube(mesh, {{at.At({1.2 * sc.cos, 1.2 * sc.sin, 0}), 0.012}, {at.At({0.5 * sc.cos, 0.5 * sc.sin, 0.7}), 0.012}}, 3);
+    AddTube(mesh,
+            {{at.At({1.2 * sc.cos, 1.2 * sc.sin, 0}), 0.012},
+             {at.At({0.5 * sc.cos, 0.5 * sc.sin, 0.7}), 0.012}},
+            3);
     AddLathe(mesh, at.Moved({1.2 * sc.cos, 1.2 * sc.sin, 0.03}),
              {{0.07, 0}, {0.09, 0.05}, {0.03, 0.06}, {0.03, 0.28}}, round, fine);
   }
@@ -181,7 +199,8 @@ void MakeScatter(SceneBuilder& scene, FloorPlan& plan) {
     const double side = rng.Below(2) == 0 ? -1.0 : 1.0;
     const double half = rng.Uniform(0.18, 0.42);
     Vec3d at;
-    if (!plan.Place(rng, {-19, side * 7 - 1.5, 0}, {19, side * 7 + 1.5, 0}, 1.3 * half, &at)) continue;
+    if (!plan.Place(rng, {-19, side * 7 - 1.5, 0}, {19, side * 7 + 1.5, 0}, 1.3 * half, &at))
+      continue;
     MeshBuilder& mesh = scene.Object("crates", i);
     const int high = 1 + rng.Below(3);
     double z = 0;
@@ -237,7 +256,8 @@ void MakeHall(SceneBuilder& scene) {
     plan.Reserve(-kHalfLength + kBay * (i / 2 + 1), i % 2 == 0 ? -kNave : kNave, 0.8);
   }
   for (int t = 0; t < 3; ++t) {
-    for (int k = -2; k <= 2; ++k) plan.Reserve(-9 + 9.0 * t + 1.2 * k, t % 2 == 0 ? 1.6 : -1.6, 1.5);
+    for (int k = -2; k <= 2; ++k)
+      plan.Reserve(-9 + 9.0 * t + 1.2 * k, t % 2 == 0 ? 1.6 : -1.6, 1.5);
   }
   MakeBusts(scene, plan);
   MakeScatter(scene, plan);
@@ -245,9 +265,12 @@ void MakeHall(SceneBuilder& scene) {
 
 std::vector<BuiltinView> HallViews(uint64_t) {
   return {
-      MakeView({-18.5, -2.4, 1.9}, {10, 0.8, 3.2}, 60, {{-16, 0, 5}, {0, 3, 6}, {10, -7, 3}}, {100, 60, 10}, 0.4),
-      MakeView({16.5, 6.6, 1.7}, {-6, -2, 2.4}, 60, {{14, 4, 5}, {0, 3, 6}, {-10, -7, 3}}, {100, 60, 10}, 0.4),
-      MakeView({2.5, -7.2, 3.4}, {-8, 3.5, 1.5}, 60, {{2, -5, 5}, {0, 3, 6}, {-10, 7, 3}}, {100, 60, 10}, 0.4),
+      MakeView({-18.5, -2.4, 1.9}, {10, 0.8, 3.2}, 60,
+               {{-15.9, -2.7, 2.4}, {0.8, 1.5, 6.3}, {11.7, 5.4, 6.6}}, {60, 270, 150}, 0.4),
+      MakeView({16.5, 6.6, 1.7}, {-6, -2, 2.4}, 60,
+               {{16.9, 7, 5.4}, {6.2, 7.6, 6.5}, {-17.4, 4.6, 5}}, {330, 90, 270}, 0.4),
+      MakeView({2.5, -7.2, 3.4}, {-8, 3.5, 1.5}, 60,
+               {{2.9, -7.6, 6.1}, {-5.1, -0.5, 6.9}, {17.2, 5.1, 2.7}}, {60, 270, 240}, 0.4),
   };
 }
 

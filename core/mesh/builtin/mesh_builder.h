@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Grows one object's arrays. A shape announces how many vertices and triangles it adds, then adds them by
-// index, so vertices are shared, not repeated. Without an object it only counts: that is how a scene finds
-// the tessellation that meets its budget before any vertex is made.
+// Grows one object's arrays. A shape announces how many vertices and triangles it adds, then adds
+// them by index, so vertices are shared, not repeated. Without an object it only counts: that is
+// how a scene finds the tessellation that meets its budget before any vertex is made.
 //
-// Invariants: triangles() is what was announced; with an object, what was announced was added (Finish checks).
+// Invariants: triangles() is what was announced; with an object, what was announced was added
+// (Finish checks).
 //
 // Thread safety: one thread per builder.
 //
@@ -46,6 +47,12 @@ class MeshBuilder {
     object_->vertices.push_back(p);
     return static_cast<uint32_t>(object_->vertices.size() - 1);
   }
+  // `count` new vertices at once, for the caller to fill. REQUIRES: !counting().
+  Vec3d* Vertices(uint64_t count) {
+    const size_t first = object_->vertices.size();
+    object_->vertices.resize(first + count);
+    return object_->vertices.data() + first;
+  }
   // The index that the next vertex gets. REQUIRES: !counting().
   uint32_t next() const { return static_cast<uint32_t>(object_->vertices.size()); }
 
@@ -68,7 +75,8 @@ class MeshBuilder {
   }
 
  private:
-  // Doubles, as push_back would: reserving each small shape exactly would copy the array every time.
+  // Doubles, as push_back would: reserving each small shape exactly would copy the array every
+  // time.
   template <typename V>
   static void Grow(V& v, uint64_t more) {
     const uint64_t need = v.size() + more;

@@ -31,6 +31,32 @@ Vec3d Octave(Vec3d p, double frequency, int i) {
   return {p.x * frequency + 17.31 * i, p.y * frequency + 5.77 * i, p.z * frequency + 31.13 * i};
 }
 
+// Octaves of `noise(frequency, octave)`, each half as high as the one before.
+template <typename Noise>
+double SumOctaves(int octaves, Noise&& noise) {
+  double sum = 0, weight = 0.5, frequency = 1;
+  for (int i = 0; i < octaves; ++i) {
+    sum += weight * noise(frequency, i);
+    weight *= 0.5;
+    frequency *= 2;
+  }
+  return sum;
+}
+
+template <typename Noise>
+double SumRidges(int octaves, Noise&& noise) {
+  double sum = 0, weight = 0.5, frequency = 1, carry = 1;
+  for (int i = 0; i < octaves; ++i) {
+    double ridge = 1 - std::abs(noise(frequency, i));
+    ridge = ridge * ridge * carry;
+    carry = Clamp(ridge * 1.6, 0, 1);
+    sum += weight * ridge;
+    weight *= 0.5;
+    frequency *= 2;
+  }
+  return sum;
+}
+
 }  // namespace
 
 double GradientNoise(Vec3d p, uint64_t seed) {
@@ -49,27 +75,43 @@ double GradientNoise(Vec3d p, uint64_t seed) {
   return Lerp(low, high, w);
 }
 
-double Fbm(Vec3d p, int octaves, uint64_t seed) {
-  double sum = 0, weight = 0.5, frequency = 1;
-  for (int i = 0; i < octaves; ++i) {
-    sum += weight * GradientNoise(Octave(p, frequency, i), seed);
-    weight *= 0.5;
-    frequency *= 2;
+double GradientNoise2(double px, double py, uint64_t seed) {
+  const double fx = std::floor(px), fy = std::floor(py);
+  const double x = px - fx, y = py - fy;
+  const int64_t ix = static_cast<int64_t>(fx), iy = static_cast<int64_t>(fy);
+  const double u = Fade(x), v = Fade(y);
+  double corner[4];
+  for (int c = 0; c < 4; ++c) {
+    const int dx = c & 1, dy = c >> 1;
+    corner[c] = Gradient(HashLattice(ix + dx, iy + dy, 0, seed), x - dx, y - dy, 0);
   }
-  return sum;
+  return Lerp(Lerp(corner[0], corner[1], u), Lerp(corner[2], corner[3], u), v);
+}
+
+double Fbm(Vec3d p, int octaves, uint64_t seed) {
+  return SumOctaves(octaves, [&](double frequency, int i) {
+    return GradientNoise(Octave(p, frequency, i), seed);
+  });
 }
 
 double Ridged(Vec3d p, int octaves, uint64_t seed) {
-  double sum = 0, weight = 0.5, frequency = 1, carry = 1;
-  for (int i = 0; i < octaves; ++i) {
-    double ridge = 1 - std::abs(GradientNoise(Octave(p, frequency, i), seed));
-    ridge = ridge * ridge * carry;
-    carry = Clamp(ridge * 1.6, 0, 1);
-    sum += weight * ridge;
-    weight *= 0.5;
-    frequency *= 2;
-  }
-  return sum;
+  return SumRidges(octaves, [&](double frequency, int i) {
+    return GradientNoise(Octave(p, frequency, i), seed);
+  });
+}
+
+double Fbm2(double x, double y, int octaves, uint64_t seed) {
+  return SumOctaves(octaves, [&](double frequency, int i) {
+    const Vec3d q = Octave({x, y, 0}, frequency, i);
+    return GradientNoise2(q.x, q.y, seed);
+  });
+}
+
+double Ridged2(double x, double y, int octaves, uint64_t seed) {
+  return SumRidges(octaves, [&](double frequency, int i) {
+    const Vec3d q = Octave({x, y, 0}, frequency, i);
+    return GradientNoise2(q.x, q.y, seed);
+  });
 }
 
 }  // namespace sightline

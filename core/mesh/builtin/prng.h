@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Seeded random numbers with the same bits everywhere: splitmix64 (Steele, Lea, Flood: "Fast splittable
-// pseudorandom number generators", 2014). A generator is named by (seed, stream, index), so the tenth chair
-// looks the same however many chairs and trees there are.
+// Seeded random numbers with the same bits everywhere: splitmix64 (Steele, Lea, Flood: "Fast
+// splittable pseudorandom number generators", 2014). A generator is named by (seed, stream, index),
+// so the tenth chair looks the same however many chairs and trees there are.
 //
-// C++ leaves the order of operands and arguments open: draw one number per full expression, or inside braces
-// (which are evaluated left to right).
+// C++ leaves the order of operands and arguments open: draw one number per full expression, or
+// inside braces (which are evaluated left to right).
 //
 // Thread safety: one thread per generator.
 //
@@ -36,16 +36,15 @@ constexpr uint64_t HashString(std::string_view text) {
 class Prng {
  public:
   Prng(uint64_t seed, std::string_view stream, uint64_t index = 0)
-      : state_(MixBits(seed + 0x9E3779B97F4A7C15u) ^ MixBits(HashString(stream) + 0x632BE59BD9B4E019u * index)) {}
+      : state_(MixBits(seed + 0x9E3779B97F4A7C15u) ^
+               MixBits(HashString(stream) + 0x632BE59BD9B4E019u * index)) {}
 
   uint64_t Next() { return MixBits(state_ += 0x9E3779B97F4A7C15u); }
   // [0, 1), a multiple of 2^-53.
   double Uniform() { return static_cast<double>(Next() >> 11) * 0x1p-53; }
   double Uniform(double lo, double hi) { return lo + (hi - lo) * Uniform(); }
   // 0 .. n - 1. REQUIRES: 0 < n < 2^32.
-  int Below(int n) {
-    return static_cast<int>(((Next() >> 32) * static_cast<uint64_t>(n)) >> 32);
-  }
+  int Below(int n) { return static_cast<int>(((Next() >> 32) * static_cast<uint64_t>(n)) >> 32); }
 
  private:
   uint64_t state_;

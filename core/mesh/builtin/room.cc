@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A living room, 6.4 m (x) by 5 m (y) and 2.7 m high, its floor at z = 0: a window to the south with curtains, a sofa
-// with cushions, a low table, a dining table with chairs, book shelves, plants, lamps, a rug and pictures.
+// A living room, 6.4 m (x) by 5 m (y) and 2.7 m high, its floor at z = 0: a window to the south
+// with curtains, a sofa with cushions, a low table, a dining table with chairs, book shelves,
+// plants, lamps, a rug and pictures.
 #include "core/mesh/builtin/furniture.h"
 #include "core/mesh/builtin/generators.h"
 #include "core/mesh/builtin/noise.h"
@@ -18,9 +19,11 @@ void MakeShell(SceneBuilder& scene) {
   const int n = scene.Steps(5, 1);
   AddBox(scene.Object("floor"), kRoom, {-kX, -kY, -0.2}, {kX, kY, 0}, n, n, 1);
   AddBox(scene.Object("ceiling"), kRoom, {-kX, -kY, kHeight}, {kX, kY, kHeight + 0.2}, n, n, 1);
-  AddBox(scene.Object("wall-west"), kRoom, {-kX - 0.2, -kY, -0.2}, {-kX, kY, kHeight + 0.2}, 1, n, n);
+  AddBox(scene.Object("wall-west"), kRoom, {-kX - 0.2, -kY, -0.2}, {-kX, kY, kHeight + 0.2}, 1, n,
+         n);
   AddBox(scene.Object("wall-east"), kRoom, {kX, -kY, -0.2}, {kX + 0.2, kY, kHeight + 0.2}, 1, n, n);
-  AddBox(scene.Object("wall-north"), kRoom, {-kX - 0.2, kY, -0.2}, {kX + 0.2, kY + 0.2, kHeight + 0.2}, n, 1, n);
+  AddBox(scene.Object("wall-north"), kRoom, {-kX - 0.2, kY, -0.2},
+         {kX + 0.2, kY + 0.2, kHeight + 0.2}, n, 1, n);
   MeshBuilder& south = scene.Object("wall-south");
   const double y0 = -kY - 0.25, y1 = -kY;
   AddBox(south, kRoom, {-kX - 0.2, y0, -0.2}, {-1.5, y1, kHeight + 0.2}, n, 1, n);
@@ -28,9 +31,12 @@ void MakeShell(SceneBuilder& scene) {
   AddBox(south, kRoom, {-1.5, y0, -0.2}, {1.5, y1, 0.75}, n, 1, n);
   AddBox(south, kRoom, {-1.5, y0, 2.3}, {1.5, y1, kHeight + 0.2}, n, 1, n);
   MeshBuilder& frame = scene.Object("window-frame");
-  for (double x : {-1.5, -0.53, 0.47, 1.44}) AddBox(frame, kRoom, {x, y0 + 0.08, 0.75}, {x + 0.06, y0 + 0.14, 2.3}, 1, 1, n);
-  for (double z : {0.75, 1.75, 2.25}) AddBox(frame, kRoom, {-1.5, y0 + 0.09, z}, {1.5, y0 + 0.13, z + 0.05}, n, 1, 1);
-  AddBlock(scene.Object("window-sill"), Placement({0, y1 + 0.05, 0.76}), {1.6, 0.13, 0.02}, 0.01, n);
+  for (double x : {-1.5, -0.53, 0.47, 1.44})
+    AddBox(frame, kRoom, {x, y0 + 0.08, 0.75}, {x + 0.06, y0 + 0.14, 2.3}, 1, 1, n);
+  for (double z : {0.75, 1.75, 2.25})
+    AddBox(frame, kRoom, {-1.5, y0 + 0.09, z}, {1.5, y0 + 0.13, z + 0.05}, n, 1, 1);
+  AddBlock(scene.Object("window-sill"), Placement({0, y1 + 0.05, 0.76}), {1.6, 0.13, 0.02}, 0.01,
+           n);
   MeshBuilder& skirting = scene.Object("skirting");
   AddBox(skirting, kRoom, {-kX, kY - 0.015, 0}, {kX, kY, 0.09}, n, 1, 1);
   AddBox(skirting, kRoom, {-kX, -kY, 0}, {-kX + 0.015, kY - 0.015, 0.09}, 1, n, 1);
@@ -55,19 +61,23 @@ void MakeSofa(SceneBuilder& scene) {
   const int n = scene.Steps(9, 3);
   AddBlock(frame, at.Moved({0, 0, 0.22}), {1.05, 0.44, 0.12}, 0.05, n);
   AddBlock(frame, at.Moved({0, 0.4, 0.55}), {1.05, 0.12, 0.33}, 0.09, n);
-  for (double x : {-1.12, 1.12}) AddBlock(frame, at.Moved({x, 0, 0.34}), {0.12, 0.46, 0.26}, 0.09, n);
+  for (double x : {-1.12, 1.12})
+    AddBlock(frame, at.Moved({x, 0, 0.34}), {0.12, 0.46, 0.26}, 0.09, n);
   for (double x : {-1.1, 1.1}) {
     for (double y : {-0.35, 0.35}) {
-      AddLathe(frame, at.Moved({x, y, 0}), {{0.02, 0}, {0.035, 0.08}, {0.035, 0.11}}, scene.Steps(10, 4), 1);
+      AddLathe(frame, at.Moved({x, y, 0}), {{0.02, 0}, {0.035, 0.08}, {0.035, 0.11}},
+               scene.Steps(10, 4), 1);
     }
   }
   for (int i = 0; i < 2; ++i) {
-    AddBlock(scene.Object("seat", i), at.Moved({i == 0 ? -0.495 : 0.495, -0.06, 0.41}), {0.485, 0.37, 0.085}, 0.075, n + 2);
+    AddBlock(scene.Object("seat", i), at.Moved({i == 0 ? -0.495 : 0.495, -0.06, 0.41}),
+             {0.485, 0.37, 0.085}, 0.075, n + 2);
   }
   for (int i = 0; i < 4; ++i) {
     Prng rng(scene.seed(), "room-cushion", static_cast<uint64_t>(i));
     const double x = -0.78 + 0.5 * i + rng.Uniform(-0.06, 0.06);
-    AddCushion(scene, scene.Object("cushion", i), at.Moved({x, 0.02, 0.5}), rng.Uniform(0.38, 0.46), rng);
+    AddCushion(scene, scene.Object("cushion", i), at.Moved({x, 0.02, 0.5}), rng.Uniform(0.38, 0.46),
+               rng);
   }
 }
 
@@ -76,13 +86,15 @@ void MakeRug(SceneBuilder& scene) {
   const uint64_t seed = scene.seed();
   AddSolid(scene.Object("rug"), nx, ny, 1, [&](int i, int j, int k) {
     const double u = static_cast<double>(i) / nx, v = static_cast<double>(j) / ny;
-    const double pile = 0.004 * GradientNoise({u * 60, v * 45, 0}, seed) + 0.006 * Fbm({u * 3, v * 3, 4}, 3, seed);
+    const double pile =
+        0.004 * GradientNoise({u * 60, v * 45, 0}, seed) + 0.006 * Fbm({u * 3, v * 3, 4}, 3, seed);
     return Vec3d{Lerp(-1.75, 0.75, u), Lerp(-0.75, 1.35, v), k == 0 ? 0.002 : 0.022 + pile};
   });
 }
 
 void MakeTables(SceneBuilder& scene) {
-  AddTable(scene, scene.Object("low-table"), Placement({-0.85, 0.35, 0.02}, 0.25), {1.1, 0.6, 0.42});
+  AddTable(scene, scene.Object("low-table"), Placement({-0.85, 0.35, 0.02}, 0.25),
+           {1.1, 0.6, 0.42});
   AddTable(scene, scene.Object("dining-table"), Placement({1.9, -0.7, 0}), {1.0, 1.7, 0.75});
   for (int i = 0; i < 4; ++i) {
     Prng rng(scene.seed(), "room-chair", static_cast<uint64_t>(i));
@@ -102,8 +114,8 @@ void MakeTables(SceneBuilder& scene) {
   }
   MeshBuilder& stack = scene.Object("magazines");
   for (int i = 0; i < 4; ++i) {
-    AddBlock(stack, Placement({-0.8, -0.05, 0.45 + 0.018 * i}, 0.22 + rng.Uniform(-0.03, 0.03)), {0.14, 0.1, 0.008}, 0.003,
-             scene.Steps(3, 1));
+    AddBlock(stack, Placement({-0.8, -0.05, 0.45 + 0.018 * i}, 0.22 + rng.Uniform(-0.03, 0.03)),
+             {0.14, 0.1, 0.008}, 0.003, scene.Steps(3, 1));
   }
 }
 
@@ -141,13 +153,25 @@ void MakeWallThings(SceneBuilder& scene) {
   MeshBuilder& pendant = scene.Object("pendant");
   AddTube(pendant, {{{1.9, -0.7, 1.75}, 0.004}, {{1.9, -0.7, kHeight}, 0.004}}, scene.Steps(5, 3));
   AddLathe(pendant, Placement({1.9, -0.7, 1.5}),
-           {{0.25, 0}, {0.22, 0.08}, {0.12, 0.2}, {0.03, 0.26}, {0.026, 0.25}, {0.11, 0.19}, {0.21, 0.07}, {0.24, 0.003}},
+           {{0.25, 0},
+            {0.22, 0.08},
+            {0.12, 0.2},
+            {0.03, 0.26},
+            {0.026, 0.25},
+            {0.11, 0.19},
+            {0.21, 0.07},
+            {0.24, 0.003}},
            scene.Steps(36, 8), scene.Steps(2.5, 1));
 }
 
 void MakePlantCorner(SceneBuilder& scene) {
-  const Vec3d spots[] = {{2.7, 2.0, 0}, {-2.75, 1.95, 0}, {-2.75, -1.95, 0}, {1.15, -kY + 0.1, 0.78}, {-1.2, -kY + 0.1, 0.78}};
-  const PlantKind kinds[] = {PlantKind::kTree, PlantKind::kBroadLeaves, PlantKind::kBlades, PlantKind::kRosette, PlantKind::kFern};
+  const Vec3d spots[] = {{2.7, 2.0, 0},
+                         {-2.75, 1.95, 0},
+                         {-2.75, -1.95, 0},
+                         {1.15, -kY + 0.1, 0.78},
+                         {-1.2, -kY + 0.1, 0.78}};
+  const PlantKind kinds[] = {PlantKind::kTree, PlantKind::kBroadLeaves, PlantKind::kBlades,
+                             PlantKind::kRosette, PlantKind::kFern};
   const double heights[] = {1.7, 0.9, 0.9, 0.14, 0.2};
   for (int i = 0; i < 5; ++i) {
     Prng rng(scene.seed(), "room-plant", static_cast<uint64_t>(i));
@@ -155,7 +179,8 @@ void MakePlantCorner(SceneBuilder& scene) {
     const double r = small ? 0.06 : 0.2, h = small ? 0.1 : 0.36;
     const Placement at(spots[i], rng.Uniform());
     AddPot(scene, scene.Object("pot", i), at, r, h);
-    AddPlant(scene, scene.Object("plant", i), at.Moved({0, 0, 0.84 * h}), kinds[i], heights[i], rng);
+    AddPlant(scene, scene.Object("plant", i), at.Moved({0, 0, 0.84 * h}), kinds[i], heights[i],
+             rng);
   }
 }
 
@@ -165,7 +190,9 @@ void MakeRoom(SceneBuilder& scene) {
   MakeShell(scene);
   MakeCurtain(scene, 0, -1.95, -1.1);
   MakeCurtain(scene, 1, 1.1, 1.95);
-  AddTube(scene.Object("curtain-rod"), {{{-2.1, -kY + 0.14, 2.45}, 0.014}, {{2.1, -kY + 0.14, 2.45}, 0.014}}, scene.Steps(10, 4));
+  AddTube(scene.Object("curtain-rod"),
+          {{{-2.1, -kY + 0.14, 2.45}, 0.014}, {{2.1, -kY + 0.14, 2.45}, 0.014}},
+          scene.Steps(10, 4));
   MakeSofa(scene);
   MakeRug(scene);
   MakeTables(scene);
@@ -177,9 +204,12 @@ void MakeRoom(SceneBuilder& scene) {
 
 std::vector<BuiltinView> RoomViews(uint64_t) {
   return {
-      MakeView({2.85, 1.35, 1.6}, {-1.5, -0.4, 0.8}, 62, {{1, 0.5, 2.3}, {0, 0, 2}, {-2, -2, 1}}, {270, 250, 275}, 0.1),
-      MakeView({-0.4, -1.9, 1.5}, {0.2, 2.5, 0.9}, 66, {{1, 0.5, 2.3}, {0, 0, 2}, {-2, -2, 1}}, {270, 250, 275}, 0.1),
-      MakeView({-1.6, 1.5, 1.45}, {2.2, -1.1, 0.7}, 60, {{1, 0.5, 2.3}, {0, 0, 2}, {-2, -2, 1}}, {270, 250, 275}, 0.1),
+      MakeView({2.8, 0.55, 1.6}, {-1.5, 0.2, 0.8}, 62,
+               {{1.7, 0.15, 1}, {2.2, -2.05, 0.5}, {3.7, -6.55, 2.25}}, {270, 270, 270}, 0.1),
+      MakeView({-0.4, -1.9, 1.5}, {0.2, 2.5, 0.9}, 66,
+               {{-1.7, -2.15, 1.8}, {2.65, -1.65, 1}, {-0.7, -6.35, 4.85}}, {270, 270, 300}, 0.1),
+      MakeView({-1.6, 1.5, 1.45}, {2.2, -1.1, 0.7}, 60,
+               {{-0.4, -0.5, 2}, {-1.45, 0.15, 0.4}, {-6.6, -6.75, 0.65}}, {240, 270, 240}, 0.1),
   };
 }
 

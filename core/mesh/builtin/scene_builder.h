@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a scene's generator writes to: objects by name, and the two questions that make its size a parameter,
-// "how finely?" (Steps) and "how many?" (Items). Both grow with the scene's `detail`: 1 is the scene as it
-// was drawn, and the number of triangles is about proportional to it.
+// What a scene's generator writes to: objects by name, and the two questions that make its size a
+// parameter, "how finely?" (Steps) and "how many?" (Items). Both grow with the scene's `detail`: 1
+// is the scene as it was drawn, and the number of triangles is about proportional to it.
 //
-// Numbers are rounded up or down by a hash of the object's name and of the number, so that equal things do not all
-// become finer at the same detail, and a budget can be met closely; the order of the questions does not matter (that
-// of a call's arguments is open in C++). A builder without objects counts only.
+// Numbers are rounded up or down by a hash of the object's name and of the number, so that equal
+// things do not all become finer at the same detail, and a budget can be met closely; the order of
+// the questions does not matter (that of a call's arguments is open in C++). A builder without
+// objects counts only.
 //
 // Thread safety: one thread per builder.
 //
@@ -61,9 +62,7 @@ class SceneBuilder {
     return Round(base, base * root_, least, most);
   }
   // A number of things that take all of the growth: base · detail.
-  int Swarm(double base, int least) const {
-    return Round(base, base * detail_, least, 1 << 24);
-  }
+  int Swarm(double base, int least) const { return Round(base, base * detail_, least, 1 << 24); }
 
   // All objects so far. REQUIRES: nothing is added after it but through Object.
   uint64_t Triangles() {

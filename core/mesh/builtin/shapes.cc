@@ -7,7 +7,8 @@
 namespace sightline {
 namespace {
 
-// Lattice line `i` of `n` across [-half, half], with the outer quarters of the lines on the rounded rim.
+// Lattice line `i` of `n` across [-half, half], with the outer quarters of the lines on the rounded
+// rim.
 double RimLine(int i, int n, double half, double round) {
   const int rim = n < 3 ? 0 : std::max(1, n / 4);
   if (rim == 0) return Lerp(-half, half, static_cast<double>(i) / n);
@@ -99,7 +100,8 @@ void AddTube(MeshBuilder& mesh, std::span<const Joint> joints, int segments) {
   Vec3d across = AnyAcross(Unit(joints[1].at - joints[0].at));
   for (int i = 0; i < count; ++i) {
     const Vec3d along = Unit(joints[std::min(i + 1, count - 1)].at - joints[std::max(i - 1, 0)].at);
-    across = Unit(across - along * Dot(across, along));  // Carried along, so that the tube does not twist.
+    across = Unit(across -
+                  along * Dot(across, along));  // Carried along, so that the tube does not twist.
     const Vec3d over = Cross(along, across);
     for (int s = 0; s < segments; ++s) {
       const SinCos sc = SinCosTurns(static_cast<double>(s) / segments);
@@ -144,7 +146,8 @@ void AddTorus(MeshBuilder& mesh, const Placement& place, double wide, double thi
 
 uint64_t LeafTriangles(int cells) { return cells == 0 ? 2 : 4 * static_cast<uint64_t>(cells); }
 
-void AddLeaf(MeshBuilder& mesh, Vec3d base, Vec3d along, Vec3d up, const LeafShape& shape, int cells) {
+void AddLeaf(MeshBuilder& mesh, Vec3d base, Vec3d along, Vec3d up, const LeafShape& shape,
+             int cells) {
   const uint64_t vertices = cells == 0 ? 4 : 3 * static_cast<uint64_t>(cells) + 2;
   if (!mesh.Begin(vertices, LeafTriangles(cells))) return;
   const Vec3d side = Unit(Cross(up, along));
@@ -168,7 +171,8 @@ void AddLeaf(MeshBuilder& mesh, Vec3d base, Vec3d along, Vec3d up, const LeafSha
   uint32_t left = root, middle = root, right = root;
   for (int i = 1; i <= cells; ++i) {
     const double t = static_cast<double>(i) / (cells + 1);
-    const double half = 0.5 * shape.width * (6.75 * t * (1 - t) * (1 - t) * 0.6 + 4 * t * (1 - t) * 0.4);
+    const double half =
+        0.5 * shape.width * (6.75 * t * (1 - t) * (1 - t) * 0.6 + 4 * t * (1 - t) * 0.4);
     const uint32_t l = mesh.Vertex(blade(t, half, 1));
     const uint32_t m = mesh.Vertex(rib(t));
     const uint32_t r = mesh.Vertex(blade(t, half, -1));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One closed sphere of radius about 1 around the origin, with hills, ridges and craters: a cube's lattice pushed onto
-// the surface, every edge shared by exactly two triangles.
+// One closed sphere of radius about 1 around the origin, with hills, ridges and craters: a cube's
+// lattice pushed onto the surface, every edge shared by exactly two triangles.
 #include <cmath>
 
 #include "core/mesh/builtin/generators.h"
@@ -57,9 +57,12 @@ void MakeSphere(SceneBuilder& scene) {
 
 std::vector<BuiltinView> SphereViews(uint64_t) {
   return {
-      MakeView({2.6, -2.2, 1.1}, {0, 0, 0}, 42, {{3, -2, 2}, {-1, -4, 1}, {-3, 1, 2}}, {310, 20, 240}, 0.1),
-      MakeView({-1.6, -0.9, 1.2}, {-0.3, 0.1, 0.2}, 55, {{-2, -1, 2}, {-1, -4, 1}, {3, 1, 2}}, {210, 150, 280}, 0.1),
-      MakeView({0.5, 1.9, -0.2}, {0.0, 0.3, 0.1}, 60, {{1, 2, 0}, {-1, 4, 1}, {3, -1, 2}}, {90, 40, 150}, 0.1),
+      MakeView({2.6, -2.2, 1.1}, {0, 0, 0}, 42,
+               {{1.7, -3.3, 3.6}, {0.5, -2.3, -0.8}, {1.4, 4.1, 0.8}}, {310, 20, 240}, 0.1),
+      MakeView({-1.6, -0.9, 1.2}, {-0.3, 0.1, 0.2}, 55,
+               {{-1.4, -0.3, 1.6}, {-1, -3.1, -0.7}, {4.9, 0.4, 4.4}}, {210, 150, 280}, 0.1),
+      MakeView({0.5, 1.9, -0.2}, {0.0, 0.3, 0.1}, 60,
+               {{4.8, 3.2, -3.2}, {-1.4, 2, 2.5}, {4, -2.1, -2.3}}, {90, 40, 150}, 0.1),
   };
 }
 

@@ -13,13 +13,13 @@ namespace {
 constexpr double kHalf = 4000;
 
 double Height(double x, double y, uint64_t seed) {
-  const Vec3d p{x / 2600, y / 2600, 0.5};
+  const double u = x / 2600, v = y / 2600;
   // Where the coordinates are bent, ridges wind.
-  const double bend_x = 0.35 * Fbm(p * 1.3, 3, seed + 1), bend_y = 0.35 * Fbm(p * 1.3, 3, seed + 2);
-  const Vec3d q{p.x + bend_x, p.y + bend_y, 0.5};
-  const double high = SmoothStep(-0.35, 0.45, Fbm(p * 0.8, 2, seed + 3));
-  const double ridges = Ridged(q, 9, seed);
-  const double hills = Fbm(q * 3, 7, seed + 4);
+  const double bend_u = 0.35 * Fbm2(u * 1.3, v * 1.3, 2, seed + 1);
+  const double bend_v = 0.35 * Fbm2(u * 1.3, v * 1.3, 2, seed + 2);
+  const double high = SmoothStep(-0.35, 0.45, Fbm2(u * 0.8, v * 0.8, 2, seed + 3));
+  const double ridges = Ridged2(u + bend_u, v + bend_v, 9, seed);
+  const double hills = Fbm2((u + bend_u) * 3, (v + bend_v) * 3, 4, seed + 4);
   return 150 + 1900 * ridges * ridges * (0.25 + 0.75 * high) + 60 * hills;
 }
 
@@ -42,11 +42,17 @@ void MakeTerrain(SceneBuilder& scene) {
 std::vector<BuiltinView> TerrainViews(uint64_t seed) {
   return {
       MakeView(Above(-3300, -3000, 420, seed), Above(600, 300, 0, seed), 45,
-               {Above(-3000, -3000, 1500, seed), Above(0, -2000, 500, seed), Above(3000, 1000, 100, seed)}, {200, 120, 330}, 60),
+               {Above(-1710, -3320, 1810, seed), Above(-3090, 1920, 2370, seed),
+                Above(2570, 1500, 2430, seed)},
+               {200, 120, 330}, 60),
       MakeView(Above(2900, 900, 260, seed), Above(-800, 1500, 0, seed), 55,
-               {Above(2000, 1000, 1500, seed), Above(0, 2000, 500, seed), Above(-3000, 1000, 100, seed)}, {200, 120, 330}, 60),
+               {Above(140, -620, 2230, seed), Above(-1430, -2810, 1720, seed),
+                Above(580, -2580, 600, seed)},
+               {200, 120, 330}, 60),
       MakeView(Above(-500, 3400, 900, seed), Above(200, 300, 0, seed), 60,
-               {Above(0, 3000, 1500, seed), Above(0, 2000, 500, seed), Above(1000, -3000, 100, seed)}, {200, 120, 330}, 60),
+               {Above(700, 3580, 1700, seed), Above(1040, -1690, 2340, seed),
+                Above(-3080, -3640, 900, seed)},
+               {200, 120, 120}, 60),
   };
 }
 

@@ -42,7 +42,7 @@ Vec3d AddBough(MeshBuilder& mesh, Vec3d from, Vec3d direction, double length, do
 
 void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, const TreeShape& shape,
              Prng& rng, std::vector<Twig>* twigs) {
-  const int round = scene.Steps(7, 4), joints = scene.Steps(7, 3);
+  const int round = scene.Steps(6, 4), joints = scene.Steps(6, 3);
   const double sway = 0.03 * shape.height, phase = rng.Uniform();
   const auto stem = [&](double t) {
     const SinCos sc = SinCosTurns(phase + 0.6 * t);
@@ -60,7 +60,7 @@ void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, con
   }
   AddTube(mesh, trunk, round);
 
-  const int thin_round = std::max(3, round / 2), thin_joints = std::max(2, joints / 2);
+  const int thin_round = std::max(3, round / 2), thin_joints = std::max(2, joints / 3);
   const double turn = rng.Uniform();
   for (int b = 0; b < shape.branches; ++b) {
     const double u = (b + 0.5) / shape.branches;
@@ -80,7 +80,8 @@ void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, con
     }
     const double thick = std::min(0.75 * thickness(t), 0.045 * reach + 0.005);
     const Vec3d out = Around(around, lift);
-    const Vec3d end = AddBough(mesh, from, out, reach, bend, thick, 0.25 * thick, thin_joints, thin_round);
+    const Vec3d end =
+        AddBough(mesh, from, out, reach, bend, thick, 0.25 * thick, thin_joints, thin_round);
     twigs->push_back({Lerp(from, end, 0.35), end});
     for (int k = 0; k < shape.twigs; ++k) {
       const double s = Lerp(0.35, 0.95, (k + 0.5) / shape.twigs);
@@ -88,16 +89,22 @@ void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, con
       root.z += bend * s * s;
       const double side = (k & 1) == 0 ? 0.14 : -0.14;
       const double turned = around + side + rng.Uniform(-0.05, 0.05);
-      const double raised = shape.conifer ? lift - 0.05 : Clamp(lift + rng.Uniform(-0.5, 0.4), -0.3, 0.95);
-      const double length = reach * (shape.conifer ? 0.42 * (1.2 - s) : 0.45) * rng.Uniform(0.8, 1.2);
-      const Vec3d tip = AddBough(mesh, root, Around(turned, raised), length, 0.1 * bend, 0.3 * thick,
-                                 0.12 * thick, 2, 3);
+      const double raised =
+          shape.conifer ? lift - 0.05 : Clamp(lift + rng.Uniform(-0.5, 0.4), -0.3, 0.95);
+      const double length =
+          reach * (shape.conifer ? 0.42 * (1.2 - s) : 0.45) * rng.Uniform(0.8, 1.2);
+      const Vec3d twig = Around(turned, raised);
+      // Those of conifers are hidden by their needles.
+      const Vec3d tip = shape.conifer ? root + twig * length
+                                      : AddBough(mesh, root, twig, length, 0.1 * bend, 0.3 * thick,
+                                                 0.12 * thick, 2, 3);
       twigs->push_back({root, tip});
     }
   }
 }
 
-void AddLeaves(MeshBuilder& mesh, const std::vector<Twig>& twigs, const LeafCloud& cloud, Prng& rng) {
+void AddLeaves(MeshBuilder& mesh, const std::vector<Twig>& twigs, const LeafCloud& cloud,
+               Prng& rng) {
   if (mesh.counting()) {
     mesh.Begin(0, cloud.count * LeafTriangles(cloud.cells));
     return;
@@ -121,11 +128,18 @@ void AddLeaves(MeshBuilder& mesh, const std::vector<Twig>& twigs, const LeafClou
   }
 }
 
-void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius, double height) {
+void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius,
+            double height) {
   const double r = radius;
   AddLathe(mesh, place,
-           {{0.68 * r, 0}, {0.72 * r, 0.05 * height}, {0.92 * r, 0.8 * height}, {r, 0.84 * height},
-            {r, height}, {0.9 * r, height}, {0.87 * r, 0.86 * height}, {0.4 * r, 0.85 * height}},
+           {{0.68 * r, 0},
+            {0.72 * r, 0.05 * height},
+            {0.92 * r, 0.8 * height},
+            {r, 0.84 * height},
+            {r, height},
+            {0.9 * r, height},
+            {0.87 * r, 0.86 * height},
+            {0.4 * r, 0.85 * height}},
            scene.Steps(24, 6), scene.Steps(2, 1));
 }
 
@@ -170,15 +184,21 @@ void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Pl
   switch (kind) {
     case PlantKind::kTree: {
       std::vector<Twig> twigs;
-      AddWood(scene, mesh, place, {height, 0.45 * height, 0.022 * height, false, 9, 4}, rng, &twigs);
+      AddWood(scene, mesh, place, {height, 0.45 * height, 0.022 * height, false, 9, 4}, rng,
+              &twigs);
       AddLeaves(mesh, twigs,
-                {.count = scene.Swarm(420, 30), .area = 1.5 * height * height, .slenderness = 2.1,
-                 .max_length = 0.22 * height, .spread = 0.03 * height, .cells = scene.Steps(2, 0)},
+                {.count = scene.Swarm(420, 30),
+                 .area = 1.5 * height * height,
+                 .slenderness = 2.1,
+                 .max_length = 0.22 * height,
+                 .spread = 0.03 * height,
+                 .cells = scene.Steps(2, 0)},
                 rng);
       return;
     }
     case PlantKind::kFern:
-      AddFern(mesh, place, height, scene.Items(16, 6, 60), scene.Items(20, 5, 90), scene.Steps(1.5, 0), rng);
+      AddFern(mesh, place, height, scene.Items(16, 6, 60), scene.Items(20, 5, 90),
+              scene.Steps(1.5, 0), rng);
       return;
     case PlantKind::kRosette: {
       const int leaves = scene.Items(46, 14, 160), cells = scene.Steps(6, 2);
@@ -212,8 +232,12 @@ void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Pl
         const double r = 0.11 * height * (a == 0 ? 1.0 : 0.7), off = a == 0 ? 0.0 : 0.17 * height;
         const Placement foot = place.Moved({off * sc.cos, off * sc.sin, 0});
         AddLathe(mesh, foot,
-                 {{0.7 * r, 0}, {r, 0.2 * tall}, {r, 0.6 * tall}, {0.9 * r, 0.85 * tall},
-                  {0.5 * r, 0.97 * tall}, {0.1 * r, tall}},
+                 {{0.7 * r, 0},
+                  {r, 0.2 * tall},
+                  {r, 0.6 * tall},
+                  {0.9 * r, 0.85 * tall},
+                  {0.5 * r, 0.97 * tall},
+                  {0.1 * r, tall}},
                  scene.Steps(48, 8), scene.Steps(4, 1), 12, 0.18);
         const int spines = scene.Swarm(110, 10);
         for (int i = 0; i < spines; ++i) {
@@ -222,22 +246,25 @@ void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Pl
           const Vec3d out = Around(turns, rng.Uniform(-0.2, 0.5));
           const Vec3d level = Unit({out.x, out.y, 0});
           const Vec3d root = foot.At(Vec3d{0, 0, z} + level * (r * 0.93));
-          AddTube(mesh, {{root, 0.0016 * height}, {root + out * (0.055 * height), 0.0004 * height}}, 3);
+          AddTube(mesh, {{root, 0.0016 * height}, {root + out * (0.055 * height), 0.0004 * height}},
+                  3);
         }
       }
       return;
     }
     case PlantKind::kBroadLeaves: {
-      const int leaves = scene.Items(22, 8, 120), cells = scene.Steps(9, 3), round = scene.Steps(5, 3);
+      const int leaves = scene.Items(22, 8, 120), cells = scene.Steps(9, 3),
+                round = scene.Steps(5, 3);
       for (int i = 0; i < leaves; ++i) {
         const double lift = rng.Uniform(0.55, 0.97);
         const double turns = i * kGoldenTurn + rng.Uniform(-0.04, 0.04);
         const double stem = height * rng.Uniform(0.45, 0.85);
         const Vec3d out = Around(turns, lift);
-        const Vec3d end = AddBough(mesh, place.At({0, 0, 0}), out, stem, -0.08 * stem, 0.011 * height,
-                                   0.006 * height, 4, round);
+        const Vec3d end = AddBough(mesh, place.At({0, 0, 0}), out, stem, -0.08 * stem,
+                                   0.011 * height, 0.006 * height, 4, round);
         const double length = height * rng.Uniform(0.3, 0.48);
-        AddLeaf(mesh, end, Around(turns, lift * 0.35), {0, 0, 1}, {length, 0.62 * length, 0.45, 0.22}, cells);
+        AddLeaf(mesh, end, Around(turns, lift * 0.35), {0, 0, 1},
+                {length, 0.62 * length, 0.45, 0.22}, cells);
       }
       return;
     }

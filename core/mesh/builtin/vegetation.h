@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Trees and plants: closed tubes for wood and stems, open blades for leaves. The area of a tree's leaves stays the
-// same however many it has, so that its shadow keeps its density at every size of a scene.
+// Trees and plants: closed tubes for wood and stems, open blades for leaves. The area of a tree's
+// leaves stays the same however many it has, so that its shadow keeps its density at every size of
+// a scene.
 //
 // Thread safety: one thread per SceneBuilder.
 //
@@ -37,17 +38,19 @@ void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, con
 
 struct LeafCloud {
   int count;
-  double area;          // Of all leaves together, m².
-  double slenderness;   // Length / width.
-  double max_length;    // However few there are, m.
-  double spread;        // How far from its twig a leaf may start, m.
-  int cells;            // As in AddLeaf.
+  double area;         // Of all leaves together, m².
+  double slenderness;  // Length / width.
+  double max_length;   // However few there are, m.
+  double spread;       // How far from its twig a leaf may start, m.
+  int cells;           // As in AddLeaf.
 };
 // Leaves along the twigs. REQUIRES: twigs is not empty.
-void AddLeaves(MeshBuilder& mesh, const std::vector<Twig>& twigs, const LeafCloud& cloud, Prng& rng);
+void AddLeaves(MeshBuilder& mesh, const std::vector<Twig>& twigs, const LeafCloud& cloud,
+               Prng& rng);
 
 // A flower pot with soil, `radius` at the rim; the soil is at 0.85 of `height`.
-void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius, double height);
+void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius,
+            double height);
 
 enum class PlantKind { kTree, kFern, kRosette, kBlades, kCactus, kBroadLeaves, kTrailing };
 inline constexpr int kPlantKinds = 7;
