@@ -82,12 +82,12 @@ class SceneConverter {
       }
       corners.assign(face.mIndices, face.mIndices + face.mNumIndices);
       if (const absl::Status added = fan_.Add(corners, &indices); !added.ok()) {
-        throw std::runtime_error(std::string(added.message()));
+        throw std::length_error(std::string(added.message()));
       }
     }
     if (indices.empty()) return;
     const uint64_t first = object->vertices.size();
-    if (first + mesh.mNumVertices > kMaxVertices) throw std::runtime_error("too many vertices");
+    if (first + mesh.mNumVertices > kMaxVertices) throw std::length_error("holds more vertices than 32 bits can number");
     for (unsigned v = 0; v < mesh.mNumVertices; ++v) {
       const aiVector3D& p = mesh.mVertices[v];
       object->vertices.push_back(CanonicalVertex({p.x, p.y, p.z}));

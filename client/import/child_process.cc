@@ -15,6 +15,7 @@
 #include <cstring>
 #include <exception>
 #include <new>
+#include <stdexcept>
 
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
@@ -34,7 +35,7 @@ namespace sightline {
 namespace {
 
 // The first byte that the child sends.
-constexpr char kResult = 'R', kException = 'E', kNoMemory = 'M';
+constexpr char kResult = 'R', kException = 'E', kNoMemory = 'M', kTooLong = 'L';
 
 bool WriteAll(int fd, const char* data, size_t size) {
   while (size > 0) {
@@ -87,6 +88,9 @@ void LimitMemory([[maybe_unused]] uint64_t bytes) {
     result = work();
   } catch (const std::bad_alloc&) {
     kind = kNoMemory;
+  } catch (const std::length_error& e) {
+    kind = kTooLong;
+    result = e.what();
   } catch (const std::exception& e) {
     kind = kException;
     result = e.what();
@@ -173,6 +177,7 @@ absl::StatusOr<std::string> RunInChild(absl::FunctionRef<std::string()> work,
     return absl::ResourceExhaustedError(
         absl::StrCat("needs more memory than the limit of ", limits.memory_bytes, " bytes"));
   }
+  if (kind == kTooLong) return absl::ResourceExhaustedError(*bytes);
   if (kind != kResult) return absl::InvalidArgumentError(*bytes);
   return bytes;
 }

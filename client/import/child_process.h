@@ -31,8 +31,8 @@ struct ChildLimits {
 };
 
 // DataLoss: the child died of a signal. DeadlineExceeded, ResourceExhausted: it went over a limit.
-// Unavailable: it could not be started. An exception out of `work` is InvalidArgument with its
-// message.
+// Unavailable: it could not be started. An exception out of `work` is
+// InvalidArgument with its message; length_error and bad_alloc are ResourceExhausted.
 absl::StatusOr<std::string> RunInChild(absl::FunctionRef<std::string()> work,
                                        const ChildLimits& limits);
 

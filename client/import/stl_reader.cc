@@ -120,10 +120,12 @@ class AsciiReader {
       if (!corners_.empty()) SL_RETURN_IF_ERROR(solid_.AddFace(corners_));
       corners_.clear();
     } else if (EqualsIgnoreCase(keyword, "solid")) {
+      if (!corners_.empty()) return absl::DataLossError("a solid begins inside a facet");
       solid_.Finish(name_, &scene_);
       name_ = TrimBlanks(line);
       in_solid_ = true;
     } else if (EqualsIgnoreCase(keyword, "endsolid")) {
+      if (!corners_.empty()) return absl::DataLossError("a solid ends inside a facet");
       solid_.Finish(name_, &scene_);
       name_ = {};
       in_solid_ = false;

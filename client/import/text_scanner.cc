@@ -31,13 +31,16 @@ std::optional<double> ParseDouble(std::string_view token) {
   std::string_view digits = token;
   // from_chars takes no plus sign, which printf("%+g") writes; "+-1" stays malformed.
   if (digits.size() > 1 && digits[0] == '+' && digits[1] != '-') digits.remove_prefix(1);
+  // absl would take a C program's hexadecimal floats too.
+  if (digits.find_first_of("xX") != std::string_view::npos) return std::nullopt;
   double value = 0;
-  // Out of range, absl leaves ±infinity or ±0 behind: what strtod gives.
   const absl::from_chars_result r =
       absl::from_chars(digits.data(), digits.data() + digits.size(), value);
-  if (r.ec != std::errc::invalid_argument && r.ptr == digits.data() + digits.size() &&
-      !digits.empty()) {
-    return value;
+  const bool whole = r.ptr == digits.data() + digits.size() && !digits.empty();
+  if (whole && r.ec == std::errc()) return value;
+  if (whole && r.ec == std::errc::result_out_of_range) {
+    // absl leaves the largest double behind for what is too large, ±0 or a tiny one for what is too small.
+    return std::abs(value) > 1 ? std::copysign(std::numeric_limits<double>::infinity(), value) : value;
   }
   return ParseMicrosoftSpecial(token);
 }

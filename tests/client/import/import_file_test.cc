@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <string>
+
+#include "gtest/gtest.h"
+#include "tests/client/import/import_testing.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline {
+namespace {
+
+using import_testing::Gzip;
+using import_testing::SameBits;
+using import_testing::WriteFile;
+using import_testing::Xz;
+
+constexpr char kObj[] = "v 0 0 0\nv 447422.999 0 0\nv 0 1 0\nf 1 2 3\n";
+constexpr char kOff[] = "OFF\n3 1 0\n0 0 0\n447422.999 0 0\n0 1 0\n3 0 1 2\n";
+
+class ImportFileTest : public testing::Test {
+ protected:
+  std::string Write(const std::string& name, std::string_view bytes) {
+    WriteFile(folder_.File(name), bytes);
+    return folder_.File(name);
+  }
+  const testing_support::TempDir folder_;
+};
+
+TEST_F(ImportFileTest, ReadsCompressedFilesAsTheyAre) {
+  for (const std::string& path :
+       {Write("roof.obj", kObj), Write("roof.obj.xz", Xz(kObj)), Write("roof.obj.gz", Gzip(kObj)),
+        Write("ROOF.OFF", kOff), Write("ROOF.OFF.XZ", Xz(kOff)),
+        Write("roof.Off.Gz", Gzip(kOff))}) {
+    const absl::StatusOr<ImportedScene> scene = ImportFile(path);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    ASSERT_EQ(scene->objects.size(), 1u);
+    EXPECT_TRUE(scene->objects[0].name == "roof" || scene->objects[0].name == "ROOF");
+    EXPECT_EQ(scene->objects[0].vertices[1].x, 447422.999);
+    EXPECT_EQ(scene->report.triangles, 1u);
+  }
+}
+
+TEST_F(ImportFileTest, GivesTheSameBytesTwice) {
+  const std::string path = Write("a.obj", kObj);
+  EXPECT_TRUE(SameBits(*ImportFile(path), *ImportFile(path)));
+}
+
+TEST_F(ImportFileTest, NamesTheFileAndTheReason) {
+  const auto error = [](const std::string& path) { return ImportFile(path).status(); };
+  const std::string none = folder_.File("none.obj");
+  EXPECT_IMPORT_ERROR(error(none), kNotFound, none + ": no such file");
+  EXPECT_IMPORT_ERROR(error(Write("file", "x") + "/a.obj"), kNotFound, "no such file");
+  EXPECT_IMPORT_ERROR(error(Write("empty.stl", "")), kInvalidArgument,
+                      "empty.stl: the file is empty");
+  EXPECT_IMPORT_ERROR(error(Write("empty.ply.xz", Xz(""))), kInvalidArgument,
+                      "empty once decompressed");
+  EXPECT_IMPORT_ERROR(error(Write("a.txt", kObj)), kInvalidArgument,
+                      "\"txt\" names no known mesh format");
+  EXPECT_IMPORT_ERROR(error(Write("a", kObj)), kInvalidArgument, "names no known mesh format");
+  EXPECT_IMPORT_ERROR(error(Write("a.xz", Xz(kObj))), kInvalidArgument,
+                      "names no known mesh format");
+  EXPECT_IMPORT_ERROR(error(Write("a.obj.xz", kObj)), kDataLoss, "a.obj.xz: is not an xz file");
+  EXPECT_IMPORT_ERROR(error(Write("a.obj.gz", kObj)), kDataLoss, "a.obj.gz: is not a gzip file");
+  EXPECT_IMPORT_ERROR(error(folder_.path() + "/."), kInvalidArgument, "names no known mesh format");
+  EXPECT_IMPORT_ERROR(error(Write("bad\nname.obj", "x")), kInvalidArgument,
+                      "bad?name.obj: the mesh is empty");
+  EXPECT_IMPORT_ERROR(error("/dev/null/../null.obj"), kNotFound, "no such file");
+}
+
+TEST_F(ImportFileTest, KeepsToTheByteLimit) {
+  ImportOptions options;
+  options.max_file_bytes = sizeof(kObj) - 1;
+  EXPECT_TRUE(ImportFile(Write("a.obj", kObj), options).ok());
+  options.max_file_bytes -= 1;
+  EXPECT_IMPORT_ERROR(ImportFile(Write("a.obj", kObj), options).status(), kResourceExhausted,
+                      "max_file_bytes is 40");
+  const std::string bomb = Write("b.obj.xz", Xz(std::string(1 << 20, ' ')));
+  options.max_file_bytes = 1 << 16;
+  EXPECT_IMPORT_ERROR(ImportFile(bomb, options).status(), kResourceExhausted,
+                      "max_file_bytes, 65536");
+}
+
+TEST(DescribeReportTest, SaysWhatIsThereAndNothingElse) {
+  ImportReport report;
+  report.format = "obj";
+  report.polygons = 4;
+  report.triangles = 3;
+  report.faces_bad_index = 1;
+  report.warnings = {"a warning"};
+  EXPECT_THAT(DescribeReport(report),
+              testing::ElementsAre("obj: 3 triangles from 4 faces",
+                                   "1 faces with an index out of range dropped", "a warning"));
+}
+
+}  // namespace
+}  // namespace sightline

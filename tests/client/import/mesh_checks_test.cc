@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/import/mesh_checks.h"
+
+#include <cmath>
+#include <limits>
+
+#include "client/import/position_table.h"
+#include "gtest/gtest.h"
+#include "tests/support/random.h"
+
+namespace sightline {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+TEST(HasZeroAreaTest, FindsTrianglesThatWereFlatBeforeTheirDecimalsWereRounded) {
+  // Points on a line by construction, with each coordinate off by at most half an ulp, as reading
+  // decimals leaves it: the stated bound must cover them all.
+  testing_support::TestRng rng;
+  for (int i = 0; i < 100000; ++i) {
+    const double scale = std::exp2(rng.Uniform(-20, 20));
+    const Vec3d origin{rng.Uniform(-scale, scale), rng.Uniform(-scale, scale),
+                       rng.Uniform(-scale, scale)};
+    const double size = scale * std::exp2(rng.Uniform(-20, 0));
+    const Vec3d along{rng.Uniform(-size, size), rng.Uniform(-size, size), rng.Uniform(-size, size)};
+    const auto at = [&](double t) {  // In extended precision, then rounded once.
+      const auto axis = [t](double o, double d) {
+        return static_cast<double>(static_cast<long double>(o) +
+                                   static_cast<long double>(t) * static_cast<long double>(d));
+      };
+      return Vec3d{axis(origin.x, along.x), axis(origin.y, along.y), axis(origin.z, along.z)};
+    };
+    ASSERT_TRUE(
+        HasZeroArea(at(rng.Uniform(-1, 1)), at(rng.Uniform(-1, 1)), at(rng.Uniform(-1, 1))));
+  }
+}
+
+TEST(HasZeroAreaTest, LeavesSliversAlone) {
+  EXPECT_FALSE(HasZeroArea({0, 0, 0}, {1, 0, 0}, {0.5, 1e-12, 0}));
+  EXPECT_FALSE(HasZeroArea({1e6, 0, 0}, {1e6 + 1, 0, 0}, {1e6, 1e-6, 0}));
+  EXPECT_TRUE(HasZeroArea({1, 2, 3}, {1, 2, 3}, {4, 5, 6}));
+  EXPECT_FALSE(HasZeroArea({kNaN, 0, 0}, {1, 0, 0}, {0, 1, 0}));
+  EXPECT_FALSE(HasZeroArea({1e200, 0, 0}, {0, 1e200, 0}, {0, 0, 1e200}));  // Overflows.
+}
+
+TEST(CountDefectsTest, CountsEachKind) {
+  ObjectInput object;
+  object.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {2, 0, 0}, {kNaN, kNaN, kNaN}, {-0.0, 0, 0}};
+  object.indices = {0, 1, 2,   // Good.
+                    2, 5, 1,   // The same, turned, with -0.
+                    0, 1, 3,   // Flat.
+                    0, 0, 1,   // Degenerate, therefore flat.
+                    0, 5, 1,   // Degenerate by position; a copy of the one before.
+                    0, 1, 4};  // Not finite.
+  ObjectInput moved;
+  moved.vertices = {{10, 0, 0}, {11, 0, 0}, {10, 1, 0}};
+  moved.indices = {0, 1, 2};
+  moved.transform.m[3] = -10;  // Onto the first triangle.
+  ImportReport report;
+  CountDefects(std::vector<ObjectInput>{object, moved}, &report);
+  EXPECT_EQ(report.triangles, 7u);
+  EXPECT_EQ(report.non_finite_triangles, 1u);
+  EXPECT_EQ(report.degenerate_triangles, 2u);
+  EXPECT_EQ(report.zero_area_triangles, 3u);
+  EXPECT_EQ(report.duplicate_triangles, 3u);
+}
+
+TEST(PositionTableTest, NumbersDistinctPositionsInOrder) {
+  PositionTable table;
+  for (int round = 0; round < 2; ++round) {
+    for (uint32_t i = 0; i < 5000; ++i) {
+      ASSERT_EQ(table.Insert({static_cast<double>(i % 71), static_cast<double>(i), -0.0}), i);
+    }
+  }
+  EXPECT_EQ(table.Insert({0, 0, 0}), 0u);
+  EXPECT_EQ(table.Insert({kNaN, kNaN, kNaN}), 5000u);
+  EXPECT_EQ(table.Insert({kNaN, kNaN, kNaN}), 5000u);
+  EXPECT_EQ(table.positions().size(), 5001u);
+}
+
+}  // namespace
+}  // namespace sightline
