@@ -15,8 +15,8 @@
 namespace sightline::bvh_build {
 namespace {
 
-// Ranges of at least this many primitives are binned and partitioned in parallel, by chunks; smaller ones
-// fit a second-level cache. Depends on the range alone, as every result must.
+// Ranges of at least this many primitives are binned and partitioned in parallel, by chunks;
+// smaller ones fit a second-level cache. Depends on the range alone, as every result must.
 constexpr size_t kParallelRange = 1 << 16;
 constexpr size_t kMinChunk = 1 << 14;
 constexpr size_t kMaxChunks = 256;
@@ -41,10 +41,16 @@ struct NodeBlock {
 
 class Builder {
  public:
-  Builder(AlignedVector<Primitive> primitives, const SahCost& cost, const BinaryTreeOptions& options,
-          const CancelToken* cancel, const std::function<void(double)>& progress)
-      : size_(primitives.size()), cost_(cost), options_(options), cancel_(cancel), progress_(progress) {
-    // Blocks are taken by tasks; a task begins at a node with at least kTaskTriangles on either side.
+  Builder(AlignedVector<Primitive> primitives, const SahCost& cost,
+          const BinaryTreeOptions& options, const CancelToken* cancel,
+          const std::function<void(double)>& progress)
+      : size_(primitives.size()),
+        cost_(cost),
+        options_(options),
+        cancel_(cancel),
+        progress_(progress) {
+    // Blocks are taken by tasks; a task begins at a node with at least kTaskTriangles on either
+    // side.
     const size_t blocks = 1 + size_ / kTaskTriangles + 2 * size_ / kNodeBlock + 1;
     tree_.nodes.ResizeUninitialized((blocks + 1) * kNodeBlock);
     tree_.ids.ResizeUninitialized(size_);
@@ -119,7 +125,8 @@ class Builder {
       if (mapping.CanSplit()) {
         const SahSplit split = FindSahSplit(range, mapping);
         if (split.axis >= 0) {
-          if (may_be_leaf && split.cost >= area * cost_.Leaf(static_cast<uint32_t>(n))) return false;
+          if (may_be_leaf && split.cost >= area * cost_.Leaf(static_cast<uint32_t>(n)))
+            return false;
           Partition(range, mapping, split, left, right);
           return true;
         }
@@ -130,7 +137,9 @@ class Builder {
     return true;
   }
 
-  static size_t ChunkSize(size_t n) { return std::max(kMinChunk, (n + kMaxChunks - 1) / kMaxChunks); }
+  static size_t ChunkSize(size_t n) {
+    return std::max(kMinChunk, (n + kMaxChunks - 1) / kMaxChunks);
+  }
   std::span<const Primitive> PrimitivesOf(const Range& range) const {
     return {buffer_[range.buffer].data() + range.begin, range.size()};
   }
@@ -242,8 +251,8 @@ class Builder {
     }
   }
 
-  // Halves the range, in whole leaves, along the widest axis of its centroids; in the order that it has
-  // where they all coincide.
+  // Halves the range, in whole leaves, along the widest axis of its centroids; in the order that it
+  // has where they all coincide.
   void SplitAtMedian(const Range& range, Range& left, Range& right) {
     const size_t leaf = static_cast<size_t>(cost_.max_leaf_triangles);
     const size_t leaves = (range.size() + leaf - 1) / leaf;
@@ -272,7 +281,8 @@ class Builder {
   // Counts the triangles of a subtree that its large children, done before, have not counted.
   void ReportProgress(size_t n, size_t left, size_t right) {
     if (!progress_ || n < kTaskTriangles) return;
-    const size_t more = n - (left >= kTaskTriangles ? left : 0) - (right >= kTaskTriangles ? right : 0);
+    const size_t more =
+        n - (left >= kTaskTriangles ? left : 0) - (right >= kTaskTriangles ? right : 0);
     const size_t before = placed_.fetch_add(more, std::memory_order_relaxed);
     if (100 * before / size_ != 100 * (before + more) / size_) {
       progress_(static_cast<double>(before + more) / static_cast<double>(size_));

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The binary tree that the BVH builder makes first: top-down, by the binned surface area heuristic, by
-// object medians where that cannot split or has become too deep. Private to core/accel.
+// The binary tree that the BVH builder makes first: top-down, by the binned surface area heuristic,
+// by object medians where that cannot split or has become too deep. Private to core/accel.
 //
-// The tree's shape, and the order of `ids`, depend on the primitives and the options alone. Where its nodes
-// stand in `nodes` depends on the timing of the threads: follow the links.
+// The tree's shape, and the order of `ids`, depend on the primitives and the options alone. Where
+// its nodes stand in `nodes` depends on the timing of the threads: follow the links.
 //
 // Thread safety: a tree is built by one call, then read.
 //
@@ -26,13 +26,15 @@ namespace sightline::bvh_build {
 
 struct alignas(64) BinaryNode {
   float lo[3];
-  uint32_t first;  // Inner: the left child; the right one follows it. Leaf: its first place in `ids`.
+  uint32_t
+      first;  // Inner: the left child; the right one follows it. Leaf: its first place in `ids`.
   float hi[3];
   uint32_t count;  // Triangles below.
   WideCost wide;   // What its triangles cost as children of an eight-wide node.
 
   float HalfArea(float scale) const {
-    const float x = (hi[0] - lo[0]) * scale, y = (hi[1] - lo[1]) * scale, z = (hi[2] - lo[2]) * scale;
+    const float x = (hi[0] - lo[0]) * scale, y = (hi[1] - lo[1]) * scale,
+                z = (hi[2] - lo[2]) * scale;
     return (x * y + y * z) + z * x;
   }
 };

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What the BVH builder moves about: one triangle's box and id in 32 bytes, and four-float vectors to work
-// on it (the compilers' vector extension: SSE without its names). Private to core/accel.
+// What the BVH builder moves about: one triangle's box and id in 32 bytes, and four-float vectors
+// to work on it (the compilers' vector extension: SSE without its names). Private to core/accel.
 //
-// Centroids are used doubled, lo + hi, rounded once: only their order matters, and they are at most 2^41.
+// Centroids are used doubled, lo + hi, rounded once: only their order matters, and they are at most
+// 2^41.
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_ACCEL_BUILD_PRIMITIVE_H_
@@ -39,8 +40,8 @@ struct alignas(32) Primitive {
   uint32_t id;
 
   Float4 lo4() const { return LoadFloat4(this); }
-  // The last lane holds the id's bits: it may be carried along, but not calculated with (as a denormal
-  // operand it would slow every multiplication down).
+  // The last lane holds the id's bits: it may be carried along, but not calculated with (as a
+  // denormal operand it would slow every multiplication down).
   Float4 hi4() const { return LoadFloat4(reinterpret_cast<const char*>(this) + sizeof(Float4)); }
   // Doubled; the last lane is 0.
   Float4 centroid() const { return lo4() + ClearLast(hi4()); }

@@ -1,18 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The bounding volume hierarchy: eight-wide nodes in structure-of-arrays order over leaves of at most
-// sixteen triangles, whose corners are stored in structure-of-arrays order too (findings: full leaves keep
-// SIMD lanes busy and make the build faster; papers 000 and 004 say the same).
+// The bounding volume hierarchy: eight-wide nodes in structure-of-arrays order over leaves of at
+// most sixteen triangles, whose corners are stored in structure-of-arrays order too (findings: full
+// leaves keep SIMD lanes busy and make the build faster; papers 000 and 004 say the same).
 //
 // Layout
-//  * BvhNode: eight child boxes; a child is empty, an inner node or a leaf (ChildRef). Empty slots come
+//  * BvhNode: eight child boxes; a child is empty, an inner node or a leaf (ChildRef). Empty slots
+//  come
 //    last and have an inverted box (lo = +inf, hi = -inf), so no test accepts them.
-//  * A leaf is 1..4 consecutive units of `leaves`, one unit for each four triangles (count rounded up).
+//  * A leaf is 1..4 consecutive units of `leaves`, one unit for each four triangles (count rounded
+//  up).
 //    With n units, row r (0..9) of the leaf is `4n` floats at leaves[unit·kUnitFloats + r·4n]:
-//    rows 0-2 corner A's x, y, z; 3-5 B; 6-8 C; row 9 the triangle ids as uint32 bits. Unused lanes repeat
-//    nothing: their corners are 0 and their id is kNoTriangle.
-//    The array ends with kLeafPadding floats, so that sixteen lanes may be loaded from any row.
-//  * Boxes hold the stored floats of their triangles exactly: they are minima and maxima, never rounded.
+//    rows 0-2 corner A's x, y, z; 3-5 B; 6-8 C; row 9 the triangle ids as uint32 bits. Unused lanes
+//    repeat nothing: their corners are 0 and their id is kNoTriangle. The array ends with
+//    kLeafPadding floats, so that sixteen lanes may be loaded from any row.
+//  * Boxes hold the stored floats of their triangles exactly: they are minima and maxima, never
+//  rounded.
 //  * Within a leaf, triangle ids ascend.
 //
 // Thread safety: immutable after construction.
@@ -34,7 +37,8 @@ inline constexpr int kLeafRows = 10;
 inline constexpr int kUnitFloats = kUnitTriangles * kLeafRows;
 inline constexpr int kLeafPadding = 16;
 
-// What hangs in a child slot. Leaves: bit 31 set, bits 27-30 triangle count - 1, bits 0-26 first unit.
+// What hangs in a child slot. Leaves: bit 31 set, bits 27-30 triangle count - 1, bits 0-26 first
+// unit.
 class ChildRef {
  public:
   static constexpr uint32_t kLeafBit = 0x80000000u;
@@ -72,12 +76,12 @@ struct alignas(64) BvhNode {
 static_assert(sizeof(BvhNode) == 256);
 
 struct Bvh {
-  AlignedVector<BvhNode> nodes;   // nodes[0] is the root; empty for a scene with nothing to hit.
+  AlignedVector<BvhNode> nodes;  // nodes[0] is the root; empty for a scene with nothing to hit.
   AlignedVector<float> leaves;
   Box3f bounds;
   uint32_t leaf_count = 0;
   uint32_t triangle_count = 0;
-  uint32_t max_depth = 0;         // Inner nodes on the longest path from the root, the root included.
+  uint32_t max_depth = 0;  // Inner nodes on the longest path from the root, the root included.
 
   bool empty() const { return nodes.empty(); }
   size_t MemoryBytes() const {
@@ -87,7 +91,8 @@ struct Bvh {
 
 // Bound of max_depth that builders keep, so that walks can use fixed stacks.
 inline constexpr uint32_t kMaxBvhDepth = 64;
-// Entries a depth-first walk can have pending: at most kBvhWidth - 1 siblings per level, and the last ones.
+// Entries a depth-first walk can have pending: at most kBvhWidth - 1 siblings per level, and the
+// last ones.
 inline constexpr uint32_t kBvhStackSize = kMaxBvhDepth * (kBvhWidth - 1) + 1;
 
 }  // namespace sightline

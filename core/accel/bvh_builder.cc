@@ -32,8 +32,9 @@ absl::Status ValidateOptions(const BvhBuildOptions& options) {
         absl::StrCat("bins = ", options.bins, " is outside 2 .. ", bvh_build::kMaxBins));
   }
   if (options.max_leaf_triangles < 1 || options.max_leaf_triangles > kMaxLeafTriangles) {
-    return absl::InvalidArgumentError(absl::StrCat("max_leaf_triangles = ", options.max_leaf_triangles,
-                                                   " is outside 1 .. ", kMaxLeafTriangles));
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_leaf_triangles = ", options.max_leaf_triangles, " is outside 1 .. ",
+                     kMaxLeafTriangles));
   }
   if (!(options.traversal_cost >= 0 && options.traversal_cost <= kMaxTraversalCost)) {
     return absl::InvalidArgumentError(absl::StrCat("traversal_cost = ", options.traversal_cost,
@@ -86,11 +87,12 @@ Primitives MakePrimitives(const SceneGeometry& geometry, const CancelToken* canc
   return out;
 }
 
-// A power of two that brings the longest side of `bounds` to about 1: areas then reach neither the largest
-// float nor, for anything that matters, the smallest.
+// A power of two that brings the longest side of `bounds` to about 1: areas then reach neither the
+// largest float nor, for anything that matters, the smallest.
 float AreaScale(const Box4& bounds) {
   float longest = 0;
-  for (int axis = 0; axis < 3; ++axis) longest = std::max(longest, bounds.hi[axis] - bounds.lo[axis]);
+  for (int axis = 0; axis < 3; ++axis)
+    longest = std::max(longest, bounds.hi[axis] - bounds.lo[axis]);
   if (!(longest > 0)) return 1.0f;
   return std::ldexp(1.0f, std::clamp(-std::ilogb(longest), -126, 126));
 }
@@ -108,12 +110,12 @@ absl::StatusOr<Bvh> Build(const SceneGeometry& geometry, const BvhBuildOptions& 
   const bvh_build::SahCost cost{.max_leaf_triangles = options.max_leaf_triangles,
                                 .node_visit = options.traversal_cost,
                                 .area_scale = AreaScale(primitives.bounds)};
-  BinaryTree tree = bvh_build::BuildBinaryTree(
-      std::move(primitives.list), primitives.bounds, primitives.centroids, cost,
-      {.bins = options.bins,
-       .longest_axis_only = options.longest_axis_only,
-       .max_depth = static_cast<int>(kMaxBvhDepth)},
-      cancel, tree_progress);
+  BinaryTree tree = bvh_build::BuildBinaryTree(std::move(primitives.list), primitives.bounds,
+                                               primitives.centroids, cost,
+                                               {.bins = options.bins,
+                                                .longest_axis_only = options.longest_axis_only,
+                                                .max_depth = static_cast<int>(kMaxBvhDepth)},
+                                               cancel, tree_progress);
   SL_RETURN_IF_ERROR(check_cancel());
   absl::StatusOr<Bvh> bvh = bvh_build::GatherWideTree(tree, geometry, cancel);
   SL_RETURN_IF_ERROR(check_cancel());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Builds a Bvh with the binned surface area heuristic over centroid bounds (paper 004, section 3), in
-// parallel with TBB, and gathers the binary tree into eight-wide nodes.
+// Builds a Bvh with the binned surface area heuristic over centroid bounds (paper 004, section 3),
+// in parallel with TBB, and gathers the binary tree into eight-wide nodes.
 //
 // The result depends on the geometry and the options alone: not on the number of threads.
 //
@@ -24,8 +24,8 @@ namespace sightline {
 inline constexpr float kMaxTraversalCost = 1000.0f;
 
 struct BvhBuildOptions {
-  int bins = 16;                 // 2 .. 256 per axis. Speed and quality only, like all of these.
-  int max_leaf_triangles = 16;   // 1 .. kMaxLeafTriangles.
+  int bins = 16;                // 2 .. 256 per axis. Speed and quality only, like all of these.
+  int max_leaf_triangles = 16;  // 1 .. kMaxLeafTriangles.
   // Cost of one node visit, its eight boxes together, in units of testing one full leaf:
   // 0 .. kMaxTraversalCost.
   float traversal_cost = 1.0f;
@@ -33,8 +33,8 @@ struct BvhBuildOptions {
 };
 
 // `progress`, if set, is called now and then with a share in [0, 1], possibly from several threads.
-// Errors: InvalidArgument (options out of range), ResourceExhausted (more leaf units than ChildRef holds),
-// Cancelled / DeadlineExceeded from `cancel`.
+// Errors: InvalidArgument (options out of range), ResourceExhausted (more leaf units than ChildRef
+// holds), Cancelled / DeadlineExceeded from `cancel`.
 absl::StatusOr<Bvh> BuildBvh(const SceneGeometry& geometry, const BvhBuildOptions& options,
                              ThreadPool& pool, const CancelToken* cancel = nullptr,
                              const std::function<void(double)>& progress = nullptr);

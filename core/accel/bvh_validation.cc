@@ -51,7 +51,8 @@ class Validator {
   }
 
   absl::Status ValidateSizes() {
-    if (bvh_.leaves.size() < kLeafPadding || (bvh_.leaves.size() - kLeafPadding) % kUnitFloats != 0) {
+    if (bvh_.leaves.size() < kLeafPadding ||
+        (bvh_.leaves.size() - kLeafPadding) % kUnitFloats != 0) {
       return Fault(bvh_.leaves.size(), " leaf floats are not whole units and ", kLeafPadding,
                    " of padding");
     }
@@ -128,7 +129,8 @@ class Validator {
     const std::string where = absl::StrCat("the leaf of node ", node, " slot ", slot);
     const uint64_t unit = child.leaf_unit();
     if (unit + child.leaf_units() > units_) {
-      return Fault(where, " needs units ", unit, " to ", unit + child.leaf_units() - 1, " of ", units_);
+      return Fault(where, " needs units ", unit, " to ", unit + child.leaf_units() - 1, " of ",
+                   units_);
     }
     for (uint64_t u = unit; u < unit + child.leaf_units(); ++u) {
       if (!unseen_units_[u]) return Fault(where, " shares unit ", u, " with another");
@@ -147,7 +149,8 @@ class Validator {
           return Fault(where, " holds triangle ", id, " of ", unseen_triangles_.size());
         }
         if (!unseen_triangles_[id]) {
-          return Fault(where, " holds triangle ", id, ", which is inert or stands in a leaf already");
+          return Fault(where, " holds triangle ", id,
+                       ", which is inert or stands in a leaf already");
         }
         if (lane > 0 && id < previous) return Fault(where, " does not hold its ids in order");
         unseen_triangles_[id] = false;
@@ -160,8 +163,8 @@ class Validator {
       for (int row = 0; row < 9; ++row) {
         const float stored = corners[row / 3][row % 3];
         if (std::bit_cast<uint32_t>(rows[row * lanes + lane]) != std::bit_cast<uint32_t>(stored)) {
-          return Fault(where, " has another coordinate in row ", row, " lane ", lane, " than triangle ",
-                       id, " stores");
+          return Fault(where, " has another coordinate in row ", row, " lane ", lane,
+                       " than triangle ", id, " stores");
         }
       }
     }
@@ -186,7 +189,8 @@ class Validator {
     return absl::OkStatus();
   }
 
-  // Children come after their parents in order_, so backwards every box is complete when it is needed.
+  // Children come after their parents in order_, so backwards every box is complete when it is
+  // needed.
   absl::Status CheckInnerBoxes() {
     for (size_t i = order_.size(); i-- > 0;) {
       const uint32_t node = order_[i];
@@ -194,7 +198,8 @@ class Validator {
         const ChildRef child = bvh_.nodes[node].child[slot];
         if (!child.is_inner()) continue;
         if (boxes_[child.node()] != BoxOf(node, slot)) {
-          return Fault("node ", node, " slot ", slot, " has a box that is not node ", child.node(), "'s");
+          return Fault("node ", node, " slot ", slot, " has a box that is not node ", child.node(),
+                       "'s");
         }
         boxes_[node].Extend(boxes_[child.node()]);
       }

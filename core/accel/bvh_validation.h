@@ -13,10 +13,10 @@
 
 namespace sightline {
 
-// OK when: every reference is in range and every node and leaf is reached exactly once; depths are within
-// kMaxBvhDepth; every triangle that is not inert stands in exactly one leaf with its stored corners, bit for
-// bit; every box is exactly the union of what is below it; empty slots are last and inverted; counts agree.
-// Otherwise DataLoss naming the first fault.
+// OK when: every reference is in range and every node and leaf is reached exactly once; depths are
+// within kMaxBvhDepth; every triangle that is not inert stands in exactly one leaf with its stored
+// corners, bit for bit; every box is exactly the union of what is below it; empty slots are last
+// and inverted; counts agree. Otherwise DataLoss naming the first fault.
 absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry);
 
 }  // namespace sightline

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The binned surface area heuristic: primitives are counted into bins by their centroid, and the cheapest
-// plane between two bins is found. Private to core/accel.
+// The binned surface area heuristic: primitives are counted into bins by their centroid, and the
+// cheapest plane between two bins is found. Private to core/accel.
 //
-// Every result is a minimum, a maximum or a sum of integers, so it does not depend on the order in which
-// primitives or partial bins are added.
+// Every result is a minimum, a maximum or a sum of integers, so it does not depend on the order in
+// which primitives or partial bins are added.
 //
 // Thread safety: plain values; a SahBins is filled by one thread and merged with others afterwards.
 //
@@ -24,23 +24,24 @@ namespace sightline::bvh_build {
 
 inline constexpr int kMaxBins = 256;
 
-// What a subtree is expected to cost, per unit of its surface: the same function for the split search and
-// for the collapse into leaves and wide nodes. In units of testing one full leaf.
+// What a subtree is expected to cost, per unit of its surface: the same function for the split
+// search and for the collapse into leaves and wide nodes. In units of testing one full leaf.
 struct SahCost {
   int max_leaf_triangles = 16;
-  float node_visit = 1.0f;   // One eight-wide box test.
-  float area_scale = 1.0f;   // Applied to extents, so that no area over- or underflows.
+  float node_visit = 1.0f;  // One eight-wide box test.
+  float area_scale = 1.0f;  // Applied to extents, so that no area over- or underflows.
 
-  // A leaf costs its visit whatever it holds, and then by the units of four triangles that it loads.
-  // Three quarters: with node_visit = 1 the kitchen (1.44 M triangles) has 10.0 triangles in a leaf, and a
-  // random line meets 6.0 nodes, 3.2 leaves and 10.2 units; with a half, node_visit = 1/2: 6.8 in a leaf and
-  // 6.5, 3.3 and 6.2 for 1.4 times as many nodes; with 1: 11.3 in a leaf, 6.0, 3.2, 10.9, and nodes less full.
+  // A leaf costs its visit whatever it holds, and then by the units of four triangles that it
+  // loads. Three quarters: with node_visit = 1 the kitchen (1.44 M triangles) has 10.0 triangles in
+  // a leaf, and a random line meets 6.0 nodes, 3.2 leaves and 10.2 units; with a half, node_visit =
+  // 1/2: 6.8 in a leaf and 6.5, 3.3 and 6.2 for 1.4 times as many nodes; with 1: 11.3 in a
+  // leaf, 6.0, 3.2, 10.9, and nodes less full.
   static constexpr float kLeafVisit = 0.75f;
   float Leaf(uint32_t n) const {
     return kLeafVisit + (1.0f - kLeafVisit) * 0.25f * static_cast<float>((n + 3) / 4);
   }
-  // An estimate for many triangles: as many full leaves as hold them. So a plane that fills its leaves is
-  // cheaper than one that leaves them half empty.
+  // An estimate for many triangles: as many full leaves as hold them. So a plane that fills its
+  // leaves is cheaper than one that leaves them half empty.
   float Many(uint32_t n) const {
     const uint32_t leaf = static_cast<uint32_t>(max_leaf_triangles);
     return static_cast<float>((n + leaf - 1) / leaf);
@@ -56,7 +57,8 @@ class BinMapping {
   BinMapping(const Box4& centroids, int count, bool longest_axis_only);
 
   int count() const { return count_; }
-  // False for an axis along which the centroids do not differ (or differ by next to nothing, below 2^-120).
+  // False for an axis along which the centroids do not differ (or differ by next to nothing, below
+  // 2^-120).
   bool CanSplit(int axis) const { return scale_[axis] > 0; }
   bool CanSplit() const { return CanSplit(0) || CanSplit(1) || CanSplit(2); }
 
@@ -96,7 +98,8 @@ class SahBins {
   Bin bins_[kMaxBins];  // The first count_ are initialized.
 };
 
-// Primitives with BinOf(axis) < bin go left. axis -1: there is no plane with something on both sides.
+// Primitives with BinOf(axis) < bin go left. axis -1: there is no plane with something on both
+// sides.
 struct SahSplit {
   int axis = -1;
   int bin = 0;

@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How a binary tree is best gathered into eight-wide nodes: for every binary subtree the least cost of
-// representing it by at most i children of one wide node, i = 1 .. 7, found bottom-up (dynamic programming
-// after Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide
-// BVHs", 2017, section 3.3). It decides at once which subtrees become leaves. Private to core/accel.
+// How a binary tree is best gathered into eight-wide nodes: for every binary subtree the least cost
+// of representing it by at most i children of one wide node, i = 1 .. 7, found bottom-up (dynamic
+// programming after Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs Through
+// Compressed Wide BVHs", 2017, section 3.3). It decides at once which subtrees become leaves.
+// Private to core/accel.
 //
 //   C(n, 1) = min(leaf: area · Leaf(count) if it fits, inner: area · node_visit + D(n, 8))
 //   C(n, i) = min(D(n, i), C(n, i - 1))
 //   D(n, j) = min over k of C(left, k) + C(right, j - k)
 //
-// Greedily opening the largest child leaves more nodes and leaves half empty at the bottom of the tree.
+// Greedily opening the largest child leaves more nodes and leaves half empty at the bottom of the
+// tree.
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_ACCEL_WIDE_COST_H_
@@ -68,7 +70,8 @@ class WideCost {
   bool is_leaf() const { return (choices_ & kIsLeaf) != 0; }
   // A leaf of the binary tree.
   bool is_binary_leaf() const { return (choices_ & kIsBinaryLeaf) != 0; }
-  // How many of j children the left side gets; 0: better use one child fewer. REQUIRES: 2 <= j <= 8.
+  // How many of j children the left side gets; 0: better use one child fewer. REQUIRES: 2 <= j
+  // <= 8.
   int LeftChildren(int j) const { return static_cast<int>(choices_ >> (3 * (j - 2)) & 7); }
   float cost() const { return cost_[0]; }
 

@@ -117,9 +117,8 @@ class Gatherer {
       }
       if (!used || !child->wide.is_leaf()) continue;
       // Unit numbers beyond 27 bits are cut here and refused by Gather.
-      node.child[slot] =
-          ChildRef::Leaf(static_cast<uint32_t>(std::min<uint64_t>(units_, ChildRef::kMaxUnit)),
-                         child->count);
+      node.child[slot] = ChildRef::Leaf(
+          static_cast<uint32_t>(std::min<uint64_t>(units_, ChildRef::kMaxUnit)), child->count);
       leaves_.push_back({units_, FirstId(*child), child->count});
       units_ += node.child[slot].leaf_units();
     }

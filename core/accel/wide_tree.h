@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The second half of a BVH build: gathers a binary tree into eight-wide nodes, as its WideCosts decided, and
-// lays out the leaves. Private to core/accel.
+// The second half of a BVH build: gathers a binary tree into eight-wide nodes, as its WideCosts
+// decided, and lays out the leaves. Private to core/accel.
 //
-// Nodes stand in depth-first order, each before what is below it; leaves in the order in which the nodes
-// that hold them stand.
+// Nodes stand in depth-first order, each before what is below it; leaves in the order in which the
+// nodes that hold them stand.
 //
 // Thread safety: functions only.
 #ifndef SIGHTLINE_CORE_ACCEL_WIDE_TREE_H_
@@ -18,8 +18,8 @@
 
 namespace sightline::bvh_build {
 
-// ResourceExhausted: more leaf units than a ChildRef can number. Incomplete once `cancel` has fired.
-// REQUIRES: a complete tree over triangles of `geometry`. Sorts the ids within its leaves.
+// ResourceExhausted: more leaf units than a ChildRef can number. Incomplete once `cancel` has
+// fired. REQUIRES: a complete tree over triangles of `geometry`. Sorts the ids within its leaves.
 absl::StatusOr<Bvh> GatherWideTree(BinaryTree& tree, const SceneGeometry& geometry,
                                    const CancelToken* cancel);
 

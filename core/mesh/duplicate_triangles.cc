@@ -65,7 +65,8 @@ class Counter {
 
   Position PositionOf(uint32_t vertex) const {
     const Vec3f v = vertices_[vertex];
-    return {std::bit_cast<uint32_t>(v.x), std::bit_cast<uint32_t>(v.y), std::bit_cast<uint32_t>(v.z)};
+    return {std::bit_cast<uint32_t>(v.x), std::bit_cast<uint32_t>(v.y),
+            std::bit_cast<uint32_t>(v.z)};
   }
 
   // The same for any order of the corners.
@@ -100,7 +101,8 @@ class Counter {
     }
   }
 
-  // Fills entries_ with (low half of the hash, id), gathered by partition, ids ascending within each.
+  // Fills entries_ with (low half of the hash, id), gathered by partition, ids ascending within
+  // each.
   void Partition() {
     const size_t n = triangles_.size();
     partition_bits_ =

@@ -102,9 +102,8 @@ class Compiler {
       if (const ObjectInput* input = sources_[i].input; input != nullptr) {
         record.name = input->name;
         if (input->indices.size() % 3 != 0) {
-          return absl::InvalidArgumentError(
-              absl::StrCat(NameForMessage(i), " has ", input->indices.size(),
-                           " indices: not a multiple of 3"));
+          return absl::InvalidArgumentError(absl::StrCat(
+              NameForMessage(i), " has ", input->indices.size(), " indices: not a multiple of 3"));
         }
         triangle_count = input->indices.size() / 3;
         vertex_count = input->vertices.size();
@@ -120,7 +119,8 @@ class Compiler {
         if (!IsKept(i)) record.largest_rounding = 0;
       }
       if (sources_[i].transform != nullptr) record.transform = *sources_[i].transform;
-      if (const auto* moved = sources_[i].vertices; moved != nullptr && moved->size() != vertex_count) {
+      if (const auto* moved = sources_[i].vertices;
+          moved != nullptr && moved->size() != vertex_count) {
         return absl::InvalidArgumentError(
             absl::StrCat(NameForMessage(i), " has ", vertex_count, " vertices, but ", moved->size(),
                          " were given: remove and add it to change its mesh"));
@@ -131,8 +131,9 @@ class Compiler {
       }
       for (int k = 0; k < 12; ++k) {
         if (!std::isfinite(record.transform.m[k])) {
-          return absl::InvalidArgumentError(absl::StrCat(
-              NameForMessage(i), ": transform[", k, "] = ", record.transform.m[k], " is not finite"));
+          return absl::InvalidArgumentError(absl::StrCat(NameForMessage(i), ": transform[", k,
+                                                         "] = ", record.transform.m[k],
+                                                         " is not finite"));
         }
       }
       record.first_triangle = static_cast<uint32_t>(triangles);
@@ -153,8 +154,8 @@ class Compiler {
   static absl::Status Add(const char* what, uint64_t count, uint64_t limit, uint64_t& total) {
     limit = std::min<uint64_t>(limit, kNoTriangle - 1);  // What 32-bit ids can number.
     if (count > limit || total > limit - count) {
-      return absl::ResourceExhaustedError(absl::StrCat("the scene has at least ", total + count, " ",
-                                                       what, "; max_", what, " is ", limit,
+      return absl::ResourceExhaustedError(absl::StrCat("the scene has at least ", total + count,
+                                                       " ", what, "; max_", what, " is ", limit,
                                                        ": split it or simplify its meshes"));
     }
     total += count;
@@ -189,9 +190,8 @@ class Compiler {
     }
     if (origin.has_value()) {
       if (!IsFinite(*origin) || MaxAbs(*origin) > kMaxCoordinate) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("origin = ", Describe(*origin),
-                         " is not finite or beyond 2^40 in a coordinate"));
+        return absl::InvalidArgumentError(absl::StrCat(
+            "origin = ", Describe(*origin), " is not finite or beyond 2^40 in a coordinate"));
       }
       out_.origin = *origin;
       return absl::OkStatus();
@@ -211,8 +211,9 @@ class Compiler {
     return transform.IsIdentity() ? v : transform.Apply(v);
   }
 
-  // Calls part(i, begin, end) for every object with elements in [begin, end) of all elements, where `first`
-  // and `count` are the members that number an object's; begin and end are relative to the object.
+  // Calls part(i, begin, end) for every object with elements in [begin, end) of all elements, where
+  // `first` and `count` are the members that number an object's; begin and end are relative to the
+  // object.
   template <typename Part>
   void ForEachPart(uint32_t ObjectRecord::*first, uint32_t ObjectRecord::*count, size_t begin,
                    size_t end, Part part) const {
@@ -349,14 +350,14 @@ class Compiler {
 
   absl::Status IndexFault(uint64_t triangle) const {
     size_t object = 0, at = 0;
-    ForEachPart(&ObjectRecord::first_triangle, &ObjectRecord::triangle_count, triangle, triangle + 1,
-                [&](size_t i, size_t from, size_t) { object = i, at = 3 * from; });
+    ForEachPart(&ObjectRecord::first_triangle, &ObjectRecord::triangle_count, triangle,
+                triangle + 1, [&](size_t i, size_t from, size_t) { object = i, at = 3 * from; });
     const uint32_t vertex_count = out_.objects[object].vertex_count;
     const std::vector<uint32_t>& indices = sources_[object].input->indices;
     while (indices[at] < vertex_count) ++at;
-    return absl::InvalidArgumentError(absl::StrCat(NameForMessage(object), ": indices[", at, "] = ",
-                                                   indices[at], ", but it has ", vertex_count,
-                                                   " vertices"));
+    return absl::InvalidArgumentError(absl::StrCat(NameForMessage(object), ": indices[", at,
+                                                   "] = ", indices[at], ", but it has ",
+                                                   vertex_count, " vertices"));
   }
 
   // Fills the inert list, its counts and the bounds. After a cancel they are incomplete.

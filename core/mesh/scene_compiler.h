@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Compiles a SceneGeometry from new objects and from objects of an earlier geometry, which keep their
-// stored floats. CompileScene is the case without an earlier one; an edit is the other.
+// Compiles a SceneGeometry from new objects and from objects of an earlier geometry, which keep
+// their stored floats. CompileScene is the case without an earlier one; an edit is the other.
 //
 // Thread safety: functions only.
 //
@@ -26,8 +26,8 @@ namespace sightline {
 struct ObjectSource {
   const ObjectInput* input = nullptr;  // A new object; if null, object `base_object` of the base.
   uint32_t base_object = 0;
-  // If set, taken instead of the object's own. A new transform for an object of the base needs its local
-  // doubles (REQUIRES: source_vertices, or `vertices` here).
+  // If set, taken instead of the object's own. A new transform for an object of the base needs its
+  // local doubles (REQUIRES: source_vertices, or `vertices` here).
   const Affine3d* transform = nullptr;
   const std::vector<Vec3d>* vertices = nullptr;  // As many as it has.
 };

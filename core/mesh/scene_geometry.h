@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A scene's compiled geometry: every object's triangles in one list, as floats relative to the scene's
-// own double origin. This is what "stored" means everywhere else: all answers are exact statements about
-// these floats.
+// A scene's compiled geometry: every object's triangles in one list, as floats relative to the
+// scene's own double origin. This is what "stored" means everywhere else: all answers are exact
+// statements about these floats.
 //
 // Invariants of a SceneGeometry made by CompileScene:
-//  1. Triangles are numbered object by object, in input order; ids are stable: a triangle that cannot
-//     block (non-finite corner, zero area) keeps its id and is listed in `inert` instead of being dropped.
-//     So the order of ids is the order of (object, triangle), and ties go to the lowest id.
+//  1. Triangles are numbered object by object, in input order; ids are stable: a triangle that
+//  cannot
+//     block (non-finite corner, zero area) keeps its id and is listed in `inert` instead of being
+//     dropped. So the order of ids is the order of (object, triangle), and ties go to the lowest
+//     id.
 //  2. Every index is in range; every coordinate of a triangle that is not inert has |x| <= 2^40.
 //  3. Equal input doubles under equal transforms give equal floats: shared vertices stay shared.
-//  4. No stored coordinate is -0, so equal positions have equal bits. A vertex that was not finite is stored
+//  4. No stored coordinate is -0, so equal positions have equal bits. A vertex that was not finite
+//  is stored
 //     as three NaNs, and no finite one is.
 //
 // Thread safety: immutable after construction, shared freely.
@@ -54,15 +57,16 @@ struct ObjectRecord {
 
 // What was wrong with the input, and what became of it. Nothing is dropped silently.
 struct MeshReport {
-  uint64_t triangles = 0;            // As handed in.
+  uint64_t triangles = 0;  // As handed in.
   uint64_t vertices = 0;
   uint64_t non_finite_vertices = 0;
   uint64_t non_finite_triangles = 0;  // Inert: at least one corner is not finite.
   uint64_t zero_area_triangles = 0;   // Inert: exactly zero area after rounding to stored floats.
-  uint64_t duplicate_triangles = 0;   // Same three stored positions as an earlier one (any order). Kept.
-                                     // Inert ones are not looked at.
-  uint64_t inert_triangles = 0;       // non_finite + zero_area.
-  double largest_rounding = 0;        // Largest |world − (origin + stored)| of a coordinate of a finite vertex.
+  uint64_t duplicate_triangles = 0;   // Same three stored positions as an earlier one (any order).
+                                     // Kept. Inert ones are not looked at.
+  uint64_t inert_triangles = 0;  // non_finite + zero_area.
+  double largest_rounding =
+      0;  // Largest |world − (origin + stored)| of a coordinate of a finite vertex.
 };
 
 struct SceneGeometry {
@@ -91,17 +95,19 @@ struct MeshLimits {
   uint64_t max_objects = 1'000'000;
 };
 
-// Checks and compiles `objects`. `origin` is given, or else the first finite vertex of the first object
-// that has one, placed in the world (the zero vector for a scene without vertices).
-//  - An index out of range, a number of indices that 3 does not divide, a doubled name, a non-finite
+// Checks and compiles `objects`. `origin` is given, or else the first finite vertex of the first
+// object that has one, placed in the world (the zero vector for a scene without vertices).
+//  - An index out of range, a number of indices that 3 does not divide, a doubled name, a
+//  non-finite
 //    transform or origin, a finite coordinate beyond kMaxCoordinate: InvalidArgument naming object,
 //    position and value.
-//  - More triangles, vertices or objects than the limits: ResourceExhausted naming the limit and its value.
+//  - More triangles, vertices or objects than the limits: ResourceExhausted naming the limit and
+//  its value.
 //  - Non-finite vertices, zero-area and duplicate triangles: counted in the report.
 //  - Cancelled or DeadlineExceeded once `cancel` has fired.
-// A stored vertex is fl32(world − origin), the subtraction in double. An object without a name is called
-// "object-<its position>", or by the next number that is free.
-// Runs in parallel within the pool of the calling thread (core/base/parallel.h).
+// A stored vertex is fl32(world − origin), the subtraction in double. An object without a name is
+// called "object-<its position>", or by the next number that is free. Runs in parallel within the
+// pool of the calling thread (core/base/parallel.h).
 absl::StatusOr<SceneGeometry> CompileScene(std::span<const ObjectInput> objects,
                                            std::optional<Vec3d> origin, const MeshLimits& limits,
                                            const CancelToken* cancel = nullptr);

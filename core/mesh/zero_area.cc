@@ -8,12 +8,12 @@
 namespace sightline {
 namespace {
 
-// One component of (B - A) × (C - A) in double is p - q with p = e1·f2, q = e2·f1, each edge coordinate
-// rounded once, each product once, the difference once. With u = 2^-53 and no underflow (a difference of
-// floats is 0 or at least 2^-149, so a product is 0 or at least 2^-298):
+// One component of (B - A) × (C - A) in double is p - q with p = e1·f2, q = e2·f1, each edge
+// coordinate rounded once, each product once, the difference once. With u = 2^-53 and no underflow
+// (a difference of floats is 0 or at least 2^-149, so a product is 0 or at least 2^-298):
 //   |computed - exact| <= ((1 + u)^4 - 1) · (|p| + |q|), with p and q exact,
-// and the computed sum |p| + |q| is at least (1 - u)^4 times the exact one. ((1 + u)^4 - 1) / (1 - u)^4
-// < 5u, and the product of the constant with that sum is rounded once more: 6u covers it.
+// and the computed sum |p| + |q| is at least (1 - u)^4 times the exact one. ((1 + u)^4 - 1) / (1 -
+// u)^4 < 5u, and the product of the constant with that sum is rounded once more: 6u covers it.
 constexpr double kCrossErrorBound = 6.0 / 9007199254740992.0;  // 6 · 2^-53.
 
 struct Projected {

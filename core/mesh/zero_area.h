@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The exact answer to "has this triangle no area?": whether the cross product of its edge vectors, as real
-// numbers of the stored floats, is zero. Such a triangle has no plane and blocks nothing.
+// The exact answer to "has this triangle no area?": whether the cross product of its edge vectors,
+// as real numbers of the stored floats, is zero. Such a triangle has no plane and blocks nothing.
 //
 // Thread safety: functions only.
 //

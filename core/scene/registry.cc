@@ -47,9 +47,9 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
       return absl::AlreadyExistsError(absl::StrCat("there is a scene \"", name, "\" already"));
     }
     if (entries_.size() >= options_.max_scenes) {
-      return absl::ResourceExhaustedError(
-          absl::StrCat("the server holds ", entries_.size(), " scenes; max_scenes is ",
-                       options_.max_scenes, ": delete one"));
+      return absl::ResourceExhaustedError(absl::StrCat("the server holds ", entries_.size(),
+                                                       " scenes; max_scenes is ",
+                                                       options_.max_scenes, ": delete one"));
     }
     SL_RETURN_IF_ERROR(Reserve(name, size.bytes()));
     Entry& entry = entries_[name];
@@ -71,7 +71,8 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(const std::stri
   SceneSize size;  // An upper bound: what is removed or replaced is not taken off.
   for (const SceneEdit& edit : edits) {
     if (edit.kind == SceneEdit::Kind::kAdd) size.Add(edit.object);
-    if (edit.kind == SceneEdit::Kind::kSetVertices) size.kept_doubles += edit.object.vertices.size();
+    if (edit.kind == SceneEdit::Kind::kSetVertices)
+      size.kept_doubles += edit.object.vertices.size();
   }
   std::shared_ptr<const Scene> base;
   SceneStatus status;
@@ -86,9 +87,9 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(const std::stri
     }
     base = entry.latest;
     if (expected_revision != 0 && expected_revision != base->revision) {
-      return absl::FailedPreconditionError(
-          absl::StrCat("scene \"", name, "\" is at revision ", base->revision, ", not ",
-                       expected_revision, ": look at the change and edit again"));
+      return absl::FailedPreconditionError(absl::StrCat("scene \"", name, "\" is at revision ",
+                                                        base->revision, ", not ", expected_revision,
+                                                        ": look at the change and edit again"));
     }
     size.triangles += base->geometry.triangles.size();
     size.vertices += base->geometry.vertices.size();
@@ -233,7 +234,8 @@ absl::Status SceneRegistry::Delete(const std::string& name) {
 }
 
 void SceneRegistry::SetObserver(std::function<void(const SceneStatus&)> observer) {
-  auto shared = std::make_shared<const std::function<void(const SceneStatus&)>>(std::move(observer));
+  auto shared =
+      std::make_shared<const std::function<void(const SceneStatus&)>>(std::move(observer));
   MutexLock lock(mutex_);
   observer_.swap(shared);
 }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The scenes a server holds, by name, under one memory budget. A scene's latest revision is replaced by
-// swapping one pointer; older revisions live as long as a query pins them.
+// The scenes a server holds, by name, under one memory budget. A scene's latest revision is
+// replaced by swapping one pointer; older revisions live as long as a query pins them.
 //
-// Thread safety: every member may be called from any thread. Builds run in the caller's thread and the
-// given pool, outside the lock.
+// Thread safety: every member may be called from any thread. Builds run in the caller's thread and
+// the given pool, outside the lock.
 //
 //   SceneRegistry registry({.memory_budget_bytes = 8ull << 30}, pool);
 //   auto scene = registry.Create("hall", objects, std::nullopt, {});
@@ -44,8 +44,8 @@ enum class SceneState : uint8_t {
 struct SceneStatus {
   std::string name;
   SceneState state = SceneState::kBuilding;
-  double progress = 0;            // Share of the running build, 0 .. 1.
-  absl::Status error;             // Of the last build, if it failed; the revision before keeps serving.
+  double progress = 0;  // Share of the running build, 0 .. 1.
+  absl::Status error;   // Of the last build, if it failed; the revision before keeps serving.
   std::shared_ptr<const Scene> latest;  // Null until a first build is done.
 };
 
@@ -53,33 +53,38 @@ class SceneRegistry {
  public:
   SceneRegistry(const RegistryOptions& options, ThreadPool& pool);
 
-  // Builds and publishes revision 1. AlreadyExists, ResourceExhausted (budget or max_scenes, checked from the
-  // sizes before building), and what BuildScene returns. A failed creation leaves nothing behind.
-  absl::StatusOr<std::shared_ptr<const Scene>> Create(
-      const std::string& name, std::span<const ObjectInput> objects, std::optional<Vec3d> origin,
-      const SceneBuildOptions& options, const CancelToken* cancel = nullptr);
+  // Builds and publishes revision 1. AlreadyExists, ResourceExhausted (budget or max_scenes,
+  // checked from the sizes before building), and what BuildScene returns. A failed creation leaves
+  // nothing behind.
+  absl::StatusOr<std::shared_ptr<const Scene>> Create(const std::string& name,
+                                                      std::span<const ObjectInput> objects,
+                                                      std::optional<Vec3d> origin,
+                                                      const SceneBuildOptions& options,
+                                                      const CancelToken* cancel = nullptr);
 
-  // Builds and publishes the next revision. Edits of one scene run one at a time: Aborted when another is
-  // under way; NotFound; FailedPrecondition when `expected_revision` is not 0 and not the latest.
+  // Builds and publishes the next revision. Edits of one scene run one at a time: Aborted when
+  // another is under way; NotFound; FailedPrecondition when `expected_revision` is not 0 and not
+  // the latest.
   absl::StatusOr<std::shared_ptr<const Scene>> Edit(const std::string& name,
                                                     uint64_t expected_revision,
                                                     std::span<const SceneEdit> edits,
                                                     const SceneBuildOptions& options,
                                                     const CancelToken* cancel = nullptr);
 
-  // `revision` 0: the latest; else that one, as long as it is the latest or somebody holds it. NotFound: no
-  // such scene (named). FailedPrecondition: that scene has no such revision any more or not yet (both numbers
-  // named); Unavailable while its first build runs.
-  absl::StatusOr<std::shared_ptr<const Scene>> Get(const std::string& name, uint64_t revision) const;
+  // `revision` 0: the latest; else that one, as long as it is the latest or somebody holds it.
+  // NotFound: no such scene (named). FailedPrecondition: that scene has no such revision any more
+  // or not yet (both numbers named); Unavailable while its first build runs.
+  absl::StatusOr<std::shared_ptr<const Scene>> Get(const std::string& name,
+                                                   uint64_t revision) const;
 
   absl::StatusOr<SceneStatus> GetStatus(const std::string& name) const;
   std::vector<SceneStatus> List() const;  // By name.
   // Queries that pinned a revision finish on it. NotFound; Aborted while a build runs.
   absl::Status Delete(const std::string& name);
 
-  // Called after every change of a scene's status but its deletion, outside the lock, from the changing
-  // thread: calls may overlap, and a later change may be told first. May call the registry. Replaces the
-  // one before.
+  // Called after every change of a scene's status but its deletion, outside the lock, from the
+  // changing thread: calls may overlap, and a later change may be told first. May call the
+  // registry. Replaces the one before.
   void SetObserver(std::function<void(const SceneStatus&)> observer);
 
   // Of all revisions still alive and of the builds under way; what the budget bounds.
@@ -102,7 +107,8 @@ class SceneRegistry {
   using Build = absl::FunctionRef<absl::StatusOr<std::shared_ptr<const Scene>>(
       const std::function<void(double)>& progress)>;
 
-  // Runs `build` for an entry marked as building, with `reserved` bytes set aside, and publishes or reports.
+  // Runs `build` for an entry marked as building, with `reserved` bytes set aside, and publishes or
+  // reports.
   absl::StatusOr<std::shared_ptr<const Scene>> RunBuild(const std::string& name, uint64_t reserved,
                                                         Build build) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::StatusOr<std::shared_ptr<const Scene>> Publish(const std::string& name, uint64_t reserved,
@@ -120,7 +126,8 @@ class SceneRegistry {
   ThreadPool& pool_;
   mutable Mutex mutex_;
   std::map<std::string, Entry> entries_ ABSL_GUARDED_BY(mutex_);
-  std::vector<Revision> alive_ ABSL_GUARDED_BY(mutex_);  // Those gone are taken out by the next build.
+  std::vector<Revision> alive_
+      ABSL_GUARDED_BY(mutex_);  // Those gone are taken out by the next build.
   uint64_t creations_ ABSL_GUARDED_BY(mutex_) = 0;
   std::shared_ptr<const std::function<void(const SceneStatus&)>> observer_ ABSL_GUARDED_BY(mutex_);
   uint64_t reserved_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // For builds under way.

@@ -16,7 +16,8 @@
 namespace sightline {
 namespace {
 
-// Share of the time that compiling takes, for the progress (kitchen, 1.44 M triangles: about a fifth).
+// Share of the time that compiling takes, for the progress (kitchen, 1.44 M triangles: about a
+// fifth).
 constexpr double kCompileShare = 0.2;
 
 class Stopwatch {
@@ -29,12 +30,12 @@ class Stopwatch {
   const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
 };
 
-// Compiles by `compile`, then builds; on a thread of the pool. Memory that runs out is the one exception
-// that libraries below throw; it ends here.
+// Compiles by `compile`, then builds; on a thread of the pool. Memory that runs out is the one
+// exception that libraries below throw; it ends here.
 absl::StatusOr<std::shared_ptr<const Scene>> Build(
-    std::string name, uint64_t revision,
-    absl::FunctionRef<absl::StatusOr<SceneGeometry>()> compile, const SceneBuildOptions& options,
-    ThreadPool& pool, const CancelToken* cancel, const std::function<void(double)>& progress) try {
+    std::string name, uint64_t revision, absl::FunctionRef<absl::StatusOr<SceneGeometry>()> compile,
+    const SceneBuildOptions& options, ThreadPool& pool, const CancelToken* cancel,
+    const std::function<void(double)>& progress) try {
   auto scene = std::make_shared<Scene>();
   scene->name = std::move(name);
   scene->revision = revision;
@@ -65,7 +66,8 @@ absl::StatusOr<std::shared_ptr<const Scene>> Build(
   scene->report.memory_bytes = scene->MemoryBytes();
   return scene;
 } catch (const std::bad_alloc&) {
-  return absl::ResourceExhaustedError("out of memory while building a scene: free some, or split it");
+  return absl::ResourceExhaustedError(
+      "out of memory while building a scene: free some, or split it");
 } catch (const std::exception& e) {
   return absl::InternalError(absl::StrCat("building a scene failed: ", e.what()));
 }
@@ -97,7 +99,8 @@ class EditedObjects {
       case SceneEdit::Kind::kSetTransform:
         if (!IsDynamic(entry.source)) {
           return absl::FailedPreconditionError(
-              absl::StrCat("object \"", name, "\" is not dynamic, so its local coordinates were not kept: "
+              absl::StrCat("object \"", name,
+                           "\" is not dynamic, so its local coordinates were not kept: "
                            "set its vertices, or add it as dynamic"));
         }
         entry.source.transform = &edit.object.transform;
@@ -128,7 +131,8 @@ class EditedObjects {
   };
 
   absl::Status Add(const ObjectInput& object) {
-    // One without a name is named when it is compiled, and cannot be named by a later edit of this list.
+    // One without a name is named when it is compiled, and cannot be named by a later edit of this
+    // list.
     if (!object.name.empty() && !by_name_.emplace(object.name, sources_.size()).second) {
       return absl::AlreadyExistsError(
           absl::StrCat("the scene has an object \"", object.name, "\" already"));
@@ -150,10 +154,12 @@ class EditedObjects {
 }  // namespace
 
 uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices) {
-  // The BVH takes 42 to 56 bytes per triangle on the scenes measured (a full leaf 40, one of four triangles
-  // the same, and an eighth of a node for each leaf); up to twice that for scattered triangles.
+  // The BVH takes 42 to 56 bytes per triangle on the scenes measured (a full leaf 40, one of four
+  // triangles the same, and an eighth of a node for each leaf); up to twice that for scattered
+  // triangles.
   constexpr uint64_t kBvhBytesPerTriangle = 112;
-  constexpr uint64_t kBvhBytes = sizeof(BvhNode) + kUnitFloats * sizeof(float) * 4;  // Of the smallest.
+  constexpr uint64_t kBvhBytes =
+      sizeof(BvhNode) + kUnitFloats * sizeof(float) * 4;  // Of the smallest.
   return triangles * (sizeof(std::array<uint32_t, 3>) + kBvhBytesPerTriangle) +
          vertices * sizeof(Vec3f) + kBvhBytes + sizeof(Scene);
 }

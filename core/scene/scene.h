@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One immutable revision of a scene: its compiled geometry and the structures built over it. Queries hold
-// a shared_ptr to the revision they pinned; an edit builds a new one beside it.
+// One immutable revision of a scene: its compiled geometry and the structures built over it.
+// Queries hold a shared_ptr to the revision they pinned; an edit builds a new one beside it.
 //
 // Thread safety: immutable after BuildScene.
 //
@@ -32,7 +32,7 @@ struct BuildReport {
   double compile_seconds = 0;  // Checking, rebasing, counting.
   double bvh_seconds = 0;
   uint64_t bvh_nodes = 0, bvh_leaves = 0, bvh_depth = 0;
-  uint64_t memory_bytes = 0;   // Geometry and structures.
+  uint64_t memory_bytes = 0;  // Geometry and structures.
 };
 
 // Queries take the IndexedGeometry in it: the rooms below know no names and no revisions.
@@ -59,12 +59,14 @@ absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(
 struct SceneEdit {
   enum class Kind : uint8_t { kAdd, kRemove, kSetTransform, kSetVertices };
   Kind kind = Kind::kAdd;
-  ObjectInput object;  // kAdd: the whole object. Others: name, and `transform` or `vertices` as the kind says.
+  ObjectInput object;  // kAdd: the whole object. Others: name, and `transform` or `vertices` as the
+                       // kind says.
 };
 
-// The revision after `base` with `edits` applied; keeps the base's origin. Errors, each naming the object:
-// NotFound (no such object), AlreadyExists (added twice), FailedPrecondition (kSetTransform of an object that
-// is not dynamic), InvalidArgument (another number of vertices than the object has; what CompileScene says).
+// The revision after `base` with `edits` applied; keeps the base's origin. Errors, each naming the
+// object: NotFound (no such object), AlreadyExists (added twice), FailedPrecondition (kSetTransform
+// of an object that is not dynamic), InvalidArgument (another number of vertices than the object
+// has; what CompileScene says).
 absl::StatusOr<std::shared_ptr<const Scene>> EditScene(
     const Scene& base, uint64_t revision, std::span<const SceneEdit> edits,
     const SceneBuildOptions& options, ThreadPool& pool, const CancelToken* cancel = nullptr,

@@ -84,9 +84,8 @@ TEST_F(BvhValidationTest, References) {
   ExpectFault("refers to node 4000000", [&](Bvh& bvh) {
     bvh.nodes[inner.node].child[inner.slot] = ChildRef::Inner(4'000'000);
   });
-  ExpectFault("node 0 is reached twice", [&](Bvh& bvh) {
-    bvh.nodes[inner.node].child[inner.slot] = ChildRef::Inner(0);
-  });
+  ExpectFault("node 0 is reached twice",
+              [&](Bvh& bvh) { bvh.nodes[inner.node].child[inner.slot] = ChildRef::Inner(0); });
   const Slot leaf = FindPartialLeaf();
   ExpectFault("needs units", [&](Bvh& bvh) {
     bvh.nodes[leaf.node].child[leaf.slot] = ChildRef::Leaf(ChildRef::kMaxUnit, 16);
@@ -105,7 +104,8 @@ TEST_F(BvhValidationTest, References) {
 TEST_F(BvhValidationTest, EverythingIsReached) {
   ExpectFault("node " + std::to_string(bvh_.nodes.size()) + " is never reached",
               [](Bvh& bvh) { bvh.nodes.push_back(BvhNode()); });
-  ExpectFault("is never reached", [](Bvh& bvh) { bvh.leaves.resize(bvh.leaves.size() + kUnitFloats); });
+  ExpectFault("is never reached",
+              [](Bvh& bvh) { bvh.leaves.resize(bvh.leaves.size() + kUnitFloats); });
   // A leaf taken out with its slot, and closed up.
   const Slot leaf = Find([](const BvhNode& node, uint32_t slot) {
     return node.child[slot].is_leaf() && slot + 1 == node.child_count && slot > 0;
@@ -122,9 +122,8 @@ TEST_F(BvhValidationTest, EverythingIsReached) {
 }
 
 TEST_F(BvhValidationTest, EmptySlots) {
-  const Slot empty = Find([](const BvhNode& node, uint32_t slot) {
-    return node.child[slot].is_empty();
-  });
+  const Slot empty =
+      Find([](const BvhNode& node, uint32_t slot) { return node.child[slot].is_empty(); });
   ExpectFault("is empty, but its box is not inverted",
               [&](Bvh& bvh) { bvh.nodes[empty.node].bounds[4][empty.slot] = 0; });
   ExpectFault("is empty, but its box is not inverted", [&](Bvh& bvh) {
@@ -152,7 +151,8 @@ TEST_F(BvhValidationTest, LeafContents) {
       std::swap(Row(bvh, leaf, row, 0), Row(bvh, leaf, row, 1));
     }
   });
-  ExpectFault("in unused lane", [&](Bvh& bvh) { Row(bvh, leaf, 9, count) = std::bit_cast<float>(1u); });
+  ExpectFault("in unused lane",
+              [&](Bvh& bvh) { Row(bvh, leaf, 9, count) = std::bit_cast<float>(1u); });
   ExpectFault("has another coordinate in row 3 lane " + std::to_string(count),
               [&](Bvh& bvh) { Row(bvh, leaf, 3, count) = 1; });
   for (int row = 0; row < 9; ++row) {
@@ -191,7 +191,8 @@ TEST_F(BvhValidationTest, Counts) {
   EXPECT_FALSE(ValidateBvh(bounded, SceneGeometry()).ok());
 }
 
-// A chain of nodes, each over one leaf and the next node, is valid until it is too deep for a walk's stack.
+// A chain of nodes, each over one leaf and the next node, is valid until it is too deep for a
+// walk's stack.
 TEST(BvhDepthTest, ChainsAreBounded) {
   for (uint32_t depth : {kMaxBvhDepth, kMaxBvhDepth + 1}) {
     TestRng rng;
@@ -237,8 +238,9 @@ TEST(BvhDepthTest, ChainsAreBounded) {
   }
 }
 
-// Whatever single bit of nodes or leaves is flipped, the validation ends, and finds it, but for the bytes
-// that say nothing: a node's reserved words, the padding, and the sign of a zero or the payload of a box.
+// Whatever single bit of nodes or leaves is flipped, the validation ends, and finds it, but for the
+// bytes that say nothing: a node's reserved words, the padding, and the sign of a zero or the
+// payload of a box.
 TEST_F(BvhValidationTest, RandomBitFlips) {
   for (int64_t i = 0, n = ScaledCount(3000); i < n; ++i) {
     Bvh spoiled = bvh_;

@@ -108,7 +108,8 @@ TEST(FindSplitTest, IsTheCheapestPlane) {
           ++n[side];
         }
         if (n[0] == 0 || n[1] == 0) continue;
-        const float c = box[0].HalfArea(1) * cost.Subtree(n[0]) + box[1].HalfArea(1) * cost.Subtree(n[1]);
+        const float c =
+            box[0].HalfArea(1) * cost.Subtree(n[0]) + box[1].HalfArea(1) * cost.Subtree(n[1]);
         best = std::min(best, c);
         if (axis != found.axis || plane != found.bin) continue;
         EXPECT_EQ(c, found.cost);

@@ -72,10 +72,11 @@ std::vector<TestMesh> NastyMeshes(TestRng& rng, size_t n) {
                       return Corners{a, b, b + Point(rng, -1e-6, 1e-6)};
                     })});
   // Each a fraction of the one before: splits peel one off at a time, so depth is at stake.
-  meshes.push_back({"geometric series", Compile(n, [&](size_t i) {
-                      const double s = std::ldexp(1.0, 40 - static_cast<int>(i % 160));
-                      return Corners{Vec3d{s, s / 2, 0}, Vec3d{s / 2, s, 0}, Vec3d{s / 2, s / 2, s / 4}};
-                    })});
+  meshes.push_back(
+      {"geometric series", Compile(n, [&](size_t i) {
+         const double s = std::ldexp(1.0, 40 - static_cast<int>(i % 160));
+         return Corners{Vec3d{s, s / 2, 0}, Vec3d{s / 2, s, 0}, Vec3d{s / 2, s / 2, s / 4}};
+       })});
   meshes.push_back({"scale ratio of 10^6", Compile(n, [&](size_t i) {
                       const double s = i % 2 == 0 ? 1e3 : 1e-3;
                       return Around(rng, Point(rng, 0, 1) * s, 0.1 * s);
@@ -83,9 +84,8 @@ std::vector<TestMesh> NastyMeshes(TestRng& rng, size_t n) {
   meshes.push_back({"huge coordinates", Compile(n, [&](size_t) {
                       return Around(rng, Point(rng, -0x1p39, 0x1p39), 0x1p38);
                     })});
-  meshes.push_back({"tiny coordinates", Compile(n, [&](size_t) {
-                      return Around(rng, Point(rng, 0, 1e-40), 1e-41);
-                    })});
+  meshes.push_back({"tiny coordinates",
+                    Compile(n, [&](size_t) { return Around(rng, Point(rng, 0, 1e-40), 1e-41); })});
   meshes.push_back({"a third inert", Compile(n, [&](size_t i) {
                       Corners t = Around(rng, Point(rng, 0, 1), 0.1);
                       if (i % 6 == 1) t[2] = t[0];

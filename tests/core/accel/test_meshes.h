@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Meshes that are hard on a BVH builder, compiled: scattered, identical, coplanar, needles, scale ratios of
-// 10^6, huge coordinates, one triangle, none.
+// Meshes that are hard on a BVH builder, compiled: scattered, identical, coplanar, needles, scale
+// ratios of 10^6, huge coordinates, one triangle, none.
 //
 // Thread safety: functions only.
 //
-//   for (const TestMesh& mesh : NastyMeshes(rng, 1000)) SCOPED_TRACE(mesh.name), Check(mesh.geometry);
+//   for (const TestMesh& mesh : NastyMeshes(rng, 1000)) SCOPED_TRACE(mesh.name),
+//   Check(mesh.geometry);
 #ifndef SIGHTLINE_TESTS_CORE_ACCEL_TEST_MESHES_H_
 #define SIGHTLINE_TESTS_CORE_ACCEL_TEST_MESHES_H_
 

@@ -69,11 +69,17 @@ TEST(ValidateCameraTest, NamesTheFieldAtFault) {
       {"camera.height = 70000", [](Camera& c) { c.height = 70000; }},
       {"camera.eye", [](Camera& c) { c.eye.y = kNan; }},
       {"camera.right", [](Camera& c) { c.right = c.right * 2.0; }},
-      {"camera.up", [](Camera& c) { c.up = {0, 0, 0}; }},
+      {"camera.up",
+       [](Camera& c) {
+         c.up = {0, 0, 0};
+       }},
       {"camera.forward", [](Camera& c) { c.forward.x = kInfinity; }},
       {"right and up", [](Camera& c) { c.right = c.up; }},
       {"right and forward", [](Camera& c) { c.right = c.forward; }},
-      {"up and forward", [](Camera& c) { c.up = {0, 0.6, 0.8}; }},
+      {"up and forward",
+       [](Camera& c) {
+         c.up = {0, 0.6, 0.8};
+       }},
       {"camera.tan_half_fov_y", [](Camera& c) { c.tan_half_fov_y = 0; }},
       {"camera.tan_half_fov_y", [](Camera& c) { c.tan_half_fov_y = kNan; }},
       {"camera.tan_half_fov_y", [](Camera& c) { c.tan_half_fov_y = 1147; }},
@@ -100,7 +106,8 @@ TEST(ValidateCameraTest, TakesABasisKeptInFloats) {
   }
 }
 
-// With axes along the world's, opposite pixels have exactly opposite directions: the image is not shifted.
+// With axes along the world's, opposite pixels have exactly opposite directions: the image is not
+// shifted.
 TEST(PixelDirectionTest, IsSymmetricAboutTheCentre) {
   const Camera camera = MakeCamera();
   for (uint32_t y : {0u, 1u, 239u, 240u, 478u, 479u}) {
@@ -131,9 +138,9 @@ TEST(PixelDirectionTest, IsTheStatedSequenceOfOperations) {
     const auto random = [&] {
       return Vec3d{rng.Uniform(-9, 9), rng.Uniform(-9, 9), rng.Uniform(-9, 9)};
     };
-    absl::StatusOr<Camera> camera =
-        LookAt(random(), random(), random(), rng.Uniform(1, 170),
-               static_cast<uint32_t>(1 + rng.Below(4000)), static_cast<uint32_t>(1 + rng.Below(4000)));
+    absl::StatusOr<Camera> camera = LookAt(random(), random(), random(), rng.Uniform(1, 170),
+                                           static_cast<uint32_t>(1 + rng.Below(4000)),
+                                           static_cast<uint32_t>(1 + rng.Below(4000)));
     ASSERT_TRUE(camera.ok()) << camera.status();
     const uint32_t x = static_cast<uint32_t>(rng.Below(camera->width));
     const uint32_t y = static_cast<uint32_t>(rng.Below(camera->height));

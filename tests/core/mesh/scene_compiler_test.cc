@@ -63,8 +63,8 @@ TEST_F(SceneCompilerTest, ANewTransformUsesTheKeptDoubles) {
 
 TEST_F(SceneCompilerTest, MovedVerticesAreLocal) {
   const std::vector<Vec3d> moved = {{1, 2, 3}, {4, 5, 6}, {7, 8, 10}};
-  const auto next = Compile({{.base_object = 0, .vertices = &moved},
-                             {.base_object = 2, .vertices = &moved}});
+  const auto next =
+      Compile({{.base_object = 0, .vertices = &moved}, {.base_object = 2, .vertices = &moved}});
   ASSERT_TRUE(next.ok()) << next.status();
   EXPECT_EQ(next->Corners(0)[2], ToFloat(moved[2] - base_.origin));
   EXPECT_EQ(next->objects[0].source_vertices, nullptr);

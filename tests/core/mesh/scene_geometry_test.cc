@@ -34,8 +34,8 @@ SceneGeometry Compile(const std::vector<ObjectInput>& objects,
 }
 
 void ExpectError(const std::vector<ObjectInput>& objects, absl::StatusCode code,
-                 const std::vector<std::string>& parts,
-                 std::optional<Vec3d> origin = std::nullopt, const MeshLimits& limits = {}) {
+                 const std::vector<std::string>& parts, std::optional<Vec3d> origin = std::nullopt,
+                 const MeshLimits& limits = {}) {
   const absl::Status status = CompileScene(objects, origin, limits).status();
   EXPECT_EQ(status.code(), code) << status;
   for (const std::string& part : parts) {
@@ -57,7 +57,8 @@ TEST(CompileSceneTest, Nothing) {
 
 TEST(CompileSceneTest, StoresFloatsRelativeToTheFirstVertex) {
   const Vec3d corner{447422.999, 4482345.125, 17.3};
-  const SceneGeometry geometry = Compile({Quad("a", corner), Quad("b", corner + Vec3d{10, 0, 0.1})});
+  const SceneGeometry geometry =
+      Compile({Quad("a", corner), Quad("b", corner + Vec3d{10, 0, 0.1})});
   EXPECT_EQ(geometry.origin, corner);
   ASSERT_EQ(geometry.vertices.size(), 8u);
   EXPECT_EQ(geometry.vertices[0], (Vec3f{0, 0, 0}));
@@ -100,8 +101,8 @@ TEST(CompileSceneTest, TransformsPlaceObjects) {
   ObjectInput object = Quad("a");
   object.transform.m = {0, -2, 0, 10, 2, 0, 0, 20, 0, 0, 2, 30};
   const SceneGeometry geometry = Compile({object}, Vec3d{10, 20, 30});
-  EXPECT_THAT(geometry.vertices, ElementsAre(Vec3f{0, 0, 0}, Vec3f{0, 2, 0}, Vec3f{-2, 2, 0},
-                                             Vec3f{-2, 0, 0}));
+  EXPECT_THAT(geometry.vertices,
+              ElementsAre(Vec3f{0, 0, 0}, Vec3f{0, 2, 0}, Vec3f{-2, 2, 0}, Vec3f{-2, 0, 0}));
   EXPECT_EQ(geometry.objects[0].transform, object.transform);
   EXPECT_EQ(geometry.objects[0].source_vertices, nullptr);
   object.dynamic = true;
@@ -189,7 +190,8 @@ TEST(CompileSceneTest, ErrorsNameObjectPositionAndValue) {
   ExpectError({Quad("good"), bad}, kInvalid, {"object 1 \"bad\"", "vertex 2", "2^40"});
   bad = Quad("bad");
   bad.transform.m = {1e300, 1e300, 0, 0, 1e300, -1e300, 0, 0, 0, 0, 1, 0};
-  bad.vertices[1] = {1e300, 1e300, 0};  // Placed at (inf, NaN, 0), though nothing given is not finite.
+  bad.vertices[1] = {1e300, 1e300,
+                     0};  // Placed at (inf, NaN, 0), though nothing given is not finite.
   ExpectError({bad}, kInvalid, {"vertex 1"});
   // Each within bounds, their difference not.
   ExpectError({Quad("good")}, kInvalid, {"vertex 2", "origin"}, Vec3d{0, -kMaxCoordinate, 0.5});

@@ -45,8 +45,9 @@ TEST(ZeroAreaTest, Denormals) {
   EXPECT_TRUE(IsZeroArea({0, 0, 0}, {d, 0, 0}, {2 * d, 0, 0}));
 }
 
-// Corners a, a + p·d, a + q·d in small integers lie on a line exactly; moved by one unit off it they do not,
-// unless the move is along it. Scaled by powers of two, up to the coordinate limit and far down.
+// Corners a, a + p·d, a + q·d in small integers lie on a line exactly; moved by one unit off it
+// they do not, unless the move is along it. Scaled by powers of two, up to the coordinate limit and
+// far down.
 TEST(ZeroAreaTest, RandomIntegerLines) {
   TestRng rng;
   for (int64_t i = 0, n = ScaledCount(200'000); i < n; ++i) {

@@ -198,8 +198,8 @@ TEST_F(RegistryTest, AnOldRevisionOfADeletedNamesakeIsNotFound) {
   EXPECT_EQ((*old_first)->geometry.triangles.size(), 10u);
 }
 
-// Threads create, edit, read and delete the same few scenes; every scene seen is whole, every error one of
-// those documented, and the books are even at the end.
+// Threads create, edit, read and delete the same few scenes; every scene seen is whole, every error
+// one of those documented, and the books are even at the end.
 TEST_F(RegistryTest, ManyThreads) {
   SceneRegistry registry({}, pool_);
   std::atomic<int> seen{0};

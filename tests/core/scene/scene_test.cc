@@ -123,7 +123,8 @@ TEST_F(SceneTest, RemovingKeepsTheOriginAndTheOtherFloats) {
     EXPECT_EQ((*edited)->geometry.Corners(i), base_->geometry.Corners(300 + i));
   }
   // A removed name is free again, within the same edit.
-  EXPECT_TRUE(Edit({{Kind::kRemove, {.name = "walls"}}, {Kind::kAdd, Soup(rng_, "walls", 1)}}).ok());
+  EXPECT_TRUE(
+      Edit({{Kind::kRemove, {.name = "walls"}}, {Kind::kAdd, Soup(rng_, "walls", 1)}}).ok());
   EXPECT_TRUE(Edit({}).ok());
 }
 
@@ -138,7 +139,8 @@ TEST_F(SceneTest, EditErrorsNameTheObject) {
   ExpectError({{Kind::kRemove, {.name = "sofa"}}}, absl::StatusCode::kNotFound, "\"sofa\"");
   ExpectError({{Kind::kRemove, {.name = "walls"}}, {Kind::kSetVertices, {.name = "walls"}}},
               absl::StatusCode::kNotFound, "\"walls\"");
-  ExpectError({{Kind::kAdd, Soup(rng_, "chair", 1)}}, absl::StatusCode::kAlreadyExists, "\"chair\"");
+  ExpectError({{Kind::kAdd, Soup(rng_, "chair", 1)}}, absl::StatusCode::kAlreadyExists,
+              "\"chair\"");
   ExpectError({{Kind::kSetTransform, {.name = "walls"}}}, absl::StatusCode::kFailedPrecondition,
               "\"walls\" is not dynamic");
   ExpectError({{Kind::kSetVertices, {.name = "chair", .vertices = {{1, 2, 3}}}}},
