@@ -8,7 +8,7 @@
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 #include "core/query/ray_block.h"
-#include "core/query/rebase.h"
+#include "core/mesh/rebase.h"
 
 namespace sightline {
 namespace {
@@ -50,8 +50,8 @@ absl::Status PrepareSegments(const IndexedGeometry& scene, std::span<const std::
   std::copy(to_sources.begin(), to_sources.end(), out.to_source.begin());
   for (size_t i = 0; i < n; ++i) {
     Vec3f from, to;
-    out.valid[i] = RebasePoint(ends[i][0], scene.geometry.origin, &from) &&
-                   RebasePoint(ends[i][1], scene.geometry.origin, &to);
+    out.valid[i] = Rebase(ends[i][0], scene.geometry.origin, &from) &&
+                   Rebase(ends[i][1], scene.geometry.origin, &to);
     if (out.valid[i]) {
       out.from[i] = from;
       out.to[i] = to;

@@ -10,7 +10,7 @@
 #include "core/base/status_macros.h"
 #include "core/intersect/hit.h"
 #include "core/query/ray_block.h"
-#include "core/query/rebase.h"
+#include "core/mesh/rebase.h"
 
 namespace sightline {
 namespace {
@@ -189,10 +189,10 @@ absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const
   SL_RETURN_IF_ERROR(ValidateCamera(camera));
   SL_RETURN_IF_ERROR(CheckRect(camera, tile));
   Vec3f eye;
-  if (!RebasePoint(camera.eye, scene.geometry.origin, &eye)) {
+  if (!Rebase(camera.eye, scene.geometry.origin, &eye)) {
     return absl::InvalidArgumentError(absl::StrCat(
         "camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
-        ") lies more than 2^40 from the scene's origin along an axis"));
+        ") lies beyond 2^40 along an axis, in the world or from the scene's origin"));
   }
   TileResult out;
   SL_RETURN_IF_ERROR(
