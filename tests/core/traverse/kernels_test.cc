@@ -151,10 +151,18 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
              .to_source = packet->segments ? packet->target_source[lane] : kNoTriangle});
       }
       const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
-      for (const bool any : {false, true}) {
+      const struct {
+        const char* walk;
+        bool any;
+        TracePacketFn trace;
+      } kWalks[] = {{"packet", false, kernels().closest_packet},
+                    {"packet", true, kernels().occluded_packet},
+                    {"shaft", false, kernels().closest_shaft},
+                    {"shaft", true, kernels().occluded_shaft}};
+      for (const auto& [walk, any, trace] : kWalks) {
+        SCOPED_TRACE(walk);
         for (Hit& hit : packet->hit) hit = {-1, 12345};
         WalkStats stats;
-        const TracePacketFn trace = any ? kernels().occluded_packet : kernels().closest_packet;
         ASSERT_TRUE(trace(scene.indexed, *packet, nullptr, &stats));
         for (int lane = 0; lane < count; ++lane) {
           const Hit& hit = packet->hit[lane];
@@ -181,6 +189,7 @@ TEST_P(KernelsTest, AnEmptyPacketAndNoRaysAreNothing) {
   const auto packet = std::make_unique<RayPacket>();
   WalkStats stats;
   EXPECT_TRUE(kernels().closest_packet(scene, *packet, nullptr, &stats));
+  EXPECT_TRUE(kernels().occluded_shaft(scene, *packet, nullptr, &stats));
   EXPECT_TRUE(kernels().closest_single(scene, {}, {}, nullptr, &stats));
   EXPECT_TRUE(kernels().occluded_brute(scene, {}, {}, nullptr, &stats));
   EXPECT_EQ(stats.triangle_tests, 0u);
