@@ -3,47 +3,19 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cstdint>
 #include <exception>
 #include <memory>
 #include <utility>
 
 #include "core/base/check.h"
 #include "core/base/float_environment.h"
+#include "core/base/hand_over.h"
 #include "core/base/tbb_seam.h"
-
-#if defined(__SANITIZE_THREAD__)
-#define SIGHTLINE_UNDER_TSAN 1
-#elif defined(__has_feature)
-#if __has_feature(thread_sanitizer)
-#define SIGHTLINE_UNDER_TSAN 1
-#endif
-#endif
-#if defined(SIGHTLINE_UNDER_TSAN)
-#include <sanitizer/tsan_interface.h>
-#endif
 
 namespace sightline {
 namespace {
 
 constexpr int kMaxThreads = 1000;
-
-// One direction of a hand-over between threads, told to the thread sanitizer: whatever happened
-// before a Release is seen after a later Acquire. TBB does the real synchronization. Costs nothing
-// elsewhere.
-class HandOver {
- public:
-#if defined(SIGHTLINE_UNDER_TSAN)
-  void Release() { __tsan_release(&address_); }
-  void Acquire() { __tsan_acquire(&address_); }
-
- private:
-  uint64_t address_ = 0;  // As wide as the sanitizer's own granule.
-#else
-  void Release() {}
-  void Acquire() {}
-#endif
-};
 
 // The call of a function on a thread of TBB's choice, handed over both ways. Exceptions are carried
 // by us, so that TBB, which the sanitizer does not see, never holds one.
