@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/admission/call_tracker.h"
+
+#include <vector>
+
+#include "server/base/error.h"
+
+namespace sightline {
+
+void ActiveCall::Release() {
+  if (tracker_ != nullptr) std::exchange(tracker_, nullptr)->Release(id_);
+}
+
+absl::StatusOr<ActiveCall> CallTracker::Admit(std::weak_ptr<DrainListener> listener) {
+  MutexLock lock(mutex_);
+  if (draining_) return DrainingError();
+  const uint64_t id = next_id_++;
+  calls_.emplace(id, std::move(listener));
+  return ActiveCall(this, id);
+}
+
+void CallTracker::StartDrain() {
+  std::vector<std::shared_ptr<DrainListener>> listeners;
+  {
+    MutexLock lock(mutex_);
+    if (draining_) return;
+    draining_ = true;
+    for (const auto& [id, weak] : calls_) {
+      if (std::shared_ptr<DrainListener> listener = weak.lock()) {
+        listeners.push_back(std::move(listener));
+      }
+    }
+  }
+  for (const auto& listener : listeners) listener->OnDrain();
+}
+
+bool CallTracker::WaitUntilIdle(std::chrono::steady_clock::time_point deadline) {
+  MutexLock lock(mutex_);
+  while (!calls_.empty()) {
+    if (!idle_.WaitUntil(mutex_, deadline)) return calls_.empty();
+  }
+  return true;
+}
+
+bool CallTracker::draining() const {
+  MutexLock lock(mutex_);
+  return draining_;
+}
+
+size_t CallTracker::active_calls() const {
+  MutexLock lock(mutex_);
+  return calls_.size();
+}
+
+void CallTracker::Release(uint64_t id) {
+  MutexLock lock(mutex_);
+  calls_.erase(id);
+  if (calls_.empty()) idle_.SignalAll();
+}
+
+absl::Status DrainingError() {
+  return MakeError(absl::StatusCode::kUnavailable, v1::ERROR_REASON_DRAINING,
+                   "the server is shutting down; another one, or this one later, may answer");
+}
+
+}  // namespace sightline

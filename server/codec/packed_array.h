@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Packed little-endian arrays on the wire against vectors of plain elements. The project runs on x86-64
+// alone, so that the bytes are the memory; a string's bytes may be unaligned, hence the copies.
+//
+// Thread safety: functions only.
+//
+//   std::vector<Vec3d> points;
+//   SL_RETURN_IF_ERROR(DecodeArray(item.points(), "points.points", "float64 [n, 3]", &points));
+#ifndef SIGHTLINE_SERVER_CODEC_PACKED_ARRAY_H_
+#define SIGHTLINE_SERVER_CODEC_PACKED_ARRAY_H_
+
+#include <bit>
+#include <cstring>
+#include <span>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "server/base/error.h"
+
+namespace sightline {
+
+static_assert(std::endian::native == std::endian::little);
+
+// Appends the elements in `bytes` to `out`. InvalidArgument (BAD_ARRAY_LENGTH) naming `field`, the length and
+// `shape` unless they are whole elements.
+template <typename T>
+absl::Status AppendArray(absl::string_view bytes, absl::string_view field, absl::string_view shape,
+                         std::vector<T>* out) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  if (bytes.size() % sizeof(T) != 0) {
+    return InvalidField(field, absl::StrCat(bytes.size(), " bytes"),
+                        absl::StrCat("not a whole number of elements of ", sizeof(T), " bytes (",
+                                     shape, ")"),
+                        v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+  }
+  const size_t old = out->size();
+  out->resize(old + bytes.size() / sizeof(T));
+  if (!bytes.empty()) std::memcpy(static_cast<void*>(out->data() + old), bytes.data(), bytes.size());
+  return absl::OkStatus();
+}
+
+template <typename T>
+absl::Status DecodeArray(absl::string_view bytes, absl::string_view field, absl::string_view shape,
+                         std::vector<T>* out) {
+  out->clear();
+  return AppendArray(bytes, field, shape, out);
+}
+
+template <typename T>
+void EncodeArray(std::span<const T> values, std::string* out) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  out->assign(reinterpret_cast<const char*>(values.data()), values.size_bytes());
+}
+
+// InvalidArgument (BAD_ARRAY_LENGTH) unless `count` is `expected`.
+inline absl::Status CheckCount(absl::string_view field, uint64_t count, uint64_t expected,
+                               absl::string_view expected_by) {
+  if (count == expected) return absl::OkStatus();
+  return InvalidField(field, absl::StrCat(count, " elements"),
+                      absl::StrCat("must have ", expected, " elements, as many as ", expected_by),
+                      v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+}
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_CODEC_PACKED_ARRAY_H_

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/codec/query_codec.h"
+
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "core/base/status_macros.h"
+#include "server/base/error.h"
+#include "server/codec/geometry_codec.h"
+#include "server/codec/packed_array.h"
+
+namespace sightline {
+namespace {
+
+absl::StatusOr<Strategy> DecodeStrategy(v1::Strategy strategy) {
+  switch (strategy) {
+    case v1::STRATEGY_UNSPECIFIED:
+    case v1::STRATEGY_AUTO:
+      return Strategy::kAuto;
+    case v1::STRATEGY_SINGLE:
+      return Strategy::kSingle;
+    case v1::STRATEGY_PACKET:
+      return Strategy::kPacket;
+    case v1::STRATEGY_BRUTE_FORCE:
+      return Strategy::kBruteForce;
+    case v1::STRATEGY_SHAFT:
+      return Strategy::kShaft;
+    case v1::STRATEGY_RTT:
+      return InvalidField("options.strategy", v1::Strategy_Name(strategy),
+                          "is not built into this server; GetCapabilities lists those that are",
+                          v1::ERROR_REASON_STRATEGY_UNAVAILABLE);
+    default:
+      return InvalidField("options.strategy", static_cast<int>(strategy),
+                          "is not a strategy that this server knows",
+                          v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  }
+}
+
+}  // namespace
+
+absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options) {
+  DecodedOptions result;
+  SL_ASSIGN_OR_RETURN(result.query.strategy, DecodeStrategy(options.strategy()));
+  if (options.has_mask()) result.query.mask = options.mask();
+  result.statistics = options.statistics();
+  return result;
+}
+
+v1::Strategy EncodeStrategy(Strategy strategy) {
+  switch (strategy) {
+    case Strategy::kAuto:
+      return v1::STRATEGY_AUTO;
+    case Strategy::kSingle:
+      return v1::STRATEGY_SINGLE;
+    case Strategy::kPacket:
+      return v1::STRATEGY_PACKET;
+    case Strategy::kBruteForce:
+      return v1::STRATEGY_BRUTE_FORCE;
+    case Strategy::kShaft:
+      return v1::STRATEGY_SHAFT;
+  }
+  return v1::STRATEGY_UNSPECIFIED;
+}
+
+std::vector<Strategy> AvailableStrategies() {
+  return {Strategy::kAuto, Strategy::kSingle, Strategy::kPacket, Strategy::kBruteForce,
+          Strategy::kShaft};
+}
+
+absl::StatusOr<PointOptions> DecodePointOptions(const v1::PointOptions& options) {
+  if (!(std::isfinite(options.attach_distance()) && options.attach_distance() >= 0)) {
+    return InvalidField("point_options.attach_distance", options.attach_distance(),
+                        "must be finite and at least 0");
+  }
+  if (!std::isfinite(options.normal_offset())) {
+    return InvalidField("point_options.normal_offset", options.normal_offset(), "must be finite");
+  }
+  return PointOptions{.attach_distance = options.attach_distance(),
+                      .offset = options.normal_offset()};
+}
+
+absl::StatusOr<std::vector<uint32_t>> DecodedPoints::Sources(const SceneGeometry& geometry) const {
+  std::vector<uint32_t> sources(objects.size(), kNoTriangle);
+  for (size_t i = 0; i < objects.size(); ++i) {
+    if (objects[i] == kNoTriangle) continue;
+    SL_ASSIGN_OR_RETURN(sources[i], DecodeTriangle(absl::StrCat("points[", i, "].source"),
+                                                   objects[i], triangles[i], geometry));
+  }
+  return sources;
+}
+
+absl::Status AppendPoints(absl::string_view field, const v1::PointArrays& arrays,
+                          DecodedPoints* points) {
+  const size_t before = points->positions.size();
+  SL_RETURN_IF_ERROR(AppendArray(arrays.points(), absl::StrCat(field, ".points"), "float64 [n, 3]",
+                                 &points->positions));
+  const size_t count = points->positions.size();
+  if (count == before) {
+    return InvalidField(absl::StrCat(field, ".points"), "", "needs at least one point",
+                        v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+  }
+  const auto append = [&](absl::string_view name, const std::string& bytes, absl::string_view shape,
+                          auto* out) -> absl::Status {
+    if (bytes.empty() && out->empty()) return absl::OkStatus();
+    const std::string full = absl::StrCat(field, ".", name);
+    SL_RETURN_IF_ERROR(AppendArray(bytes, full, shape, out));
+    return CheckCount(full, out->size(), count, "points");
+  };
+  SL_RETURN_IF_ERROR(
+      append("source_objects", arrays.source_objects(), "uint32 [n]", &points->objects));
+  SL_RETURN_IF_ERROR(
+      append("source_triangles", arrays.source_triangles(), "uint32 [n]", &points->triangles));
+  SL_RETURN_IF_ERROR(append("normals", arrays.normals(), "float64 [n, 3]", &points->normals));
+  return CheckCount(absl::StrCat(field, ".source_triangles"), points->triangles.size(),
+                    points->objects.size(), "source_objects");
+}
+
+absl::Status DecodeSegments(absl::string_view bytes, std::vector<std::array<Vec3d, 2>>* segments) {
+  SL_RETURN_IF_ERROR(DecodeArray(bytes, "item.segments", "float64 [n, 6]", segments));
+  if (!segments->empty()) return absl::OkStatus();
+  return InvalidField("item.segments", "", "needs at least one segment",
+                      v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+}
+
+absl::StatusOr<absl::Duration> DecodeDuration(absl::string_view field, bool present,
+                                              const google::protobuf::Duration& duration,
+                                              absl::Duration unset, absl::Duration most) {
+  if (!present) return unset;
+  const absl::Duration value =
+      absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
+  if (value > absl::ZeroDuration() && value <= most) return value;
+  return InvalidField(field, absl::FormatDuration(value),
+                      absl::StrCat("must be positive and at most ", absl::FormatDuration(most)));
+}
+
+}  // namespace sightline

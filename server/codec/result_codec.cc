@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/codec/result_codec.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include "server/codec/packed_array.h"
+#include "server/codec/query_codec.h"
+
+namespace sightline {
+namespace {
+
+uint64_t BitBytes(uint64_t n) { return (n + 7) / 8; }
+
+template <typename T>
+void Encode(const std::vector<T>& values, std::string* out) {
+  EncodeArray(std::span<const T>(values), out);
+}
+
+bool AllSet(std::span<const uint8_t> flags) {
+  return std::all_of(flags.begin(), flags.end(), [](uint8_t flag) { return flag != 0; });
+}
+
+void EncodeInvalidSamples(std::span<const LightSample> samples, v1::ShadowResult* out) {
+  for (size_t s = 0; s < samples.size(); ++s) {
+    if (!samples[s].valid) out->add_invalid_samples(static_cast<uint32_t>(s));
+  }
+}
+
+}  // namespace
+
+v1::TileOutputs WantedTile(const v1::TileOutputs& outputs, bool lights) {
+  v1::TileOutputs wanted = outputs;
+  const bool any = outputs.hit_bits() || outputs.object_ids() || outputs.triangle_ids() ||
+                   outputs.depths() || outputs.barycentrics();
+  if (!any && !lights) wanted.set_hit_bits(true);
+  return wanted;
+}
+
+v1::ShadowOutputs WantedShadows(const v1::ShadowOutputs& outputs) {
+  v1::ShadowOutputs wanted = outputs;
+  const bool any = outputs.lit_bits() || outputs.lit_counts() || outputs.weighted_sums() ||
+                   outputs.first_blockers();
+  if (!any) wanted.set_lit_bits(true);
+  return wanted;
+}
+
+v1::SegmentOutputs WantedSegments(const v1::SegmentOutputs& outputs) {
+  v1::SegmentOutputs wanted = outputs;
+  if (!outputs.blocked_bits() && !outputs.first_blockers()) wanted.set_blocked_bits(true);
+  return wanted;
+}
+
+uint64_t TileBytes(const v1::TileOutputs& wanted, uint64_t n) {
+  return (wanted.hit_bits() ? BitBytes(n) : 0) + (wanted.object_ids() ? 4 * n : 0) +
+         (wanted.triangle_ids() ? 4 * n : 0) + (wanted.depths() ? 4 * n : 0) +
+         (wanted.barycentrics() ? 8 * n : 0);
+}
+
+uint64_t ShadowBytes(const v1::ShadowOutputs& wanted, uint64_t n, uint64_t samples) {
+  return BitBytes(n) + 5 * samples +  // The valid bits, and at worst every sample's number.
+         (wanted.lit_bits() ? samples * BitBytes(n) : 0) + (wanted.lit_counts() ? 4 * n : 0) +
+         (wanted.weighted_sums() ? 8 * n : 0) + (wanted.first_blockers() ? 12 * samples * n : 0);
+}
+
+uint64_t SegmentBytes(const v1::SegmentOutputs& wanted, uint64_t n) {
+  return BitBytes(n) + (wanted.blocked_bits() ? BitBytes(n) : 0) +
+         (wanted.first_blockers() ? 12 * n : 0);
+}
+
+void EncodeTriangles(const SceneGeometry& geometry, std::span<const uint32_t> ids,
+                     std::string* objects, std::string* triangles) {
+  std::vector<uint32_t> object_ids(ids.size(), kNoTriangle), triangle_ids(ids.size(), kNoTriangle);
+  // Neighbours mostly see the same object, so the search is rarely needed.
+  uint32_t object = 0, first = 1, last = 0;
+  for (size_t i = 0; i < ids.size(); ++i) {
+    const uint32_t id = ids[i];
+    if (id == kNoTriangle) continue;
+    if (id < first || id >= last) {
+      object = geometry.ObjectOf(id);
+      first = geometry.objects[object].first_triangle;
+      last = first + geometry.objects[object].triangle_count;
+    }
+    object_ids[i] = object;
+    triangle_ids[i] = id - first;
+  }
+  if (objects != nullptr) Encode(object_ids, objects);
+  if (triangles != nullptr) Encode(triangle_ids, triangles);
+}
+
+void EncodeBits(std::span<const uint8_t> flags, std::string* bits) {
+  bits->assign(BitBytes(flags.size()), '\0');
+  for (size_t i = 0; i < flags.size(); ++i) {
+    if (flags[i] != 0) (*bits)[i / 8] |= static_cast<char>(1u << (i % 8));
+  }
+}
+
+void EncodeTile(const SceneGeometry& geometry, const TileResult& result,
+                const v1::TileOutputs& wanted, v1::TileResult* out) {
+  if (wanted.hit_bits()) Encode(result.hit_bits, out->mutable_hit_bits());
+  if (wanted.object_ids() || wanted.triangle_ids()) {
+    EncodeTriangles(geometry, result.triangle,
+                    wanted.object_ids() ? out->mutable_object_ids() : nullptr,
+                    wanted.triangle_ids() ? out->mutable_triangle_ids() : nullptr);
+  }
+  if (wanted.depths()) Encode(result.depth, out->mutable_depths());
+  if (wanted.barycentrics()) {
+    Encode(result.u, out->mutable_barycentric_u());
+    Encode(result.v, out->mutable_barycentric_v());
+  }
+}
+
+void EncodeShadows(const SceneGeometry& geometry, const ShadowResult& result,
+                   std::span<const uint8_t> valid, std::span<const LightSample> samples,
+                   const v1::ShadowOutputs& wanted, v1::ShadowResult* out) {
+  if (wanted.lit_bits()) Encode(result.lit_bits, out->mutable_lit_bits());
+  if (!AllSet(valid)) EncodeBits(valid, out->mutable_valid_bits());
+  EncodeInvalidSamples(samples, out);
+  if (wanted.lit_counts()) Encode(result.lit_counts, out->mutable_lit_counts());
+  if (wanted.weighted_sums()) Encode(result.weighted_sums, out->mutable_weighted_sums());
+  if (wanted.first_blockers()) {
+    EncodeTriangles(geometry, result.blocker, out->mutable_blocker_objects(),
+                    out->mutable_blocker_triangles());
+    Encode(result.blocker_t, out->mutable_blocker_distances());
+  }
+}
+
+void EncodeSegments(const SceneGeometry& geometry, const SegmentResult& result,
+                    std::span<const uint8_t> valid, const v1::SegmentOutputs& wanted,
+                    v1::SegmentResult* out) {
+  if (wanted.blocked_bits()) Encode(result.blocked_bits, out->mutable_blocked_bits());
+  if (!AllSet(valid)) EncodeBits(valid, out->mutable_valid_bits());
+  if (wanted.first_blockers()) {
+    EncodeTriangles(geometry, result.triangle, out->mutable_blocker_objects(),
+                    out->mutable_blocker_triangles());
+    Encode(result.t, out->mutable_blocker_distances());
+  }
+}
+
+void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statistics* out) {
+  out->set_ray_count(stats.rays);
+  out->set_node_count(stats.nodes);
+  out->set_leaf_count(stats.leaves);
+  out->set_triangle_test_count(stats.triangle_tests);
+  out->set_double_test_count(stats.doubt_double);
+  out->set_exact_test_count(stats.doubt_exact);
+  out->set_strategy(EncodeStrategy(stats.strategy));
+  out->set_compute_nanos(stats.compute_nanoseconds);
+  out->set_queue_nanos(queue_nanos);
+}
+
+ShadowResult SpreadOverPixels(const ShadowResult& of_hits, std::span<const uint32_t> hit_pixels,
+                              size_t pixels, size_t samples, const ShadowOutputs& outputs) {
+  ShadowResult result;
+  result.stats = of_hits.stats;
+  const size_t hits = hit_pixels.size();
+  if (outputs.bits) {
+    result.lit_bits.assign(samples * BitBytes(pixels), 0);
+    for (size_t s = 0; s < samples && hits > 0; ++s) {
+      const uint8_t* from = of_hits.lit_bits.data() + s * BitBytes(hits);
+      uint8_t* to = result.lit_bits.data() + s * BitBytes(pixels);
+      for (size_t i = 0; i < hits; ++i) {
+        const uint32_t pixel = hit_pixels[i];
+        to[pixel / 8] |= static_cast<uint8_t>(((from[i / 8] >> (i % 8)) & 1u) << (pixel % 8));
+      }
+    }
+  }
+  if (outputs.counts) {
+    result.lit_counts.assign(pixels, 0);
+    for (size_t i = 0; i < hits; ++i) result.lit_counts[hit_pixels[i]] = of_hits.lit_counts[i];
+  }
+  if (outputs.weighted_sums) {
+    result.weighted_sums.assign(pixels, 0.0);
+    for (size_t i = 0; i < hits; ++i) result.weighted_sums[hit_pixels[i]] = of_hits.weighted_sums[i];
+  }
+  if (outputs.blockers) {
+    result.blocker.assign(samples * pixels, kNoTriangle);
+    result.blocker_t.assign(samples * pixels, std::numeric_limits<float>::infinity());
+    for (size_t s = 0; s < samples; ++s) {
+      for (size_t i = 0; i < hits; ++i) {
+        result.blocker[s * pixels + hit_pixels[i]] = of_hits.blocker[s * hits + i];
+        result.blocker_t[s * pixels + hit_pixels[i]] = of_hits.blocker_t[s * hits + i];
+      }
+    }
+  }
+  return result;
+}
+
+}  // namespace sightline

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/codec/scene_codec.h"
+
+#include <string>
+
+#include "server/base/error.h"
+#include "server/base/resource_name.h"
+#include "server/codec/geometry_codec.h"
+
+namespace sightline {
+namespace {
+
+v1::SceneState EncodeState(const SceneView& view) {
+  if (view.deleted) return v1::SCENE_STATE_DELETED;
+  const bool serves = view.status.latest != nullptr;
+  switch (view.status.state) {
+    case SceneState::kBuilding:
+      return serves ? v1::SCENE_STATE_UPDATING : v1::SCENE_STATE_BUILDING;
+    case SceneState::kReady:
+      return v1::SCENE_STATE_READY;
+    case SceneState::kFailed:
+      return serves ? v1::SCENE_STATE_READY : v1::SCENE_STATE_FAILED;
+  }
+  return v1::SCENE_STATE_UNSPECIFIED;
+}
+
+void EncodeReport(const BuildReport& report, v1::BuildReport* out) {
+  out->set_input_triangle_count(report.mesh.triangles);
+  out->set_non_finite_triangle_count(report.mesh.non_finite_triangles);
+  out->set_zero_area_triangle_count(report.mesh.zero_area_triangles);
+  out->set_duplicate_triangle_count(report.mesh.duplicate_triangles);
+  out->set_non_finite_vertex_count(report.mesh.non_finite_vertices);
+  out->set_max_rounding(report.mesh.largest_rounding);
+  EncodeDuration(absl::Seconds(report.compile_seconds), out->mutable_compile_duration());
+  EncodeDuration(absl::Seconds(report.bvh_seconds), out->mutable_structure_duration());
+  out->set_node_count(report.bvh_nodes);
+  out->set_leaf_count(report.bvh_leaves);
+  out->set_depth(static_cast<uint32_t>(report.bvh_depth));
+  out->set_resident_bytes(report.memory_bytes);
+}
+
+v1::Culling EncodeCulling(Culling culling) {
+  switch (culling) {
+    case Culling::kNone:
+      return v1::CULLING_NONE;
+    case Culling::kBack:
+      return v1::CULLING_BACK;
+    case Culling::kFront:
+      return v1::CULLING_FRONT;
+  }
+  return v1::CULLING_UNSPECIFIED;
+}
+
+}  // namespace
+
+void EncodeTime(absl::Time time, google::protobuf::Timestamp* out) {
+  const int64_t seconds = absl::ToUnixSeconds(time);
+  out->set_seconds(seconds);
+  out->set_nanos(static_cast<int32_t>(
+      absl::ToInt64Nanoseconds(time - absl::FromUnixSeconds(seconds))));
+}
+
+void EncodeDuration(absl::Duration duration, google::protobuf::Duration* out) {
+  const int64_t seconds = absl::IDivDuration(duration, absl::Seconds(1), &duration);
+  out->set_seconds(seconds);
+  out->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(duration)));
+}
+
+void EncodeScene(const SceneView& view, v1::Scene* out) {
+  out->set_name(SceneName(view.status.name));
+  out->set_state(EncodeState(view));
+  if (!view.status.error.ok()) out->set_state_message(std::string(view.status.error.message()));
+  if (view.create_time != absl::InfinitePast()) {
+    EncodeTime(view.create_time, out->mutable_create_time());
+    EncodeTime(view.update_time, out->mutable_update_time());
+  }
+  if (view.status.latest == nullptr || view.deleted) return;
+  const Scene& scene = *view.status.latest;
+  out->set_revision(static_cast<int64_t>(scene.revision));
+  EncodeVector(scene.geometry.origin, out->mutable_origin());
+  out->set_object_count(static_cast<uint32_t>(scene.geometry.objects.size()));
+  out->set_triangle_count(scene.geometry.triangles.size());
+  out->set_vertex_count(scene.geometry.vertices.size());
+  if (!scene.geometry.bounds.empty()) {
+    Box3d world;
+    world.lo = ToDouble(scene.geometry.bounds.lo) + scene.geometry.origin;
+    world.hi = ToDouble(scene.geometry.bounds.hi) + scene.geometry.origin;
+    EncodeBox(world, out->mutable_bounds());
+  }
+  EncodeReport(scene.report, out->mutable_build_report());
+}
+
+void EncodeObject(const Scene& scene, uint32_t index, v1::SceneObject* out) {
+  const ObjectRecord& record = scene.geometry.objects[index];
+  out->set_index(index);
+  out->set_object_name(record.name);
+  out->set_triangle_count(record.triangle_count);
+  out->set_vertex_count(record.vertex_count);
+  out->set_mask(record.mask);
+  out->set_culling(EncodeCulling(record.culling));
+  out->set_dynamic(record.source_vertices != nullptr);
+  for (const double number : record.transform.m) out->add_transform(number);
+}
+
+absl::StatusOr<Culling> DecodeCulling(v1::Culling culling) {
+  switch (culling) {
+    case v1::CULLING_UNSPECIFIED:
+    case v1::CULLING_NONE:
+      return Culling::kNone;
+    case v1::CULLING_BACK:
+      return Culling::kBack;
+    case v1::CULLING_FRONT:
+      return Culling::kFront;
+    default:
+      return InvalidField("object.culling", static_cast<int>(culling),
+                          "is not a culling that this server knows",
+                          v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  }
+}
+
+absl::StatusOr<std::optional<BuildPreset>> DecodePreset(v1::BuildPreset preset) {
+  switch (preset) {
+    case v1::BUILD_PRESET_UNSPECIFIED:
+      return std::optional<BuildPreset>();
+    case v1::BUILD_PRESET_STATIC:
+      return std::optional<BuildPreset>(BuildPreset::kStatic);
+    case v1::BUILD_PRESET_DYNAMIC:
+      return std::optional<BuildPreset>(BuildPreset::kDynamic);
+    default:
+      return InvalidField("header.build_preset", static_cast<int>(preset),
+                          "is not a preset that this server knows",
+                          v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  }
+}
+
+}  // namespace sightline

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// sightlined: a Sightline server as a process. Reads its flags, starts a Server, and drains it on SIGTERM or
+// SIGINT.
+#include <csignal>
+#include <cstdio>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
+#include "server/base/log.h"
+#include "server/options.h"
+#include "server/port_file.h"
+#include "server/server.h"
+#include "server/version.h"
+
+namespace sightline {
+namespace {
+
+// From sysexits.h.
+constexpr int kExitUsage = 64;
+constexpr int kExitUnavailable = 69;
+constexpr int kExitSoftware = 70;
+
+int Run(int argc, char** argv) {
+  const absl::StatusOr<ParsedOptions> parsed = ParseFlags(argc, argv);
+  if (!parsed.ok()) {
+    std::fprintf(stderr, "sightlined: %s\n", std::string(parsed.status().message()).c_str());
+    return kExitUsage;
+  }
+  if (parsed->help) {
+    std::fputs(HelpText().c_str(), stdout);
+    return 0;
+  }
+  if (parsed->version) {
+    std::printf("sightlined %s\n", std::string(kVersion).c_str());
+    return 0;
+  }
+  const ServerOptions& options = parsed->options;
+  SetLogLevel(options.log_level);
+
+  // Blocked before any thread starts, so that all of them inherit it and sigwait alone hears the signals: a
+  // handler could not shut gRPC down (it takes locks).
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+
+  absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
+  absl::Status status = server.status();
+  if (status.ok() && !options.port_file.empty()) {
+    status = WritePortFile(options.port_file, (*server)->port());
+  }
+  if (!status.ok()) {
+    Log(LogLevel::kError, "start_failed", {{"status", status.ToString()}});
+    return kExitUnavailable;
+  }
+  Log(LogLevel::kInfo, "serving",
+      {{"version", std::string(kVersion)},
+       {"listen", options.listen},
+       {"port", absl::StrCat((*server)->port())}});
+
+  int signal = 0;
+  sigwait(&signals, &signal);
+  // A second signal ends the process at once.
+  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  Log(LogLevel::kInfo, "signal", {{"signal", absl::StrCat(signal)}});
+  status = (*server)->Drain(options.drain_timeout);
+  if (!options.port_file.empty()) RemovePortFile(options.port_file);
+  Log(status.ok() ? LogLevel::kInfo : LogLevel::kError, "stopped", {{"status", status.ToString()}});
+  return status.ok() ? 0 : kExitSoftware;
+}
+
+}  // namespace
+}  // namespace sightline
+
+int main(int argc, char** argv) { return sightline::Run(argc, argv); }

@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/points/point_set_store.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "server/base/error.h"
+#include "server/base/resource_name.h"
+
+namespace sightline {
+namespace {
+
+// Position, source and validity.
+constexpr uint64_t kBytesPerPoint = sizeof(Vec3f) + sizeof(uint32_t) + sizeof(uint8_t);
+
+absl::Status NotFound(const std::string& scene_id, const std::string& point_set_id) {
+  const std::string name = PointSetNameOf(scene_id, point_set_id);
+  return MakeError(absl::StatusCode::kNotFound, v1::ERROR_REASON_POINT_SET_NOT_FOUND,
+                   absl::StrCat("there is no point set ", name, ", or its lease ran out"),
+                   {{"resource", name}});
+}
+
+}  // namespace
+
+uint64_t PointSet::MemoryBytes() const {
+  return sizeof(PointSet) + points.positions.capacity() * sizeof(Vec3f) +
+         points.sources.capacity() * sizeof(uint32_t) + points.valid.capacity();
+}
+
+std::string PointSet::name() const { return PointSetNameOf(scene_id, point_set_id); }
+
+absl::Status PointSetStore::RoomLocked(const Key& key, uint64_t bytes) {
+  if (sets_.contains(key)) {
+    const std::string name = PointSetNameOf(key.first, key.second);
+    return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
+                     absl::StrCat(name, " exists already"), {{"resource", name}});
+  }
+  if (sets_.size() >= limits_.max_point_sets) {
+    return OverLimit("point sets", sets_.size() + 1, "max_point_sets", limits_.max_point_sets);
+  }
+  if (bytes > limits_.max_point_set_bytes || bytes_ > limits_.max_point_set_bytes - bytes) {
+    return OverLimit("memory that the point sets would take", bytes_ + bytes, "max_point_set_bytes",
+                     limits_.max_point_set_bytes, v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status PointSetStore::CheckRoom(const std::string& scene_id, const std::string& point_set_id,
+                                      uint64_t points) {
+  std::vector<PointSetView> gone;
+  MutexLock lock(mutex_);
+  SweepLocked(&gone);
+  return RoomLocked({scene_id, point_set_id}, points * kBytesPerPoint);
+}
+
+absl::StatusOr<PointSetView> PointSetStore::Add(PointSet set, absl::Duration lease) {
+  set.create_time = clock_();
+  auto made = std::make_shared<const PointSet>(std::move(set));
+  std::vector<PointSetView> gone;
+  MutexLock lock(mutex_);
+  SweepLocked(&gone);
+  const Key key(made->scene_id, made->point_set_id);
+  SL_RETURN_IF_ERROR(RoomLocked(key, made->MemoryBytes()));
+  const PointSetView view{made, made->create_time + lease};
+  sets_.emplace(key, view);
+  bytes_ += made->MemoryBytes();
+  return view;
+}
+
+absl::StatusOr<PointSetView> PointSetStore::Get(const std::string& scene_id,
+                                                const std::string& point_set_id) {
+  std::vector<PointSetView> gone;
+  MutexLock lock(mutex_);
+  SweepLocked(&gone);
+  const auto found = sets_.find({scene_id, point_set_id});
+  if (found == sets_.end()) return NotFound(scene_id, point_set_id);
+  return found->second;
+}
+
+absl::Status PointSetStore::Remove(const std::string& scene_id, const std::string& point_set_id) {
+  std::vector<PointSetView> gone;
+  MutexLock lock(mutex_);
+  SweepLocked(&gone);
+  const auto found = sets_.find({scene_id, point_set_id});
+  if (found == sets_.end()) return NotFound(scene_id, point_set_id);
+  Erase(found, &gone);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<PointSetView> PointSetStore::Renew(const std::string& scene_id,
+                                                  const std::string& point_set_id,
+                                                  absl::Duration lease) {
+  std::vector<PointSetView> gone;
+  MutexLock lock(mutex_);
+  SweepLocked(&gone);
+  const auto found = sets_.find({scene_id, point_set_id});
+  if (found == sets_.end()) return NotFound(scene_id, point_set_id);
+  found->second.expire_time = clock_() + lease;
+  return found->second;
+}
+
+std::vector<PointSetView> PointSetStore::List(const std::string& scene_id, const std::string& after,
+                                              size_t count) {
+  std::vector<PointSetView> views, gone;
+  MutexLock lock(mutex_);
+  SweepLocked(&gone);
+  for (auto i = sets_.upper_bound({scene_id, after});
+       i != sets_.end() && i->first.first == scene_id && views.size() < count; ++i) {
+    views.push_back(i->second);
+  }
+  return views;
+}
+
+void PointSetStore::RemoveScene(const std::string& scene_id) {
+  std::vector<PointSetView> gone;
+  MutexLock lock(mutex_);
+  for (auto i = sets_.lower_bound({scene_id, ""}); i != sets_.end() && i->first.first == scene_id;) {
+    Erase(i++, &gone);
+  }
+}
+
+void PointSetStore::Sweep() {
+  std::vector<PointSetView> gone;
+  MutexLock lock(mutex_);
+  SweepLocked(&gone);
+}
+
+uint64_t PointSetStore::memory_bytes() const {
+  MutexLock lock(mutex_);
+  return bytes_;
+}
+
+void PointSetStore::SweepLocked(std::vector<PointSetView>* gone) {
+  const absl::Time now = clock_();
+  for (auto i = sets_.begin(); i != sets_.end();) {
+    const auto set = i++;
+    if (set->second.expire_time <= now) Erase(set, gone);
+  }
+}
+
+void PointSetStore::Erase(std::map<Key, PointSetView>::iterator set,
+                          std::vector<PointSetView>* gone) {
+  bytes_ -= set->second.set->MemoryBytes();
+  requests_.ForgetResource(set->second.set->name());
+  gone->push_back(std::move(set->second));
+  sets_.erase(set);
+}
+
+}  // namespace sightline

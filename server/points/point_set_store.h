@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The point sets of a server: prepared points of one scene revision, each under a lease, all under one
+// memory budget.
+//
+// Invariants: a set belongs to one revision of one scene for good; it can be found until its lease runs out,
+// it is removed, or its scene is. Queries that found it keep it alive. Memory counts until a set can no
+// longer be found.
+//
+// Thread safety: every method from any thread.
+//
+//   SL_RETURN_IF_ERROR(store.CheckRoom("hall", "floor", points));
+//   absl::StatusOr<PointSetView> made = store.Add(std::move(set), lease);
+#ifndef SIGHTLINE_SERVER_POINTS_POINT_SET_STORE_H_
+#define SIGHTLINE_SERVER_POINTS_POINT_SET_STORE_H_
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "core/base/mutex.h"
+#include "core/query/points.h"
+#include "core/scene/scene.h"
+#include "server/base/limits.h"
+#include "server/base/request_log.h"
+
+namespace sightline {
+
+struct PointSet {
+  std::string scene_id, point_set_id;
+  uint64_t revision = 0;
+  // The revision itself: a scene that was deleted and made again has the same name and number.
+  std::weak_ptr<const Scene> scene;
+  PreparedPoints points;
+  absl::Time create_time;
+
+  uint64_t MemoryBytes() const;
+  std::string name() const;
+};
+
+struct PointSetView {
+  std::shared_ptr<const PointSet> set;
+  absl::Time expire_time;
+};
+
+class PointSetStore {
+ public:
+  using Clock = std::function<absl::Time()>;
+
+  PointSetStore(const Limits& limits, Clock clock) : limits_(limits), clock_(std::move(clock)) {}
+
+  // What can be refused before points are received or traced. AlreadyExists, ResourceExhausted.
+  absl::Status CheckRoom(const std::string& scene_id, const std::string& point_set_id,
+                         uint64_t points);
+  absl::StatusOr<PointSetView> Add(PointSet set, absl::Duration lease);
+
+  // NotFound (POINT_SET_NOT_FOUND) for these three.
+  absl::StatusOr<PointSetView> Get(const std::string& scene_id, const std::string& point_set_id);
+  absl::Status Remove(const std::string& scene_id, const std::string& point_set_id);
+  absl::StatusOr<PointSetView> Renew(const std::string& scene_id, const std::string& point_set_id,
+                                     absl::Duration lease);
+
+  // The sets of a scene in the order of their ids, those after `after`, at most `count`.
+  std::vector<PointSetView> List(const std::string& scene_id, const std::string& after,
+                                 size_t count);
+  void RemoveScene(const std::string& scene_id);
+  // Lets go of sets whose lease ran out; every method does so too.
+  void Sweep();
+
+  uint64_t memory_bytes() const;
+  RequestLog& requests() { return requests_; }
+
+ private:
+  using Key = std::pair<std::string, std::string>;
+  // Moves what has expired to `gone`, so that it is freed without the lock.
+  void SweepLocked(std::vector<PointSetView>* gone) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status RoomLocked(const Key& key, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Erase(std::map<Key, PointSetView>::iterator set, std::vector<PointSetView>* gone)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const Limits limits_;
+  const Clock clock_;
+  RequestLog requests_;
+  mutable Mutex mutex_;
+  std::map<Key, PointSetView> sets_ ABSL_GUARDED_BY(mutex_);
+  uint64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_POINTS_POINT_SET_STORE_H_

@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/scenes/scene_catalog.h"
+
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/clock.h"
+#include "core/base/status_macros.h"
+#include "core/mesh/builtin/builtin.h"
+#include "server/base/error.h"
+#include "server/base/resource_name.h"
+
+namespace sightline {
+namespace {
+
+constexpr absl::string_view kBuiltinPrefix = "builtin:";
+// Paper 004: eight bins on the longest axis are enough for a tree that is rebuilt often.
+constexpr int kDynamicBins = 8;
+
+ErrorMetadata Resource(const std::string& scene_id) {
+  return {{"resource", SceneName(scene_id)}};
+}
+
+absl::Status SceneNotFound(const std::string& scene_id) {
+  return MakeError(absl::StatusCode::kNotFound, v1::ERROR_REASON_SCENE_NOT_FOUND,
+                   absl::StrCat("there is no scene ", SceneName(scene_id)), Resource(scene_id));
+}
+
+absl::Status BudgetError(absl::Status status, uint64_t budget) {
+  return WithReason(std::move(status), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET,
+                    {{"limit", "max_scene_bytes"}, {"limit_value", absl::StrCat(budget)}});
+}
+
+// What a build says, with the reason that its code stands for.
+absl::Status ExplainBuild(absl::Status status, const std::string& scene_id, uint64_t budget) {
+  switch (status.code()) {
+    case absl::StatusCode::kAlreadyExists:
+      return WithReason(std::move(status), v1::ERROR_REASON_ALREADY_EXISTS, Resource(scene_id));
+    case absl::StatusCode::kResourceExhausted:
+      return BudgetError(std::move(status), budget);
+    case absl::StatusCode::kInvalidArgument:
+      return WithReason(std::move(status), v1::ERROR_REASON_UNUSABLE_UPLOAD);
+    case absl::StatusCode::kAborted:
+      return WithReason(std::move(status), v1::ERROR_REASON_SCENE_BUSY, Resource(scene_id));
+    default:
+      return status;
+  }
+}
+
+}  // namespace
+
+SceneCatalog::SceneCatalog(const Limits& limits, ThreadPool& build_pool)
+    : limits_(limits),
+      registry_({.memory_budget_bytes = limits.max_scene_bytes, .max_scenes = limits.max_scenes},
+                build_pool) {
+  registry_.SetObserver([this](const SceneStatus& status) { Tell(View(status)); });
+}
+
+SceneBuildOptions SceneCatalog::BuildOptions(BuildPreset preset) const {
+  SceneBuildOptions options;
+  options.limits = {.max_triangles = limits_.max_triangles_per_scene,
+                    .max_vertices = limits_.max_vertices_per_scene,
+                    .max_objects = limits_.max_objects_per_scene};
+  if (preset == BuildPreset::kDynamic) {
+    options.bvh.bins = kDynamicBins;
+    options.bvh.longest_axis_only = true;
+  }
+  return options;
+}
+
+absl::Status SceneCatalog::CheckRoom(const std::string& scene_id, uint64_t triangles,
+                                     uint64_t vertices) const {
+  if (registry_.GetStatus(scene_id).ok()) {
+    return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
+                     absl::StrCat(SceneName(scene_id), " exists already"), Resource(scene_id));
+  }
+  const uint64_t scenes = registry_.List().size();
+  if (scenes >= limits_.max_scenes) {
+    return OverLimit("scenes", scenes + 1, "max_scenes", limits_.max_scenes);
+  }
+  const uint64_t needed = EstimateSceneBytes(triangles, vertices);
+  const uint64_t held = registry_.MemoryBytes();
+  if (needed > limits_.max_scene_bytes || held > limits_.max_scene_bytes - needed) {
+    return OverLimit("memory that the scenes would take", held + needed, "max_scene_bytes",
+                     limits_.max_scene_bytes, v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
+                                               std::span<const ObjectInput> objects,
+                                               const CancelToken* cancel) {
+  uint64_t triangles = 0, vertices = 0;
+  for (const ObjectInput& object : objects) {
+    triangles += object.indices.size() / 3;
+    vertices += object.vertices.size();
+  }
+  SL_RETURN_IF_ERROR(CheckRoom(options.scene_id, triangles, vertices));
+  {
+    MutexLock lock(mutex_);
+    const absl::Time now = absl::Now();
+    times_.try_emplace(options.scene_id, Times{now, now, options.preset});
+  }
+  absl::StatusOr<std::shared_ptr<const Scene>> scene =
+      registry_.Create(options.scene_id, objects, options.origin, BuildOptions(options.preset),
+                       cancel);
+  absl::Status status = scene.status();
+  if (status.ok() && (*scene)->geometry.triangles.size() == (*scene)->geometry.inert.size()) {
+    const MeshReport& report = (*scene)->geometry.report;
+    status = MakeError(
+        absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_UNUSABLE_UPLOAD,
+        absl::StrCat("no triangle of ", SceneName(options.scene_id), " can be hit: of ",
+                     report.triangles, ", ", report.non_finite_triangles, " are not finite and ",
+                     report.zero_area_triangles, " have no area"));
+    scene->reset();
+    if (absl::Status deleted = Delete(options.scene_id); !deleted.ok()) status = deleted;
+  }
+  if (!status.ok()) {
+    // Another creation of the same name may have won: its times stay.
+    if (!registry_.GetStatus(options.scene_id).ok()) {
+      MutexLock lock(mutex_);
+      times_.erase(options.scene_id);
+    }
+    return ExplainBuild(std::move(status), options.scene_id, limits_.max_scene_bytes);
+  }
+  return Get(options.scene_id);
+}
+
+absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
+                                             std::span<const SceneEdit> edits,
+                                             const CancelToken* cancel) {
+  BuildPreset preset;
+  {
+    MutexLock lock(mutex_);
+    const auto times = times_.find(options.scene_id);
+    if (times == times_.end()) return SceneNotFound(options.scene_id);
+    if (options.preset.has_value()) times->second.preset = *options.preset;
+    preset = times->second.preset;
+  }
+  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Edit(
+      options.scene_id, options.base_revision, edits, BuildOptions(preset), cancel);
+  if (!scene.ok()) return ExplainEdit(scene.status(), options);
+  {
+    MutexLock lock(mutex_);
+    if (auto times = times_.find(options.scene_id); times != times_.end()) {
+      times->second.update_time = absl::Now();
+    }
+  }
+  return Get(options.scene_id);
+}
+
+absl::Status SceneCatalog::ExplainEdit(absl::Status status, const EditOptions& options) const {
+  const absl::StatusOr<SceneStatus> now = registry_.GetStatus(options.scene_id);
+  if (absl::IsNotFound(status)) {
+    if (!now.ok()) return SceneNotFound(options.scene_id);
+    return WithReason(std::move(status), v1::ERROR_REASON_OBJECT_NOT_FOUND,
+                      Resource(options.scene_id));
+  }
+  if (absl::IsFailedPrecondition(status)) {
+    const uint64_t current = now.ok() && now->latest != nullptr ? now->latest->revision : 0;
+    if (options.base_revision != 0 && options.base_revision != current) {
+      return WithReason(std::move(status), v1::ERROR_REASON_REVISION_MISMATCH,
+                        {{"resource", SceneName(options.scene_id)},
+                         {"value", absl::StrCat(options.base_revision)},
+                         {"current", absl::StrCat(current)}});
+    }
+    return WithReason(std::move(status), v1::ERROR_REASON_EDIT_NOT_POSSIBLE,
+                      Resource(options.scene_id));
+  }
+  return ExplainBuild(std::move(status), options.scene_id, limits_.max_scene_bytes);
+}
+
+absl::Status SceneCatalog::Delete(const std::string& scene_id) {
+  const absl::StatusOr<SceneStatus> before = registry_.GetStatus(scene_id);
+  if (!before.ok()) return SceneNotFound(scene_id);
+  SL_RETURN_IF_ERROR(
+      ExplainBuild(registry_.Delete(scene_id), scene_id, limits_.max_scene_bytes));
+  SceneView view = View(*before);
+  view.deleted = true;
+  {
+    MutexLock lock(mutex_);
+    times_.erase(scene_id);
+  }
+  requests_.ForgetResource(SceneName(scene_id));
+  Tell(view);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
+    const std::string& spec) const {
+  const auto explain = [&](absl::Status status) {
+    return WithReason(std::move(status), v1::ERROR_REASON_INVALID_FIELD,
+                      {{"field", "builtin.spec"}, {"value", spec}});
+  };
+  if (!absl::StartsWith(spec, kBuiltinPrefix)) {
+    return InvalidField("builtin.spec", spec, "must be builtin:NAME or builtin:NAME:TRIANGLES");
+  }
+  absl::StatusOr<BuiltinSpec> parsed = ParseBuiltin(spec.substr(kBuiltinPrefix.size()));
+  if (!parsed.ok()) return explain(parsed.status());
+  if (parsed->target_triangles > limits_.max_triangles_per_scene) {
+    return OverLimit("builtin.spec triangles", parsed->target_triangles, "max_triangles_per_scene",
+                     limits_.max_triangles_per_scene);
+  }
+  absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*parsed);
+  if (!scene.ok()) return explain(scene.status());
+  return std::move(scene->objects);
+}
+
+absl::StatusOr<SceneView> SceneCatalog::Get(const std::string& scene_id) const {
+  absl::StatusOr<SceneStatus> status = registry_.GetStatus(scene_id);
+  if (!status.ok()) return SceneNotFound(scene_id);
+  return View(*std::move(status));
+}
+
+std::vector<SceneView> SceneCatalog::List(const std::string& after, size_t count) const {
+  std::vector<SceneView> views;
+  for (SceneStatus& status : registry_.List()) {
+    if (views.size() == count) break;
+    if (status.name > after) views.push_back(View(std::move(status)));
+  }
+  return views;
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::Pin(const std::string& scene_id,
+                                                               uint64_t revision) const {
+  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Get(scene_id, revision);
+  if (scene.ok()) return scene;
+  const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
+  if (!now.ok()) return SceneNotFound(scene_id);
+  if (now->latest == nullptr) {
+    return MakeError(absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_SCENE_NOT_READY,
+                     absl::StrCat(SceneName(scene_id), " is still being built"),
+                     Resource(scene_id));
+  }
+  return WithReason(scene.status(), v1::ERROR_REASON_REVISION_MISMATCH,
+                    {{"resource", SceneName(scene_id)},
+                     {"value", absl::StrCat(revision)},
+                     {"current", absl::StrCat(now->latest->revision)}});
+}
+
+SceneView SceneCatalog::View(SceneStatus status) const {
+  SceneView view;
+  {
+    MutexLock lock(mutex_);
+    if (const auto times = times_.find(status.name); times != times_.end()) {
+      view.create_time = times->second.create_time;
+      view.update_time = times->second.update_time;
+    }
+  }
+  view.status = std::move(status);
+  return view;
+}
+
+void SceneCatalog::AddWatcher(const std::string& scene_id, std::weak_ptr<SceneWatcher> watcher) {
+  MutexLock lock(mutex_);
+  watchers_.emplace(scene_id, std::move(watcher));
+}
+
+void SceneCatalog::RemoveWatcher(const std::string& scene_id, const SceneWatcher* watcher) {
+  MutexLock lock(mutex_);
+  const auto [first, last] = watchers_.equal_range(scene_id);
+  for (auto i = first; i != last;) {
+    const std::shared_ptr<SceneWatcher> held = i->second.lock();
+    i = held == nullptr || held.get() == watcher ? watchers_.erase(i) : std::next(i);
+  }
+}
+
+void SceneCatalog::SetListener(std::function<void(const SceneView&)> listener) {
+  MutexLock lock(mutex_);
+  listener_ = std::move(listener);
+}
+
+void SceneCatalog::Tell(const SceneView& view) {
+  std::vector<std::shared_ptr<SceneWatcher>> told;
+  std::function<void(const SceneView&)> listener;
+  {
+    MutexLock lock(mutex_);
+    listener = listener_;
+    const auto [first, last] = watchers_.equal_range(view.status.name);
+    for (auto i = first; i != last; ++i) {
+      if (std::shared_ptr<SceneWatcher> watcher = i->second.lock()) told.push_back(watcher);
+    }
+  }
+  if (listener) listener(view);
+  for (const auto& watcher : told) watcher->OnScene(view);
+}
+
+}  // namespace sightline

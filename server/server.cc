@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/server.h"
+
+#include <grpc/compression.h>
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/security/server_credentials.h>
+#include <grpcpp/server_builder.h>
+
+#include <chrono>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/time/clock.h"
+#include "core/base/status_macros.h"
+#include "server/base/error.h"
+#include "server/base/log.h"
+#include "server/base/resource_name.h"
+#include "server/lease_sweeper.h"
+
+namespace sightline {
+namespace {
+
+constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
+// A client that pings more often than this is told to go away; one that is gone is noticed within a minute.
+constexpr int kLeastPingIntervalMs = 10'000;
+constexpr int kKeepaliveTimeMs = 40'000;
+constexpr int kKeepaliveTimeoutMs = 20'000;
+// HTTP/2's own bound on what headers may take; ours carry nothing large.
+constexpr int kMaxMetadataBytes = 16 << 10;
+
+// The id a scene gets when its option names none: the built-in's own name.
+std::string DefaultSceneId(absl::string_view spec) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(spec, ':');
+  return std::string(parts.size() > 1 ? parts[1].substr(0, parts[1].find(',')) : spec);
+}
+
+bool IsLoopback(absl::string_view address) {
+  return absl::StartsWith(address, "127.") || absl::StartsWith(address, "localhost:") ||
+         absl::StartsWith(address, "[::1]") || absl::StartsWith(address, "unix:");
+}
+
+}  // namespace
+
+Server::Server(const ServerOptions& options)
+    : options_(options),
+      ray_queue_(options.limits.max_queued_rays),
+      upload_slots_(options.limits.max_concurrent_uploads),
+      query_pool_(options.threads),
+      build_pool_(options.build_threads),
+      scenes_(options_.limits, build_pool_),
+      point_sets_(options_.limits, [] { return absl::Now(); }),
+      env_{options_.limits, scenes_, point_sets_, query_pool_, build_pool_, ray_queue_, calls_},
+      scene_service_(env_, upload_slots_),
+      point_set_service_(env_, upload_slots_),
+      visibility_service_(env_),
+      capability_service_(DescribeServer(options_.limits, query_pool_.threads())) {}
+
+absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
+  SL_RETURN_IF_ERROR(ValidateLimits(options.limits));
+  std::unique_ptr<Server> server(new Server(options));
+  SL_RETURN_IF_ERROR(server->MakeScenes());
+  SL_RETURN_IF_ERROR(server->Listen());
+  server->sweeper_ = std::make_unique<LeaseSweeper>(server->point_sets_, kSweepPeriod);
+  return server;
+}
+
+Server::~Server() {
+  Shutdown();
+  scenes_.SetListener(nullptr);
+}
+
+absl::Status Server::MakeScenes() {
+  for (const std::string& option : options_.scenes) {
+    const size_t equals = option.find('=');
+    // "builtin:hall,seed=7" has an equals sign too, but no id before it.
+    const bool named = equals != std::string::npos && equals < option.find(':');
+    const std::string spec = named ? option.substr(equals + 1) : option;
+    const std::string id = named ? option.substr(0, equals) : DefaultSceneId(spec);
+    SL_RETURN_IF_ERROR(CheckId("--scene", id));
+    SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, scenes_.MakeBuiltinObjects(spec));
+    SL_ASSIGN_OR_RETURN(const SceneView view, scenes_.Create({.scene_id = id}, objects, nullptr));
+    Log(LogLevel::kInfo, "scene_created",
+        {{"scene", id},
+         {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Server::Listen() {
+  grpc::EnableDefaultHealthCheckService(true);
+  grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+  grpc::ServerBuilder builder;
+  if (!options_.listen.empty()) {
+    builder.AddListeningPort(options_.listen, grpc::InsecureServerCredentials(), &port_);
+  }
+  builder.RegisterService(&scene_service_);
+  builder.RegisterService(&point_set_service_);
+  builder.RegisterService(&visibility_service_);
+  builder.RegisterService(&capability_service_);
+  const auto max_bytes = static_cast<int>(options_.limits.max_message_bytes);
+  builder.SetMaxReceiveMessageSize(max_bytes);
+  builder.SetMaxSendMessageSize(max_bytes);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS,
+                             static_cast<int>(options_.limits.max_concurrent_streams));
+  // Two servers must not share a port in silence.
+  builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+  // A compressed message is expanded whole before its length is checked: refuse compression.
+  builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
+  builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
+  builder.AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxMetadataBytes);
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveTimeMs);
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
+  builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS,
+                             kLeastPingIntervalMs);
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  server_ = builder.BuildAndStart();
+  if (server_ == nullptr || (!options_.listen.empty() && port_ == 0)) {
+    return absl::UnavailableError(
+        absl::StrCat("cannot listen on ", options_.listen, ": is the address in use, or not ours?"));
+  }
+  if (!options_.listen.empty() && !IsLoopback(options_.listen)) {
+    Log(LogLevel::kWarning, "listening_without_tls", {{"address", options_.listen}});
+  }
+  scenes_.SetListener([this](const SceneView& view) { ReportHealth(view); });
+  for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) ReportHealth(view);
+  return absl::OkStatus();
+}
+
+void Server::ReportHealth(const SceneView& view) {
+  // A deleted scene stays known as NOT_SERVING: the health service cannot forget a name.
+  const bool serving = !view.deleted && view.status.latest != nullptr && !calls_.draining();
+  server_->GetHealthCheckService()->SetServingStatus(SceneName(view.status.name), serving);
+}
+
+std::shared_ptr<grpc::Channel> Server::InProcessChannel(const grpc::ChannelArguments& arguments) {
+  return server_->InProcessChannel(arguments);
+}
+
+absl::Status Server::Drain(absl::Duration timeout) {
+  const absl::Time deadline = absl::Now() + timeout;
+  calls_.StartDrain();
+  server_->GetHealthCheckService()->SetServingStatus(false);
+  Log(LogLevel::kInfo, "draining", {{"calls", absl::StrCat(calls_.active_calls())}});
+  const bool idle = calls_.WaitUntilIdle(std::chrono::steady_clock::now() +
+                                         absl::ToChronoNanoseconds(timeout));
+  const size_t cut_off = calls_.active_calls();
+  ShutdownWithin(idle ? absl::ZeroDuration() : deadline - absl::Now());
+  if (idle) return absl::OkStatus();
+  return absl::DeadlineExceededError(
+      absl::StrCat(cut_off, " calls were cut off after ", absl::FormatDuration(timeout)));
+}
+
+void Server::Shutdown() { ShutdownWithin(absl::ZeroDuration()); }
+
+void Server::ShutdownWithin(absl::Duration timeout) {
+  sweeper_.reset();
+  if (server_ == nullptr) return;
+  MutexLock lock(shutdown_mutex_);
+  if (shut_down_) return;
+  calls_.StartDrain();
+  // Without a deadline a stalled call could hold this up for ever.
+  server_->Shutdown(absl::ToChronoTime(absl::Now() + std::max(timeout, absl::ZeroDuration())));
+  server_->Wait();
+  calls_.WaitUntilIdle(std::chrono::steady_clock::time_point::max());
+  shut_down_ = true;
+}
+
+}  // namespace sightline

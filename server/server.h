@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A whole Sightline server in one object: sightlined runs one, the command line embeds one, tests start as
+// many as they like.
+//
+// Life: Start, then any number of calls, then Drain (optional), then Shutdown or destruction. Threads and
+// scenes live as long as the object.
+//
+// Thread safety: every method from any thread but gRPC's own and the pools'. Drain and Shutdown may be called
+// at once; each returns when its part is done.
+//
+//   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start({.listen = "127.0.0.1:0"});
+//   auto channel = grpc::CreateChannel(absl::StrCat("127.0.0.1:", (*server)->port()), ...);
+//   ...
+//   (*server)->Drain(absl::Seconds(30));
+#ifndef SIGHTLINE_SERVER_SERVER_H_
+#define SIGHTLINE_SERVER_SERVER_H_
+
+#include <grpcpp/channel.h>
+#include <grpcpp/server.h>
+#include <grpcpp/support/channel_arguments.h>
+
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "core/base/mutex.h"
+#include "core/base/parallel.h"
+#include "server/admission/call_tracker.h"
+#include "server/admission/ray_queue.h"
+#include "server/admission/upload_slots.h"
+#include "server/options.h"
+#include "server/points/point_set_store.h"
+#include "server/scenes/scene_catalog.h"
+#include "server/services/capability_service.h"
+#include "server/services/point_set_service.h"
+#include "server/services/scene_service.h"
+#include "server/services/visibility_service.h"
+#include "server/stream/query_environment.h"
+
+namespace sightline {
+
+class LeaseSweeper;
+
+class Server {
+ public:
+  // Makes the scenes of the options, binds, and serves. InvalidArgument (options), Unavailable (the address
+  // cannot be bound), and what making a scene returns.
+  static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
+  ~Server();
+  Server(const Server&) = delete;
+  Server& operator=(const Server&) = delete;
+
+  // The bound port; 0 without a socket.
+  int port() const { return port_; }
+  // A channel that needs no socket. It must be gone before the server is.
+  std::shared_ptr<grpc::Channel> InProcessChannel(const grpc::ChannelArguments& arguments);
+
+  // Health goes to NOT_SERVING, new calls are refused, streams are told, and what is under way may finish. Then
+  // shuts down. DeadlineExceeded if calls had to be cut off after `timeout`.
+  absl::Status Drain(absl::Duration timeout);
+  // Cuts everything off, and returns when it has ended.
+  void Shutdown();
+
+  SceneCatalog& scenes() { return scenes_; }
+  size_t active_calls() const { return calls_.active_calls(); }
+  uint64_t queued_rays() const { return ray_queue_.queued_rays(); }
+
+ private:
+  explicit Server(const ServerOptions& options);
+
+  absl::Status MakeScenes();
+  absl::Status Listen();
+  void ReportHealth(const SceneView& view);
+  void ShutdownWithin(absl::Duration timeout);
+
+  const ServerOptions options_;
+  int port_ = 0;
+  CallTracker calls_;
+  RayQueue ray_queue_;
+  UploadSlots upload_slots_;
+  ThreadPool query_pool_, build_pool_;
+  SceneCatalog scenes_;
+  PointSetStore point_sets_;
+  const QueryEnvironment env_;
+  SceneService scene_service_;
+  PointSetService point_set_service_;
+  VisibilityService visibility_service_;
+  CapabilityService capability_service_;
+  std::unique_ptr<LeaseSweeper> sweeper_;
+  std::unique_ptr<grpc::Server> server_;
+  Mutex shutdown_mutex_;
+  bool shut_down_ ABSL_GUARDED_BY(shutdown_mutex_) = false;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_SERVER_H_

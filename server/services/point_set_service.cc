@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/services/point_set_service.h"
+
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "server/base/error.h"
+#include "server/base/log.h"
+#include "server/base/resource_name.h"
+#include "server/codec/scene_codec.h"
+#include "server/points/camera_points.h"
+#include "server/points/point_upload.h"
+#include "server/services/unary.h"
+#include "server/services/upload_reactor.h"
+
+namespace sightline {
+namespace {
+
+void EncodePointSet(const PointSetView& view, v1::PointSet* out) {
+  const PointSet& set = *view.set;
+  out->set_name(set.name());
+  out->set_revision(static_cast<int64_t>(set.revision));
+  out->set_point_count(set.points.size());
+  out->set_invalid_point_count(set.points.invalid);
+  out->set_attached_point_count(set.points.attached);
+  out->set_near_surface_point_count(set.points.near_surface);
+  EncodeTime(set.create_time, out->mutable_create_time());
+  EncodeTime(view.expire_time, out->mutable_expire_time());
+  out->set_resident_bytes(set.MemoryBytes());
+}
+
+class CreateJob {
+ public:
+  using Request = v1::CreatePointSetRequest;
+  using Response = v1::PointSet;
+
+  explicit CreateJob(const QueryEnvironment& env) : env_(env), upload_(env.limits) {}
+
+  absl::Status Add(const Request& message) {
+    const bool first = !upload_.header().has_value();
+    SL_RETURN_IF_ERROR(upload_.Add(message));
+    return first ? CheckHeader() : absl::OkStatus();
+  }
+
+  bool answered() const { return claim_.repeated(); }
+
+  absl::Status Finish(const CancelToken& cancel, Response* response) {
+    if (claim_.repeated()) {
+      SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", claim_.resource()));
+      SL_ASSIGN_OR_RETURN(const PointSetView view,
+                          env_.point_sets.Get(name.scene_id, name.point_set_id));
+      EncodePointSet(view, response);
+      return absl::OkStatus();
+    }
+    SL_ASSIGN_OR_RETURN(const DecodedPoints uploaded, upload_.Finish());
+    const PointSetHeader& header = *upload_.header();
+    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
+                        env_.scenes.Pin(header.scene_id, revision_));
+    PointSet set;
+    set.scene_id = header.scene_id;
+    set.point_set_id = header.point_set_id.empty() ? MakeId("points") : header.point_set_id;
+    set.revision = scene->revision;
+    set.scene = scene;
+    SL_ASSIGN_OR_RETURN(set.points, MakePoints(header, uploaded, *scene, cancel));
+    SL_ASSIGN_OR_RETURN(const PointSetView view, env_.point_sets.Add(std::move(set), header.lease));
+    claim_.Complete(view.set->name());
+    Log(LogLevel::kInfo, "point_set_created",
+        {{"point_set", view.set->name()}, {"points", absl::StrCat(view.set->points.size())}});
+    EncodePointSet(view, response);
+    return absl::OkStatus();
+  }
+
+ private:
+  absl::Status CheckHeader() {
+    const PointSetHeader& header = *upload_.header();
+    SL_ASSIGN_OR_RETURN(claim_,
+                        env_.point_sets.requests().Claim(header.request_id, header.fingerprint));
+    if (claim_.repeated()) return absl::OkStatus();
+    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
+                        env_.scenes.Pin(header.scene_id, header.revision));
+    revision_ = scene->revision;  // An edit during the upload makes the sources wrong: told at the end.
+    return env_.point_sets.CheckRoom(header.scene_id, header.point_set_id, header.point_count);
+  }
+
+  absl::StatusOr<PreparedPoints> MakePoints(const PointSetHeader& header,
+                                            const DecodedPoints& uploaded, const Scene& scene,
+                                            const CancelToken& cancel) const {
+    if (header.camera.has_value()) {
+      QueryOptions options = header.camera_options;
+      options.cancel = &cancel;
+      return TraceCameraPoints(scene, *header.camera, options, env_.query_pool);
+    }
+    SL_ASSIGN_OR_RETURN(const std::vector<uint32_t> sources, uploaded.Sources(scene.geometry));
+    return PreparePoints(scene, {uploaded.positions, uploaded.normals, sources}, header.options,
+                         &cancel);
+  }
+
+  const QueryEnvironment env_;
+  PointUpload upload_;
+  RequestClaim claim_;
+  uint64_t revision_ = 0;
+};
+
+}  // namespace
+
+grpc::ServerReadReactor<v1::CreatePointSetRequest>* PointSetService::CreatePointSet(
+    grpc::CallbackServerContext*, v1::PointSet* response) {
+  return UploadReactor<CreateJob>::Start(response, env_.calls, slots_, env_.build_pool,
+                                         std::make_unique<CreateJob>(env_));
+}
+
+grpc::ServerUnaryReactor* PointSetService::GetPointSet(grpc::CallbackServerContext* context,
+                                                       const v1::GetPointSetRequest* request,
+                                                       v1::PointSet* response) {
+  return Answer(context, [&]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
+    SL_ASSIGN_OR_RETURN(const PointSetView view,
+                        env_.point_sets.Get(name.scene_id, name.point_set_id));
+    EncodePointSet(view, response);
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerContext* context,
+                                                         const v1::ListPointSetsRequest* request,
+                                                         v1::ListPointSetsResponse* response) {
+  return Answer(context, [&]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("parent", request->parent()));
+    SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
+    SL_RETURN_IF_ERROR(env_.scenes.Get(scene_id).status());
+    std::vector<PointSetView> views = env_.point_sets.List(scene_id, page.after, page.size + 1);
+    if (views.size() > page.size) {
+      views.pop_back();
+      response->set_next_page_token(PageToken(views.back().set->point_set_id));
+    }
+    for (const PointSetView& view : views) EncodePointSet(view, response->add_point_sets());
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* PointSetService::DeletePointSet(grpc::CallbackServerContext* context,
+                                                          const v1::DeletePointSetRequest* request,
+                                                          google::protobuf::Empty*) {
+  return AnswerLater(context, env_.calls, env_.build_pool, [this, request]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
+    return env_.point_sets.Remove(name.scene_id, name.point_set_id);
+  });
+}
+
+grpc::ServerUnaryReactor* PointSetService::RenewLease(grpc::CallbackServerContext* context,
+                                                      const v1::RenewLeaseRequest* request,
+                                                      v1::PointSet* response) {
+  return Answer(context, [&]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
+    SL_ASSIGN_OR_RETURN(const absl::Duration lease,
+                        DecodeDuration("lease_duration", request->has_lease_duration(),
+                                       request->lease_duration(), kDefaultLease,
+                                       absl::Seconds(env_.limits.max_lease_seconds)));
+    SL_ASSIGN_OR_RETURN(const PointSetView view,
+                        env_.point_sets.Renew(name.scene_id, name.point_set_id, lease));
+    EncodePointSet(view, response);
+    return absl::OkStatus();
+  });
+}
+
+}  // namespace sightline

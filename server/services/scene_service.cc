@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/services/scene_service.h"
+
+#include <algorithm>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "core/base/status_macros.h"
+#include "server/base/error.h"
+#include "server/base/log.h"
+#include "server/base/resource_name.h"
+#include "server/codec/scene_codec.h"
+#include "server/scenes/scene_upload.h"
+#include "server/services/scene_watch.h"
+#include "server/services/unary.h"
+#include "server/services/upload_reactor.h"
+
+namespace sightline {
+namespace {
+
+void LogScene(absl::string_view event, const SceneView& view) {
+  if (view.status.latest == nullptr) return;
+  const Scene& scene = *view.status.latest;
+  Log(LogLevel::kInfo, event,
+      {{"scene", view.status.name},
+       {"revision", absl::StrCat(scene.revision)},
+       {"triangles", absl::StrCat(scene.geometry.triangles.size())},
+       {"compile_s", absl::StrCat(scene.report.compile_seconds)},
+       {"structure_s", absl::StrCat(scene.report.bvh_seconds)},
+       {"bytes", absl::StrCat(scene.report.memory_bytes)}});
+}
+
+class CreateJob {
+ public:
+  using Request = v1::CreateSceneRequest;
+  using Response = v1::Scene;
+
+  explicit CreateJob(const QueryEnvironment& env) : env_(env), upload_(env.limits) {}
+
+  absl::Status Add(const Request& message) {
+    const bool first = !upload_.header().has_value();
+    SL_RETURN_IF_ERROR(upload_.Add(message));
+    return first ? CheckHeader() : absl::OkStatus();
+  }
+
+  bool answered() const { return claim_.repeated(); }
+
+  absl::Status Finish(const CancelToken& cancel, Response* response) {
+    if (claim_.repeated()) {
+      SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", claim_.resource()));
+      SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Get(scene_id));
+      EncodeScene(view, response);
+      return absl::OkStatus();
+    }
+    std::vector<ObjectInput> objects;
+    if (upload_.header().has_value() && !upload_.header()->builtin.empty()) {
+      SL_ASSIGN_OR_RETURN(objects, env_.scenes.MakeBuiltinObjects(upload_.header()->builtin));
+    } else {
+      SL_ASSIGN_OR_RETURN(objects, upload_.Finish());
+    }
+    SceneCatalog::CreateOptions options = upload_.header()->create;
+    if (options.scene_id.empty()) options.scene_id = MakeId("scene");
+    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Create(options, objects, &cancel));
+    claim_.Complete(SceneName(options.scene_id));
+    LogScene("scene_created", view);
+    EncodeScene(view, response);
+    return absl::OkStatus();
+  }
+
+ private:
+  absl::Status CheckHeader() {
+    const SceneHeader& header = *upload_.header();
+    SL_ASSIGN_OR_RETURN(claim_, env_.scenes.requests().Claim(header.request_id, header.fingerprint));
+    if (claim_.repeated()) return absl::OkStatus();
+    return env_.scenes.CheckRoom(header.create.scene_id, header.triangle_count, header.vertex_count);
+  }
+
+  const QueryEnvironment env_;
+  SceneUpload upload_;
+  RequestClaim claim_;
+};
+
+class UpdateJob {
+ public:
+  using Request = v1::UpdateSceneRequest;
+  using Response = v1::Scene;
+
+  explicit UpdateJob(const QueryEnvironment& env) : env_(env), upload_(env.limits) {}
+
+  absl::Status Add(const Request& message) {
+    const bool first = !upload_.header().has_value();
+    SL_RETURN_IF_ERROR(upload_.Add(message));
+    return first ? CheckHeader() : absl::OkStatus();
+  }
+
+  bool answered() const { return claim_.repeated(); }
+
+  absl::Status Finish(const CancelToken& cancel, Response* response) {
+    if (!claim_.repeated()) {
+      SL_ASSIGN_OR_RETURN(const std::vector<SceneEdit> edits, upload_.Finish());
+      SL_ASSIGN_OR_RETURN(const SceneView view,
+                          env_.scenes.Edit(upload_.header()->edit, edits, &cancel));
+      claim_.Complete(SceneName(view.status.name));
+      LogScene("scene_updated", view);
+      EncodeScene(view, response);
+      return absl::OkStatus();
+    }
+    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Get(upload_.header()->edit.scene_id));
+    EncodeScene(view, response);
+    return absl::OkStatus();
+  }
+
+ private:
+  absl::Status CheckHeader() {
+    const EditHeader& header = *upload_.header();
+    SL_ASSIGN_OR_RETURN(claim_, env_.scenes.requests().Claim(header.request_id, header.fingerprint));
+    if (claim_.repeated()) return absl::OkStatus();
+    // Told before the upload, where it can be: the edit checks again.
+    return env_.scenes.Pin(header.edit.scene_id, header.edit.base_revision).status();
+  }
+
+  const QueryEnvironment env_;
+  SceneEditUpload upload_;
+  RequestClaim claim_;
+};
+
+// Objects have numbers for ids.
+absl::StatusOr<size_t> ParseObjectToken(const std::string& token, size_t objects) {
+  size_t first = 0;
+  if (token.empty()) return first;
+  if (token[0] == 'i' && absl::SimpleAtoi(token.substr(1), &first) && first <= objects) return first;
+  return InvalidField("page_token", absl::StrCat(token.size(), " bytes"),
+                      "is not a token of an earlier page");
+}
+
+}  // namespace
+
+grpc::ServerReadReactor<v1::CreateSceneRequest>* SceneService::CreateScene(
+    grpc::CallbackServerContext*, v1::Scene* response) {
+  return UploadReactor<CreateJob>::Start(response, env_.calls, slots_, env_.build_pool,
+                                         std::make_unique<CreateJob>(env_));
+}
+
+grpc::ServerReadReactor<v1::UpdateSceneRequest>* SceneService::UpdateScene(
+    grpc::CallbackServerContext*, v1::Scene* response) {
+  return UploadReactor<UpdateJob>::Start(response, env_.calls, slots_, env_.build_pool,
+                                         std::make_unique<UpdateJob>(env_));
+}
+
+grpc::ServerUnaryReactor* SceneService::GetScene(grpc::CallbackServerContext* context,
+                                                 const v1::GetSceneRequest* request,
+                                                 v1::Scene* response) {
+  return Answer(context, [&]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Get(scene_id));
+    EncodeScene(view, response);
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext* context,
+                                                   const v1::ListScenesRequest* request,
+                                                   v1::ListScenesResponse* response) {
+  return Answer(context, [&]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
+    std::vector<SceneView> views = env_.scenes.List(page.after, page.size + 1);
+    if (views.size() > page.size) {
+      views.pop_back();
+      response->set_next_page_token(PageToken(views.back().status.name));
+    }
+    for (const SceneView& view : views) EncodeScene(view, response->add_scenes());
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* SceneService::ListSceneObjects(
+    grpc::CallbackServerContext* context, const v1::ListSceneObjectsRequest* request,
+    v1::ListSceneObjectsResponse* response) {
+  return Answer(context, [&]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("parent", request->parent()));
+    SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), ""));
+    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene, env_.scenes.Pin(scene_id, 0));
+    const size_t objects = scene->geometry.objects.size();
+    SL_ASSIGN_OR_RETURN(const size_t first, ParseObjectToken(request->page_token(), objects));
+    const size_t last = std::min(objects, first + page.size);
+    for (size_t i = first; i < last; ++i) {
+      EncodeObject(*scene, static_cast<uint32_t>(i), response->add_scene_objects());
+    }
+    if (last < objects) response->set_next_page_token(absl::StrCat("i", last));
+    response->set_revision(static_cast<int64_t>(scene->revision));
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext* context,
+                                                    const v1::DeleteSceneRequest* request,
+                                                    google::protobuf::Empty*) {
+  return AnswerLater(context, env_.calls, env_.build_pool, [this, request]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+    SL_RETURN_IF_ERROR(env_.scenes.Delete(scene_id));
+    env_.point_sets.RemoveScene(scene_id);
+    Log(LogLevel::kInfo, "scene_deleted", {{"scene", scene_id}});
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerWriteReactor<v1::WatchSceneResponse>* SceneService::WatchScene(
+    grpc::CallbackServerContext*, const v1::WatchSceneRequest* request) {
+  return SceneWatch::Start(*request, env_);
+}
+
+}  // namespace sightline

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// SceneService over a SceneCatalog: decode, call, encode.
+//
+// Thread safety: gRPC calls the methods from many threads; the service holds no state of its own.
+#ifndef SIGHTLINE_SERVER_SERVICES_SCENE_SERVICE_H_
+#define SIGHTLINE_SERVER_SERVICES_SCENE_SERVICE_H_
+
+#include "server/admission/upload_slots.h"
+#include "server/stream/query_environment.h"
+#include "sightline/v1/scene_service.grpc.pb.h"
+
+namespace sightline {
+
+class SceneService final : public v1::SceneService::CallbackService {
+ public:
+  SceneService(const QueryEnvironment& env, UploadSlots& slots) : env_(env), slots_(slots) {}
+
+  grpc::ServerReadReactor<v1::CreateSceneRequest>* CreateScene(
+      grpc::CallbackServerContext* context, v1::Scene* response) override;
+  grpc::ServerUnaryReactor* GetScene(grpc::CallbackServerContext* context,
+                                     const v1::GetSceneRequest* request,
+                                     v1::Scene* response) override;
+  grpc::ServerUnaryReactor* ListScenes(grpc::CallbackServerContext* context,
+                                       const v1::ListScenesRequest* request,
+                                       v1::ListScenesResponse* response) override;
+  grpc::ServerUnaryReactor* ListSceneObjects(grpc::CallbackServerContext* context,
+                                             const v1::ListSceneObjectsRequest* request,
+                                             v1::ListSceneObjectsResponse* response) override;
+  grpc::ServerReadReactor<v1::UpdateSceneRequest>* UpdateScene(
+      grpc::CallbackServerContext* context, v1::Scene* response) override;
+  grpc::ServerUnaryReactor* DeleteScene(grpc::CallbackServerContext* context,
+                                        const v1::DeleteSceneRequest* request,
+                                        google::protobuf::Empty* response) override;
+  grpc::ServerWriteReactor<v1::WatchSceneResponse>* WatchScene(
+      grpc::CallbackServerContext* context, const v1::WatchSceneRequest* request) override;
+
+ private:
+  const QueryEnvironment env_;
+  UploadSlots& slots_;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_SERVICES_SCENE_SERVICE_H_

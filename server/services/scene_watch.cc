@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/services/scene_watch.h"
+
+#include <utility>
+
+#include "server/base/error.h"
+#include "server/base/resource_name.h"
+#include "server/codec/scene_codec.h"
+
+namespace sightline {
+
+SceneWatch* SceneWatch::Start(const v1::WatchSceneRequest& request, const QueryEnvironment& env) {
+  auto watch = std::shared_ptr<SceneWatch>(new SceneWatch(env));
+  watch->Begin(request);
+  return watch.get();
+}
+
+void SceneWatch::Begin(const v1::WatchSceneRequest& request) {
+  absl::StatusOr<std::string> scene_id = ParseSceneName("name", request.name());
+  absl::StatusOr<ActiveCall> call = env_.calls.Admit(weak_from_this());
+  // Before the first look, so that no change falls in between.
+  if (scene_id.ok()) env_.scenes.AddWatcher(*scene_id, weak_from_this());
+  absl::StatusOr<SceneView> view = scene_id.ok() ? env_.scenes.Get(*scene_id) : scene_id.status();
+  MutexLock lock(mutex_);
+  self_ = shared_from_this();
+  if (!call.ok()) {
+    EndWith(call.status());
+  } else {
+    call_ = *std::move(call);
+    if (scene_id.ok()) scene_id_ = *scene_id;
+    // A change that came first is newer than the look.
+    if (view.ok() && !next_.has_value() && !writing_) {
+      Push(*view);
+    } else if (!view.ok() && !(request.wait_for_scene() && absl::IsNotFound(view.status())) &&
+               !next_.has_value() && !writing_) {
+      EndWith(view.status());
+    }
+  }
+  Advance();
+}
+
+void SceneWatch::OnScene(const SceneView& view) {
+  MutexLock lock(mutex_);
+  if (finished_ || end_.has_value()) return;
+  Push(view);
+  if (view.deleted) EndWith(absl::OkStatus());
+  Advance();
+}
+
+void SceneWatch::Push(const SceneView& view) {
+  v1::WatchSceneResponse& response = next_.emplace();
+  EncodeScene(view, response.mutable_scene());
+  const bool building = !view.deleted && view.status.state == SceneState::kBuilding;
+  if (building) response.set_stage("building");
+  response.set_progress(building ? view.status.progress : 1.0);
+}
+
+void SceneWatch::EndWith(absl::Status status) {
+  if (!end_.has_value()) end_ = std::move(status);
+}
+
+void SceneWatch::OnWriteDone(bool ok) {
+  MutexLock lock(mutex_);
+  writing_ = false;
+  if (!ok) {
+    next_.reset();
+    EndWith(absl::CancelledError("the client is gone"));
+  }
+  Advance();
+}
+
+void SceneWatch::OnCancel() {
+  MutexLock lock(mutex_);
+  next_.reset();
+  EndWith(absl::CancelledError("the call was cancelled or its deadline passed"));
+  Advance();
+}
+
+void SceneWatch::OnDrain() {
+  MutexLock lock(mutex_);
+  EndWith(DrainingError());
+  Advance();
+}
+
+void SceneWatch::OnDone() {
+  std::string scene_id;
+  {
+    MutexLock lock(mutex_);
+    scene_id = scene_id_;
+  }
+  env_.scenes.RemoveWatcher(scene_id, this);
+  std::shared_ptr<SceneWatch> self;  // Goes after the lock has.
+  MutexLock lock(mutex_);
+  self.swap(self_);
+  call_.Release();
+}
+
+void SceneWatch::Advance() {
+  // Begin() has not come to its end: self_ is what keeps this alive.
+  if (finished_ || writing_ || self_ == nullptr) return;
+  if (next_.has_value()) {
+    writing_response_ = *std::move(next_);
+    next_.reset();
+    writing_ = true;
+    StartWrite(&writing_response_);
+  } else if (end_.has_value()) {
+    finished_ = true;
+    Finish(ToGrpcStatus(*end_));
+  }
+}
+
+}  // namespace sightline

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The reactor behind WatchScene: sends a scene's state at once and after every change.
+//
+// Invariants: at most one change waits while another is written, a newer one takes its place; the stream ends
+// with OK after the deletion was sent, with UNAVAILABLE when the server drains.
+//
+// Thread safety: as visibility_stream.h.
+#ifndef SIGHTLINE_SERVER_SERVICES_SCENE_WATCH_H_
+#define SIGHTLINE_SERVER_SERVICES_SCENE_WATCH_H_
+
+#include <grpcpp/support/server_callback.h>
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "core/base/mutex.h"
+#include "server/scenes/scene_catalog.h"
+#include "server/stream/query_environment.h"
+#include "sightline/v1/scene_service.pb.h"
+
+namespace sightline {
+
+class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>,
+                         public SceneWatcher,
+                         public DrainListener,
+                         public std::enable_shared_from_this<SceneWatch> {
+ public:
+  static SceneWatch* Start(const v1::WatchSceneRequest& request, const QueryEnvironment& env);
+
+  void OnWriteDone(bool ok) override;
+  void OnCancel() override;
+  void OnDone() override;
+  void OnScene(const SceneView& view) override;
+  void OnDrain() override;
+
+ private:
+  explicit SceneWatch(const QueryEnvironment& env) : env_(env) {}
+
+  void Begin(const v1::WatchSceneRequest& request);
+  void Push(const SceneView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void EndWith(absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const QueryEnvironment env_;
+  Mutex mutex_;
+  std::shared_ptr<SceneWatch> self_ ABSL_GUARDED_BY(mutex_);
+  ActiveCall call_ ABSL_GUARDED_BY(mutex_);
+  std::string scene_id_ ABSL_GUARDED_BY(mutex_);
+  std::optional<v1::WatchSceneResponse> next_ ABSL_GUARDED_BY(mutex_);
+  v1::WatchSceneResponse writing_response_;  // gRPC's while `writing_`.
+  bool writing_ ABSL_GUARDED_BY(mutex_) = false;
+  std::optional<absl::Status> end_ ABSL_GUARDED_BY(mutex_);  // What to finish with after `next_`.
+  bool finished_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_SERVICES_SCENE_WATCH_H_

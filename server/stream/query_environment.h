@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What queries need of the server: scenes, point sets, threads, limits, admission.
+//
+// Thread safety: every part has its own; the struct is constant. Everything in it outlives the calls.
+#ifndef SIGHTLINE_SERVER_STREAM_QUERY_ENVIRONMENT_H_
+#define SIGHTLINE_SERVER_STREAM_QUERY_ENVIRONMENT_H_
+
+#include "core/base/parallel.h"
+#include "server/admission/call_tracker.h"
+#include "server/admission/ray_queue.h"
+#include "server/base/limits.h"
+#include "server/points/point_set_store.h"
+#include "server/scenes/scene_catalog.h"
+
+namespace sightline {
+
+struct QueryEnvironment {
+  const Limits& limits;
+  SceneCatalog& scenes;
+  PointSetStore& point_sets;
+  ThreadPool& query_pool;   // Answers queries; never builds.
+  ThreadPool& build_pool;   // Builds scenes and prepares uploads; never answers.
+  RayQueue& ray_queue;
+  CallTracker& calls;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_STREAM_QUERY_ENVIRONMENT_H_

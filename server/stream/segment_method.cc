@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stream/segment_method.h"
+
+#include <array>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "core/base/status_macros.h"
+#include "core/query/segments.h"
+#include "server/base/error.h"
+#include "server/codec/result_codec.h"
+
+namespace sightline {
+namespace {
+
+constexpr size_t kSegmentBytes = sizeof(std::array<Vec3d, 2>);
+
+}  // namespace
+
+// Parts are prepared one by one, so that the stored copies never pile up.
+class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
+ public:
+  SegmentWork(const SegmentMethod& method, std::shared_ptr<const Scene> scene,
+              std::vector<std::array<Vec3d, 2>> ends, std::vector<PartRange> parts)
+      : method_(method),
+        scene_(std::move(scene)),
+        ends_(std::move(ends)),
+        parts_(std::move(parts)) {}
+
+  const std::vector<PartRange>& parts() const override { return parts_; }
+  uint64_t revision() const override { return scene_->revision; }
+
+  absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
+                       QueryStats* stats) override {
+    const PartRange range = parts_[part];
+    PreparedSegments segments;
+    SL_RETURN_IF_ERROR(PrepareSegments(*scene_,
+                                       std::span(ends_).subspan(range.offset, range.count), {}, {},
+                                       &segments));
+    const v1::SegmentOutputs& wanted = method_.outputs_;
+    QueryOptions options = method_.options_.query;
+    options.cancel = &cancel;
+    SegmentResult result;
+    SL_RETURN_IF_ERROR(TestSegments(
+        *scene_, segments,
+        SegmentOutputs{.bits = wanted.blocked_bits(), .first_hits = wanted.first_blockers()},
+        options, &result));
+    stats->Add(result.stats);
+    EncodeSegments(scene_->geometry, result, segments.valid, wanted,
+                   response->mutable_reply()->mutable_segments());
+    return absl::OkStatus();
+  }
+
+ private:
+  const SegmentMethod& method_;
+  const std::shared_ptr<const Scene> scene_;
+  const std::vector<std::array<Vec3d, 2>> ends_;
+  const std::vector<PartRange> parts_;
+};
+
+absl::StatusOr<std::unique_ptr<SegmentMethod>> SegmentMethod::Open(const Header& header,
+                                                                   const QueryEnvironment& env) {
+  std::unique_ptr<SegmentMethod> method(new SegmentMethod(env));
+  SL_ASSIGN_OR_RETURN(method->options_, DecodeOptions(header.stream().options()));
+  method->outputs_ = WantedSegments(header.outputs());
+  SL_ASSIGN_OR_RETURN(method->pin_, ScenePin::Open(header.stream(), env));
+  method->opened_revision_ = method->pin_->opened()->revision;
+  method->pin_->ReleaseOpened();
+  return method;
+}
+
+uint64_t SegmentMethod::Rays(const Item& item) const {
+  return item.segments().size() / kSegmentBytes;
+}
+
+absl::StatusOr<std::unique_ptr<SegmentMethod::Work>> SegmentMethod::Prepare(
+    const Item& item, const CancelToken&) const {
+  SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
+  std::vector<std::array<Vec3d, 2>> ends;
+  SL_RETURN_IF_ERROR(DecodeSegments(item.segments(), &ends));
+  SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
+                      CutIntoParts(ends.size(), 1, 1, env_.limits,
+                                   [&](uint64_t n) { return SegmentBytes(outputs_, n); }));
+  return std::unique_ptr<Work>(
+      new SegmentWork(*this, std::move(scene), std::move(ends), std::move(parts)));
+}
+
+}  // namespace sightline

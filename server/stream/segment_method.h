@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// VisibilityService.TestSegments: what its stream and its items are made of. See visibility_stream.h for the
+// shape that the three methods share.
+//
+// Thread safety: constant once opened.
+#ifndef SIGHTLINE_SERVER_STREAM_SEGMENT_METHOD_H_
+#define SIGHTLINE_SERVER_STREAM_SEGMENT_METHOD_H_
+
+#include <cstdint>
+#include <memory>
+
+#include "absl/status/statusor.h"
+#include "server/codec/query_codec.h"
+#include "server/stream/item_work.h"
+#include "server/stream/query_environment.h"
+#include "server/stream/scene_pin.h"
+#include "sightline/v1/visibility_service.pb.h"
+
+namespace sightline {
+
+class SegmentMethod {
+ public:
+  using Request = v1::TestSegmentsRequest;
+  using Response = v1::TestSegmentsResponse;
+  using Header = v1::TestSegmentsHeader;
+  using Item = v1::SegmentItem;
+  using Work = ItemWork<Response>;
+
+  static absl::StatusOr<std::unique_ptr<SegmentMethod>> Open(const Header& header,
+                                                             const QueryEnvironment& env);
+
+  uint64_t Rays(const Item& item) const;
+  absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel) const;
+
+  bool statistics() const { return options_.statistics; }
+  uint64_t opened_revision() const { return opened_revision_; }
+  uint64_t sample_count() const { return 0; }
+
+ private:
+  class SegmentWork;
+  explicit SegmentMethod(const QueryEnvironment& env) : env_(env) {}
+
+  const QueryEnvironment env_;
+  std::unique_ptr<ScenePin> pin_;
+  DecodedOptions options_;
+  v1::SegmentOutputs outputs_;
+  uint64_t opened_revision_ = 0;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_STREAM_SEGMENT_METHOD_H_

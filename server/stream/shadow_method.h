@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// VisibilityService.ComputeShadows: what its stream and its items are made of. See visibility_stream.h for
+// the shape that the three methods share.
+//
+// Thread safety: constant once opened.
+#ifndef SIGHTLINE_SERVER_STREAM_SHADOW_METHOD_H_
+#define SIGHTLINE_SERVER_STREAM_SHADOW_METHOD_H_
+
+#include <cstdint>
+#include <memory>
+
+#include "absl/status/statusor.h"
+#include "core/query/points.h"
+#include "core/query/shadows.h"
+#include "server/codec/query_codec.h"
+#include "server/stream/item_work.h"
+#include "server/stream/light_set.h"
+#include "server/stream/query_environment.h"
+#include "server/stream/scene_pin.h"
+#include "sightline/v1/visibility_service.pb.h"
+
+namespace sightline {
+
+class ShadowMethod {
+ public:
+  using Request = v1::ComputeShadowsRequest;
+  using Response = v1::ComputeShadowsResponse;
+  using Header = v1::ComputeShadowsHeader;
+  using Item = v1::ShadowItem;
+  using Work = ItemWork<Response>;
+
+  static absl::StatusOr<std::unique_ptr<ShadowMethod>> Open(const Header& header,
+                                                            const QueryEnvironment& env);
+
+  uint64_t Rays(const Item& item) const;
+  absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel) const;
+
+  bool statistics() const { return options_.statistics; }
+  uint64_t opened_revision() const { return opened_revision_; }
+  uint64_t sample_count() const { return lights_->sample_count(); }
+
+ private:
+  class ShadowWork;
+  struct Points;
+  explicit ShadowMethod(const QueryEnvironment& env) : env_(env) {}
+
+  absl::StatusOr<Points> FindPoints(const Item& item, const std::shared_ptr<const Scene>& scene,
+                                    const CancelToken& cancel) const;
+
+  const QueryEnvironment env_;
+  std::unique_ptr<ScenePin> pin_;
+  std::unique_ptr<LightSet> lights_;
+  DecodedOptions options_;
+  PointOptions point_options_;
+  ShadowOptions shadow_options_;
+  v1::ShadowOutputs outputs_;
+  uint64_t opened_revision_ = 0;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_STREAM_SHADOW_METHOD_H_

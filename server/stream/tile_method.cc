@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stream/tile_method.h"
+
+#include <limits>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "core/base/status_macros.h"
+#include "core/query/shadows.h"
+#include "core/query/tiles.h"
+#include "server/base/error.h"
+#include "server/codec/geometry_codec.h"
+#include "server/codec/result_codec.h"
+
+namespace sightline {
+namespace {
+
+absl::Status CheckTile(const v1::TileItem& item, const Camera& camera) {
+  const auto check = [](absl::string_view name, uint64_t from, uint64_t size,
+                        uint64_t whole) -> absl::Status {
+    if (size == 0) return InvalidField(absl::StrCat("item.", name), size, "must be at least 1");
+    if (from + size <= whole) return absl::OkStatus();
+    return InvalidField(absl::StrCat("item.", name), size,
+                        absl::StrCat("the tile from ", from, " on leaves the image, which has ",
+                                     whole));
+  };
+  SL_RETURN_IF_ERROR(check("width", item.x(), item.width(), camera.width));
+  return check("height", item.y(), item.height(), camera.height);
+}
+
+}  // namespace
+
+// A tile cut into bands of whole rows.
+class TileMethod::TileWork final : public TileMethod::Work {
+ public:
+  TileWork(const TileMethod& method, std::shared_ptr<const Scene> scene,
+           std::shared_ptr<const SampleSet> samples, TileRect tile, std::vector<PartRange> parts)
+      : method_(method),
+        scene_(std::move(scene)),
+        samples_(std::move(samples)),
+        tile_(tile),
+        parts_(std::move(parts)) {}
+
+  const std::vector<PartRange>& parts() const override { return parts_; }
+  uint64_t revision() const override { return scene_->revision; }
+
+  absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
+                       QueryStats* stats) override {
+    const PartRange range = parts_[part];
+    const TileRect band{tile_.x, tile_.y + static_cast<uint32_t>(range.offset / tile_.width),
+                        tile_.width, static_cast<uint32_t>(range.count / tile_.width)};
+    const v1::ShadowOutputs& wanted = method_.shadow_outputs_;
+    const bool lights = !samples_->samples.empty();
+    // Bits come with the tile; whatever else is wanted of the lights is asked about the hits themselves.
+    const bool bits_alone = !wanted.lit_counts() && !wanted.weighted_sums() && !wanted.first_blockers();
+    TileOutputs outputs{
+        .hits = true,
+        .ids = method_.outputs_.object_ids() || method_.outputs_.triangle_ids(),
+        .depth = method_.outputs_.depths(),
+        .uv = method_.outputs_.barycentrics(),
+        .lit = lights && bits_alone,
+        .points = lights && !bits_alone,
+    };
+    QueryOptions options = method_.options_.query;
+    options.cancel = &cancel;
+    TileResult result;
+    SL_RETURN_IF_ERROR(TraceTile(*scene_, method_.camera_, band,
+                                 outputs.lit ? std::span<const LightSample>(samples_->samples)
+                                             : std::span<const LightSample>(),
+                                 outputs, options, &result));
+    stats->Add(result.primary);
+    v1::TileReply* reply = response->mutable_reply();
+    EncodeTile(scene_->geometry, result, method_.outputs_, reply->mutable_tile());
+    if (!lights) return absl::OkStatus();
+    ShadowResult shadows;
+    if (bits_alone) {
+      shadows.lit_bits = std::move(result.lit_bits);
+      shadows.stats = result.shadow;
+    } else {
+      SL_RETURN_IF_ERROR(ShadeHits(result, range.count, options, &shadows));
+    }
+    stats->Add(shadows.stats);
+    std::vector<uint8_t> valid(range.count);
+    for (size_t i = 0; i < valid.size(); ++i) valid[i] = (result.hit_bits[i / 8] >> (i % 8)) & 1;
+    EncodeShadows(scene_->geometry, shadows, valid, samples_->samples, wanted,
+                  reply->mutable_shadows());
+    return absl::OkStatus();
+  }
+
+ private:
+  absl::Status ShadeHits(const TileResult& tile, size_t pixels, const QueryOptions& options,
+                         ShadowResult* shadows) const {
+    const v1::ShadowOutputs& wanted = method_.shadow_outputs_;
+    const ShadowOutputs outputs{.bits = wanted.lit_bits(),
+                                .counts = wanted.lit_counts(),
+                                .weighted_sums = wanted.weighted_sums(),
+                                .blockers = wanted.first_blockers()};
+    ShadowResult of_hits;
+    if (tile.points.size() > 0) {
+      SL_RETURN_IF_ERROR(ComputeShadows(
+          *scene_, PointRange::All(tile.points), samples_->samples,
+          outputs.weighted_sums ? std::span<const double>(samples_->weights)
+                                : std::span<const double>(),
+          ShadowOptions{}, outputs, options, &of_hits));
+    }
+    *shadows = SpreadOverPixels(of_hits, tile.point_pixel, pixels, samples_->samples.size(), outputs);
+    return absl::OkStatus();
+  }
+
+  const TileMethod& method_;
+  const std::shared_ptr<const Scene> scene_;
+  const std::shared_ptr<const SampleSet> samples_;
+  const TileRect tile_;
+  const std::vector<PartRange> parts_;
+};
+
+absl::StatusOr<std::unique_ptr<TileMethod>> TileMethod::Open(const Header& header,
+                                                             const QueryEnvironment& env) {
+  std::unique_ptr<TileMethod> method(new TileMethod(env));
+  SL_ASSIGN_OR_RETURN(method->options_, DecodeOptions(header.stream().options()));
+  if (!header.has_camera()) return InvalidField("header.camera", "(unset)", "is required");
+  SL_ASSIGN_OR_RETURN(method->camera_, DecodeCamera(header.camera(), env.limits));
+  SL_ASSIGN_OR_RETURN(method->lights_, LightSet::Open(header.lights(), env.limits));
+  method->outputs_ = WantedTile(header.outputs(), method->sample_count() > 0);
+  method->shadow_outputs_ = WantedShadows(header.shadow_outputs());
+  SL_ASSIGN_OR_RETURN(method->pin_, ScenePin::Open(header.stream(), env));
+  SL_RETURN_IF_ERROR(method->lights_->For(method->pin_->opened()).status());
+  method->opened_revision_ = method->pin_->opened()->revision;
+  method->pin_->ReleaseOpened();
+  return method;
+}
+
+uint64_t TileMethod::Rays(const Item& item) const {
+  const uint64_t pixels = uint64_t{item.width()} * item.height();
+  const uint64_t per_pixel = 1 + sample_count();
+  constexpr uint64_t kMost = std::numeric_limits<uint64_t>::max();
+  return pixels > kMost / per_pixel ? kMost : pixels * per_pixel;
+}
+
+absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item& item,
+                                                                      const CancelToken&) const {
+  SL_RETURN_IF_ERROR(CheckTile(item, camera_));
+  SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
+  SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
+  const TileRect tile{item.x(), item.y(), item.width(), item.height()};
+  const uint64_t sample_count = samples->samples.size();
+  const auto bytes = [&](uint64_t n) {
+    return TileBytes(outputs_, n) +
+           (sample_count > 0 ? ShadowBytes(shadow_outputs_, n, sample_count) : 0);
+  };
+  SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
+                      CutIntoParts(uint64_t{tile.width} * tile.height, tile.width,
+                                   1 + sample_count, env_.limits, bytes));
+  return std::unique_ptr<Work>(new TileWork(*this, std::move(scene), std::move(samples), tile,
+                                            std::move(parts)));
+}
+
+}  // namespace sightline

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// VisibilityService.TraceTiles: what its stream and its items are made of. See visibility_stream.h for the
+// shape that the three methods share.
+//
+// Thread safety: constant once opened.
+#ifndef SIGHTLINE_SERVER_STREAM_TILE_METHOD_H_
+#define SIGHTLINE_SERVER_STREAM_TILE_METHOD_H_
+
+#include <cstdint>
+#include <memory>
+
+#include "absl/status/statusor.h"
+#include "core/geometry/camera.h"
+#include "server/codec/query_codec.h"
+#include "server/stream/item_work.h"
+#include "server/stream/light_set.h"
+#include "server/stream/query_environment.h"
+#include "server/stream/scene_pin.h"
+#include "sightline/v1/visibility_service.pb.h"
+
+namespace sightline {
+
+class TileMethod {
+ public:
+  using Request = v1::TraceTilesRequest;
+  using Response = v1::TraceTilesResponse;
+  using Header = v1::TraceTilesHeader;
+  using Item = v1::TileItem;
+  using Work = ItemWork<Response>;
+
+  static absl::StatusOr<std::unique_ptr<TileMethod>> Open(const Header& header,
+                                                          const QueryEnvironment& env);
+
+  // What the item asks for, in rays; saturating. Cheap: called in a reaction.
+  uint64_t Rays(const Item& item) const;
+  absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel) const;
+
+  bool statistics() const { return options_.statistics; }
+  uint64_t opened_revision() const { return opened_revision_; }
+  uint64_t sample_count() const { return lights_->sample_count(); }
+
+ private:
+  class TileWork;
+  explicit TileMethod(const QueryEnvironment& env) : env_(env) {}
+
+  const QueryEnvironment env_;
+  std::unique_ptr<ScenePin> pin_;
+  std::unique_ptr<LightSet> lights_;
+  DecodedOptions options_;
+  Camera camera_;
+  v1::TileOutputs outputs_;
+  v1::ShadowOutputs shadow_outputs_;
+  uint64_t opened_revision_ = 0;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_STREAM_TILE_METHOD_H_

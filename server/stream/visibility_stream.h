@@ -1,0 +1,563 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The one reactor behind TraceTiles, ComputeShadows and TestSegments. A Method (tile_method.h, ...) says what
+// headers and items mean; everything else is here: order, credit both ways, cancelling, deadlines, draining.
+// The rules it keeps are written in visibility_service.proto.
+//
+// Invariants
+//  1. Reactions never compute: opening, decoding and answering are tasks of the query pool, at most one per
+//     thread and stream at a time, so that streams take turns.
+//  2. At most one Write is outstanding; Finish is called exactly once, with no Write outstanding and no task
+//     running. The reactor lives until OnDone and until its last task is gone (shared_ptr).
+//  3. Reading never stops while the stream is open, so that a client's writes always go through. What is held
+//     is bounded by the credit: an item's credit comes back when its last reply is handed to the transport.
+//  4. Every accepted item gets exactly one last reply, unless the stream itself fails or is cancelled.
+//  5. A stream that failed reads on and throws away, since a client that is still writing must reach the
+//     point where it reads the status; one that never does is cut off after kMaxDiscarded messages.
+//
+// Thread safety: gRPC calls the reactions from its threads, tasks run on the pool's; one mutex guards all
+// state, and gRPC's Start* and Finish are called with it held (their completions never run inside them).
+#ifndef SIGHTLINE_SERVER_STREAM_VISIBILITY_STREAM_H_
+#define SIGHTLINE_SERVER_STREAM_VISIBILITY_STREAM_H_
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/server_callback.h>
+
+#include <algorithm>
+#include <chrono>
+#include <deque>
+#include <map>
+#include <memory>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include "core/base/cancel.h"
+#include "core/base/mutex.h"
+#include "core/base/status_macros.h"
+#include "server/admission/call_tracker.h"
+#include "server/base/error.h"
+#include "server/base/log.h"
+#include "server/codec/query_codec.h"
+#include "server/codec/result_codec.h"
+#include "server/stream/query_environment.h"
+#include "server/stream/stream_item.h"
+
+namespace sightline {
+
+template <typename Method>
+class VisibilityStream final
+    : public grpc::ServerBidiReactor<typename Method::Request, typename Method::Response>,
+      public DrainListener,
+      public std::enable_shared_from_this<VisibilityStream<Method>> {
+ public:
+  using Request = typename Method::Request;
+  using Response = typename Method::Response;
+  using Item = StreamItem<Method>;
+  using ItemPtr = std::shared_ptr<Item>;
+
+  // The reactor for a new call. It deletes itself.
+  static VisibilityStream* Start(grpc::CallbackServerContext* context, const QueryEnvironment& env) {
+    auto stream = std::shared_ptr<VisibilityStream>(new VisibilityStream(context, env));
+    stream->Begin(env.calls.Admit(stream));
+    return stream.get();
+  }
+
+  void OnReadDone(bool ok) override {
+    MutexLock lock(mutex_);
+    if (!ok) {
+      half_closed_ = true;
+      if (!header_seen_ && failure_.ok()) {
+        Fail(BadSequence("header", "the stream ended without one"));
+      }
+      Advance();
+      return;
+    }
+    if (finished_) return;
+    if (failure_.ok()) {
+      Receive();
+    } else if (++discarded_ > kMaxDiscarded) {
+      context_->TryCancel();
+    }
+    request_.Clear();
+    // While the header is being opened, what comes after it waits in the transport.
+    if (method_ != nullptr || !failure_.ok()) Read();
+    Advance();
+  }
+
+  void OnWriteDone(bool ok) override {
+    MutexLock lock(mutex_);
+    writing_ = nullptr;
+    if (!ok) cancelled_ = true;
+    Advance();
+  }
+
+  void OnCancel() override {
+    MutexLock lock(mutex_);
+    cancelled_ = true;
+    token_.Cancel();
+    Fail(MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
+                   "the call was cancelled or its deadline passed"));
+    Advance();
+  }
+
+  void OnDone() override {
+    std::shared_ptr<VisibilityStream> self;
+    {
+      MutexLock lock(mutex_);
+      self.swap(self_);
+      call_.Release();
+    }
+  }
+
+  void OnDrain() override {
+    MutexLock lock(mutex_);
+    if (draining_ || finished_) return;
+    draining_ = true;
+    if (method_ != nullptr) SendDraining();
+    Advance();
+  }
+
+ private:
+  // More than any client has under way; see invariant 5.
+  static constexpr uint64_t kMaxDiscarded = 1 << 16;
+  // Parts wait for the transport beyond this, so that a slow reader's answers stay uncomputed.
+  static constexpr uint64_t kMaxOutboxBytes = 8 << 20;
+  static constexpr int32_t kMaxPriority = 100;
+
+  struct Outgoing {
+    std::unique_ptr<Response> response;
+    uint64_t bytes = 0;
+    ItemPtr last_of;  // The item whose last reply this is.
+  };
+
+  VisibilityStream(grpc::CallbackServerContext* context, const QueryEnvironment& env)
+      : context_(context), env_(env), credit_(static_cast<int64_t>(env.limits.stream_credit_rays)) {}
+
+  static absl::Status BadSequence(absl::string_view field, absl::string_view remedy) {
+    return MakeError(absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_BAD_SEQUENCE,
+                     absl::StrCat(field, ": ", remedy), {{"field", std::string(field)}});
+  }
+
+  void Begin(absl::StatusOr<ActiveCall> call) {
+    MutexLock lock(mutex_);
+    self_ = this->shared_from_this();
+    if (call.ok()) {
+      call_ = *std::move(call);
+      Read();
+    } else {
+      Fail(call.status());
+      Advance();
+    }
+  }
+
+  // --- Receiving ---------------------------------------------------------------------------------
+
+  void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (!finished_ && !half_closed_) this->StartRead(&request_);
+  }
+
+  void Receive() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    switch (request_.part_case()) {
+      case Request::kHeader:
+        if (header_seen_) return Fail(BadSequence("header", "comes once"));
+        header_seen_ = true;
+        return Open(std::move(*request_.mutable_header()));
+      case Request::kItem:
+        if (method_ == nullptr) break;
+        return Accept(std::move(*request_.mutable_item()));
+      case Request::kCancel:
+        if (method_ == nullptr) break;
+        return Cancel(request_.cancel());
+      case Request::kGrantResultCredit:
+        if (method_ == nullptr) break;
+        return Grant(request_.grant_result_credit().rays());
+      case Request::PART_NOT_SET:
+        return Fail(BadSequence("part", "is required"));
+    }
+    Fail(BadSequence("header", "must be the first message"));
+  }
+
+  void Open(typename Method::Header header) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const int64_t result_credit = header.stream().result_credit_rays();
+    if (result_credit < 0) {
+      return Fail(InvalidField("header.stream.result_credit_rays", result_credit,
+                               "must not be negative"));
+    }
+    limit_results_ = result_credit > 0;
+    result_credit_ = result_credit;
+    ++running_;
+    env_.query_pool.Submit(
+        [self = this->shared_from_this(), header = std::move(header)] { self->RunOpen(header); });
+  }
+
+  void RunOpen(const typename Method::Header& header) {
+    absl::StatusOr<std::unique_ptr<Method>> method = Method::Open(header, env_);
+    MutexLock lock(mutex_);
+    --running_;
+    if (!method.ok()) {
+      Fail(method.status());
+    } else {
+      method_ = *std::move(method);
+      auto response = std::make_unique<Response>();
+      response->mutable_opened()->set_revision(static_cast<int64_t>(method_->opened_revision()));
+      response->mutable_opened()->set_credit_rays(credit_);
+      response->mutable_opened()->set_light_sample_count(
+          static_cast<uint32_t>(method_->sample_count()));
+      Send(std::move(response), nullptr);
+      if (draining_) SendDraining();
+    }
+    Read();
+    Advance();
+  }
+
+  void Accept(typename Method::Item request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const uint64_t id = request.item().item_id();
+    if (items_.contains(id)) {
+      return Fail(BadSequence("item.item_id", absl::StrCat(id, " has not been answered yet")));
+    }
+    if (credit_ <= 0) {
+      return Fail(MakeError(
+          absl::StatusCode::kResourceExhausted, v1::ERROR_REASON_CREDIT_EXCEEDED,
+          absl::StrCat("item ", id, " was sent without credit: all of stream_credit_rays = ",
+                       env_.limits.stream_credit_rays, " is taken by ", items_.size(),
+                       " unanswered items; read their last replies first"),
+          {{"limit", "stream_credit_rays"},
+           {"limit_value", absl::StrCat(env_.limits.stream_credit_rays)},
+           {"value", absl::StrCat(credit_)}}));
+    }
+    auto item = std::make_shared<Item>(&token_);
+    item->id = id;
+    item->arrival = std::chrono::steady_clock::now();
+    item->sequence = next_sequence_++;
+    item->cost = env_.limits.min_item_cost_rays;
+    absl::Status status = Admit(request, item.get());
+    credit_ -= static_cast<int64_t>(item->cost);
+    items_.emplace(id, item);
+    if (!status.ok()) {
+      item->tasks_left = 0;
+      item->status = std::move(status);
+      return Close(item);
+    }
+    ++accepted_;
+    last_accepted_ = id;
+    item->request = std::move(request);
+    waiting_.emplace(TaskKey{-item->priority, item->sequence, 0}, item);
+  }
+
+  // Whether the item may wait for its turn; sets its cost, priority and deadline.
+  absl::Status Admit(const typename Method::Item& request, Item* item)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (draining_) return DrainingError();
+    const v1::ItemHeader& header = request.item();
+    if (header.priority() < -kMaxPriority || header.priority() > kMaxPriority) {
+      return InvalidField("item.priority", header.priority(), "must be -100 .. 100");
+    }
+    item->priority = header.priority();
+    SL_ASSIGN_OR_RETURN(const absl::Duration timeout,
+                        DecodeDuration("item.timeout", header.has_timeout(), header.timeout(),
+                                       absl::InfiniteDuration(), absl::InfiniteDuration()));
+    const uint64_t rays = method_->Rays(request);
+    if (rays > env_.limits.max_item_rays) {
+      return OverLimit("item rays", rays, "max_item_rays", env_.limits.max_item_rays);
+    }
+    item->cost = std::max(rays, env_.limits.min_item_cost_rays);
+    SL_ASSIGN_OR_RETURN(item->ticket, env_.ray_queue.Admit(item->cost));
+    if (timeout < kLongestTimeout) SetDeadline(item, timeout);
+    return absl::OkStatus();
+  }
+
+  // Beyond it a deadline means nothing, and clocks overflow.
+  static constexpr absl::Duration kLongestTimeout = absl::Hours(24 * 365);
+
+  void SetDeadline(Item* item, absl::Duration timeout) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    item->token.set_deadline(item->arrival + absl::ToChronoNanoseconds(timeout));
+    // The token stops what runs; the alarm answers for what still waits.
+    item->deadline_alarm = std::make_unique<grpc::Alarm>();
+    item->deadline_alarm->Set(
+        std::chrono::system_clock::now() + absl::ToChronoMicroseconds(timeout),
+        [weak = this->weak_from_this(), id = item->id, sequence = item->sequence](bool fired) {
+          if (!fired) return;
+          if (auto self = weak.lock()) self->Expire(id, sequence);
+        });
+  }
+
+  void Expire(uint64_t id, uint64_t sequence) {
+    MutexLock lock(mutex_);
+    const auto found = items_.find(id);
+    if (found == items_.end() || found->second->sequence != sequence) return;
+    const ItemPtr item = found->second;
+    Stop(item, MakeError(absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
+                         absl::StrCat("the timeout of item ", id, " passed")));
+    Advance();
+  }
+
+  void Cancel(const v1::CancelItems& cancel) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    std::vector<ItemPtr> named;
+    if (cancel.item_ids().empty()) {
+      for (const auto& [id, item] : items_) named.push_back(item);
+    }
+    for (const uint64_t id : cancel.item_ids()) {
+      if (const auto found = items_.find(id); found != items_.end()) named.push_back(found->second);
+    }
+    for (const ItemPtr& item : named) {
+      Stop(item, MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
+                           absl::StrCat("item ", item->id, " was cancelled")));
+    }
+  }
+
+  void Grant(int64_t rays) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    constexpr int64_t kMost = int64_t{1} << 60;
+    if (rays <= 0) {
+      return Fail(InvalidField("grant_result_credit.rays", rays, "must be positive"));
+    }
+    result_credit_ = std::min(kMost, result_credit_) + std::min(kMost, rays);
+  }
+
+  // Ends an item early: what waits is dropped, what runs sees the token.
+  void Stop(const ItemPtr& item, absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (item->closed) return;
+    item->token.Cancel();
+    if (item->status.ok()) item->status = std::move(status);
+    DropWaiting(item);
+    if (item->tasks_left == 0) Close(item);
+  }
+
+  void DropWaiting(const ItemPtr& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    auto task = waiting_.lower_bound(TaskKey{-item->priority, item->sequence, 0});
+    while (task != waiting_.end() && task->second == item) {
+      task = waiting_.erase(task);
+      --item->tasks_left;
+    }
+  }
+
+  // --- Computing ---------------------------------------------------------------------------------
+
+  // Has the pool run as many tasks as there are and may be: see invariant 1.
+  void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    while (submitted_ < env_.query_pool.threads() &&
+           static_cast<size_t>(submitted_) < waiting_.size() && outbox_bytes_ <= kMaxOutboxBytes) {
+      ++submitted_;
+      env_.query_pool.Submit([self = this->shared_from_this()] { self->RunNext(); });
+    }
+  }
+
+  void RunNext() {
+    ItemPtr item;
+    uint64_t part;
+    {
+      MutexLock lock(mutex_);
+      --submitted_;
+      if (!failure_.ok() || waiting_.empty() || outbox_bytes_ > kMaxOutboxBytes) return Advance();
+      const auto first = waiting_.begin();
+      item = first->second;
+      part = first->first.part;
+      waiting_.erase(first);
+      ++running_;
+      if (!item->started) {
+        item->started = true;
+        item->queue_nanos = static_cast<uint64_t>(
+            std::chrono::nanoseconds(std::chrono::steady_clock::now() - item->arrival).count());
+      }
+    }
+    if (part == 0) {
+      Prepare(item);
+    } else {
+      Compute(item, part - 1);
+    }
+    MutexLock lock(mutex_);
+    --running_;
+    Advance();
+  }
+
+  void Prepare(const ItemPtr& item) {
+    absl::Status status = item->token.ToStatus();
+    std::unique_ptr<typename Method::Work> work;
+    if (status.ok()) {
+      absl::StatusOr<std::unique_ptr<typename Method::Work>> prepared =
+          method_->Prepare(item->request, item->token);
+      status = prepared.status();
+      if (status.ok()) work = *std::move(prepared);
+    }
+    item->request.Clear();
+    {
+      MutexLock lock(mutex_);
+      if (!failure_.ok()) return;
+      if (!status.ok() || !item->status.ok()) return FinishTask(item, std::move(status));
+      item->work = std::move(work);
+      const size_t parts = item->work->parts().size();
+      item->tasks_left = parts;
+      // The first part follows at once on this thread; the others wait for whoever comes.
+      for (size_t part = 1; part < parts; ++part) {
+        waiting_.emplace(TaskKey{-item->priority, item->sequence, part + 1}, item);
+      }
+      Schedule();
+    }
+    Compute(item, 0);
+  }
+
+  void Compute(const ItemPtr& item, size_t part) {
+    auto response = std::make_unique<Response>();
+    QueryStats stats;
+    absl::Status status = item->token.ToStatus();
+    if (status.ok()) status = item->work->RunPart(part, item->token, response.get(), &stats);
+    MutexLock lock(mutex_);
+    if (status.ok() && item->status.ok()) {
+      item->stats.Add(stats);
+      const PartRange range = item->work->parts()[part];
+      v1::ReplyHeader* header = response->mutable_reply()->mutable_header();
+      header->set_offset(range.offset);
+      header->set_element_count(range.count);
+      if (item->tasks_left > 1) {
+        FillHeader(*item, header);
+        Send(std::move(response), nullptr);
+      } else {
+        item->work->Complete(response.get());
+        --item->tasks_left;
+        return Close(item, std::move(response));
+      }
+    }
+    FinishTask(item, std::move(status));
+  }
+
+  void FinishTask(const ItemPtr& item, absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    --item->tasks_left;
+    if (!status.ok() && item->status.ok()) {
+      item->status = std::move(status);
+      item->token.Cancel();  // The other parts are void.
+      DropWaiting(item);
+    }
+    if (item->tasks_left == 0 && !item->status.ok()) Close(item);
+  }
+
+  // --- Answering ---------------------------------------------------------------------------------
+
+  void FillHeader(const Item& item, v1::ReplyHeader* header) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    header->set_item_id(item.id);
+    header->set_revision(item.work == nullptr ? 0 : static_cast<int64_t>(item.work->revision()));
+  }
+
+  // Puts the item's last reply into the outbox: `response`, or its status.
+  void Close(const ItemPtr& item, std::unique_ptr<Response> response = nullptr)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (item->closed) return;
+    item->closed = true;
+    if (response == nullptr) response = std::make_unique<Response>();
+    v1::ReplyHeader* header = response->mutable_reply()->mutable_header();
+    FillHeader(*item, header);
+    header->set_last(true);
+    ToItemStatus(item->status, header->mutable_status());
+    if (method_->statistics()) {
+      EncodeStatistics(item->stats, item->queue_nanos, header->mutable_statistics());
+    }
+    item->work.reset();
+    item->deadline_alarm.reset();
+    Send(std::move(response), item);
+  }
+
+  void SendDraining() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    auto response = std::make_unique<Response>();
+    response->mutable_draining()->set_accepted_item_count(accepted_);
+    response->mutable_draining()->set_last_accepted_item_id(last_accepted_);
+    Send(std::move(response), nullptr);
+  }
+
+  void Send(std::unique_ptr<Response> response, ItemPtr last_of)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (!failure_.ok()) return;
+    const uint64_t bytes = response->ByteSizeLong();
+    outbox_bytes_ += bytes;
+    outbox_.push_back({std::move(response), bytes, std::move(last_of)});
+  }
+
+  void Fail(absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (!failure_.ok() || finished_) return;
+    failure_ = std::move(status);
+    token_.Cancel();
+    waiting_.clear();
+    outbox_.clear();
+    outbox_bytes_ = 0;
+    if (!absl::IsCancelled(failure_)) {
+      Log(LogLevel::kInfo, "stream_failed",
+          {{"peer", std::string(context_->peer())}, {"status", failure_.ToString()}});
+    }
+  }
+
+  // Does whatever can be done next. Called at the end of every reaction and task.
+  void Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (finished_) return;
+    if (failure_.ok()) {
+      Schedule();
+      Write();
+    }
+    if (writing_ != nullptr || running_ > 0) return;
+    if (!failure_.ok() || cancelled_) return End(failure_);
+    if (!items_.empty() || !outbox_.empty()) return;
+    if (half_closed_) return End(absl::OkStatus());
+    if (draining_ && (method_ != nullptr || !header_seen_)) return End(DrainingError());
+  }
+
+  void Write() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (writing_ != nullptr || outbox_.empty() || cancelled_) return;
+    Outgoing& next = outbox_.front();
+    if (next.response->has_reply() && limit_results_ && result_credit_ <= 0) return;
+    writing_ = std::move(next.response);
+    outbox_bytes_ -= next.bytes;
+    if (const ItemPtr item = std::move(next.last_of); item != nullptr) {
+      // Before the write: the client may answer the reply before we hear that it went out.
+      credit_ += static_cast<int64_t>(item->cost);
+      if (limit_results_) result_credit_ -= static_cast<int64_t>(item->cost);
+      item->ticket.Release();
+      items_.erase(item->id);
+    }
+    outbox_.pop_front();
+    Schedule();
+    this->StartWrite(writing_.get());
+  }
+
+  void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    finished_ = true;
+    items_.clear();
+    this->Finish(ToGrpcStatus(status));
+  }
+
+  grpc::CallbackServerContext* const context_;
+  const QueryEnvironment env_;
+  Request request_;       // Written by gRPC between StartRead and OnReadDone.
+  CancelToken token_;     // Parent of every item's.
+
+  Mutex mutex_;
+  std::shared_ptr<VisibilityStream> self_ ABSL_GUARDED_BY(mutex_);
+  ActiveCall call_ ABSL_GUARDED_BY(mutex_);
+  // Set once, before the first item; read without the lock by tasks of items.
+  std::unique_ptr<Method> method_;
+  bool header_seen_ ABSL_GUARDED_BY(mutex_) = false;
+  bool half_closed_ ABSL_GUARDED_BY(mutex_) = false;
+  bool draining_ ABSL_GUARDED_BY(mutex_) = false;
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
+  bool finished_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status failure_ ABSL_GUARDED_BY(mutex_);
+  uint64_t discarded_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::unordered_map<uint64_t, ItemPtr> items_ ABSL_GUARDED_BY(mutex_);  // Unanswered, by id.
+  std::map<TaskKey, ItemPtr> waiting_ ABSL_GUARDED_BY(mutex_);
+  int submitted_ ABSL_GUARDED_BY(mutex_) = 0;  // Tasks that the pool has yet to start.
+  int running_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::deque<Outgoing> outbox_ ABSL_GUARDED_BY(mutex_);
+  uint64_t outbox_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::unique_ptr<Response> writing_ ABSL_GUARDED_BY(mutex_);
+  int64_t credit_ ABSL_GUARDED_BY(mutex_);
+  bool limit_results_ ABSL_GUARDED_BY(mutex_) = false;
+  int64_t result_credit_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t next_sequence_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t accepted_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t last_accepted_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_STREAM_VISIBILITY_STREAM_H_

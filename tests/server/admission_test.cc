@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <chrono>
+#include <memory>
+#include <thread>
+#include <utility>
+
+#include "gtest/gtest.h"
+#include "server/admission/call_tracker.h"
+#include "server/admission/ray_queue.h"
+#include "server/admission/upload_slots.h"
+#include "server/base/error.h"
+
+namespace sightline {
+namespace {
+
+TEST(RayQueueTest, RefusesWhatDoesNotFitAndTakesItOnceThereIsRoom) {
+  RayQueue queue(100);
+  absl::StatusOr<RayTicket> first = queue.Admit(70);
+  ASSERT_TRUE(first.ok());
+  const absl::StatusOr<RayTicket> second = queue.Admit(31);
+  EXPECT_EQ(second.status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(ReasonOf(second.status()), v1::ERROR_REASON_QUEUE_FULL);
+  EXPECT_TRUE(queue.Admit(30).ok());
+  EXPECT_EQ(queue.queued_rays(), 70u);
+  first->Release();
+  first->Release();  // Once is enough.
+  EXPECT_EQ(queue.queued_rays(), 0u);
+}
+
+TEST(RayQueueTest, AnItemLargerThanTheQueueIsTakenAlone) {
+  RayQueue queue(100);
+  absl::StatusOr<RayTicket> large = queue.Admit(1000);
+  ASSERT_TRUE(large.ok());
+  EXPECT_FALSE(queue.Admit(1).ok());
+  *large = RayTicket();
+  EXPECT_TRUE(queue.Admit(1).ok());
+}
+
+TEST(RayQueueTest, SumsDoNotWrapAround) {
+  RayQueue queue(100);
+  const absl::StatusOr<RayTicket> first = queue.Admit(1);
+  ASSERT_TRUE(first.ok());
+  EXPECT_FALSE(queue.Admit(~uint64_t{0}).ok());
+}
+
+class Listener : public DrainListener {
+ public:
+  void OnDrain() override { ++drains; }
+  int drains = 0;
+};
+
+TEST(CallTrackerTest, DrainTellsListenersOnceAndRefusesNewCalls) {
+  CallTracker tracker;
+  const auto listener = std::make_shared<Listener>();
+  absl::StatusOr<ActiveCall> call = tracker.Admit(listener);
+  ASSERT_TRUE(call.ok());
+  tracker.StartDrain();
+  tracker.StartDrain();
+  EXPECT_EQ(listener->drains, 1);
+  const absl::Status refused = tracker.Admit().status();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kUnavailable);
+  EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_DRAINING);
+}
+
+TEST(CallTrackerTest, WaitsForTheLastCall) {
+  CallTracker tracker;
+  absl::StatusOr<ActiveCall> call = tracker.Admit();
+  ASSERT_TRUE(call.ok());
+  EXPECT_FALSE(tracker.WaitUntilIdle(std::chrono::steady_clock::now()));
+  std::thread ender([&] { call->Release(); });
+  EXPECT_TRUE(tracker.WaitUntilIdle(std::chrono::steady_clock::time_point::max()));
+  ender.join();
+  EXPECT_EQ(tracker.active_calls(), 0u);
+}
+
+TEST(UploadSlotsTest, AreGivenBack) {
+  UploadSlots slots(1);
+  {
+    const absl::StatusOr<UploadSlot> slot = slots.Take();
+    ASSERT_TRUE(slot.ok());
+    EXPECT_EQ(slots.Take().status().code(), absl::StatusCode::kResourceExhausted);
+  }
+  EXPECT_TRUE(slots.Take().ok());
+}
+
+}  // namespace
+}  // namespace sightline

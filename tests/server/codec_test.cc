@@ -1,0 +1,302 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/base/error.h"
+#include "server/codec/geometry_codec.h"
+#include "server/codec/packed_array.h"
+#include "server/codec/query_codec.h"
+#include "server/codec/result_codec.h"
+
+namespace sightline {
+namespace {
+
+using testing::ElementsAre;
+
+template <typename T>
+std::string Bytes(const std::vector<T>& values) {
+  std::string bytes;
+  EncodeArray(std::span<const T>(values), &bytes);
+  return bytes;
+}
+
+template <typename T>
+std::vector<T> Values(const std::string& bytes) {
+  std::vector<T> values;
+  EXPECT_TRUE(DecodeArray(bytes, "test", "[n]", &values).ok());
+  return values;
+}
+
+void ExpectInvalid(const absl::Status& status, absl::string_view named,
+                   v1::ErrorReason reason = v1::ERROR_REASON_INVALID_FIELD) {
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << status;
+  EXPECT_TRUE(absl::StrContains(status.message(), named)) << status << " does not name " << named;
+  EXPECT_EQ(ReasonOf(status), reason) << status;
+}
+
+v1::Camera GoodCamera() {
+  v1::Camera camera;
+  camera.mutable_eye();
+  camera.mutable_right()->set_x(1);
+  camera.mutable_up()->set_z(1);
+  camera.mutable_forward()->set_y(1);
+  camera.set_tan_half_fov_y(0.5);
+  camera.set_width(64);
+  camera.set_height(48);
+  return camera;
+}
+
+// Two objects of two and three triangles, and an empty one between them.
+SceneGeometry ThreeObjects() {
+  SceneGeometry geometry;
+  geometry.vertices.resize(3);
+  geometry.triangles.resize(5);
+  ObjectRecord a, empty, b;
+  a.triangle_count = 2;
+  empty.first_triangle = 2;
+  b.first_triangle = 2;
+  b.triangle_count = 3;
+  geometry.objects = {a, empty, b};
+  return geometry;
+}
+
+TEST(PackedArrayTest, RoundTripsAtAnyAlignment) {
+  const std::vector<Vec3d> points = {{1, 2, 3}, {-0.0, 1e300, 5e-324}};
+  const std::string bytes = "x" + Bytes(points);
+  std::vector<Vec3d> back;
+  ASSERT_TRUE(DecodeArray(absl::string_view(bytes).substr(1), "f", "", &back).ok());
+  ASSERT_EQ(back.size(), 2u);
+  EXPECT_EQ(std::memcmp(back.data(), points.data(), 48), 0);
+}
+
+TEST(PackedArrayTest, RefusesBrokenLengthsNamingThem) {
+  std::vector<Vec3d> out;
+  const absl::Status status = DecodeArray(std::string(25, 'x'), "item.points", "[n, 3]", &out);
+  ExpectInvalid(status, "item.points = 25 bytes", v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+}
+
+TEST(CameraTest, RefusesWhatIsNoCamera) {
+  const Limits limits;
+  EXPECT_TRUE(DecodeCamera(GoodCamera(), limits).ok());
+  const auto check = [&](const char* named, const auto& spoil) {
+    v1::Camera camera = GoodCamera();
+    spoil(camera);
+    ExpectInvalid(DecodeCamera(camera, limits).status(), named);
+  };
+  check("camera.eye", [](v1::Camera& c) { c.clear_eye(); });
+  check("camera.eye", [](v1::Camera& c) { c.mutable_eye()->set_x(std::nan("")); });
+  check("camera.eye", [](v1::Camera& c) { c.mutable_eye()->set_x(1e300); });
+  check("camera.forward", [](v1::Camera& c) { c.mutable_forward()->set_y(0); });
+  check("camera.right", [](v1::Camera& c) { c.mutable_right()->set_x(2); });
+  check("camera.up", [](v1::Camera& c) { *c.mutable_up() = c.right(); });
+  check("camera.width = 0", [](v1::Camera& c) { c.set_width(0); });
+  check("camera.height = 0", [](v1::Camera& c) { c.set_height(0); });
+  for (const double tan : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
+    check("camera.tan_half_fov_y", [&](v1::Camera& c) { c.set_tan_half_fov_y(tan); });
+  }
+  v1::Camera wide = GoodCamera();
+  wide.set_width(100000);
+  EXPECT_EQ(DecodeCamera(wide, limits).status().code(), absl::StatusCode::kResourceExhausted);
+}
+
+TEST(LightTest, RefusesWhatIsNoLight) {
+  Limits limits;
+  limits.max_lights = 2;
+  limits.max_light_samples = 100;
+  limits.max_samples_per_light = 60;
+  google::protobuf::RepeatedPtrField<v1::Light> lights;
+  lights.Add();
+  ExpectInvalid(CheckLights(lights, limits).status(), "lights[0].kind");
+  lights[0].mutable_rectangular_area();
+  ExpectInvalid(CheckLights(lights, limits).status(), "lights[0].rectangular_area.sample_count");
+  lights[0].mutable_rectangular_area()->set_sample_count(60);
+  EXPECT_EQ(*CheckLights(lights, limits), 60u);
+  *lights.Add() = lights[0];
+  const absl::Status samples = CheckLights(lights, limits).status();
+  EXPECT_TRUE(absl::StrContains(samples.message(), "max_light_samples = 100")) << samples;
+  lights[1].mutable_rectangular_area()->set_sample_count(61);
+  EXPECT_TRUE(absl::StrContains(CheckLights(lights, limits).status().message(),
+                                "max_samples_per_light = 60"));
+  lights[1].mutable_point();
+  lights[1].set_weight(std::nan(""));
+  ExpectInvalid(CheckLights(lights, limits).status(), "lights[1].weight");
+  lights.Add();
+  EXPECT_TRUE(absl::StrContains(CheckLights(lights, limits).status().message(), "max_lights = 2"));
+}
+
+TEST(LightTest, NonFiniteLightsAreInvalidSamplesNotErrors) {
+  google::protobuf::RepeatedPtrField<v1::Light> lights;
+  lights.Add()->mutable_point()->mutable_position()->set_x(std::nan(""));
+  v1::Light* area = lights.Add();
+  area->mutable_rectangular_area()->set_sample_count(4);
+  area->set_weight(2);
+  area->mutable_source()->set_object(2);
+  area->mutable_source()->set_triangle(1);
+  const absl::StatusOr<SampleSet> samples = DecodeLights(lights, ThreeObjects());
+  ASSERT_TRUE(samples.ok()) << samples.status();
+  ASSERT_EQ(samples->samples.size(), 5u);
+  EXPECT_FALSE(samples->samples[0].valid);
+  EXPECT_TRUE(samples->samples[1].valid);
+  EXPECT_EQ(samples->samples[1].source_triangle, 3u);
+  EXPECT_THAT(samples->weights, ElementsAre(1.0, 0.5, 0.5, 0.5, 0.5));
+  area->mutable_source()->set_triangle(3);
+  ExpectInvalid(DecodeLights(lights, ThreeObjects()).status(), "lights[1].source.triangle = 3");
+}
+
+TEST(OptionsCodecTest, StrategiesAreKnownOrRefused) {
+  for (const Strategy strategy : AvailableStrategies()) {
+    v1::QueryOptions options;
+    options.set_strategy(EncodeStrategy(strategy));
+    EXPECT_EQ(DecodeOptions(options)->query.strategy, strategy);
+  }
+  v1::QueryOptions options;
+  EXPECT_EQ(DecodeOptions(options)->query.mask, 0xFFFFFFFFu);
+  options.set_mask(0);
+  EXPECT_EQ(DecodeOptions(options)->query.mask, 0u);
+  options.set_strategy(v1::STRATEGY_RTT);
+  ExpectInvalid(DecodeOptions(options).status(), "STRATEGY_RTT",
+                v1::ERROR_REASON_STRATEGY_UNAVAILABLE);
+  options.set_strategy(static_cast<v1::Strategy>(99));
+  ExpectInvalid(DecodeOptions(options).status(), "99", v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+}
+
+TEST(PointCodecTest, ArraysMustAgree) {
+  v1::PointArrays arrays;
+  DecodedPoints points;
+  ExpectInvalid(AppendPoints("p", arrays, &points), "p.points", v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+  arrays.set_points(Bytes<Vec3d>({{1, 2, 3}, {4, 5, 6}}));
+  points = {};
+  EXPECT_TRUE(AppendPoints("p", arrays, &points).ok());
+  arrays.set_source_objects(Bytes<uint32_t>({0, kNoTriangle}));
+  points = {};
+  ExpectInvalid(AppendPoints("p", arrays, &points), "p.source_triangles",
+                v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+  arrays.set_source_triangles(Bytes<uint32_t>({1, 77}));
+  points = {};
+  ASSERT_TRUE(AppendPoints("p", arrays, &points).ok());
+  EXPECT_THAT(*points.Sources(ThreeObjects()), ElementsAre(1u, kNoTriangle));
+  arrays.set_normals(Bytes<Vec3d>({{0, 0, 1}}));
+  points = {};
+  ExpectInvalid(AppendPoints("p", arrays, &points), "p.normals", v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+  // A later chunk must bring what the first brought.
+  arrays.clear_normals();
+  points = {};
+  ASSERT_TRUE(AppendPoints("p", arrays, &points).ok());
+  arrays.clear_source_objects();
+  arrays.clear_source_triangles();
+  ExpectInvalid(AppendPoints("p", arrays, &points), "p.source_objects",
+                v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+}
+
+TEST(PointCodecTest, SourcesMustExist) {
+  DecodedPoints points;
+  points.positions.resize(1);
+  points.objects = {3};
+  points.triangles = {0};
+  ExpectInvalid(points.Sources(ThreeObjects()).status(), "points[0].source.object = 3");
+  points.objects = {1};
+  ExpectInvalid(points.Sources(ThreeObjects()).status(), "points[0].source.triangle = 0");
+}
+
+TEST(PointCodecTest, OptionsMustBeFinite) {
+  v1::PointOptions options;
+  options.set_attach_distance(-1);
+  ExpectInvalid(DecodePointOptions(options).status(), "attach_distance = -1");
+  options.set_attach_distance(std::nan(""));
+  ExpectInvalid(DecodePointOptions(options).status(), "attach_distance");
+  options.set_attach_distance(0);
+  options.set_normal_offset(std::numeric_limits<double>::infinity());
+  ExpectInvalid(DecodePointOptions(options).status(), "normal_offset");
+}
+
+TEST(DurationTest, MustBePositiveAndShort) {
+  google::protobuf::Duration duration;
+  const auto decode = [&] {
+    return DecodeDuration("d", true, duration, absl::Seconds(1), absl::Seconds(10));
+  };
+  ExpectInvalid(decode().status(), "d = 0");
+  duration.set_seconds(-5);
+  ExpectInvalid(decode().status(), "d = -5s");
+  duration.set_seconds(11);
+  ExpectInvalid(decode().status(), "d = 11s");
+  duration.set_seconds(std::numeric_limits<int64_t>::max());
+  EXPECT_FALSE(decode().ok());
+  duration.set_seconds(10);
+  EXPECT_EQ(*decode(), absl::Seconds(10));
+  EXPECT_EQ(*DecodeDuration("d", false, duration, absl::Seconds(1), absl::Seconds(10)),
+            absl::Seconds(1));
+}
+
+TEST(ResultCodecTest, TrianglesAreNumberedWithinTheirObjects) {
+  std::string objects, triangles;
+  EncodeTriangles(ThreeObjects(), std::vector<uint32_t>{4, 0, kNoTriangle, 1, 2}, &objects,
+                  &triangles);
+  EXPECT_THAT(Values<uint32_t>(objects), ElementsAre(2u, 0u, kNoTriangle, 0u, 2u));
+  EXPECT_THAT(Values<uint32_t>(triangles), ElementsAre(2u, 0u, kNoTriangle, 1u, 0u));
+}
+
+TEST(ResultCodecTest, BitsAreLeastSignificantFirstAndPadded) {
+  std::string bits;
+  EncodeBits(std::vector<uint8_t>{1, 0, 1, 0, 0, 0, 0, 0, 1}, &bits);
+  EXPECT_EQ(bits, std::string("\x05\x01", 2));
+}
+
+TEST(ResultCodecTest, NothingUnaskedIsSent) {
+  ShadowResult result;
+  result.lit_bits = {1, 2};
+  result.lit_counts = {3};
+  v1::ShadowOutputs wanted;
+  wanted.set_lit_counts(true);
+  v1::ShadowResult out;
+  EncodeShadows(ThreeObjects(), result, std::vector<uint8_t>{1}, {}, wanted, &out);
+  EXPECT_TRUE(out.lit_bits().empty());
+  EXPECT_TRUE(out.valid_bits().empty());
+  EXPECT_THAT(Values<uint32_t>(out.lit_counts()), ElementsAre(3u));
+}
+
+TEST(ResultCodecTest, InvalidPointsAndSamplesAreNamed) {
+  ShadowResult result;
+  result.lit_bits = {0, 0};
+  std::vector<LightSample> samples(2);
+  samples[1].valid = false;
+  v1::ShadowOutputs wanted = WantedShadows({});
+  EXPECT_TRUE(wanted.lit_bits());
+  v1::ShadowResult out;
+  EncodeShadows(ThreeObjects(), result, std::vector<uint8_t>{1, 0, 1}, samples, wanted, &out);
+  EXPECT_EQ(out.valid_bits(), std::string("\x05", 1));
+  EXPECT_THAT(out.invalid_samples(), ElementsAre(1u));
+}
+
+// Hits at pixels 1, 4 and 9 of ten; two samples.
+TEST(ResultCodecTest, ShadowsOfHitsAreSpreadOverPixels) {
+  ShadowResult of_hits;
+  of_hits.lit_bits = {0b101, 0b010};
+  of_hits.lit_counts = {1, 1, 1};
+  of_hits.weighted_sums = {0.5, 0.25, 0.125};
+  of_hits.blocker = {7, 8, 9, 1, 2, 3};
+  of_hits.blocker_t = {.7f, .8f, .9f, .1f, .2f, .3f};
+  const std::vector<uint32_t> pixels = {1, 4, 9};
+  const ShadowResult all = SpreadOverPixels(
+      of_hits, pixels, 10, 2, {.bits = true, .counts = true, .weighted_sums = true, .blockers = true});
+  EXPECT_THAT(all.lit_bits, ElementsAre(0b00000010, 0b10, 0b00010000, 0));
+  EXPECT_THAT(all.lit_counts, ElementsAre(0, 1, 0, 0, 1, 0, 0, 0, 0, 1));
+  EXPECT_EQ(all.weighted_sums[9], 0.125);
+  EXPECT_EQ(all.weighted_sums[0], 0.0);
+  EXPECT_EQ(all.blocker[10 + 4], 2u);
+  EXPECT_EQ(all.blocker[0], kNoTriangle);
+  EXPECT_EQ(all.blocker_t[9], .9f);
+  EXPECT_TRUE(std::isinf(all.blocker_t[10]));
+  const ShadowResult none = SpreadOverPixels({}, {}, 10, 2, {.bits = true, .blockers = true});
+  EXPECT_THAT(none.lit_bits, ElementsAre(0, 0, 0, 0));
+  EXPECT_EQ(none.blocker.size(), 20u);
+}
+
+}  // namespace
+}  // namespace sightline

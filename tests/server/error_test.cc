@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/base/error.h"
+
+#include "gtest/gtest.h"
+#include "server/base/log.h"
+#include "server/base/resource_name.h"
+#include "server/services/unary.h"
+
+namespace sightline {
+namespace {
+
+v1::ErrorInfo InfoOf(const grpc::Status& status) {
+  v1::Status details;
+  EXPECT_TRUE(details.ParseFromString(status.error_details()));
+  EXPECT_EQ(details.code(), static_cast<int>(status.error_code()));
+  EXPECT_EQ(details.message(), status.error_message());
+  EXPECT_EQ(details.details_size(), 1);
+  EXPECT_EQ(details.details(0).type_url(), "type.googleapis.com/google.rpc.ErrorInfo");
+  v1::ErrorInfo info;
+  EXPECT_TRUE(info.ParseFromString(details.details(0).value()));
+  return info;
+}
+
+TEST(ErrorTest, GrpcStatusCarriesReasonAndMetadata) {
+  const grpc::Status status = ToGrpcStatus(OverLimit("rays", 7, "max_item_rays", 5));
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(status.error_message(), "rays = 7 is over the limit max_item_rays = 5");
+  const v1::ErrorInfo info = InfoOf(status);
+  EXPECT_EQ(info.reason(), "LIMIT_EXCEEDED");
+  EXPECT_EQ(info.domain(), "sightline");
+  EXPECT_EQ(info.metadata().at("limit"), "max_item_rays");
+  EXPECT_EQ(info.metadata().at("limit_value"), "5");
+  EXPECT_EQ(info.metadata().at("value"), "7");
+}
+
+TEST(ErrorTest, NoErrorLeavesWithoutAReason) {
+  for (int code = 1; code <= 16; ++code) {
+    const grpc::Status status =
+        ToGrpcStatus(absl::Status(static_cast<absl::StatusCode>(code), "text"));
+    EXPECT_EQ(static_cast<int>(status.error_code()), code);
+    EXPECT_FALSE(InfoOf(status).reason().empty()) << code;
+  }
+  EXPECT_TRUE(ToGrpcStatus(absl::OkStatus()).ok());
+}
+
+TEST(ErrorTest, TheFirstReasonIsKept) {
+  absl::Status status = InvalidField("f", 3, "must be 4");
+  status = WithReason(status, v1::ERROR_REASON_INTERNAL);
+  EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_INVALID_FIELD);
+  EXPECT_TRUE(WithReason(absl::OkStatus(), v1::ERROR_REASON_INTERNAL).ok());
+}
+
+TEST(ErrorTest, ItemStatusSaysTheSame) {
+  v1::ItemStatus item;
+  ToItemStatus(InvalidField("item.width", 0, "must be at least 1"), &item);
+  EXPECT_EQ(item.code(), 3);
+  EXPECT_EQ(item.reason(), v1::ERROR_REASON_INVALID_FIELD);
+  EXPECT_EQ(item.message(), "item.width = 0: must be at least 1");
+  EXPECT_EQ(item.metadata().at("field"), "item.width");
+  ToItemStatus(absl::OkStatus(), &item);
+  EXPECT_EQ(item.ByteSizeLong(), 0u);
+}
+
+TEST(ResourceNameTest, TakesGoodNamesAndNothingElse) {
+  EXPECT_EQ(*ParseSceneName("name", "scenes/hall-1.b_c"), "hall-1.b_c");
+  const PointSetName set = *ParsePointSetName("name", "scenes/hall/pointSets/floor");
+  EXPECT_EQ(set.scene_id, "hall");
+  EXPECT_EQ(set.point_set_id, "floor");
+  const std::string long_id(64, 'a');
+  for (const std::string& bad :
+       {std::string(), std::string("hall"), std::string("scenes/"), std::string("scenes/Hall"),
+        std::string("scenes/../etc"), std::string("scenes/a/b"), std::string("scenes/-a"),
+        std::string("scenes/a\n"), std::string("scenes/a\0b", 10), "scenes/" + long_id,
+        std::string("scenes/h\xC3\xA4ll"), std::string(1 << 20, '/')}) {
+    const absl::Status status = ParseSceneName("name", bad).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << bad.substr(0, 40);
+    EXPECT_LT(status.message().size(), 300u);
+  }
+  EXPECT_FALSE(ParsePointSetName("name", "scenes/hall/points/floor").ok());
+  EXPECT_FALSE(ParsePointSetName("name", "scenes/hall").ok());
+  EXPECT_TRUE(CheckId("id", MakeId("scene")).ok());
+  EXPECT_NE(MakeId("scene"), MakeId("scene"));
+}
+
+TEST(PageTest, TokensGoBackAndForthAndNothingElseIsOne) {
+  EXPECT_EQ(ParsePage(0, "")->size, 100u);
+  EXPECT_EQ(ParsePage(5000, "")->size, 1000u);
+  EXPECT_EQ(ParsePage(7, PageToken("hall"))->after, "hall");
+  EXPECT_FALSE(ParsePage(-1, "").ok());
+  EXPECT_FALSE(ParsePage(1, "hall").ok());
+  EXPECT_FALSE(ParsePage(1, "~").ok());
+}
+
+TEST(LogTest, ValuesCannotForgeLines) {
+  EXPECT_EQ(QuoteLogValue("hall"), "hall");
+  EXPECT_EQ(QuoteLogValue(""), "\"\"");
+  EXPECT_EQ(QuoteLogValue("a b"), "\"a b\"");
+  EXPECT_EQ(QuoteLogValue("a\nlevel=error"), "\"a\\nlevel=error\"");
+  EXPECT_EQ(QuoteLogValue("say \"hi\""), "\"say \\\"hi\\\"\"");
+  EXPECT_FALSE(ParseLogLevel("loud").ok());
+}
+
+}  // namespace
+}  // namespace sightline

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/options.h"
+
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "gtest/gtest.h"
+#include "server/services/capability_service.h"
+
+namespace sightline {
+namespace {
+
+absl::StatusOr<ParsedOptions> Parse(std::vector<const char*> arguments) {
+  arguments.insert(arguments.begin(), "sightlined");
+  return ParseFlags(static_cast<int>(arguments.size()), arguments.data());
+}
+
+TEST(OptionsTest, DefaultsToLoopbackOnAFreePort) {
+  const absl::StatusOr<ParsedOptions> parsed = Parse({});
+  ASSERT_TRUE(parsed.ok());
+  EXPECT_EQ(parsed->options.listen, "127.0.0.1:0");
+  EXPECT_TRUE(ValidateLimits(parsed->options.limits).ok());
+}
+
+TEST(OptionsTest, ReadsBothFormsAndBothSpellings) {
+  const absl::StatusOr<ParsedOptions> parsed =
+      Parse({"--listen=[::1]:9000", "--port_file", "port", "--scene", "a=builtin:hall:10k",
+             "--scene=builtin:room", "--threads", "3", "--drain-timeout=1m30s",
+             "--max-item-rays=12345", "--log-level=debug"});
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->options.listen, "[::1]:9000");
+  EXPECT_EQ(parsed->options.port_file, "port");
+  EXPECT_EQ(parsed->options.scenes,
+            (std::vector<std::string>{"a=builtin:hall:10k", "builtin:room"}));
+  EXPECT_EQ(parsed->options.threads, 3);
+  EXPECT_EQ(parsed->options.drain_timeout, absl::Seconds(90));
+  EXPECT_EQ(parsed->options.limits.max_item_rays, 12345u);
+  EXPECT_EQ(parsed->options.log_level, LogLevel::kDebug);
+}
+
+TEST(OptionsTest, ErrorsNameTheFlagAndTheValue) {
+  const std::vector<std::pair<std::vector<const char*>, const char*>> cases = {
+      {{"serve"}, "serve"},
+      {{"--no-such"}, "no-such"},
+      {{"--threads"}, "threads"},
+      {{"--threads=many"}, "many"},
+      {{"--threads=-1"}, "-1"},
+      {{"--drain-timeout=30"}, "30"},
+      {{"--log-level=loud"}, "loud"},
+      {{"--max-scenes=0"}, "max-scenes"},
+      {{"--max-scenes=99999999999999999999"}, "max-scenes"},
+      {{"--help=yes"}, "help"},
+  };
+  for (const auto& [arguments, named] : cases) {
+    const absl::Status status = Parse(arguments).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_TRUE(absl::StrContains(status.message(), named)) << status;
+  }
+}
+
+TEST(OptionsTest, HelpNamesEveryLimit) {
+  const std::string help = HelpText();
+  for (const LimitEntry& entry : LimitTable()) {
+    EXPECT_TRUE(absl::StrContains(
+        help, absl::StrCat("--", absl::StrReplaceAll(entry.name, {{"_", "-"}}), " ")))
+        << entry.name;
+  }
+  EXPECT_TRUE(Parse({"--help"})->help);
+  EXPECT_TRUE(Parse({"--version"})->version);
+}
+
+TEST(LimitsTest, EveryPublishedLimitIsSetAndEveryLimitIsPublished) {
+  const v1::Capabilities capabilities = DescribeServer(Limits{}, 3);
+  const v1::Limits& limits = capabilities.limits();
+  const google::protobuf::Descriptor* descriptor = limits.GetDescriptor();
+  for (int i = 0; i < descriptor->field_count(); ++i) {
+    const google::protobuf::FieldDescriptor* field = descriptor->field(i);
+    std::vector<const google::protobuf::FieldDescriptor*> set;
+    limits.GetReflection()->ListFields(limits, &set);
+    EXPECT_NE(std::find(set.begin(), set.end(), field), set.end()) << field->full_name();
+  }
+  // All but max_coordinate come from the table.
+  EXPECT_EQ(static_cast<size_t>(descriptor->field_count()), LimitTable().size() + 1);
+  EXPECT_EQ(limits.max_pin_duration().seconds(), 3600);
+  EXPECT_EQ(limits.max_lease().seconds(), 24 * 3600);
+  EXPECT_EQ(capabilities.thread_count(), 3u);
+  EXPECT_GT(capabilities.builtin_scenes_size(), 0);
+  EXPECT_EQ(capabilities.strategies(0), v1::STRATEGY_AUTO);
+  EXPECT_FALSE(capabilities.instruction_set().empty());
+}
+
+TEST(LimitsTest, ValidateNamesTheLimit) {
+  Limits limits;
+  limits.max_message_bytes = 10;
+  const absl::Status status = ValidateLimits(limits);
+  EXPECT_TRUE(absl::StrContains(status.message(), "max_message_bytes = 10")) << status;
+}
+
+}  // namespace
+}  // namespace sightline

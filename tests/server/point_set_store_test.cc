@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/points/point_set_store.h"
+
+#include <string>
+#include <utility>
+
+#include "gtest/gtest.h"
+#include "server/base/error.h"
+
+namespace sightline {
+namespace {
+
+class PointSetStoreTest : public testing::Test {
+ protected:
+  static PointSet Make(const std::string& scene, const std::string& id, size_t points = 10) {
+    PointSet set;
+    set.scene_id = scene;
+    set.point_set_id = id;
+    set.points.positions.resize(points);
+    set.points.sources.resize(points);
+    set.points.valid.resize(points);
+    return set;
+  }
+
+  absl::Time now_ = absl::FromUnixSeconds(1000);
+  Limits limits_ = [] {
+    Limits limits;
+    limits.max_point_sets = 3;
+    limits.max_point_set_bytes = 4096;
+    return limits;
+  }();
+  PointSetStore store_{limits_, [this] { return now_; }};
+};
+
+TEST_F(PointSetStoreTest, ASetLivesAsLongAsItsLease) {
+  ASSERT_TRUE(store_.Add(Make("s", "a"), absl::Seconds(10)).ok());
+  now_ += absl::Seconds(9);
+  EXPECT_TRUE(store_.Renew("s", "a", absl::Seconds(10)).ok());
+  now_ += absl::Seconds(9);
+  const absl::StatusOr<PointSetView> held = store_.Get("s", "a");
+  ASSERT_TRUE(held.ok());
+  now_ += absl::Seconds(1);
+  const absl::Status gone = store_.Get("s", "a").status();
+  EXPECT_EQ(gone.code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(ReasonOf(gone), v1::ERROR_REASON_POINT_SET_NOT_FOUND);
+  EXPECT_EQ(store_.memory_bytes(), 0u);
+  EXPECT_EQ(held->set->points.size(), 10u);  // Who found it keeps it.
+}
+
+TEST_F(PointSetStoreTest, SweepFreesWithoutBeingAsked) {
+  ASSERT_TRUE(store_.Add(Make("s", "a"), absl::Seconds(10)).ok());
+  EXPECT_GT(store_.memory_bytes(), 0u);
+  now_ += absl::Seconds(10);
+  store_.Sweep();
+  EXPECT_EQ(store_.memory_bytes(), 0u);
+}
+
+TEST_F(PointSetStoreTest, NamesAreUniqueWithinAScene) {
+  ASSERT_TRUE(store_.Add(Make("s", "a"), absl::Seconds(10)).ok());
+  EXPECT_EQ(store_.Add(Make("s", "a"), absl::Seconds(10)).status().code(),
+            absl::StatusCode::kAlreadyExists);
+  EXPECT_TRUE(store_.Add(Make("t", "a"), absl::Seconds(10)).ok());
+}
+
+TEST_F(PointSetStoreTest, LimitsAreKept) {
+  EXPECT_EQ(ReasonOf(store_.CheckRoom("s", "big", 1000)), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  EXPECT_EQ(ReasonOf(store_.CheckRoom("s", "huge", uint64_t{1} << 58)),
+            v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  for (const char* id : {"a", "b", "c"}) {
+    ASSERT_TRUE(store_.Add(Make("s", id), absl::Seconds(10)).ok());
+  }
+  EXPECT_EQ(ReasonOf(store_.Add(Make("s", "d"), absl::Seconds(10)).status()),
+            v1::ERROR_REASON_LIMIT_EXCEEDED);
+}
+
+TEST_F(PointSetStoreTest, ListsBySceneInPages) {
+  for (const char* id : {"c", "a"}) {
+    ASSERT_TRUE(store_.Add(Make("s", id), absl::Seconds(10)).ok());
+  }
+  ASSERT_TRUE(store_.Add(Make("r", "b"), absl::Seconds(10)).ok());
+  ASSERT_EQ(store_.List("s", "", 10).size(), 2u);
+  EXPECT_EQ(store_.List("s", "", 1)[0].set->point_set_id, "a");
+  EXPECT_EQ(store_.List("s", "a", 10)[0].set->point_set_id, "c");
+  store_.RemoveScene("s");
+  EXPECT_TRUE(store_.List("s", "", 10).empty());
+  EXPECT_EQ(store_.List("r", "", 10).size(), 1u);
+  EXPECT_TRUE(store_.Remove("r", "b").ok());
+  EXPECT_EQ(store_.Remove("r", "b").code(), absl::StatusCode::kNotFound);
+}
+
+}  // namespace
+}  // namespace sightline
