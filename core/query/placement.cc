@@ -191,13 +191,18 @@ void SpreadSides(std::vector<Neighbour>& neighbours) {
   for (uint32_t i = 0; i < neighbours.size(); ++i) {
     if (neighbours[i].side != 0) queue.push_back(i);
   }
+  // By an edge's first entry: all who share it have a side. A thousand copies of one triangle share three.
+  std::vector<bool> passed(edges.size());
   for (size_t head = 0; head < queue.size(); ++head) {
     const uint32_t from = queue[head];
     const auto& c = neighbours[from].corners;
     for (int k = 0; k < 3; ++k) {
       const HalfEdge mine = HalfEdge::Make(c[k], c[(k + 1) % 3], 0);
-      for (auto it = std::lower_bound(edges.begin(), edges.end(), mine);
-           it != edges.end() && !mine.KeyLess(*it); ++it) {
+      const auto first = std::lower_bound(edges.begin(), edges.end(), mine);
+      const size_t group = static_cast<size_t>(first - edges.begin());
+      if (passed[group]) continue;
+      passed[group] = true;
+      for (auto it = first; it != edges.end() && !mine.KeyLess(*it); ++it) {
         Neighbour& other = neighbours[it->owner];
         if (other.side != 0) continue;
         other.side = it->forward == mine.forward ? -neighbours[from].side : neighbours[from].side;
