@@ -27,16 +27,26 @@ void MakeBox(SceneBuilder& scene) {
   AddSheet(scene.Object("wall-right"), n, n, [&](int i, int j) {
     return Vec3d{1, line(n - i), level(j)};
   });
-  AddBlock(scene.Object("lamp"), Placement({0, 0, 1.97}), {0.28, 0.22, 0.012}, 0.006,
-           scene.Steps(4, 1));
-  AddBlock(scene.Object("block-tall"), Placement({-0.36, 0.32, 0.6}, 0.05), {0.29, 0.29, 0.6}, 0.02,
-           scene.Steps(9, 1));
-  AddBlock(scene.Object("block-low"), Placement({0.36, -0.28, 0.29}, -0.045), {0.29, 0.29, 0.29},
-           0.02, scene.Steps(9, 1));
+  {
+    MeshBuilder& open = scene.Object("lamp");
+    AddBlock(open, Placement({0, 0, 1.97}), {0.28, 0.22, 0.012}, 0.006, scene.Steps(4, 1));
+  }
+  {
+    MeshBuilder& open = scene.Object("block-tall");
+    AddBlock(open, Placement({-0.36, 0.32, 0.6}, 0.05), {0.29, 0.29, 0.6}, 0.02, scene.Steps(9, 1));
+  }
+  {
+    MeshBuilder& open = scene.Object("block-low");
+    AddBlock(open, Placement({0.36, -0.28, 0.29}, -0.045), {0.29, 0.29, 0.29}, 0.02,
+             scene.Steps(9, 1));
+  }
   const uint64_t seed = scene.seed();
-  AddBall(scene.Object("ball"), {0.36, -0.28, 0.58 + 0.23}, scene.Steps(15, 2), [&](Vec3d d) {
-    return 0.23 - 0.02 * (1 + d.z) * (0.5 + 0.5 * GradientNoise(d * 3, seed));
-  });
+  {
+    MeshBuilder& open = scene.Object("ball");
+    AddBall(open, {0.36, -0.28, 0.58 + 0.23}, scene.Steps(15, 2), [&](Vec3d d) {
+      return 0.23 - 0.02 * (1 + d.z) * (0.5 + 0.5 * GradientNoise(d * 3, seed));
+    });
+  }
 }
 
 std::vector<BuiltinView> BoxViews(uint64_t) {

@@ -288,20 +288,26 @@ void MakePark(SceneBuilder& scene, double x, double y) {
   FloorPlan plan;
   plan.Reserve(0, 0, 14);
   const Placement pond(Above(x, y, 0, seed));
-  AddTorus(scene.Object("pond-rim"), pond, 12, 0.6, scene.Steps(60, 10), scene.Steps(8, 4));
-  AddLathe(scene.Object("fountain"), pond,
-           {{4, -0.5},
-            {4, 0.8},
-            {3.6, 0.9},
-            {1.0, 0.8},
-            {0.6, 2.2},
-            {2.2, 2.8},
-            {2.1, 2.9},
-            {0.4, 2.7},
-            {0.3, 4.2},
-            {0.9, 4.5},
-            {0.1, 4.4}},
-           scene.Steps(40, 8), scene.Steps(2, 1));
+  {
+    MeshBuilder& open = scene.Object("pond-rim");
+    AddTorus(open, pond, 12, 0.6, scene.Steps(60, 10), scene.Steps(8, 4));
+  }
+  {
+    MeshBuilder& open = scene.Object("fountain");
+    AddLathe(open, pond,
+             {{4, -0.5},
+              {4, 0.8},
+              {3.6, 0.9},
+              {1.0, 0.8},
+              {0.6, 2.2},
+              {2.2, 2.8},
+              {2.1, 2.9},
+              {0.4, 2.7},
+              {0.3, 4.2},
+              {0.9, 4.5},
+              {0.1, 4.4}},
+             scene.Steps(40, 8), scene.Steps(2, 1));
+  }
   for (int g = 0; g < 5; ++g) {
     MeshBuilder& grove = scene.Object("grove", g);
     for (int i = 0; i < 8; ++i) {

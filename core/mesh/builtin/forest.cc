@@ -63,8 +63,11 @@ void MakeUndergrowth(SceneBuilder& scene, FloorPlan& plan) {
     Vec3d at;
     if (!plan.Place(rng, {-half, -half, 0}, {half, half, 0}, 0.5, &at)) continue;
     const Placement foot(Above(at.x, at.y, -0.02, seed), rng.Uniform());
-    AddFern(scene.Object("fern", i), foot, rng.Uniform(0.4, 1.0), 9, scene.Items(8, 5, 60),
-            scene.Steps(0.3, 0), rng);
+    {
+      MeshBuilder& open = scene.Object("fern", i);
+      AddFern(open, foot, rng.Uniform(0.4, 1.0), 9, scene.Items(8, 5, 60), scene.Steps(0.3, 0),
+              rng);
+    }
   }
   const int stones = scene.Items(60, 20, 300);
   for (int i = 0; i < stones; ++i) {
@@ -74,10 +77,12 @@ void MakeUndergrowth(SceneBuilder& scene, FloorPlan& plan) {
     Vec3d at;
     if (!plan.Place(rng, {-45, -45, 0}, {45, 45, 0}, r, &at)) continue;
     const uint64_t shape = rng.Next();
-    AddBall(scene.Object("stone", i), Above(at.x, at.y, 0.1 * r, seed), scene.Steps(5 + 5 * r, 2),
-            [&](Vec3d d) {
-              return r * (1 + 0.55 * Fbm(d * 1.3, 5, shape)) * (0.75 + 0.25 * (1 - d.z * d.z));
-            });
+    {
+      MeshBuilder& open = scene.Object("stone", i);
+      AddBall(open, Above(at.x, at.y, 0.1 * r, seed), scene.Steps(5 + 5 * r, 2), [&](Vec3d d) {
+        return r * (1 + 0.55 * Fbm(d * 1.3, 5, shape)) * (0.75 + 0.25 * (1 - d.z * d.z));
+      });
+    }
   }
   for (int i = 0; i < 7; ++i) {
     Prng rng(seed, "forest-log", static_cast<uint64_t>(i));
@@ -92,7 +97,10 @@ void MakeUndergrowth(SceneBuilder& scene, FloorPlan& plan) {
       joints.push_back({Above(at.x + s * sc.cos, at.y + s * sc.sin, 0.6 * radius, seed),
                         radius * (1.1 - 0.03 * k)});
     }
-    AddTube(scene.Object("log", i), joints, scene.Steps(12, 5));
+    {
+      MeshBuilder& open = scene.Object("log", i);
+      AddTube(open, joints, scene.Steps(12, 5));
+    }
   }
 }
 

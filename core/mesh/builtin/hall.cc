@@ -42,8 +42,11 @@ void AddArch(SceneBuilder& scene, MeshBuilder& mesh, double x, double y) {
 }
 
 void MakeWalls(SceneBuilder& scene) {
-  AddBox(scene.Object("floor"), kHall, {-kHalfLength, -kAisle, -0.3}, {kHalfLength, kAisle, 0},
-         scene.Steps(20, 1), scene.Steps(9, 1), 1);
+  {
+    MeshBuilder& open = scene.Object("floor");
+    AddBox(open, kHall, {-kHalfLength, -kAisle, -0.3}, {kHalfLength, kAisle, 0}, scene.Steps(20, 1),
+           scene.Steps(9, 1), 1);
+  }
   for (double side : {-1.0, 1.0}) {
     const std::string name = side < 0 ? "wall-south" : "wall-north";
     const double y0 = side < 0 ? -kAisle - 0.6 : kAisle, y1 = y0 + 0.6;
@@ -190,7 +193,10 @@ void MakeScatter(SceneBuilder& scene, FloorPlan& plan) {
     Vec3d at;
     if (!plan.Place(rng, {-19, -8.4, 0}, {19, 8.4, 0}, r, &at)) continue;
     const int n = 1 + static_cast<int>(r * 14);
-    AddBall(scene.Object("ball", i), {at.x, at.y, r}, r, scene.Steps(n, 2));
+    {
+      MeshBuilder& open = scene.Object("ball", i);
+      AddBall(open, {at.x, at.y, r}, r, scene.Steps(n, 2));
+    }
   }
   // Crates in the aisles, in stacks of up to three.
   const int stacks = scene.Items(110, 30, 700);

@@ -36,10 +36,13 @@ void MakeShell(SceneBuilder& scene) {
   }
   for (double y : {-2.4, 2.4}) {
     for (double x : {-3.4, 3.4}) {
-      AddLathe(scene.Object(std::string("pillar") + (y < 0 ? "-s" : "-n") + (x < 0 ? "w" : "e")),
-               Placement({x, y, 0}),
-               {{0.24, 0}, {0.24, 0.1}, {0.2, 0.12}, {0.2, 2.9}, {0.24, 2.92}, {0.24, kHeight}},
-               scene.Steps(36, 6), scene.Steps(1.5, 1));
+      {
+        MeshBuilder& open =
+            scene.Object(std::string("pillar") + (y < 0 ? "-s" : "-n") + (x < 0 ? "w" : "e"));
+        AddLathe(open, Placement({x, y, 0}),
+                 {{0.24, 0}, {0.24, 0.1}, {0.2, 0.12}, {0.2, 2.9}, {0.24, 2.92}, {0.24, kHeight}},
+                 scene.Steps(36, 6), scene.Steps(1.5, 1));
+      }
     }
   }
 }
@@ -200,8 +203,10 @@ void MakeOffice(SceneBuilder& scene) {
   for (int p = 0; p < 2; ++p) {
     for (int c = 0; c < kColumns; ++c) {
       const Placement at({-7.2 + 2.7 * c, -3.85 + 5.8 * p, 0.95});
-      AddBlock(scene.Object("partition", p * kColumns + c), at, {0.85, 0.02, 0.3}, 0.015,
-               scene.Steps(6, 1));
+      {
+        MeshBuilder& open = scene.Object("partition", p * kColumns + c);
+        AddBlock(open, at, {0.85, 0.02, 0.3}, 0.015, scene.Steps(6, 1));
+      }
     }
   }
   int binders = 0;

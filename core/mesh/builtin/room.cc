@@ -190,9 +190,11 @@ void MakeRoom(SceneBuilder& scene) {
   MakeShell(scene);
   MakeCurtain(scene, 0, -1.95, -1.1);
   MakeCurtain(scene, 1, 1.1, 1.95);
-  AddTube(scene.Object("curtain-rod"),
-          {{{-2.1, -kY + 0.14, 2.45}, 0.014}, {{2.1, -kY + 0.14, 2.45}, 0.014}},
-          scene.Steps(10, 4));
+  {
+    MeshBuilder& open = scene.Object("curtain-rod");
+    AddTube(open, {{{-2.1, -kY + 0.14, 2.45}, 0.014}, {{2.1, -kY + 0.14, 2.45}, 0.014}},
+            scene.Steps(10, 4));
+  }
   MakeSofa(scene);
   MakeRug(scene);
   MakeTables(scene);

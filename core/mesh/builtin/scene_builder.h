@@ -40,7 +40,9 @@ class SceneBuilder {
   double detail() const { return detail_; }
   bool counting() const { return objects_ == nullptr; }
 
-  // Starts the next object; the reference stays valid until the next call. Names must be unique.
+  // Starts the next object, and from here on rounds for it: never call it among the arguments of a
+  // call that also asks for Steps, Items or Swarm, whose order is open. The reference stays valid
+  // until the next call. Names must be unique.
   MeshBuilder& Object(std::string_view name) {
     Close();
     object_key_ = HashString(name);
