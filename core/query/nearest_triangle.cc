@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "core/base/check.h"
 #include "core/intersect/predicate.h"
+#include "core/query/box_walk.h"
 #include "core/traverse/leaf_view.h"
 
 namespace sightline {
@@ -94,29 +96,15 @@ struct LeafBoxes {
   }
 };
 
-// Calls leaf(LeafView) for every leaf whose boxes from the root down pass select(node, mask[8]);
-// leaf returns whether to go on.
-template <typename Select, typename Leaf>
-void WalkAll(const Bvh& bvh, Select select, Leaf leaf) {
-  if (bvh.empty()) return;
-  ChildRef stack[kBvhStackSize];
-  uint32_t size = 0;
-  stack[size++] = ChildRef::Inner(0);
-  while (size > 0) {
-    const ChildRef ref = stack[--size];
-    if (ref.is_leaf()) {
-      if (!leaf(LeafView(bvh, ref))) return;
-      continue;
-    }
-    const BvhNode& node = bvh.nodes[ref.node()];
-    bool wanted[kBvhWidth];
-    select(node, wanted);
-    for (uint32_t k = 0; k < node.child_count; ++k) {
-      if (!wanted[k]) continue;
-      SIGHTLINE_DCHECK(size < kBvhStackSize);
-      stack[size++] = node.child[k];
-    }
-  }
+// The floats around x, r to either side: rounded outward, and r taken 2^-40 larger, so that whatever lies beyond them is
+// farther than r in rounded doubles, too.
+float FloatBelow(double x, double r) {
+  return std::nextafterf(static_cast<float>(x - r * (1 + 0x1p-40)),
+                         -std::numeric_limits<float>::infinity());
+}
+float FloatAbove(double x, double r) {
+  return std::nextafterf(static_cast<float>(x + r * (1 + 0x1p-40)),
+                         std::numeric_limits<float>::infinity());
 }
 
 // Calls found(id) for touched triangles in no particular order; found returns whether to go on.
@@ -129,29 +117,17 @@ void ForEachTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip,
                      std::max(std::abs(lo.y), std::abs(hi.y)),
                      std::max(std::abs(lo.z), std::abs(hi.z))};
   const double largest = radius.base + radius.per_vertex * NormOne(far);
-  const double limit = largest * largest;
-  WalkAll(
-      bvh,
-      [&](const BvhNode& node, bool* wanted) {
-        double distance[kBvhWidth];
-        ChildDistances(node, p, distance);
-        for (int k = 0; k < kBvhWidth; ++k) wanted[k] = distance[k] <= limit;
-      },
-      [&](const LeafView& leaf) {
-        double distance[kMaxLeafTriangles];
-        LeafBoxes(leaf).Distances(p, distance);
-        for (uint32_t k = 0; k < leaf.count; ++k) {
-          if (!(distance[k] <= limit)) continue;
-          const uint32_t id = leaf.id(k);
-          if (id == skip) continue;
-          const Vec3f a = leaf.corner(0, k), b = leaf.corner(1, k), c = leaf.corner(2, k);
-          const double r = radius.Of(a, b, c);
-          if (!(distance[k] <= r * r)) continue;
-          if (!(DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r)) continue;
-          if (!found(id)) return false;
-        }
-        return true;
-      });
+  const Box3f around = {
+      .lo = {FloatBelow(p.x, largest), FloatBelow(p.y, largest), FloatBelow(p.z, largest)},
+      .hi = {FloatAbove(p.x, largest), FloatAbove(p.y, largest), FloatAbove(p.z, largest)}};
+  ForEachMeeting(bvh, around, [&](const LeafView& leaf, uint32_t k) {
+    const uint32_t id = leaf.id(k);
+    if (id == skip) return true;
+    const Vec3f a = leaf.corner(0, k), b = leaf.corner(1, k), c = leaf.corner(2, k);
+    const double r = radius.Of(a, b, c);
+    if (!(DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r)) return true;
+    return found(id);
+  });
 }
 
 }  // namespace
@@ -187,20 +163,21 @@ double TouchRadius::Of(Vec3f a, Vec3f b, Vec3f c) const {
 NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared) {
   NearestTriangle best{kNoTriangle, max_distance_squared};
   if (bvh.empty()) return best;
-  struct Entry {
-    ChildRef ref;
+  struct Entry {  // Trivial: the stack is not initialized.
     double distance;
+    uint32_t ref_bits;
   };
   Entry stack[kBvhStackSize];
   uint32_t size = 0;
-  stack[size++] = {ChildRef::Inner(0), 0};
+  stack[size++] = {0, ChildRef::Inner(0).bits()};
   while (size > 0) {
     const Entry entry = stack[--size];
     // Equal distances are looked at: a lower id may have one.
     if (!(entry.distance <= best.distance_squared)) continue;
     double distance[kMaxLeafTriangles];
-    if (entry.ref.is_leaf()) {
-      const LeafView leaf(bvh, entry.ref);
+    const ChildRef ref = ChildRef::FromBits(entry.ref_bits);
+    if (ref.is_leaf()) {
+      const LeafView leaf(bvh, ref);
       LeafBoxes(leaf).Distances(p, distance);
       for (uint32_t k = 0; k < leaf.count; ++k) {
         if (!(distance[k] <= best.distance_squared)) continue;
@@ -216,7 +193,7 @@ NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared
       continue;
     }
     // Children go on the stack so that the nearest comes off first.
-    const BvhNode& node = bvh.nodes[entry.ref.node()];
+    const BvhNode& node = bvh.nodes[ref.node()];
     ChildDistances(node, p, distance);
     const uint32_t first = size;
     for (uint32_t k = 0; k < node.child_count; ++k) {
@@ -224,7 +201,7 @@ NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared
       SIGHTLINE_DCHECK(size < kBvhStackSize);
       uint32_t at = size++;
       for (; at > first && stack[at - 1].distance < distance[k]; --at) stack[at] = stack[at - 1];
-      stack[at] = {node.child[k], distance[k]};
+      stack[at] = {distance[k], node.child[k].bits()};
     }
   }
   return best;
@@ -255,30 +232,11 @@ bool CrossesAny(const Bvh& bvh, Vec3f from, Vec3f to, std::span<const uint32_t> 
   box.Extend(to);
   const PredicateRay segment = PredicateRay::Segment(from, to);
   bool crosses = false;
-  WalkAll(
-      bvh,
-      [&](const BvhNode& node, bool* wanted) {
-        for (int k = 0; k < kBvhWidth; ++k) {
-          wanted[k] = (node.bounds[0][k] <= box.hi.x) & (node.bounds[3][k] >= box.lo.x) &
-                      (node.bounds[1][k] <= box.hi.y) & (node.bounds[4][k] >= box.lo.y) &
-                      (node.bounds[2][k] <= box.hi.z) & (node.bounds[5][k] >= box.lo.z);
-        }
-      },
-      [&](const LeafView& leaf) {
-        const LeafBoxes boxes(leaf);
-        for (uint32_t k = 0; k < leaf.count; ++k) {
-          bool apart = false;
-          for (int axis = 0; axis < 3; ++axis) {
-            apart |= boxes.lo[axis][k] > box.hi[axis] || boxes.hi[axis][k] < box.lo[axis];
-          }
-          if (apart || std::binary_search(skip.begin(), skip.end(), leaf.id(k))) continue;
-          if (Blocks(segment, leaf.corner(0, k), leaf.corner(1, k), leaf.corner(2, k))) {
-            crosses = true;
-            return false;
-          }
-        }
-        return true;
-      });
+  ForEachMeeting(bvh, box, [&](const LeafView& leaf, uint32_t k) {
+    if (std::binary_search(skip.begin(), skip.end(), leaf.id(k))) return true;
+    crosses = Blocks(segment, leaf.corner(0, k), leaf.corner(1, k), leaf.corner(2, k));
+    return !crosses;
+  });
   return crosses;
 }
 

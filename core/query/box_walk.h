@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Every triangle whose own box meets a given box, eight boxes or sixteen triangles at a time. For small boxes: what a
+// point may touch, what a short way may cross. Comparisons of stored floats round nothing.
+//
+// One instruction set is enough here (AVX2, the floor): the walk is short, and its answer is a set.
+//
+// Thread safety: functions only.
+//
+//   ForEachMeeting(bvh, box, [&](const LeafView& leaf, uint32_t lane) {
+//     ids.push_back(leaf.id(lane));
+//     return true;  // Go on.
+//   });
+#ifndef SIGHTLINE_CORE_QUERY_BOX_WALK_H_
+#define SIGHTLINE_CORE_QUERY_BOX_WALK_H_
+
+#include <bit>
+#include <cstdint>
+#include <cstring>
+
+#include "core/accel/bvh.h"
+#include "core/geometry/box3.h"
+#include "core/traverse/leaf_view.h"
+#include "hwy/highway.h"
+
+namespace sightline {
+namespace box_walk {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Eight = hn::CappedTag<float, 8>;
+static_assert(hn::MaxLanes(Eight()) == 8, "x86-64-v3 holds eight floats in a vector");
+using V = hn::Vec<Eight>;
+
+inline uint32_t Bits(hn::Mask<Eight> mask) {
+  uint8_t bytes[8] = {};
+  hn::StoreMaskBits(Eight(), mask, bytes);
+  return bytes[0];
+}
+
+// lo[k] <= box.hi[k] and hi[k] >= box.lo[k] on all axes.
+inline hn::Mask<Eight> Meets(const V lo[3], const V hi[3], const Box3f& box) {
+  const Eight d;
+  auto meets = hn::And(hn::Le(lo[0], hn::Set(d, box.hi.x)), hn::Ge(hi[0], hn::Set(d, box.lo.x)));
+  meets = hn::And(meets, hn::And(hn::Le(lo[1], hn::Set(d, box.hi.y)), hn::Ge(hi[1], hn::Set(d, box.lo.y))));
+  return hn::And(meets, hn::And(hn::Le(lo[2], hn::Set(d, box.hi.z)), hn::Ge(hi[2], hn::Set(d, box.lo.z))));
+}
+
+inline uint32_t MeetingChildren(const BvhNode& node, const Box3f& box) {
+  const Eight d;
+  const V lo[3] = {hn::Load(d, node.bounds[0]), hn::Load(d, node.bounds[1]), hn::Load(d, node.bounds[2])};
+  const V hi[3] = {hn::Load(d, node.bounds[3]), hn::Load(d, node.bounds[4]), hn::Load(d, node.bounds[5])};
+  return Bits(Meets(lo, hi, box)) & ((1u << node.child_count) - 1);
+}
+
+inline uint32_t MeetingTriangles(const LeafView& leaf, const Box3f& box) {
+  const Eight d;
+  uint32_t meeting = 0;
+  for (uint32_t first = 0; first < leaf.count; first += 8) {
+    V lo[3], hi[3];
+    for (int axis = 0; axis < 3; ++axis) {
+      const float* row = leaf.rows + axis * leaf.stride + first;
+      const V a = hn::LoadU(d, row), b = hn::LoadU(d, row + 3 * leaf.stride),
+              c = hn::LoadU(d, row + 6 * leaf.stride);
+      lo[axis] = hn::Min(hn::Min(a, b), c);
+      hi[axis] = hn::Max(hn::Max(a, b), c);
+    }
+    meeting |= Bits(Meets(lo, hi, box)) << first;
+  }
+  return meeting & ((1u << leaf.count) - 1);
+}
+
+}  // namespace box_walk
+
+// Calls fn(leaf, lane) for each such triangle, in no particular order, until fn returns false.
+template <typename Fn>
+void ForEachMeeting(const Bvh& bvh, const Box3f& box, const Fn& fn) {
+  if (bvh.empty()) return;
+  uint32_t stack[kBvhStackSize];  // ChildRef bits; not initialized.
+  int depth = 0;
+  stack[depth++] = ChildRef::Inner(0).bits();
+  while (depth > 0) {
+    const ChildRef ref = ChildRef::FromBits(stack[--depth]);
+    if (ref.is_leaf()) {
+      const LeafView leaf(bvh, ref);
+      for (uint32_t bits = box_walk::MeetingTriangles(leaf, box); bits != 0; bits &= bits - 1) {
+        if (!fn(leaf, static_cast<uint32_t>(std::countr_zero(bits)))) return;
+      }
+      continue;
+    }
+    const BvhNode& node = bvh.nodes[ref.node()];
+    for (uint32_t bits = box_walk::MeetingChildren(node, box); bits != 0; bits &= bits - 1) {
+      stack[depth++] = node.child[std::countr_zero(bits)].bits();
+    }
+  }
+}
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_QUERY_BOX_WALK_H_
