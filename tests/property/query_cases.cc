@@ -129,9 +129,8 @@ std::vector<Way> AllWays() {
   std::vector<Way> ways;
   for (const SimdTarget simd : {SimdTarget::kAvx2, SimdTarget::kAvx512}) {
     if (!SimdTargetAvailable(simd)) continue;
-    for (const Strategy strategy :
-         {Strategy::kBruteForce, Strategy::kSingle, Strategy::kPacket, Strategy::kShaft,
-          Strategy::kAuto}) {
+    for (const Strategy strategy : {Strategy::kBruteForce, Strategy::kSingle, Strategy::kPacket,
+                                    Strategy::kShaft, Strategy::kAuto}) {
       ways.push_back({strategy, simd});
     }
   }

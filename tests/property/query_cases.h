@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Scenes, and cameras, lights, points and segments in them, for tests that put one question to core/query in every way
-// there is: strategy × instruction set × partition × threads.
+// Scenes, and cameras, lights, points and segments in them, for tests that put one question to
+// core/query in every way there is: strategy × instruction set × partition × threads.
 //
 // Thread safety: none.
 #ifndef SIGHTLINE_TESTS_PROPERTY_QUERY_CASES_H_
@@ -34,7 +34,8 @@ std::vector<QueryScene> MakeNastyQueryScenes(TestRng& rng);
 // Built-in scenes at a small size, through their own first view.
 std::vector<QueryScene> MakeBuiltinQueryScenes();
 
-// Point lights outside, amid the points, on a surface and at a vertex, and directions; one is invalid.
+// Point lights outside, amid the points, on a surface and at a vertex, and directions; one is
+// invalid.
 std::vector<LightSample> MakeSamples(const IndexedGeometry& scene, TestRng& rng);
 // Stored points on, near and off the surfaces; some have a source, some are invalid.
 PreparedPoints MakePoints(const IndexedGeometry& scene, TestRng& rng, size_t count);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One answer, bit for bit: tiles, shadows and segments by every strategy, instruction set, tile size, partition and
-// number of threads give what brute force gives over the whole at once.
+// One answer, bit for bit: tiles, shadows and segments by every strategy, instruction set, tile
+// size, partition and number of threads give what brute force gives over the whole at once.
 #include <algorithm>
 #include <bit>
 #include <cstdint>
@@ -129,9 +129,9 @@ void CheckTiles(const QueryScene& scene, TestRng& rng) {
   int way_index = 0;
   for (const Camera& camera : scene.cameras) {
     const uint32_t mask = rng.Chance(0.7) ? 0xFFFFFFFFu : 1u;
-    const TileResult truth = TraceImage(scene.indexed, camera, samples, kAllOutputs,
-                                        AllWays().front().Options(mask), camera.width,
-                                        camera.height, one);
+    const TileResult truth =
+        TraceImage(scene.indexed, camera, samples, kAllOutputs, AllWays().front().Options(mask),
+                   camera.width, camera.height, one);
     size_t hits = 0;
     for (const uint32_t id : truth.triangle) hits += id != kNoTriangle;
     ASSERT_EQ(truth.point_pixel.size(), hits);
@@ -140,8 +140,8 @@ void CheckTiles(const QueryScene& scene, TestRng& rng) {
       SCOPED_TRACE(way.Name() + ", tiles of " + std::to_string(w) + " x " + std::to_string(h));
       const QueryOptions options = way.Options(mask);
       ThreadPool& pool = way_index % 2 == 0 ? one : three;
-      ExpectSameTiles(
-          TraceImage(scene.indexed, camera, samples, kAllOutputs, options, w, h, pool), truth);
+      ExpectSameTiles(TraceImage(scene.indexed, camera, samples, kAllOutputs, options, w, h, pool),
+                      truth);
       // Hits alone are answered by any hit.
       const TileResult hits_only =
           TraceImage(scene.indexed, camera, {}, {.hits = true}, options, w, h, pool);
@@ -172,10 +172,10 @@ ShadowResult Shade(const IndexedGeometry& scene, const PreparedPoints& points,
   pool.ParallelFor(parts, 1, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       const size_t first = i * range;
-      statuses[i] = ComputeShadows(
-          scene, PointRange::Slice(points, first, std::min(range, n - first)), samples,
-          outputs.weighted_sums ? weights : std::span<const double>(), shadow, outputs, options,
-          &results[i]);
+      statuses[i] =
+          ComputeShadows(scene, PointRange::Slice(points, first, std::min(range, n - first)),
+                         samples, outputs.weighted_sums ? weights : std::span<const double>(),
+                         shadow, outputs, options, &results[i]);
     }
   });
   ShadowResult all;
@@ -228,8 +228,8 @@ void CheckShadows(const QueryScene& scene, TestRng& rng, size_t count) {
     double sum = 0;
     for (size_t s = 0; s < samples.size(); ++s) {
       const bool bit = truth.lit_bits[s * row + p / 8] >> (p % 8) & 1;
-      ASSERT_EQ(bit, points.valid[p] && samples[s].valid &&
-                         truth.blocker[s * count + p] == kNoTriangle)
+      ASSERT_EQ(bit,
+                points.valid[p] && samples[s].valid && truth.blocker[s * count + p] == kNoTriangle)
           << "any hit against first hit, point " << p << ", sample " << s;
       lit += bit;
       if (bit) sum += weights[s];
@@ -243,16 +243,16 @@ void CheckShadows(const QueryScene& scene, TestRng& rng, size_t count) {
     const size_t range = kRanges[way_index++ % std::size(kRanges)];
     SCOPED_TRACE(way.Name() + ", ranges of " + std::to_string(range));
     ThreadPool& pool = way_index % 2 == 0 ? one : three;
-    const ShadowResult full = Shade(scene.indexed, points, samples, weights, shadow, kAll,
-                                    way.Options(), range, pool);
+    const ShadowResult full =
+        Shade(scene.indexed, points, samples, weights, shadow, kAll, way.Options(), range, pool);
     EXPECT_TRUE(SameBytes(full.lit_bits, truth.lit_bits));
     EXPECT_TRUE(SameBytes(full.lit_counts, truth.lit_counts));
     EXPECT_TRUE(SameBytes(full.weighted_sums, truth.weighted_sums));
     EXPECT_TRUE(SameBytes(full.blocker, truth.blocker));
     EXPECT_TRUE(SameBytes(full.blocker_t, truth.blocker_t));
     // Bits alone come from any hit.
-    const ShadowResult bits = Shade(scene.indexed, points, samples, weights, shadow,
-                                    {.bits = true}, way.Options(), range, pool);
+    const ShadowResult bits = Shade(scene.indexed, points, samples, weights, shadow, {.bits = true},
+                                    way.Options(), range, pool);
     EXPECT_TRUE(SameBytes(bits.lit_bits, truth.lit_bits)) << "any hit against first hit";
     if (testing::Test::HasFailure()) return;
   }
