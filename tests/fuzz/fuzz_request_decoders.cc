@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Any bytes as the messages of a call: the decoders, the upload state machines and the three query
+// methods answer or refuse them, and never crash. The first byte chooses the call, '0' to '5' in
+// the seed corpus; then each message follows its length, two bytes, the low one first. gRPC itself
+// is left out.
+//
+// Queries that are accepted are answered, on a small scene and within small limits, so that
+// whatever a decoder lets through meets the engine.
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/string_view.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "core/base/cancel.h"
+#include "core/base/parallel.h"
+#include "server/admission/call_tracker.h"
+#include "server/admission/ray_queue.h"
+#include "server/base/limits.h"
+#include "server/points/point_set_store.h"
+#include "server/points/point_upload.h"
+#include "server/scenes/scene_catalog.h"
+#include "server/scenes/scene_upload.h"
+#include "server/stream/query_environment.h"
+#include "server/stream/segment_method.h"
+#include "server/stream/shadow_method.h"
+#include "server/stream/tile_method.h"
+
+namespace sightline {
+namespace {
+
+constexpr char kSceneId[] = "box";
+
+void Require(bool condition) {
+  if (!condition) std::abort();
+}
+
+// Small enough that each input takes milliseconds, and that limits are reached.
+Limits SmallLimits() {
+  Limits limits;
+  limits.max_item_rays = 4096;
+  limits.max_image_width = limits.max_image_height = 64;
+  limits.max_lights = 16;
+  limits.max_samples_per_light = 64;
+  limits.max_light_samples = 128;
+  limits.max_objects_per_scene = 16;
+  limits.max_triangles_per_scene = 1000;
+  limits.max_vertices_per_scene = 3000;
+  limits.max_points_per_set = 1000;
+  return limits;
+}
+
+// What a server holds, without its network.
+struct World {
+  const Limits limits = SmallLimits();
+  ThreadPool pool{1};
+  SceneCatalog scenes{limits, pool};
+  PointSetStore point_sets{limits, &absl::Now};
+  RayQueue ray_queue{limits.max_queued_rays};
+  CallTracker calls;
+  QueryEnvironment environment{limits, scenes, point_sets, pool, pool, ray_queue, calls};
+
+  World() {
+    const auto objects = scenes.MakeBuiltinObjects("builtin:box:100");
+    Require(objects.ok());
+    Require(scenes.Create({.scene_id = kSceneId}, *objects, nullptr).ok());
+  }
+};
+
+World& TheWorld() {
+  static World* const world = new World;
+  return *world;
+}
+
+// The messages of an input that parse, in order.
+template <typename Message>
+std::vector<Message> Messages(absl::string_view bytes) {
+  std::vector<Message> messages;
+  while (bytes.size() >= 2) {
+    const size_t announced = static_cast<uint8_t>(bytes[0]) + 256 * static_cast<uint8_t>(bytes[1]);
+    bytes.remove_prefix(2);
+    const absl::string_view body = bytes.substr(0, announced);
+    Message message;
+    if (message.ParseFromArray(body.data(), static_cast<int>(body.size()))) {
+      messages.push_back(std::move(message));
+    }
+    bytes.remove_prefix(body.size());
+  }
+  return messages;
+}
+
+void FuzzCreateScene(absl::string_view bytes) {
+  World& world = TheWorld();
+  SceneUpload upload(world.limits);
+  for (const auto& message : Messages<v1::CreateSceneRequest>(bytes)) {
+    if (!upload.Add(message).ok()) {
+      // After an error nothing more is accepted.
+      Require(!upload.Add(message).ok());
+      Require(!upload.Finish().ok());
+      return;
+    }
+  }
+  const absl::StatusOr<std::vector<ObjectInput>> objects = upload.Finish();
+  if (!objects.ok() || objects->empty()) return;
+  SceneCatalog::CreateOptions options = upload.header()->create;
+  options.scene_id = "uploaded";
+  if (world.scenes.Create(options, *objects, nullptr).ok()) {
+    Require(world.scenes.Delete(options.scene_id).ok());
+  }
+}
+
+void FuzzUpdateScene(absl::string_view bytes) {
+  SceneEditUpload upload(TheWorld().limits);
+  for (const auto& message : Messages<v1::UpdateSceneRequest>(bytes)) {
+    if (!upload.Add(message).ok()) {
+      Require(!upload.Finish().ok());
+      return;
+    }
+  }
+  (void)upload.Finish();
+}
+
+void FuzzCreatePointSet(absl::string_view bytes) {
+  PointUpload upload(TheWorld().limits);
+  for (const auto& message : Messages<v1::CreatePointSetRequest>(bytes)) {
+    if (!upload.Add(message).ok()) {
+      Require(!upload.Finish().ok());
+      return;
+    }
+  }
+  (void)upload.Finish();
+}
+
+// A header, then items, as a visibility stream takes them.
+template <typename Method>
+void FuzzStream(absl::string_view bytes) {
+  World& world = TheWorld();
+  std::unique_ptr<Method> method;
+  for (const auto& message : Messages<typename Method::Request>(bytes)) {
+    if (message.has_header()) {
+      auto opened = Method::Open(message.header(), world.environment);
+      if (!opened.ok()) return;
+      method = *std::move(opened);
+    }
+    if (!message.has_item() || method == nullptr) continue;
+    if (method->Rays(message.item()) > world.limits.max_item_rays) continue;
+    const CancelToken cancel;
+    auto work = method->Prepare(message.item(), cancel);
+    if (!work.ok()) continue;
+    QueryStats stats;
+    typename Method::Response reply;
+    for (size_t part = 0; part < (*work)->parts().size(); ++part) {
+      reply.Clear();
+      if (!(*work)->RunPart(part, cancel, &reply, &stats).ok()) return;
+    }
+    (*work)->Complete(&reply);
+  }
+}
+
+}  // namespace
+}  // namespace sightline
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  using namespace sightline;
+  if (size == 0) return 0;
+  const absl::string_view bytes(reinterpret_cast<const char*>(data) + 1, size - 1);
+  switch (data[0]) {
+    case '0':
+      FuzzCreateScene(bytes);
+      break;
+    case '1':
+      FuzzUpdateScene(bytes);
+      break;
+    case '2':
+      FuzzCreatePointSet(bytes);
+      break;
+    case '3':
+      FuzzStream<TileMethod>(bytes);
+      break;
+    case '4':
+      FuzzStream<ShadowMethod>(bytes);
+      break;
+    case '5':
+      FuzzStream<SegmentMethod>(bytes);
+      break;
+    default:
+      return -1;  // Not worth keeping.
+  }
+  return 0;
+}
