@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Frees point sets whose lease ran out, also when nobody asks for anything: sweeps the store every few
-// seconds from one thread of its own.
+// Frees point sets whose lease ran out, also when nobody asks for anything: sweeps the store every
+// few seconds from one thread of its own.
 //
 // Thread safety: constructed and destroyed by one thread.
 //

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// sightlined: a Sightline server as a process. Reads its flags, starts a Server, and drains it on SIGTERM or
-// SIGINT.
+// sightlined: a Sightline server as a process. Reads its flags, starts a Server, and drains it on
+// SIGTERM or SIGINT.
 #include <csignal>
 #include <cstdio>
 #include <memory>
@@ -41,8 +41,8 @@ int Run(int argc, char** argv) {
   const ServerOptions& options = parsed->options;
   SetLogLevel(options.log_level);
 
-  // Blocked before any thread starts, so that all of them inherit it and sigwait alone hears the signals: a
-  // handler could not shut gRPC down (it takes locks).
+  // Blocked before any thread starts, so that all of them inherit it and sigwait alone hears the
+  // signals: a handler could not shut gRPC down (it takes locks).
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);

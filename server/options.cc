@@ -38,7 +38,8 @@ absl::Status SetThreads(absl::string_view value, int* out) {
 std::vector<Option> MakeTable() {
   const ServerOptions defaults;
   std::vector<Option> table = {
-      {"listen", "HOST:PORT", "where to listen; port 0 takes a free one; only loopback is safe without TLS",
+      {"listen", "HOST:PORT",
+       "where to listen; port 0 takes a free one; only loopback is safe without TLS",
        defaults.listen,
        [](absl::string_view value, ParsedOptions* out) {
          if (value.empty()) return Bad(value, "must be HOST:PORT");
@@ -81,26 +82,23 @@ std::vector<Option> MakeTable() {
        }},
   };
   for (const LimitEntry& entry : LimitTable()) {
-    table.push_back({absl::StrReplaceAll(entry.name, {{"_", "-"}}), "N",
-                     absl::StrCat("limit: ", entry.help),
-                     absl::StrCat(defaults.limits.*entry.value),
-                     [&entry](absl::string_view value, ParsedOptions* out) {
-                       uint64_t number;
-                       if (!absl::SimpleAtoi(value, &number) || number < entry.least ||
-                           number > entry.most) {
-                         return Bad(value, absl::StrCat("must be ", entry.least, " .. ", entry.most));
-                       }
-                       out->options.limits.*entry.value = number;
-                       return absl::OkStatus();
-                     }});
+    table.push_back(
+        {absl::StrReplaceAll(entry.name, {{"_", "-"}}), "N", absl::StrCat("limit: ", entry.help),
+         absl::StrCat(defaults.limits.*entry.value),
+         [&entry](absl::string_view value, ParsedOptions* out) {
+           uint64_t number;
+           if (!absl::SimpleAtoi(value, &number) || number < entry.least || number > entry.most) {
+             return Bad(value, absl::StrCat("must be ", entry.least, " .. ", entry.most));
+           }
+           out->options.limits.*entry.value = number;
+           return absl::OkStatus();
+         }});
   }
-  table.push_back({"help", "", "this text", "",
-                   [](absl::string_view, ParsedOptions* out) {
+  table.push_back({"help", "", "this text", "", [](absl::string_view, ParsedOptions* out) {
                      out->help = true;
                      return absl::OkStatus();
                    }});
-  table.push_back({"version", "", "the version", "",
-                   [](absl::string_view, ParsedOptions* out) {
+  table.push_back({"version", "", "the version", "", [](absl::string_view, ParsedOptions* out) {
                      out->version = true;
                      return absl::OkStatus();
                    }});
@@ -130,8 +128,7 @@ absl::StatusOr<ParsedOptions> ParseFlags(int argc, const char* const* argv) {
           absl::StrCat("\"", argv[i], "\" is no flag; --help lists them"));
     }
     const size_t equals = argument.find('=');
-    const std::string name =
-        absl::StrReplaceAll(argument.substr(0, equals), {{"_", "-"}});
+    const std::string name = absl::StrReplaceAll(argument.substr(0, equals), {{"_", "-"}});
     const Option* option = Find(name);
     if (option == nullptr) {
       return absl::InvalidArgumentError(
@@ -161,10 +158,12 @@ std::string HelpText() {
       "sightlined: answers visibility queries over gRPC.\n\n"
       "  sightlined [--listen HOST:PORT] [--scene builtin:hall:1000000] [FLAGS]\n\n"
       "Runs until SIGTERM or SIGINT, then finishes what is under way.\n"
-      "Exit codes: 0 done, 64 wrong flags, 69 the server could not start, 70 the drain ran out of time.\n\n"
+      "Exit codes: 0 done, 64 wrong flags, 69 the server could not start, 70 the drain ran out of "
+      "time.\n\n"
       "Flags:\n";
   for (const Option& option : Table()) {
-    absl::StrAppend(&text, "  --", option.name, option.takes.empty() ? "" : " ", option.takes, "\n");
+    absl::StrAppend(&text, "  --", option.name, option.takes.empty() ? "" : " ", option.takes,
+                    "\n");
     absl::StrAppend(&text, "      ", option.help);
     if (!option.takes.empty()) absl::StrAppend(&text, " (default: ", option.default_text, ")");
     absl::StrAppend(&text, "\n");

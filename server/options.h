@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a server is started with. One table (options.cc) holds every option's name, help and meaning; flags are
-// read through it, and so will be an environment and a file.
+// What a server is started with. One table (options.cc) holds every option's name, help and
+// meaning; flags are read through it, and so will be an environment and a file.
 //
 // Thread safety: plain values and functions.
 //
@@ -37,8 +37,8 @@ struct ParsedOptions {
   bool help = false, version = false;
 };
 
-// Reads --name=value and --name value; '-' and '_' are the same in names. InvalidArgument naming the flag, its
-// value and what it takes.
+// Reads --name=value and --name value; '-' and '_' are the same in names. InvalidArgument naming
+// the flag, its value and what it takes.
 absl::StatusOr<ParsedOptions> ParseFlags(int argc, const char* const* argv);
 
 // The text of --help: every flag, what it takes, its default.

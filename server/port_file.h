@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The file by which a script learns the port of a server that took a free one. It appears whole or not at all.
+// The file by which a script learns the port of a server that took a free one. It appears whole or
+// not at all.
 //
 // Thread safety: functions only.
 //

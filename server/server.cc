@@ -25,7 +25,8 @@ namespace sightline {
 namespace {
 
 constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
-// A client that pings more often than this is told to go away; one that is gone is noticed within a minute.
+// A client that pings more often than this is told to go away; one that is gone is noticed within a
+// minute.
 constexpr int kLeastPingIntervalMs = 10'000;
 constexpr int kKeepaliveTimeMs = 40'000;
 constexpr int kKeepaliveTimeoutMs = 20'000;
@@ -119,8 +120,8 @@ absl::Status Server::Listen() {
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
   server_ = builder.BuildAndStart();
   if (server_ == nullptr || (!options_.listen.empty() && port_ == 0)) {
-    return absl::UnavailableError(
-        absl::StrCat("cannot listen on ", options_.listen, ": is the address in use, or not ours?"));
+    return absl::UnavailableError(absl::StrCat("cannot listen on ", options_.listen,
+                                               ": is the address in use, or not ours?"));
   }
   if (!options_.listen.empty() && !IsLoopback(options_.listen)) {
     Log(LogLevel::kWarning, "listening_without_tls", {{"address", options_.listen}});
@@ -145,8 +146,8 @@ absl::Status Server::Drain(absl::Duration timeout) {
   calls_.StartDrain();
   server_->GetHealthCheckService()->SetServingStatus(false);
   Log(LogLevel::kInfo, "draining", {{"calls", absl::StrCat(calls_.active_calls())}});
-  const bool idle = calls_.WaitUntilIdle(std::chrono::steady_clock::now() +
-                                         absl::ToChronoNanoseconds(timeout));
+  const bool idle =
+      calls_.WaitUntilIdle(std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(timeout));
   const size_t cut_off = calls_.active_calls();
   ShutdownWithin(idle ? absl::ZeroDuration() : deadline - absl::Now());
   if (idle) return absl::OkStatus();

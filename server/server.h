@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A whole Sightline server in one object: sightlined runs one, the command line embeds one, tests start as
-// many as they like.
+// A whole Sightline server in one object: sightlined runs one, the command line embeds one, tests
+// start as many as they like.
 //
-// Life: Start, then any number of calls, then Drain (optional), then Shutdown or destruction. Threads and
-// scenes live as long as the object.
+// Life: Start, then any number of calls, then Drain (optional), then Shutdown or destruction.
+// Threads and scenes live as long as the object.
 //
-// Thread safety: every method from any thread but gRPC's own and the pools'. Drain and Shutdown may be called
-// at once; each returns when its part is done.
+// Thread safety: every method from any thread but gRPC's own and the pools'. Drain and Shutdown may
+// be called at once; each returns when its part is done.
 //
 //   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start({.listen = "127.0.0.1:0"});
 //   auto channel = grpc::CreateChannel(absl::StrCat("127.0.0.1:", (*server)->port()), ...);
@@ -46,8 +46,8 @@ class LeaseSweeper;
 
 class Server {
  public:
-  // Makes the scenes of the options, binds, and serves. InvalidArgument (options), Unavailable (the address
-  // cannot be bound), and what making a scene returns.
+  // Makes the scenes of the options, binds, and serves. InvalidArgument (options), Unavailable (the
+  // address cannot be bound), and what making a scene returns.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   ~Server();
   Server(const Server&) = delete;
@@ -58,8 +58,8 @@ class Server {
   // A channel that needs no socket. It must be gone before the server is.
   std::shared_ptr<grpc::Channel> InProcessChannel(const grpc::ChannelArguments& arguments);
 
-  // Health goes to NOT_SERVING, new calls are refused, streams are told, and what is under way may finish. Then
-  // shuts down. DeadlineExceeded if calls had to be cut off after `timeout`.
+  // Health goes to NOT_SERVING, new calls are refused, streams are told, and what is under way may
+  // finish. Then shuts down. DeadlineExceeded if calls had to be cut off after `timeout`.
   absl::Status Drain(absl::Duration timeout);
   // Cuts everything off, and returns when it has ended.
   void Shutdown();

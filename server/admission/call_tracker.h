@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which calls are under way, and whether the server still takes new ones. Draining tells the long-lived
-// calls (streams) and waits for all of them.
+// Which calls are under way, and whether the server still takes new ones. Draining tells the
+// long-lived calls (streams) and waits for all of them.
 //
-// Invariants: after StartDrain no new call is admitted; every listener hears of it once, either from
-// StartDrain or, if it comes later, not at all because it is refused.
+// Invariants: after StartDrain no new call is admitted; every listener hears of it once, either
+// from StartDrain or, if it comes later, not at all because it is refused.
 //
-// Thread safety: every method from any thread. Listeners are called without the lock held, and are kept
-// alive during the call. The tracker outlives the calls.
+// Thread safety: every method from any thread. Listeners are called without the lock held, and are
+// kept alive during the call. The tracker outlives the calls.
 //
 //   absl::StatusOr<ActiveCall> call = tracker.Admit(stream);   // UNAVAILABLE (DRAINING)
 #ifndef SIGHTLINE_SERVER_ADMISSION_CALL_TRACKER_H_

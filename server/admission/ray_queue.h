@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The bound on what the whole server has accepted and not yet answered, in rays. A ticket takes its share
-// and gives it back when it goes; an item that does not fit is refused at once, never kept waiting.
+// The bound on what the whole server has accepted and not yet answered, in rays. A ticket takes its
+// share and gives it back when it goes; an item that does not fit is refused at once, never kept
+// waiting.
 //
-// Invariant: the tickets alive never hold more than the limit together, except that one ticket is granted
-// whenever none is alive (so that a single item larger than the queue can be answered at all).
+// Invariant: the tickets alive never hold more than the limit together, except that one ticket is
+// granted whenever none is alive (so that a single item larger than the queue can be answered at
+// all).
 //
-// Thread safety: every method of RayQueue from any thread; a ticket belongs to one owner at a time. The
-// queue outlives its tickets.
+// Thread safety: every method of RayQueue from any thread; a ticket belongs to one owner at a time.
+// The queue outlives its tickets.
 //
 //   absl::StatusOr<RayTicket> ticket = queue.Admit(cost);   // RESOURCE_EXHAUSTED (QUEUE_FULL)
 #ifndef SIGHTLINE_SERVER_ADMISSION_RAY_QUEUE_H_

@@ -2,8 +2,8 @@
 //
 // How many uploads there are at once: each holds what has arrived of it in memory.
 //
-// Thread safety: every method of UploadSlots from any thread; a slot belongs to one owner at a time. The
-// slots' pool outlives them.
+// Thread safety: every method of UploadSlots from any thread; a slot belongs to one owner at a
+// time. The slots' pool outlives them.
 //
 //   absl::StatusOr<UploadSlot> slot = slots.Take();   // RESOURCE_EXHAUSTED (LIMIT_EXCEEDED)
 #ifndef SIGHTLINE_SERVER_ADMISSION_UPLOAD_SLOTS_H_

@@ -54,7 +54,8 @@ absl::Status MakeError(absl::StatusCode code, v1::ErrorReason reason, absl::stri
   return WithReason(absl::Status(code, message), reason, metadata);
 }
 
-absl::Status WithReason(absl::Status status, v1::ErrorReason reason, const ErrorMetadata& metadata) {
+absl::Status WithReason(absl::Status status, v1::ErrorReason reason,
+                        const ErrorMetadata& metadata) {
   if (status.ok() || status.GetPayload(kErrorInfoUrl).has_value()) return status;
   v1::ErrorInfo info;
   info.set_reason(ReasonName(reason));
@@ -73,11 +74,12 @@ absl::Status InvalidFieldText(absl::string_view field, absl::string_view value,
 
 absl::Status OverLimit(absl::string_view what, uint64_t value, absl::string_view limit,
                        uint64_t limit_value, v1::ErrorReason reason) {
-  return MakeError(absl::StatusCode::kResourceExhausted, reason,
-                   absl::StrCat(what, " = ", value, " is over the limit ", limit, " = ", limit_value),
-                   {{"limit", std::string(limit)},
-                    {"limit_value", absl::StrCat(limit_value)},
-                    {"value", absl::StrCat(value)}});
+  return MakeError(
+      absl::StatusCode::kResourceExhausted, reason,
+      absl::StrCat(what, " = ", value, " is over the limit ", limit, " = ", limit_value),
+      {{"limit", std::string(limit)},
+       {"limit_value", absl::StrCat(limit_value)},
+       {"value", absl::StrCat(value)}});
 }
 
 v1::ErrorReason ReasonOf(const absl::Status& status) {

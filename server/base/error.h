@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Errors with a machine-readable reason: an absl::Status whose payload is a google.rpc.ErrorInfo, and the
-// one place where such a status becomes a gRPC status or the status of an item.
+// Errors with a machine-readable reason: an absl::Status whose payload is a google.rpc.ErrorInfo,
+// and the one place where such a status becomes a gRPC status or the status of an item.
 //
-// Invariants: the domain is always "sightline"; a status without a reason gets one by its code on the way
-// out, so that no error leaves without.
+// Invariants: the domain is always "sightline"; a status without a reason gets one by its code on
+// the way out, so that no error leaves without.
 //
 // Thread safety: functions only.
 //
 //   return InvalidField("item.width", item.width(), "must be 1 .. 1920, the camera's width");
-//   return WithReason(registry.Delete(name), v1::ERROR_REASON_SCENE_NOT_FOUND, {{"resource", name}});
-//   reactor->Finish(ToGrpcStatus(status));
+//   return WithReason(registry.Delete(name), v1::ERROR_REASON_SCENE_NOT_FOUND, {{"resource",
+//   name}}); reactor->Finish(ToGrpcStatus(status));
 #ifndef SIGHTLINE_SERVER_BASE_ERROR_H_
 #define SIGHTLINE_SERVER_BASE_ERROR_H_
 

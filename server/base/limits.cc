@@ -38,7 +38,8 @@ constexpr LimitEntry kTable[] = {
     {"max_point_sets", &Limits::max_point_sets, 1, 1 << 20, "point sets at once"},
     {"max_point_set_bytes", &Limits::max_point_set_bytes, 1 << 10, kMany,
      "memory for point sets, bytes"},
-    {"max_lease_seconds", &Limits::max_lease_seconds, 1, 366 * 86400, "longest lease of a point set"},
+    {"max_lease_seconds", &Limits::max_lease_seconds, 1, 366 * 86400,
+     "longest lease of a point set"},
     {"max_pin_seconds", &Limits::max_pin_seconds, 1, 366 * 86400,
      "longest time a stream keeps an exact revision"},
     {"max_concurrent_uploads", &Limits::max_concurrent_uploads, 1, 1 << 16, "uploads at once"},
@@ -52,8 +53,8 @@ absl::Status ValidateLimits(const Limits& limits) {
   for (const LimitEntry& entry : kTable) {
     const uint64_t value = limits.*entry.value;
     if (value < entry.least || value > entry.most) {
-      return absl::InvalidArgumentError(absl::StrCat(entry.name, " = ", value, " is outside ",
-                                                     entry.least, " .. ", entry.most));
+      return absl::InvalidArgumentError(
+          absl::StrCat(entry.name, " = ", value, " is outside ", entry.least, " .. ", entry.most));
     }
   }
   return absl::OkStatus();

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How far a server goes: the one table behind GetCapabilities, the flags and every RESOURCE_EXHAUSTED.
+// How far a server goes: the one table behind GetCapabilities, the flags and every
+// RESOURCE_EXHAUSTED.
 //
-// Invariant: the names in LimitTable() are the field names of sightline.v1.Limits, so that an error names
-// what GetCapabilities publishes (a test compares them).
+// Invariant: the names in LimitTable() are the field names of sightline.v1.Limits, so that an error
+// names what GetCapabilities publishes (a test compares them).
 //
 // Thread safety: plain values.
 //

@@ -18,8 +18,7 @@ namespace {
 spdlog::logger& Logger() {
   // Leaked on purpose: threads may log until the process is gone.
   static spdlog::logger* const logger = [] {
-    auto* made =
-        new spdlog::logger("sightline", std::make_shared<spdlog::sinks::stderr_sink_mt>());
+    auto* made = new spdlog::logger("sightline", std::make_shared<spdlog::sinks::stderr_sink_mt>());
     made->set_formatter(std::make_unique<spdlog::pattern_formatter>(
         "time=%Y-%m-%dT%H:%M:%S.%eZ %v", spdlog::pattern_time_type::utc));
     made->set_level(spdlog::level::info);
@@ -30,10 +29,8 @@ spdlog::logger& Logger() {
 }
 
 constexpr std::pair<absl::string_view, spdlog::level::level_enum> kLevels[] = {
-    {"debug", spdlog::level::debug},
-    {"info", spdlog::level::info},
-    {"warning", spdlog::level::warn},
-    {"error", spdlog::level::err},
+    {"debug", spdlog::level::debug},  {"info", spdlog::level::info},
+    {"warning", spdlog::level::warn}, {"error", spdlog::level::err},
     {"off", spdlog::level::off},
 };
 
@@ -53,7 +50,8 @@ void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField
   const auto& [name, spdlog_level] = kLevels[static_cast<int>(level)];
   if (!Logger().should_log(spdlog_level)) return;
   std::string line = absl::StrCat("level=", name, " event=", event);
-  for (const auto& [key, value] : fields) absl::StrAppend(&line, " ", key, "=", QuoteLogValue(value));
+  for (const auto& [key, value] : fields)
+    absl::StrAppend(&line, " ", key, "=", QuoteLogValue(value));
   Logger().log(spdlog_level, spdlog::string_view_t(line));
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Structured logs: one line per event, `key=value` pairs, values quoted where they need it, so that both
-// people and programs can read them. Written by spdlog to stderr.
+// Structured logs: one line per event, `key=value` pairs, values quoted where they need it, so that
+// both people and programs can read them. Written by spdlog to stderr.
 //
 // Thread safety: every function may be called from any thread; a line is written in one piece.
 //

@@ -30,7 +30,8 @@ void RequestClaim::Drop() {
   if (log_ != nullptr) std::exchange(log_, nullptr)->Abandon(id_);
 }
 
-absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id, absl::string_view fingerprint) {
+absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id,
+                                               absl::string_view fingerprint) {
   RequestClaim claim;
   if (id.empty()) return claim;
   if (id.size() > kMaxIdLength) {
@@ -51,8 +52,9 @@ absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id, absl::strin
                         v1::ERROR_REASON_REQUEST_ID_REUSED);
   }
   if (!entry.complete) {
-    return MakeError(absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
-                     absl::StrCat("the first call with request_id \"", id, "\" is still under way"));
+    return MakeError(
+        absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
+        absl::StrCat("the first call with request_id \"", id, "\" is still under way"));
   }
   claim.repeated_ = true;
   claim.resource_ = entry.resource;

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Remembers which request_id made what, so that a repeated creation returns the first one's result instead
-// of making a second. Bounded: the oldest completed entries are forgotten.
+// Remembers which request_id made what, so that a repeated creation returns the first one's result
+// instead of making a second. Bounded: the oldest completed entries are forgotten.
 //
-// Invariants: an id is claimed by at most one call at a time; a claim that is dropped without Complete
-// leaves no trace, so that the call can be repeated.
+// Invariants: an id is claimed by at most one call at a time; a claim that is dropped without
+// Complete leaves no trace, so that the call can be repeated.
 //
-// Thread safety: every method of RequestLog from any thread; a claim belongs to one owner at a time. The
-// log outlives its claims.
+// Thread safety: every method of RequestLog from any thread; a claim belongs to one owner at a
+// time. The log outlives its claims.
 //
 //   SL_ASSIGN_OR_RETURN(RequestClaim claim, log.Claim("request-7", fingerprint));
 //   if (claim.repeated()) return Find(claim.resource());
@@ -57,8 +57,9 @@ class RequestLog {
  public:
   explicit RequestLog(size_t max_entries = 4096) : max_entries_(max_entries) {}
 
-  // An empty id is always new. `fingerprint` says what is asked for. InvalidArgument (INVALID_FIELD: longer than
-  // 128 characters; REQUEST_ID_REUSED: another fingerprint), Aborted (SCENE_BUSY: its first call is under way).
+  // An empty id is always new. `fingerprint` says what is asked for. InvalidArgument
+  // (INVALID_FIELD: longer than 128 characters; REQUEST_ID_REUSED: another fingerprint), Aborted
+  // (SCENE_BUSY: its first call is under way).
   absl::StatusOr<RequestClaim> Claim(absl::string_view id, absl::string_view fingerprint);
   // Forgets every id that made `resource`, because it is gone.
   void ForgetResource(absl::string_view resource);

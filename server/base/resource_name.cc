@@ -34,12 +34,14 @@ absl::Status CheckId(absl::string_view field, absl::string_view id) {
                       return IsAlphanumeric(c) || c == '-' || c == '_' || c == '.';
                     });
   if (good) return absl::OkStatus();
-  return InvalidField(field, Shown(id),
-                      "an id is 1 to 63 of a-z, 0-9, '-', '_' and '.', starting with a letter or digit");
+  return InvalidField(
+      field, Shown(id),
+      "an id is 1 to 63 of a-z, 0-9, '-', '_' and '.', starting with a letter or digit");
 }
 
 absl::StatusOr<std::string> ParseSceneName(absl::string_view field, absl::string_view name) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(name.substr(0, 4 * kMaxIdLength), '/');
+  const std::vector<absl::string_view> parts =
+      absl::StrSplit(name.substr(0, 4 * kMaxIdLength), '/');
   if (parts.size() != 2 || parts[0] != "scenes" || !CheckId(field, parts[1]).ok()) {
     return InvalidField(field, Shown(name), "must be scenes/{scene}");
   }
@@ -47,7 +49,8 @@ absl::StatusOr<std::string> ParseSceneName(absl::string_view field, absl::string
 }
 
 absl::StatusOr<PointSetName> ParsePointSetName(absl::string_view field, absl::string_view name) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(name.substr(0, 4 * kMaxIdLength), '/');
+  const std::vector<absl::string_view> parts =
+      absl::StrSplit(name.substr(0, 4 * kMaxIdLength), '/');
   if (parts.size() != 4 || parts[0] != "scenes" || parts[2] != "pointSets" ||
       !CheckId(field, parts[1]).ok() || !CheckId(field, parts[3]).ok()) {
     return InvalidField(field, Shown(name), "must be scenes/{scene}/pointSets/{point_set}");

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Resource names: `scenes/{scene}` and `scenes/{scene}/pointSets/{point_set}`, whose ids are 1 to 63 of
-// a-z, 0-9, '-', '_' and '.', starting with a letter or digit. Nothing else reaches the stores, so no name
-// can reach a path or a log line in disguise.
+// Resource names: `scenes/{scene}` and `scenes/{scene}/pointSets/{point_set}`, whose ids are 1 to
+// 63 of a-z, 0-9, '-', '_' and '.', starting with a letter or digit. Nothing else reaches the
+// stores, so no name can reach a path or a log line in disguise.
 //
 // Thread safety: functions only.
 //

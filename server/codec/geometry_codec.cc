@@ -98,12 +98,12 @@ absl::StatusOr<Camera> DecodeCamera(const v1::Camera& camera, const Limits& limi
     return OverLimit("camera.height", result.height, "max_image_height", limits.max_image_height);
   }
   if (!(MaxAbs(result.eye) <= kMaxCoordinate)) {
-    return InvalidField("camera.eye",
-                        absl::StrCat("(", result.eye.x, ", ", result.eye.y, ", ", result.eye.z, ")"),
-                        "must be finite and within 2^40");
+    return InvalidField(
+        "camera.eye", absl::StrCat("(", result.eye.x, ", ", result.eye.y, ", ", result.eye.z, ")"),
+        "must be finite and within 2^40");
   }
-  SL_RETURN_IF_ERROR(WithReason(ValidateCamera(result), v1::ERROR_REASON_INVALID_FIELD,
-                                {{"field", "camera"}}));
+  SL_RETURN_IF_ERROR(
+      WithReason(ValidateCamera(result), v1::ERROR_REASON_INVALID_FIELD, {{"field", "camera"}}));
   return result;
 }
 
@@ -115,9 +115,9 @@ absl::StatusOr<uint32_t> DecodeTriangle(absl::string_view field, uint32_t object
   }
   const ObjectRecord& record = geometry.objects[object];
   if (triangle >= record.triangle_count) {
-    return InvalidField(absl::StrCat(field, ".triangle"), triangle,
-                        absl::StrCat("object ", object, " has ", record.triangle_count,
-                                     " triangles"));
+    return InvalidField(
+        absl::StrCat(field, ".triangle"), triangle,
+        absl::StrCat("object ", object, " has ", record.triangle_count, " triangles"));
   }
   return record.first_triangle + triangle;
 }

@@ -2,8 +2,8 @@
 //
 // Vectors, boxes, cameras, lights and triangle references between the wire and core.
 //
-// Errors are INVALID_ARGUMENT naming the field and its value, or RESOURCE_EXHAUSTED naming the limit. Lights
-// that are not finite are no errors: their samples are marked invalid.
+// Errors are INVALID_ARGUMENT naming the field and its value, or RESOURCE_EXHAUSTED naming the
+// limit. Lights that are not finite are no errors: their samples are marked invalid.
 //
 // Thread safety: functions only.
 //
@@ -50,8 +50,8 @@ struct SampleSet {
   std::vector<double> weights;
 };
 
-// What can be said of lights without a scene: the kinds are set, the counts within the limits. Returns the
-// number of samples.
+// What can be said of lights without a scene: the kinds are set, the counts within the limits.
+// Returns the number of samples.
 absl::StatusOr<uint64_t> CheckLights(const google::protobuf::RepeatedPtrField<v1::Light>& lights,
                                      const Limits& limits);
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Packed little-endian arrays on the wire against vectors of plain elements. The project runs on x86-64
-// alone, so that the bytes are the memory; a string's bytes may be unaligned, hence the copies.
+// Packed little-endian arrays on the wire against vectors of plain elements. The project runs on
+// x86-64 alone, so that the bytes are the memory; a string's bytes may be unaligned, hence the
+// copies.
 //
 // Thread safety: functions only.
 //
@@ -26,21 +27,22 @@ namespace sightline {
 
 static_assert(std::endian::native == std::endian::little);
 
-// Appends the elements in `bytes` to `out`. InvalidArgument (BAD_ARRAY_LENGTH) naming `field`, the length and
-// `shape` unless they are whole elements.
+// Appends the elements in `bytes` to `out`. InvalidArgument (BAD_ARRAY_LENGTH) naming `field`, the
+// length and `shape` unless they are whole elements.
 template <typename T>
 absl::Status AppendArray(absl::string_view bytes, absl::string_view field, absl::string_view shape,
                          std::vector<T>* out) {
   static_assert(std::is_trivially_copyable_v<T>);
   if (bytes.size() % sizeof(T) != 0) {
-    return InvalidField(field, absl::StrCat(bytes.size(), " bytes"),
-                        absl::StrCat("not a whole number of elements of ", sizeof(T), " bytes (",
-                                     shape, ")"),
-                        v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+    return InvalidField(
+        field, absl::StrCat(bytes.size(), " bytes"),
+        absl::StrCat("not a whole number of elements of ", sizeof(T), " bytes (", shape, ")"),
+        v1::ERROR_REASON_BAD_ARRAY_LENGTH);
   }
   const size_t old = out->size();
   out->resize(old + bytes.size() / sizeof(T));
-  if (!bytes.empty()) std::memcpy(static_cast<void*>(out->data() + old), bytes.data(), bytes.size());
+  if (!bytes.empty())
+    std::memcpy(static_cast<void*>(out->data() + old), bytes.data(), bytes.size());
   return absl::OkStatus();
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What queries are asked with, between the wire and core: options, wanted outputs, points, segments.
+// What queries are asked with, between the wire and core: options, wanted outputs, points,
+// segments.
 //
 // Errors are INVALID_ARGUMENT naming the field and its value.
 //
@@ -49,8 +50,8 @@ struct DecodedPoints {
   absl::StatusOr<std::vector<uint32_t>> Sources(const SceneGeometry& geometry) const;
 };
 
-// Appends; arrays that one call leaves out must be left out by all (an upload's chunks). No point at all is an
-// error.
+// Appends; arrays that one call leaves out must be left out by all (an upload's chunks). No point
+// at all is an error.
 absl::Status AppendPoints(absl::string_view field, const v1::PointArrays& arrays,
                           DecodedPoints* points);
 

@@ -172,7 +172,8 @@ ShadowResult SpreadOverPixels(const ShadowResult& of_hits, std::span<const uint3
   }
   if (outputs.weighted_sums) {
     result.weighted_sums.assign(pixels, 0.0);
-    for (size_t i = 0; i < hits; ++i) result.weighted_sums[hit_pixels[i]] = of_hits.weighted_sums[i];
+    for (size_t i = 0; i < hits; ++i)
+      result.weighted_sums[hit_pixels[i]] = of_hits.weighted_sums[i];
   }
   if (outputs.blockers) {
     result.blocker.assign(samples * pixels, kNoTriangle);

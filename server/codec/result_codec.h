@@ -54,8 +54,8 @@ void EncodeSegments(const SceneGeometry& geometry, const SegmentResult& result,
 
 void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statistics* out);
 
-// Shadows computed for the points of a tile that are hits, spread out over its n pixels: pixels that hit
-// nothing are not lit, have no blocker, and count nothing.
+// Shadows computed for the points of a tile that are hits, spread out over its n pixels: pixels
+// that hit nothing are not lit, have no blocker, and count nothing.
 ShadowResult SpreadOverPixels(const ShadowResult& of_hits, std::span<const uint32_t> hit_pixels,
                               size_t pixels, size_t samples, const ShadowOutputs& outputs);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A point set of what a camera sees: one point per pixel, row by row, invalid where the pixel sees nothing.
+// A point set of what a camera sees: one point per pixel, row by row, invalid where the pixel sees
+// nothing.
 //
 // Thread safety: functions only; runs in parallel within the pool of the calling thread.
 //

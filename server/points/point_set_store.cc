@@ -115,7 +115,8 @@ std::vector<PointSetView> PointSetStore::List(const std::string& scene_id, const
 void PointSetStore::RemoveScene(const std::string& scene_id) {
   std::vector<PointSetView> gone;
   MutexLock lock(mutex_);
-  for (auto i = sets_.lower_bound({scene_id, ""}); i != sets_.end() && i->first.first == scene_id;) {
+  for (auto i = sets_.lower_bound({scene_id, ""});
+       i != sets_.end() && i->first.first == scene_id;) {
     Erase(i++, &gone);
   }
 }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The point sets of a server: prepared points of one scene revision, each under a lease, all under one
-// memory budget.
+// The point sets of a server: prepared points of one scene revision, each under a lease, all under
+// one memory budget.
 //
-// Invariants: a set belongs to one revision of one scene for good; it can be found until its lease runs out,
-// it is removed, or its scene is. Queries that found it keep it alive. Memory counts until a set can no
-// longer be found.
+// Invariants: a set belongs to one revision of one scene for good; it can be found until its lease
+// runs out, it is removed, or its scene is. Queries that found it keep it alive. Memory counts
+// until a set can no longer be found.
 //
 // Thread safety: every method from any thread.
 //

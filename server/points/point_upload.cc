@@ -40,8 +40,9 @@ absl::Status PointUpload::AddPart(const v1::CreatePointSetRequest& message) {
   if (header_->camera.has_value()) return BadSequence("chunk", "a camera's points have no upload");
   const uint64_t count = points_.positions.size() + message.chunk().points().size() / sizeof(Vec3d);
   if (count > header_->point_count) {
-    return BadSequence("chunk.points", absl::StrCat(count, " points have arrived, the header announced ",
-                                                    header_->point_count));
+    return BadSequence(
+        "chunk.points",
+        absl::StrCat(count, " points have arrived, the header announced ", header_->point_count));
   }
   return AppendPoints("chunk", message.chunk(), &points_);
 }
@@ -61,10 +62,10 @@ absl::Status PointUpload::AddHeader(const v1::CreatePointSetHeader& header) {
     return InvalidField("header.revision", header.revision(), "must not be negative");
   }
   result.revision = static_cast<uint64_t>(header.revision());
-  SL_ASSIGN_OR_RETURN(result.lease,
-                      DecodeDuration("header.lease_duration", header.has_lease_duration(),
-                                     header.lease_duration(), kDefaultLease,
-                                     absl::Seconds(limits_.max_lease_seconds)));
+  SL_ASSIGN_OR_RETURN(
+      result.lease,
+      DecodeDuration("header.lease_duration", header.has_lease_duration(), header.lease_duration(),
+                     kDefaultLease, absl::Seconds(limits_.max_lease_seconds)));
   SL_ASSIGN_OR_RETURN(result.options, DecodePointOptions(header.point_options()));
   switch (header.source_case()) {
     case v1::CreatePointSetHeader::kUpload:
@@ -84,7 +85,8 @@ absl::Status PointUpload::AddHeader(const v1::CreatePointSetHeader& header) {
       return InvalidField("header.source", "(unset)", "must be upload or camera");
   }
   if (result.point_count > limits_.max_points_per_set) {
-    return OverLimit("points", result.point_count, "max_points_per_set", limits_.max_points_per_set);
+    return OverLimit("points", result.point_count, "max_points_per_set",
+                     limits_.max_points_per_set);
   }
   header_ = std::move(result);
   return absl::OkStatus();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The upload state machine of PointSetService: messages in, a header and decoded points out. No gRPC in it.
+// The upload state machine of PointSetService: messages in, a header and decoded points out. No
+// gRPC in it.
 //
 // Invariants and thread safety: as SceneUpload.
 //
@@ -34,8 +35,8 @@ struct PointSetHeader {
   uint64_t revision = 0;
   absl::Duration lease = kDefaultLease;
   PointOptions options;
-  uint64_t point_count = 0;        // Of an upload, or the camera's pixels.
-  std::optional<Camera> camera;    // Set for points taken from a camera.
+  uint64_t point_count = 0;      // Of an upload, or the camera's pixels.
+  std::optional<Camera> camera;  // Set for points taken from a camera.
   QueryOptions camera_options;
 };
 

@@ -31,8 +31,7 @@ absl::Status TooMany(absl::string_view field, uint64_t received, uint64_t announ
 absl::Status ObjectAssembler::Start(const v1::ObjectHeader& header) {
   started_ = false;
   if (header.object_name().size() > kMaxNameBytes) {
-    return InvalidField("object.object_name",
-                        absl::StrCat(header.object_name().size(), " bytes"),
+    return InvalidField("object.object_name", absl::StrCat(header.object_name().size(), " bytes"),
                         "must have at most 1024 bytes");
   }
   ObjectInput object;
@@ -77,10 +76,11 @@ absl::Status ObjectAssembler::Add(const v1::MeshChunk& chunk) {
   const uint64_t vertices = object_.vertices.size() + chunk.vertices_f64().size() / sizeof(Vec3d) +
                             chunk.vertices_f32().size() / sizeof(Vec3f);
   if (vertices > vertex_count_) return TooMany("chunk.vertices", vertices, vertex_count_);
-  const uint64_t triangles = (object_.indices.size() + chunk.indices().size() / sizeof(uint32_t)) / 3;
+  const uint64_t triangles =
+      (object_.indices.size() + chunk.indices().size() / sizeof(uint32_t)) / 3;
   if (triangles > triangle_count_) return TooMany("chunk.indices", triangles, triangle_count_);
-  SL_RETURN_IF_ERROR(AppendArray(chunk.vertices_f64(), "chunk.vertices_f64", "float64 [k, 3]",
-                                 &object_.vertices));
+  SL_RETURN_IF_ERROR(
+      AppendArray(chunk.vertices_f64(), "chunk.vertices_f64", "float64 [k, 3]", &object_.vertices));
   SL_RETURN_IF_ERROR(AddFloatVertices(chunk.vertices_f32()));
   if (chunk.indices().size() % (3 * sizeof(uint32_t)) != 0) {
     return InvalidField("chunk.indices", absl::StrCat(chunk.indices().size(), " bytes"),
@@ -100,12 +100,12 @@ absl::Status ObjectAssembler::AddFloatVertices(const std::string& bytes) {
 
 absl::Status ObjectAssembler::CheckComplete() const {
   if (!started_ || complete()) return absl::OkStatus();
-  return MakeError(absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_BAD_SEQUENCE,
-                   absl::StrCat("object \"", object_.name, "\" is not complete: ",
-                                object_.vertices.size(), " of ", vertex_count_, " vertices and ",
-                                object_.indices.size() / 3, " of ", triangle_count_,
-                                " triangles have arrived"),
-                   {{"field", "chunk"}});
+  return MakeError(
+      absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_BAD_SEQUENCE,
+      absl::StrCat("object \"", object_.name, "\" is not complete: ", object_.vertices.size(),
+                   " of ", vertex_count_, " vertices and ", object_.indices.size() / 3, " of ",
+                   triangle_count_, " triangles have arrived"),
+      {{"field", "chunk"}});
 }
 
 ObjectInput ObjectAssembler::Take() {

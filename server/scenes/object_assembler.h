@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Puts one object together from its header and chunks. Trusts no count: memory grows with what arrives,
-// never with what was announced.
+// Puts one object together from its header and chunks. Trusts no count: memory grows with what
+// arrives, never with what was announced.
 //
 // Invariant: what is held never exceeds the announced counts, which never exceed the limits.
 //
@@ -32,7 +32,8 @@ class ObjectAssembler {
 
   bool started() const { return started_; }
   bool complete() const {
-    return object_.vertices.size() == vertex_count_ && object_.indices.size() == 3 * triangle_count_;
+    return object_.vertices.size() == vertex_count_ &&
+           object_.indices.size() == 3 * triangle_count_;
   }
   // InvalidArgument saying what is missing; OK when nothing is, or nothing was started.
   absl::Status CheckComplete() const;

@@ -19,9 +19,7 @@ constexpr absl::string_view kBuiltinPrefix = "builtin:";
 // Paper 004: eight bins on the longest axis are enough for a tree that is rebuilt often.
 constexpr int kDynamicBins = 8;
 
-ErrorMetadata Resource(const std::string& scene_id) {
-  return {{"resource", SceneName(scene_id)}};
-}
+ErrorMetadata Resource(const std::string& scene_id) { return {{"resource", SceneName(scene_id)}}; }
 
 absl::Status SceneNotFound(const std::string& scene_id) {
   return MakeError(absl::StatusCode::kNotFound, v1::ERROR_REASON_SCENE_NOT_FOUND,
@@ -103,9 +101,8 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
     const absl::Time now = absl::Now();
     times_.try_emplace(options.scene_id, Times{now, now, options.preset});
   }
-  absl::StatusOr<std::shared_ptr<const Scene>> scene =
-      registry_.Create(options.scene_id, objects, options.origin, BuildOptions(options.preset),
-                       cancel);
+  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Create(
+      options.scene_id, objects, options.origin, BuildOptions(options.preset), cancel);
   absl::Status status = scene.status();
   if (status.ok() && (*scene)->geometry.triangles.size() == (*scene)->geometry.inert.size()) {
     const MeshReport& report = (*scene)->geometry.report;
@@ -139,8 +136,8 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
     if (options.preset.has_value()) times->second.preset = *options.preset;
     preset = times->second.preset;
   }
-  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Edit(
-      options.scene_id, options.base_revision, edits, BuildOptions(preset), cancel);
+  absl::StatusOr<std::shared_ptr<const Scene>> scene =
+      registry_.Edit(options.scene_id, options.base_revision, edits, BuildOptions(preset), cancel);
   if (!scene.ok()) return ExplainEdit(scene.status(), options);
   {
     MutexLock lock(mutex_);
@@ -175,8 +172,7 @@ absl::Status SceneCatalog::ExplainEdit(absl::Status status, const EditOptions& o
 absl::Status SceneCatalog::Delete(const std::string& scene_id) {
   const absl::StatusOr<SceneStatus> before = registry_.GetStatus(scene_id);
   if (!before.ok()) return SceneNotFound(scene_id);
-  SL_RETURN_IF_ERROR(
-      ExplainBuild(registry_.Delete(scene_id), scene_id, limits_.max_scene_bytes));
+  SL_RETURN_IF_ERROR(ExplainBuild(registry_.Delete(scene_id), scene_id, limits_.max_scene_bytes));
   SceneView view = View(*before);
   view.deleted = true;
   {

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The scenes of a server: the engine's registry with what a service needs around it: times, repeatable
-// requests, watchers, machine-readable reasons.
+// The scenes of a server: the engine's registry with what a service needs around it: times,
+// repeatable requests, watchers, machine-readable reasons.
 //
 // Invariants
 //  1. A scene is in the catalog exactly while the registry has it.
-//  2. A watcher is told of every change after it was added, in order per scene, perhaps skipping states that
+//  2. A watcher is told of every change after it was added, in order per scene, perhaps skipping
+//  states that
 //     were overtaken; a deleted scene is its last news.
 //
-// Thread safety: every method from any thread; none may run on a gRPC thread but Pin, Get, List and the
-// watcher methods, which do not compute. Watchers are called without the lock held.
+// Thread safety: every method from any thread; none may run on a gRPC thread but Pin, Get, List and
+// the watcher methods, which do not compute. Watchers are called without the lock held.
 //
 //   SceneCatalog catalog(limits, build_pool);
 //   absl::StatusOr<SceneView> made = catalog.Create({.scene_id = "hall"}, objects, &cancel);
@@ -65,8 +66,8 @@ class SceneCatalog {
   };
   struct EditOptions {
     std::string scene_id;
-    uint64_t base_revision = 0;          // 0: whichever is current.
-    std::optional<BuildPreset> preset;   // As before.
+    uint64_t base_revision = 0;         // 0: whichever is current.
+    std::optional<BuildPreset> preset;  // As before.
   };
 
   SceneCatalog(const Limits& limits, ThreadPool& build_pool);

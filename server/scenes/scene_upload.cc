@@ -119,8 +119,8 @@ absl::Status SceneUpload::StartObject(const v1::ObjectHeader& header) {
   if (objects_.size() == header_->object_count) {
     return BadSequence("object", absl::StrCat("the header announced ", header_->object_count));
   }
-  SL_RETURN_IF_ERROR(AddCounts(header.triangle_count(), header.vertex_count(), limits_, &triangles_,
-                               &vertices_));
+  SL_RETURN_IF_ERROR(
+      AddCounts(header.triangle_count(), header.vertex_count(), limits_, &triangles_, &vertices_));
   if (triangles_ > header_->triangle_count || vertices_ > header_->vertex_count) {
     return BadSequence("object.triangle_count",
                        absl::StrCat("the objects so far have ", triangles_, " triangles and ",
@@ -143,10 +143,10 @@ absl::StatusOr<std::vector<ObjectInput>> SceneUpload::Finish() {
   if (objects_.size() != header_->object_count || triangles_ != header_->triangle_count ||
       vertices_ != header_->vertex_count) {
     return BadSequence(
-        "object", absl::StrCat("the stream ended after ", objects_.size(), " of ",
-                               header_->object_count, " objects, ", triangles_, " of ",
-                               header_->triangle_count, " triangles and ", vertices_, " of ",
-                               header_->vertex_count, " vertices"));
+        "object",
+        absl::StrCat("the stream ended after ", objects_.size(), " of ", header_->object_count,
+                     " objects, ", triangles_, " of ", header_->triangle_count, " triangles and ",
+                     vertices_, " of ", header_->vertex_count, " vertices"));
   }
   return std::move(objects_);
 }
@@ -190,8 +190,9 @@ absl::Status SceneEditUpload::AddPart(const v1::UpdateSceneRequest& message) {
     case Request::kSetTransform: {
       edit.kind = SceneEdit::Kind::kSetTransform;
       edit.object.name = message.set_transform().object_name();
-      SL_ASSIGN_OR_RETURN(edit.object.transform, DecodeTransform("set_transform.transform",
-                                                                 message.set_transform().transform()));
+      SL_ASSIGN_OR_RETURN(
+          edit.object.transform,
+          DecodeTransform("set_transform.transform", message.set_transform().transform()));
       break;
     }
     default:

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The two upload state machines of SceneService: messages in, objects or edits out. No gRPC in them, so that
-// tests and the fuzzer feed them whatever they like.
+// The two upload state machines of SceneService: messages in, objects or edits out. No gRPC in
+// them, so that tests and the fuzzer feed them whatever they like.
 //
-// Invariants: after an error nothing more is accepted; Finish succeeds only when everything announced has
-// arrived and nothing else.
+// Invariants: after an error nothing more is accepted; Finish succeeds only when everything
+// announced has arrived and nothing else.
 //
 // Thread safety: one thread at a time.
 //

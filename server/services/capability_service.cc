@@ -9,14 +9,15 @@
 #include "core/mesh/builtin/builtin.h"
 #include "core/mesh/scene_geometry.h"
 #include "core/query/options.h"
-#include "server/version.h"
 #include "server/codec/query_codec.h"
 #include "server/services/unary.h"
+#include "server/version.h"
 
 namespace sightline {
 namespace {
 
-// Field by field, by name: a limit without a field, or a field without a limit, is found by the first test.
+// Field by field, by name: a limit without a field, or a field without a limit, is found by the
+// first test.
 void EncodeLimits(const Limits& limits, v1::Limits* out) {
   const google::protobuf::Descriptor* descriptor = out->GetDescriptor();
   const google::protobuf::Reflection* reflection = out->GetReflection();
@@ -24,7 +25,8 @@ void EncodeLimits(const Limits& limits, v1::Limits* out) {
     const uint64_t value = limits.*entry.value;
     absl::string_view name = entry.name;
     const bool seconds = absl::ConsumeSuffix(&name, "_seconds");
-    // "max_pin_seconds" travels as the Duration "max_pin_duration", "max_lease_seconds" as "max_lease".
+    // "max_pin_seconds" travels as the Duration "max_pin_duration", "max_lease_seconds" as
+    // "max_lease".
     const google::protobuf::FieldDescriptor* field = descriptor->FindFieldByName(std::string(name));
     if (field == nullptr && seconds) {
       field = descriptor->FindFieldByName(absl::StrCat(name, "_duration"));
@@ -41,8 +43,8 @@ void EncodeLimits(const Limits& limits, v1::Limits* out) {
         reflection->SetInt64(out, field, static_cast<int64_t>(value));
         break;
       default: {
-        auto* duration = static_cast<google::protobuf::Duration*>(
-            reflection->MutableMessage(out, field));
+        auto* duration =
+            static_cast<google::protobuf::Duration*>(reflection->MutableMessage(out, field));
         duration->set_seconds(static_cast<int64_t>(value));
       }
     }

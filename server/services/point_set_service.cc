@@ -82,7 +82,8 @@ class CreateJob {
     if (claim_.repeated()) return absl::OkStatus();
     SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
                         env_.scenes.Pin(header.scene_id, header.revision));
-    revision_ = scene->revision;  // An edit during the upload makes the sources wrong: told at the end.
+    revision_ =
+        scene->revision;  // An edit during the upload makes the sources wrong: told at the end.
     return env_.point_sets.CheckRoom(header.scene_id, header.point_set_id, header.point_count);
   }
 
@@ -156,10 +157,10 @@ grpc::ServerUnaryReactor* PointSetService::RenewLease(grpc::CallbackServerContex
                                                       v1::PointSet* response) {
   return Answer(context, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
-    SL_ASSIGN_OR_RETURN(const absl::Duration lease,
-                        DecodeDuration("lease_duration", request->has_lease_duration(),
-                                       request->lease_duration(), kDefaultLease,
-                                       absl::Seconds(env_.limits.max_lease_seconds)));
+    SL_ASSIGN_OR_RETURN(
+        const absl::Duration lease,
+        DecodeDuration("lease_duration", request->has_lease_duration(), request->lease_duration(),
+                       kDefaultLease, absl::Seconds(env_.limits.max_lease_seconds)));
     SL_ASSIGN_OR_RETURN(const PointSetView view,
                         env_.point_sets.Renew(name.scene_id, name.point_set_id, lease));
     EncodePointSet(view, response);

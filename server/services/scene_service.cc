@@ -76,9 +76,11 @@ class CreateJob {
  private:
   absl::Status CheckHeader() {
     const SceneHeader& header = *upload_.header();
-    SL_ASSIGN_OR_RETURN(claim_, env_.scenes.requests().Claim(header.request_id, header.fingerprint));
+    SL_ASSIGN_OR_RETURN(claim_,
+                        env_.scenes.requests().Claim(header.request_id, header.fingerprint));
     if (claim_.repeated()) return absl::OkStatus();
-    return env_.scenes.CheckRoom(header.create.scene_id, header.triangle_count, header.vertex_count);
+    return env_.scenes.CheckRoom(header.create.scene_id, header.triangle_count,
+                                 header.vertex_count);
   }
 
   const QueryEnvironment env_;
@@ -119,7 +121,8 @@ class UpdateJob {
  private:
   absl::Status CheckHeader() {
     const EditHeader& header = *upload_.header();
-    SL_ASSIGN_OR_RETURN(claim_, env_.scenes.requests().Claim(header.request_id, header.fingerprint));
+    SL_ASSIGN_OR_RETURN(claim_,
+                        env_.scenes.requests().Claim(header.request_id, header.fingerprint));
     if (claim_.repeated()) return absl::OkStatus();
     // Told before the upload, where it can be: the edit checks again.
     return env_.scenes.Pin(header.edit.scene_id, header.edit.base_revision).status();
@@ -134,7 +137,8 @@ class UpdateJob {
 absl::StatusOr<size_t> ParseObjectToken(const std::string& token, size_t objects) {
   size_t first = 0;
   if (token.empty()) return first;
-  if (token[0] == 'i' && absl::SimpleAtoi(token.substr(1), &first) && first <= objects) return first;
+  if (token[0] == 'i' && absl::SimpleAtoi(token.substr(1), &first) && first <= objects)
+    return first;
   return InvalidField("page_token", absl::StrCat(token.size(), " bytes"),
                       "is not a token of an earlier page");
 }
@@ -179,9 +183,9 @@ grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext* 
   });
 }
 
-grpc::ServerUnaryReactor* SceneService::ListSceneObjects(
-    grpc::CallbackServerContext* context, const v1::ListSceneObjectsRequest* request,
-    v1::ListSceneObjectsResponse* response) {
+grpc::ServerUnaryReactor* SceneService::ListSceneObjects(grpc::CallbackServerContext* context,
+                                                         const v1::ListSceneObjectsRequest* request,
+                                                         v1::ListSceneObjectsResponse* response) {
   return Answer(context, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("parent", request->parent()));
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), ""));

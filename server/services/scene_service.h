@@ -16,8 +16,8 @@ class SceneService final : public v1::SceneService::CallbackService {
  public:
   SceneService(const QueryEnvironment& env, UploadSlots& slots) : env_(env), slots_(slots) {}
 
-  grpc::ServerReadReactor<v1::CreateSceneRequest>* CreateScene(
-      grpc::CallbackServerContext* context, v1::Scene* response) override;
+  grpc::ServerReadReactor<v1::CreateSceneRequest>* CreateScene(grpc::CallbackServerContext* context,
+                                                               v1::Scene* response) override;
   grpc::ServerUnaryReactor* GetScene(grpc::CallbackServerContext* context,
                                      const v1::GetSceneRequest* request,
                                      v1::Scene* response) override;
@@ -27,8 +27,8 @@ class SceneService final : public v1::SceneService::CallbackService {
   grpc::ServerUnaryReactor* ListSceneObjects(grpc::CallbackServerContext* context,
                                              const v1::ListSceneObjectsRequest* request,
                                              v1::ListSceneObjectsResponse* response) override;
-  grpc::ServerReadReactor<v1::UpdateSceneRequest>* UpdateScene(
-      grpc::CallbackServerContext* context, v1::Scene* response) override;
+  grpc::ServerReadReactor<v1::UpdateSceneRequest>* UpdateScene(grpc::CallbackServerContext* context,
+                                                               v1::Scene* response) override;
   grpc::ServerUnaryReactor* DeleteScene(grpc::CallbackServerContext* context,
                                         const v1::DeleteSceneRequest* request,
                                         google::protobuf::Empty* response) override;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How unary handlers run: a short lookup in the reaction, or a task of the build pool for what frees or
-// makes much memory.
+// How unary handlers run: a short lookup in the reaction, or a task of the build pool for what
+// frees or makes much memory.
 //
 // Thread safety: functions only.
 //
@@ -55,8 +55,8 @@ struct Page {
   std::string after;  // The last id of the page before.
 };
 
-// A page token is the last id of its page behind a fixed letter: it stays good when others come and go.
-// INVALID_ARGUMENT for a negative size or a token that is none.
+// A page token is the last id of its page behind a fixed letter: it stays good when others come and
+// go. INVALID_ARGUMENT for a negative size or a token that is none.
 absl::StatusOr<Page> ParsePage(int32_t page_size, const std::string& page_token);
 std::string PageToken(const std::string& last_id);
 

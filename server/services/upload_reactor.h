@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The reactor behind the three client-streamed creations. An Upload (scene_upload.h, point_upload.h) takes the
-// messages; a Job says what to do before, when the header is known, and after, when everything has arrived.
+// The reactor behind the three client-streamed creations. An Upload (scene_upload.h,
+// point_upload.h) takes the messages; a Job says what to do before, when the header is known, and
+// after, when everything has arrived.
 //
-// Invariants: reactions never compute, decoding and building are tasks of the build pool; one message is in
-// memory beside what the upload holds; Finish is called exactly once, with no task running; the job's cancel
-// token fires when the client goes away.
+// Invariants: reactions never compute, decoding and building are tasks of the build pool; one
+// message is in memory beside what the upload holds; Finish is called exactly once, with no task
+// running; the job's cancel token fires when the client goes away.
 //
 // Thread safety: as visibility_stream.h.
 #ifndef SIGHTLINE_SERVER_SERVICES_UPLOAD_REACTOR_H_

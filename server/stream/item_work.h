@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One item of a visibility stream once it is decoded: parts that can be computed side by side, each of which
-// fills one reply.
+// One item of a visibility stream once it is decoded: parts that can be computed side by side, each
+// of which fills one reply.
 //
 // Thread safety: RunPart may run for several parts at once, each part once; the rest is constant.
 #ifndef SIGHTLINE_SERVER_STREAM_ITEM_WORK_H_
@@ -28,16 +28,16 @@ struct PartRange {
   uint64_t offset = 0, count = 0;
 };
 
-// Cuts `elements` into parts. Each holds whole multiples of `unit` elements (but the last), starts at a
-// multiple of 8, asks for about kPartRays rays, and its reply stays near the target size.
-// ResourceExhausted (max_message_bytes) if the smallest legal part makes too long a reply; `bytes(n)` is what a
-// reply of n elements takes at most.
+// Cuts `elements` into parts. Each holds whole multiples of `unit` elements (but the last), starts
+// at a multiple of 8, asks for about kPartRays rays, and its reply stays near the target size.
+// ResourceExhausted (max_message_bytes) if the smallest legal part makes too long a reply;
+// `bytes(n)` is what a reply of n elements takes at most.
 template <typename Bytes>
 absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t unit,
                                                     uint64_t rays_per_element, const Limits& limits,
                                                     const Bytes& bytes) {
-  // A part of 64 Ki rays takes a thread some 10 ms: long enough to share a walk between neighbours, short
-  // enough to keep all threads busy and one stream from holding up another.
+  // A part of 64 Ki rays takes a thread some 10 ms: long enough to share a walk between neighbours,
+  // short enough to keep all threads busy and one stream from holding up another.
   constexpr uint64_t kPartRays = 64 << 10;
   // Room for the reply's other fields beside its arrays.
   constexpr uint64_t kHeaderBytes = 1024;
@@ -49,7 +49,8 @@ absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t 
   }
   const uint64_t target_bytes = std::min(limits.target_reply_bytes, reply_limit);
   const uint64_t by_rays = std::max<uint64_t>(1, kPartRays / rays_per_element / step);
-  const uint64_t by_bytes = std::max<uint64_t>(1, target_bytes / std::max<uint64_t>(1, bytes(step)));
+  const uint64_t by_bytes =
+      std::max<uint64_t>(1, target_bytes / std::max<uint64_t>(1, bytes(step)));
   const uint64_t size = step * std::min(by_rays, by_bytes);
   std::vector<PartRange> parts;
   for (uint64_t offset = 0; offset < elements; offset += size) {

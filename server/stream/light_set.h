@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The lights of a stream's header, and their samples for whichever revision an item sees: a source triangle's
-// number, and the origin if the scene was made anew, belong to a revision.
+// The lights of a stream's header, and their samples for whichever revision an item sees: a source
+// triangle's number, and the origin if the scene was made anew, belong to a revision.
 //
 // Thread safety: every method from any thread.
 //

@@ -2,7 +2,8 @@
 //
 // What queries need of the server: scenes, point sets, threads, limits, admission.
 //
-// Thread safety: every part has its own; the struct is constant. Everything in it outlives the calls.
+// Thread safety: every part has its own; the struct is constant. Everything in it outlives the
+// calls.
 #ifndef SIGHTLINE_SERVER_STREAM_QUERY_ENVIRONMENT_H_
 #define SIGHTLINE_SERVER_STREAM_QUERY_ENVIRONMENT_H_
 
@@ -19,8 +20,8 @@ struct QueryEnvironment {
   const Limits& limits;
   SceneCatalog& scenes;
   PointSetStore& point_sets;
-  ThreadPool& query_pool;   // Answers queries; never builds.
-  ThreadPool& build_pool;   // Builds scenes and prepares uploads; never answers.
+  ThreadPool& query_pool;  // Answers queries; never builds.
+  ThreadPool& build_pool;  // Builds scenes and prepares uploads; never answers.
   RayQueue& ray_queue;
   CallTracker& calls;
 };

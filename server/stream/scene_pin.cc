@@ -19,10 +19,10 @@ absl::StatusOr<std::unique_ptr<ScenePin>> ScenePin::Open(const v1::StreamHeader&
     return InvalidField("header.stream.revision", header.revision(), "must not be negative");
   }
   const absl::Duration most = absl::Seconds(env.limits.max_pin_seconds);
-  SL_ASSIGN_OR_RETURN(const absl::Duration duration,
-                      DecodeDuration("header.stream.max_pin_duration",
-                                     header.has_max_pin_duration(), header.max_pin_duration(), most,
-                                     most));
+  SL_ASSIGN_OR_RETURN(
+      const absl::Duration duration,
+      DecodeDuration("header.stream.max_pin_duration", header.has_max_pin_duration(),
+                     header.max_pin_duration(), most, most));
   const auto revision = static_cast<uint64_t>(header.revision());
   std::unique_ptr<ScenePin> pin(new ScenePin(env.scenes, std::move(scene_id), revision));
   SL_ASSIGN_OR_RETURN(pin->opened_, env.scenes.Pin(pin->scene_id_, revision));

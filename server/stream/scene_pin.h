@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which revision each item of a stream sees: the current one at its start, or an exact one that is kept in
-// memory for a while.
+// Which revision each item of a stream sees: the current one at its start, or an exact one that is
+// kept in memory for a while.
 //
 // Invariant: an exact revision is let go when its time is up, whether items come or not.
 //

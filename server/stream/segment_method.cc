@@ -35,9 +35,8 @@ class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
                        QueryStats* stats) override {
     const PartRange range = parts_[part];
     PreparedSegments segments;
-    SL_RETURN_IF_ERROR(PrepareSegments(*scene_,
-                                       std::span(ends_).subspan(range.offset, range.count), {}, {},
-                                       &segments));
+    SL_RETURN_IF_ERROR(PrepareSegments(*scene_, std::span(ends_).subspan(range.offset, range.count),
+                                       {}, {}, &segments));
     const v1::SegmentOutputs& wanted = method_.outputs_;
     QueryOptions options = method_.options_.query;
     options.cancel = &cancel;

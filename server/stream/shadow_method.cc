@@ -43,16 +43,16 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
     QueryOptions options = method_.options_.query;
     options.cancel = &cancel;
     ShadowResult result;
-    SL_RETURN_IF_ERROR(ComputeShadows(
-        *scene_, points, samples_->samples,
-        wanted.weighted_sums() ? std::span<const double>(samples_->weights)
-                               : std::span<const double>(),
-        method_.shadow_options_,
-        ShadowOutputs{.bits = wanted.lit_bits(),
-                      .counts = wanted.lit_counts(),
-                      .weighted_sums = wanted.weighted_sums(),
-                      .blockers = wanted.first_blockers()},
-        options, &result));
+    SL_RETURN_IF_ERROR(ComputeShadows(*scene_, points, samples_->samples,
+                                      wanted.weighted_sums()
+                                          ? std::span<const double>(samples_->weights)
+                                          : std::span<const double>(),
+                                      method_.shadow_options_,
+                                      ShadowOutputs{.bits = wanted.lit_bits(),
+                                                    .counts = wanted.lit_counts(),
+                                                    .weighted_sums = wanted.weighted_sums(),
+                                                    .blockers = wanted.first_blockers()},
+                                      options, &result));
     stats->Add(result.stats);
     EncodeShadows(scene_->geometry, result, points.valid, samples_->samples, wanted,
                   response->mutable_reply()->mutable_shadows());
@@ -60,7 +60,8 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
   }
 
   void Complete(Response* response) override {
-    response->mutable_reply()->mutable_shadows()->set_near_surface_point_count(points_.near_surface);
+    response->mutable_reply()->mutable_shadows()->set_near_surface_point_count(
+        points_.near_surface);
   }
 
  private:
@@ -109,10 +110,9 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
       DecodedPoints decoded;
       SL_RETURN_IF_ERROR(AppendPoints("item.points", item.points(), &decoded));
       SL_ASSIGN_OR_RETURN(const std::vector<uint32_t> sources, decoded.Sources(scene->geometry));
-      SL_ASSIGN_OR_RETURN(
-          PreparedPoints prepared,
-          PreparePoints(*scene, {decoded.positions, decoded.normals, sources}, point_options_,
-                        &cancel));
+      SL_ASSIGN_OR_RETURN(PreparedPoints prepared,
+                          PreparePoints(*scene, {decoded.positions, decoded.normals, sources},
+                                        point_options_, &cancel));
       const size_t count = prepared.size();
       const uint64_t near_surface = prepared.near_surface;
       return Points{std::make_shared<const PreparedPoints>(std::move(prepared)), 0, count,
@@ -143,9 +143,9 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
     return InvalidField("item.point_set_range.count", 0, "must be at least 1");
   }
   if (range.offset() >= size || range.count() > size - range.offset()) {
-    return InvalidField("item.point_set_range.count", range.count(),
-                        absl::StrCat("from ", range.offset(), " on leaves the set, which has ",
-                                     size, " points"));
+    return InvalidField(
+        "item.point_set_range.count", range.count(),
+        absl::StrCat("from ", range.offset(), " on leaves the set, which has ", size, " points"));
   }
   return Points{std::shared_ptr<const PreparedPoints>(view.set, &view.set->points), range.offset(),
                 range.count(), 0};
@@ -157,10 +157,10 @@ absl::StatusOr<std::unique_ptr<ShadowMethod::Work>> ShadowMethod::Prepare(
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
   SL_ASSIGN_OR_RETURN(Points points, FindPoints(item, scene, cancel));
   const uint64_t sample_count = samples->samples.size();
-  SL_ASSIGN_OR_RETURN(
-      std::vector<PartRange> parts,
-      CutIntoParts(points.count, 1, sample_count, env_.limits,
-                   [&](uint64_t n) { return ShadowBytes(outputs_, n, sample_count); }));
+  SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
+                      CutIntoParts(points.count, 1, sample_count, env_.limits, [&](uint64_t n) {
+                        return ShadowBytes(outputs_, n, sample_count);
+                      }));
   return std::unique_ptr<Work>(new ShadowWork(*this, std::move(scene), std::move(samples),
                                               std::move(points), std::move(parts)));
 }

@@ -2,8 +2,8 @@
 //
 // One unanswered item of a visibility stream, and the key by which waiting work is ordered.
 //
-// Thread safety: plain data, guarded by the stream's lock, except the token (safe by itself) and `work`
-// (constant once prepared).
+// Thread safety: plain data, guarded by the stream's lock, except the token (safe by itself) and
+// `work` (constant once prepared).
 #ifndef SIGHTLINE_SERVER_STREAM_STREAM_ITEM_H_
 #define SIGHTLINE_SERVER_STREAM_STREAM_ITEM_H_
 
@@ -35,22 +35,22 @@ struct StreamItem {
   explicit StreamItem(const CancelToken* stream_token) : token(stream_token) {}
 
   uint64_t id = 0;
-  uint64_t cost = 0;                // Taken off the stream's credit.
-  RayTicket ticket;                 // Its share of the server's queue.
+  uint64_t cost = 0;  // Taken off the stream's credit.
+  RayTicket ticket;   // Its share of the server's queue.
   int32_t priority = 0;
   uint64_t sequence = 0;
-  typename Method::Item request;    // Emptied once prepared.
+  typename Method::Item request;  // Emptied once prepared.
   CancelToken token;
   std::chrono::steady_clock::time_point arrival;
   std::unique_ptr<grpc::Alarm> deadline_alarm;
 
   std::unique_ptr<typename Method::Work> work;  // Once prepared.
   uint64_t queue_nanos = 0;
-  bool started = false;             // Some task of it has begun.
-  uint64_t tasks_left = 1;          // Waiting or running: first the preparation, then the parts.
-  absl::Status status;              // The first thing that went wrong.
+  bool started = false;     // Some task of it has begun.
+  uint64_t tasks_left = 1;  // Waiting or running: first the preparation, then the parts.
+  absl::Status status;      // The first thing that went wrong.
   QueryStats stats;
-  bool closed = false;              // Its last reply is in the outbox.
+  bool closed = false;  // Its last reply is in the outbox.
 };
 
 }  // namespace sightline

@@ -23,9 +23,9 @@ absl::Status CheckTile(const v1::TileItem& item, const Camera& camera) {
                         uint64_t whole) -> absl::Status {
     if (size == 0) return InvalidField(absl::StrCat("item.", name), size, "must be at least 1");
     if (from + size <= whole) return absl::OkStatus();
-    return InvalidField(absl::StrCat("item.", name), size,
-                        absl::StrCat("the tile from ", from, " on leaves the image, which has ",
-                                     whole));
+    return InvalidField(
+        absl::StrCat("item.", name), size,
+        absl::StrCat("the tile from ", from, " on leaves the image, which has ", whole));
   };
   SL_RETURN_IF_ERROR(check("width", item.x(), item.width(), camera.width));
   return check("height", item.y(), item.height(), camera.height);
@@ -54,8 +54,10 @@ class TileMethod::TileWork final : public TileMethod::Work {
                         tile_.width, static_cast<uint32_t>(range.count / tile_.width)};
     const v1::ShadowOutputs& wanted = method_.shadow_outputs_;
     const bool lights = !samples_->samples.empty();
-    // Bits come with the tile; whatever else is wanted of the lights is asked about the hits themselves.
-    const bool bits_alone = !wanted.lit_counts() && !wanted.weighted_sums() && !wanted.first_blockers();
+    // Bits come with the tile; whatever else is wanted of the lights is asked about the hits
+    // themselves.
+    const bool bits_alone =
+        !wanted.lit_counts() && !wanted.weighted_sums() && !wanted.first_blockers();
     TileOutputs outputs{
         .hits = true,
         .ids = method_.outputs_.object_ids() || method_.outputs_.triangle_ids(),
@@ -100,13 +102,14 @@ class TileMethod::TileWork final : public TileMethod::Work {
                                 .blockers = wanted.first_blockers()};
     ShadowResult of_hits;
     if (tile.points.size() > 0) {
-      SL_RETURN_IF_ERROR(ComputeShadows(
-          *scene_, PointRange::All(tile.points), samples_->samples,
-          outputs.weighted_sums ? std::span<const double>(samples_->weights)
-                                : std::span<const double>(),
-          ShadowOptions{}, outputs, options, &of_hits));
+      SL_RETURN_IF_ERROR(ComputeShadows(*scene_, PointRange::All(tile.points), samples_->samples,
+                                        outputs.weighted_sums
+                                            ? std::span<const double>(samples_->weights)
+                                            : std::span<const double>(),
+                                        ShadowOptions{}, outputs, options, &of_hits));
     }
-    *shadows = SpreadOverPixels(of_hits, tile.point_pixel, pixels, samples_->samples.size(), outputs);
+    *shadows =
+        SpreadOverPixels(of_hits, tile.point_pixel, pixels, samples_->samples.size(), outputs);
     return absl::OkStatus();
   }
 
@@ -152,10 +155,10 @@ absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item
            (sample_count > 0 ? ShadowBytes(shadow_outputs_, n, sample_count) : 0);
   };
   SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
-                      CutIntoParts(uint64_t{tile.width} * tile.height, tile.width,
-                                   1 + sample_count, env_.limits, bytes));
-  return std::unique_ptr<Work>(new TileWork(*this, std::move(scene), std::move(samples), tile,
-                                            std::move(parts)));
+                      CutIntoParts(uint64_t{tile.width} * tile.height, tile.width, 1 + sample_count,
+                                   env_.limits, bytes));
+  return std::unique_ptr<Work>(
+      new TileWork(*this, std::move(scene), std::move(samples), tile, std::move(parts)));
 }
 
 }  // namespace sightline

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// VisibilityService.TraceTiles: what its stream and its items are made of. See visibility_stream.h for the
-// shape that the three methods share.
+// VisibilityService.TraceTiles: what its stream and its items are made of. See visibility_stream.h
+// for the shape that the three methods share.
 //
 // Thread safety: constant once opened.
 #ifndef SIGHTLINE_SERVER_STREAM_TILE_METHOD_H_

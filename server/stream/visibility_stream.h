@@ -1,22 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The one reactor behind TraceTiles, ComputeShadows and TestSegments. A Method (tile_method.h, ...) says what
-// headers and items mean; everything else is here: order, credit both ways, cancelling, deadlines, draining.
-// The rules it keeps are written in visibility_service.proto.
+// The one reactor behind TraceTiles, ComputeShadows and TestSegments. A Method (tile_method.h, ...)
+// says what headers and items mean; everything else is here: order, credit both ways, cancelling,
+// deadlines, draining. The rules it keeps are written in visibility_service.proto.
 //
 // Invariants
-//  1. Reactions never compute: opening, decoding and answering are tasks of the query pool, at most one per
-//     thread and stream at a time, so that streams take turns.
-//  2. At most one Write is outstanding; Finish is called exactly once, with no Write outstanding and no task
-//     running. The reactor lives until OnDone and until its last task is gone (shared_ptr).
-//  3. Reading never stops while the stream is open, so that a client's writes always go through. What is held
-//     is bounded by the credit: an item's credit comes back when its last reply is handed to the transport.
-//  4. Every accepted item gets exactly one last reply, unless the stream itself fails or is cancelled.
-//  5. A stream that failed reads on and throws away, since a client that is still writing must reach the
-//     point where it reads the status; one that never does is cut off after kMaxDiscarded messages.
+//  1. Reactions never compute: opening, decoding and answering are tasks of the query pool, at most
+//     one per thread and stream at a time, so that streams take turns.
+//  2. At most one Write is outstanding; Finish is called exactly once, with no Write outstanding
+//     and no task running. The reactor lives until OnDone and until its last task is gone.
+//  3. Reading never stops while the stream is open, so that a client's writes always go through.
+//     What is held is bounded by the credit: an item's credit comes back when its last reply is
+//     handed to the transport.
+//  4. Every accepted item gets exactly one last reply, unless the stream itself fails or is
+//     cancelled.
+//  5. A stream that failed reads on and throws away, since a client that is still writing must
+//     reach the point where it reads the status; one that never does is cut off after
+//     kMaxDiscarded messages.
 //
-// Thread safety: gRPC calls the reactions from its threads, tasks run on the pool's; one mutex guards all
-// state, and gRPC's Start* and Finish are called with it held (their completions never run inside them).
+// Thread safety: gRPC calls the reactions from its threads, tasks run on the pool's; one mutex
+// guards all state, and gRPC's Start* and Finish are called with it held (their completions never
+// run inside them).
 #ifndef SIGHTLINE_SERVER_STREAM_VISIBILITY_STREAM_H_
 #define SIGHTLINE_SERVER_STREAM_VISIBILITY_STREAM_H_
 
@@ -62,7 +66,8 @@ class VisibilityStream final
   using ItemPtr = std::shared_ptr<Item>;
 
   // The reactor for a new call. It deletes itself.
-  static VisibilityStream* Start(grpc::CallbackServerContext* context, const QueryEnvironment& env) {
+  static VisibilityStream* Start(grpc::CallbackServerContext* context,
+                                 const QueryEnvironment& env) {
     auto stream = std::shared_ptr<VisibilityStream>(new VisibilityStream(context, env));
     stream->Begin(env.calls.Admit(stream));
     return stream.get();
@@ -137,7 +142,9 @@ class VisibilityStream final
   };
 
   VisibilityStream(grpc::CallbackServerContext* context, const QueryEnvironment& env)
-      : context_(context), env_(env), credit_(static_cast<int64_t>(env.limits.stream_credit_rays)) {}
+      : context_(context),
+        env_(env),
+        credit_(static_cast<int64_t>(env.limits.stream_credit_rays)) {}
 
   static absl::Status BadSequence(absl::string_view field, absl::string_view remedy) {
     return MakeError(absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_BAD_SEQUENCE,
@@ -186,8 +193,8 @@ class VisibilityStream final
   void Open(typename Method::Header header) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const int64_t result_credit = header.stream().result_credit_rays();
     if (result_credit < 0) {
-      return Fail(InvalidField("header.stream.result_credit_rays", result_credit,
-                               "must not be negative"));
+      return Fail(
+          InvalidField("header.stream.result_credit_rays", result_credit, "must not be negative"));
     }
     limit_results_ = result_credit > 0;
     result_credit_ = result_credit;
@@ -528,8 +535,8 @@ class VisibilityStream final
 
   grpc::CallbackServerContext* const context_;
   const QueryEnvironment env_;
-  Request request_;       // Written by gRPC between StartRead and OnReadDone.
-  CancelToken token_;     // Parent of every item's.
+  Request request_;    // Written by gRPC between StartRead and OnReadDone.
+  CancelToken token_;  // Parent of every item's.
 
   Mutex mutex_;
   std::shared_ptr<VisibilityStream> self_ ABSL_GUARDED_BY(mutex_);

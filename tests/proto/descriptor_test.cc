@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Walks the descriptors of sightline/v1, comments included: everything is commented, and names keep to
-// Google's API guidelines (the AIP numbers stand beside the rules).
+// Walks the descriptors of sightline/v1, comments included: everything is commented, and names keep
+// to Google's API guidelines (the AIP numbers stand beside the rules).
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/descriptor.pb.h>
 
@@ -89,7 +89,8 @@ class DescriptorTest : public testing::Test {
   void ForEachMethod(const std::function<void(const MethodDescriptor&)>& visit) const {
     for (const FileDescriptor* file : files_) {
       for (int s = 0; s < file->service_count(); ++s) {
-        for (int m = 0; m < file->service(s)->method_count(); ++m) visit(*file->service(s)->method(m));
+        for (int m = 0; m < file->service(s)->method_count(); ++m)
+          visit(*file->service(s)->method(m));
       }
     }
   }
@@ -110,8 +111,8 @@ template <typename Element>
 void ExpectCommented(const Element& element) {
   const std::string comment = Comment(element);
   EXPECT_GT(comment.size(), 10u) << element.full_name() << " has no comment";
-  EXPECT_TRUE(absl::EndsWith(comment, ".") || absl::EndsWith(comment, ")")) << element.full_name()
-      << ": \"" << comment << "\" is no sentence";
+  EXPECT_TRUE(absl::EndsWith(comment, ".") || absl::EndsWith(comment, ")"))
+      << element.full_name() << ": \"" << comment << "\" is no sentence";
   for (const absl::string_view mark : {"TODO", "FIXME", "XXX"}) {
     EXPECT_FALSE(absl::StrContains(comment, mark)) << element.full_name();
   }
@@ -148,9 +149,10 @@ TEST_F(DescriptorTest, EveryByteArrayStatesItsShape) {
       if (field.type() != FieldDescriptor::TYPE_BYTES) continue;
       ++arrays;
       const std::string comment = Comment(field);
-      const bool type = absl::StrContains(comment, "float32") || absl::StrContains(comment, "float64") ||
-                        absl::StrContains(comment, "uint32") || absl::StrContains(comment, "Bit [") ||
-                        absl::StrContains(comment, "v, ");
+      const bool type = absl::StrContains(comment, "float32") ||
+                        absl::StrContains(comment, "float64") ||
+                        absl::StrContains(comment, "uint32") ||
+                        absl::StrContains(comment, "Bit [") || absl::StrContains(comment, "v, ");
       EXPECT_TRUE(type) << field.full_name() << ": " << comment;
       EXPECT_TRUE(absl::StrContains(comment, "[") || absl::StrContains(comment, "as above") ||
                   absl::StrContains(comment, "Layout of"))
@@ -167,8 +169,9 @@ TEST_F(DescriptorTest, FilesAreThePackage) {
     EXPECT_LE(file->service_count(), 1) << file->name();
     if (file->service_count() == 1) {
       const std::string expected = absl::StrCat(
-          "sightline/v1/", absl::AsciiStrToLower(absl::StripSuffix(
-                               EnumPrefix(file->service(0)->name()), "_")), ".proto");
+          "sightline/v1/",
+          absl::AsciiStrToLower(absl::StripSuffix(EnumPrefix(file->service(0)->name()), "_")),
+          ".proto");
       EXPECT_EQ(file->name(), expected);
       EXPECT_TRUE(absl::EndsWith(file->service(0)->name(), "Service"));
     }
@@ -239,7 +242,8 @@ TEST_F(DescriptorTest, StandardMethodsHaveStandardShapes) {
   EXPECT_THAT(seen, testing::ElementsAre("Create", "Delete", "Get", "List"));
 }
 
-// AIP-141, 142: counts end in _count, instants in _time, spans in _duration or are named otherwise but typed.
+// AIP-141, 142: counts end in _count, instants in _time, spans in _duration or are named otherwise
+// but typed.
 TEST_F(DescriptorTest, QuantitiesAreNamedByKind) {
   ForEachMessage([&](const Descriptor& message) {
     for (int i = 0; i < message.field_count(); ++i) {

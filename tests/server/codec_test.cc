@@ -283,8 +283,9 @@ TEST(ResultCodecTest, ShadowsOfHitsAreSpreadOverPixels) {
   of_hits.blocker = {7, 8, 9, 1, 2, 3};
   of_hits.blocker_t = {.7f, .8f, .9f, .1f, .2f, .3f};
   const std::vector<uint32_t> pixels = {1, 4, 9};
-  const ShadowResult all = SpreadOverPixels(
-      of_hits, pixels, 10, 2, {.bits = true, .counts = true, .weighted_sums = true, .blockers = true});
+  const ShadowResult all =
+      SpreadOverPixels(of_hits, pixels, 10, 2,
+                       {.bits = true, .counts = true, .weighted_sums = true, .blockers = true});
   EXPECT_THAT(all.lit_bits, ElementsAre(0b00000010, 0b10, 0b00010000, 0));
   EXPECT_THAT(all.lit_counts, ElementsAre(0, 1, 0, 0, 1, 0, 0, 0, 0, 1));
   EXPECT_EQ(all.weighted_sums[9], 0.125);

@@ -8,8 +8,8 @@
 namespace sightline {
 namespace {
 
-// Whatever the shape: parts cover every element once, in order, at multiples of 8 and of whole units, and
-// their replies stay within the message limit.
+// Whatever the shape: parts cover every element once, in order, at multiples of 8 and of whole
+// units, and their replies stay within the message limit.
 TEST(CutIntoPartsTest, CoversEverythingOnceAtLegalOffsets) {
   const Limits limits;
   for (const uint64_t unit : {1u, 3u, 8u, 63u, 64u, 1920u, 65536u}) {

@@ -37,7 +37,8 @@ v1::CreateSceneRequest Chunk(size_t vertices, size_t triangles) {
 }
 
 // What the upload says to these messages, its end included.
-absl::Status Upload(const std::vector<v1::CreateSceneRequest>& messages, const Limits& limits = {}) {
+absl::Status Upload(const std::vector<v1::CreateSceneRequest>& messages,
+                    const Limits& limits = {}) {
   SceneUpload upload(limits);
   for (const v1::CreateSceneRequest& message : messages) {
     if (absl::Status status = upload.Add(message); !status.ok()) {
@@ -147,8 +148,8 @@ TEST(SceneUploadTest, HeadersAreChecked) {
   };
   using H = v1::CreateSceneHeader;
   EXPECT_TRUE(absl::StrContains(with([](H* h) { h->set_scene_id("A/b"); }).message(), "scene_id"));
-  EXPECT_TRUE(absl::StrContains(
-      with([](H* h) { h->mutable_origin()->set_x(1e300); }).message(), "origin"));
+  EXPECT_TRUE(
+      absl::StrContains(with([](H* h) { h->mutable_origin()->set_x(1e300); }).message(), "origin"));
   EXPECT_TRUE(absl::StrContains(with([](H* h) { h->clear_source(); }).message(), "source"));
   EXPECT_TRUE(absl::StrContains(with([](H* h) { h->mutable_builtin(); }).message(), "spec"));
   EXPECT_TRUE(absl::StrContains(

@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Starting, being found, being healthy, and stopping; the last as a process.
+#include <grpcpp/generic/generic_stub.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <fstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "tests/integration/server_harness.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline {
+namespace {
+
+grpc::ByteBuffer Buffer(const std::string& bytes) {
+  const grpc::Slice slice(bytes);
+  return grpc::ByteBuffer(&slice, 1);
+}
+
+std::string Text(const grpc::ByteBuffer& buffer) {
+  std::vector<grpc::Slice> slices;
+  std::string text;
+  if (!buffer.Dump(&slices).ok()) return text;
+  for (const grpc::Slice& slice : slices) {
+    text.append(reinterpret_cast<const char*>(slice.begin()), slice.size());
+  }
+  return text;
+}
+
+// grpc.health.v1.Health.Check, by hand: Debian ships no generated class for it. 1: SERVING, 2:
+// NOT_SERVING, -1: the service is unknown.
+int Health(const std::shared_ptr<grpc::Channel>& channel, const std::string& service) {
+  grpc::GenericStub stub(channel);
+  grpc::CompletionQueue queue;
+  grpc::ClientContext context;
+  std::string request;
+  if (!service.empty()) request = absl::StrCat("\x0a", std::string(1, service.size()), service);
+  auto call =
+      stub.PrepareUnaryCall(&context, "/grpc.health.v1.Health/Check", Buffer(request), &queue);
+  call->StartCall();
+  grpc::ByteBuffer response;
+  grpc::Status status;
+  call->Finish(&response, &status, nullptr);
+  void* tag;
+  bool ok;
+  EXPECT_TRUE(queue.Next(&tag, &ok));
+  if (!status.ok()) return -1;
+  const std::string text = Text(response);
+  return text.size() == 2 && text[0] == 8 ? text[1] : 0;
+}
+
+TEST(LifecycleTest, HealthIsReportedPerScene) {
+  ServerHarness harness;
+  EXPECT_EQ(Health(harness.channel, ""), 1);
+  EXPECT_EQ(Health(harness.channel, "scenes/wall"), -1);
+  v1::Scene scene;
+  ASSERT_TRUE(harness.CreateScene(WallUpload("wall"), &scene).ok());
+  EXPECT_EQ(Health(harness.channel, "scenes/wall"), 1);
+  ASSERT_TRUE(harness.server->scenes().Delete("wall").ok());
+  EXPECT_EQ(Health(harness.channel, "scenes/wall"), 2);
+}
+
+TEST(LifecycleTest, ReflectionListsTheServices) {
+  ServerHarness harness;
+  grpc::GenericStub stub(harness.channel);
+  grpc::CompletionQueue queue;
+  grpc::ClientContext context;
+  auto call = stub.PrepareCall(
+      &context, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", &queue);
+  void* tag;
+  bool ok = false;
+  call->StartCall(nullptr);
+  ASSERT_TRUE(queue.Next(&tag, &ok) && ok);
+  call->Write(Buffer("\x3a\x01*"), nullptr);  // list_services: "*"
+  ASSERT_TRUE(queue.Next(&tag, &ok) && ok);
+  grpc::ByteBuffer response;
+  call->Read(&response, nullptr);
+  ASSERT_TRUE(queue.Next(&tag, &ok) && ok);
+  const std::string services = Text(response);
+  for (const char* service : {"Scene", "PointSet", "Visibility", "Capability"}) {
+    EXPECT_TRUE(absl::StrContains(services, absl::StrCat("sightline.v1.", service, "Service")));
+  }
+  context.TryCancel();
+  grpc::Status status;
+  call->Finish(&status, nullptr);
+  queue.Next(&tag, &ok);
+}
+
+TEST(LifecycleTest, CapabilitiesSayWhatTheServerIs) {
+  ServerOptions options;
+  options.threads = 3;
+  options.limits.max_lights = 17;
+  ServerHarness harness(options);
+  grpc::ClientContext context;
+  v1::Capabilities capabilities;
+  ASSERT_TRUE(harness.capabilities->GetCapabilities(&context, {}, &capabilities).ok());
+  EXPECT_EQ(capabilities.limits().max_lights(), 17u);
+  EXPECT_EQ(capabilities.thread_count(), 3u);
+  EXPECT_FALSE(capabilities.version().empty());
+}
+
+TEST(LifecycleTest, APortIsNeverShared) {
+  ServerHarness harness;
+  ServerOptions options;
+  options.listen = absl::StrCat("127.0.0.1:", harness.server->port());
+  const absl::Status status = Server::Start(options).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
+  EXPECT_TRUE(absl::StrContains(status.message(), options.listen)) << status;
+}
+
+TEST(LifecycleTest, AServerWithoutASocketAnswersInProcess) {
+  ServerOptions options;
+  options.listen.clear();
+  options.scenes = {"small=builtin:box:1000", "builtin:box:2k"};
+  SetLogLevel(LogLevel::kOff);
+  absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
+  ASSERT_TRUE(server.ok()) << server.status();
+  EXPECT_EQ((*server)->port(), 0);
+  {
+    auto stub = v1::SceneService::NewStub((*server)->InProcessChannel(grpc::ChannelArguments()));
+    for (const char* name : {"scenes/small", "scenes/box"}) {
+      grpc::ClientContext context;
+      v1::GetSceneRequest request;
+      v1::Scene scene;
+      request.set_name(name);
+      EXPECT_TRUE(stub->GetScene(&context, request, &scene).ok()) << name;
+    }
+  }
+  EXPECT_TRUE((*server)->Drain(absl::Seconds(20)).ok());
+  (*server)->Shutdown();  // Once more does no harm.
+}
+
+TEST(LifecycleTest, BadOptionsDoNotStart) {
+  ServerOptions options;
+  options.scenes = {"builtin:nothing"};
+  EXPECT_EQ(Server::Start(options).status().code(), absl::StatusCode::kInvalidArgument);
+  options.scenes.clear();
+  options.limits.max_message_bytes = 1;
+  EXPECT_EQ(Server::Start(options).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+// A watcher does not hold up a drain.
+TEST(LifecycleTest, DrainEndsWatchers) {
+  ServerHarness harness;
+  v1::Scene scene;
+  ASSERT_TRUE(harness.CreateScene(WallUpload("wall"), &scene).ok());
+  grpc::ClientContext context;
+  v1::WatchSceneRequest request;
+  request.set_name("scenes/wall");
+  auto reader = harness.scenes->WatchScene(&context, request);
+  v1::WatchSceneResponse change;
+  ASSERT_TRUE(reader->Read(&change));
+  EXPECT_TRUE(harness.server->Drain(absl::Seconds(20)).ok());
+  while (reader->Read(&change)) {
+  }
+  EXPECT_EQ(ReasonIn(reader->Finish()), "DRAINING");
+}
+
+// sightlined itself, with its log on a pipe.
+class Process {
+ public:
+  explicit Process(std::vector<std::string> arguments) {
+    int ends[2];
+    EXPECT_EQ(pipe(ends), 0);
+    arguments.insert(arguments.begin(), SIGHTLINED_BINARY);
+    std::vector<char*> argv;
+    for (std::string& argument : arguments) argv.push_back(argument.data());
+    argv.push_back(nullptr);
+    pid_ = fork();
+    if (pid_ == 0) {
+      dup2(ends[1], STDERR_FILENO);
+      dup2(ends[1], STDOUT_FILENO);
+      close(ends[0]);
+      close(ends[1]);
+      execv(argv[0], argv.data());
+      _exit(127);
+    }
+    close(ends[1]);
+    log_ = fdopen(ends[0], "r");
+  }
+  ~Process() {
+    if (pid_ > 0) {
+      kill(pid_, SIGKILL);
+      waitpid(pid_, nullptr, 0);
+    }
+    std::fclose(log_);
+  }
+  // The first line with `text` in it, or everything there was.
+  std::string ReadUntil(const std::string& text) {
+    std::string all;
+    char line[4096];
+    while (std::fgets(line, sizeof(line), log_) != nullptr) {
+      if (absl::StrContains(line, text)) return line;
+      all += line;
+    }
+    return all;
+  }
+  void Signal(int signal) { kill(pid_, signal); }
+  int Wait() {
+    int status = 0;
+    waitpid(pid_, &status, 0);
+    pid_ = 0;
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status);
+  }
+
+ private:
+  pid_t pid_ = 0;
+  std::FILE* log_ = nullptr;
+};
+
+TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
+  const testing_support::TempDir dir;
+  const std::string port_file = dir.File("port");
+  Process process({"--scene=builtin:box:1000", "--port-file", port_file, "--threads=2"});
+  const std::string serving = process.ReadUntil("event=serving");
+  ASSERT_TRUE(absl::StrContains(serving, "event=serving")) << serving;
+  int port = 0;
+  std::ifstream(port_file) >> port;
+  ASSERT_GT(port, 0);
+  EXPECT_TRUE(absl::StrContains(serving, absl::StrCat("port=", port))) << serving;
+
+  auto channel =
+      grpc::CreateChannel(absl::StrCat("127.0.0.1:", port), grpc::InsecureChannelCredentials());
+  EXPECT_EQ(Health(channel, "scenes/box"), 1);
+  // A stream under way when the signal comes is told, and its item is answered.
+  auto stub = v1::VisibilityService::NewStub(channel);
+  grpc::ClientContext context;
+  auto stream = stub->TraceTiles(&context);
+  v1::TraceTilesRequest request;
+  request.mutable_header()->mutable_stream()->set_scene("scenes/box");
+  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
+                   request.mutable_header()->mutable_camera());
+  stream->Write(request);
+  stream->Write(TileRequest(1, 0, 0, 64, 64));
+  v1::TraceTilesResponse response;
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_TRUE(response.has_opened());
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_EQ(response.reply().header().status().code(), 0);
+  process.Signal(SIGTERM);
+  while (stream->Read(&response)) {
+  }
+  EXPECT_EQ(ReasonIn(stream->Finish()), "DRAINING");
+  EXPECT_EQ(process.Wait(), 0);
+  EXPECT_FALSE(std::ifstream(port_file).good());
+}
+
+TEST(SightlinedTest, WrongFlagsAreAUsageError) {
+  Process process({"--thread=2"});
+  const std::string line = process.ReadUntil("--thread");
+  EXPECT_TRUE(absl::StrContains(line, "there is no flag --thread")) << line;
+  EXPECT_EQ(process.Wait(), 64);
+}
+
+TEST(SightlinedTest, HelpAndVersion) {
+  Process help({"--help"});
+  EXPECT_TRUE(absl::StrContains(help.ReadUntil("--drain-timeout"), "DURATION"));
+  help.ReadUntil("no such line");
+  EXPECT_EQ(help.Wait(), 0);
+  Process version({"--version"});
+  EXPECT_TRUE(absl::StrContains(version.ReadUntil("sightlined"), "."));
+  EXPECT_EQ(version.Wait(), 0);
+}
+
+}  // namespace
+}  // namespace sightline

@@ -1,0 +1,302 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The rules of visibility_service.proto: credit both ways, cancelling, deadlines, priorities,
+// draining. No test waits for time to pass: long work is known to run once its first part has been
+// answered.
+#include <chrono>
+#include <set>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/integration/server_harness.h"
+
+namespace sightline {
+namespace {
+
+// 512 x 512 rays against every one of 60,000 triangles: minutes of one thread's work.
+constexpr char kSlowSpec[] = "builtin:sphere:60000";
+constexpr uint32_t kSide = 1024;
+
+ServerOptions OneThread() {
+  ServerOptions options;
+  options.threads = 1;
+  options.limits.target_reply_bytes = 1024;  // Many small parts.
+  return options;
+}
+
+class StreamRulesTest : public testing::Test {
+ protected:
+  explicit StreamRulesTest(const ServerOptions& options = OneThread()) : harness_(options) {}
+
+  void SetUp() override {
+    v1::Scene scene;
+    const grpc::Status status = harness_.CreateBuiltin("slow", kSlowSpec, &scene);
+    ASSERT_TRUE(status.ok()) << status.error_message();
+    camera_ = ViewCamera(FirstView("sphere:60000"), kSide, kSide);
+  }
+
+  v1::TraceTilesRequest Header(v1::Strategy strategy) const {
+    v1::TraceTilesRequest request;
+    request.mutable_header()->mutable_stream()->set_scene("scenes/slow");
+    request.mutable_header()->mutable_stream()->mutable_options()->set_strategy(strategy);
+    EncodeTestCamera(camera_, request.mutable_header()->mutable_camera());
+    request.mutable_header()->mutable_outputs()->set_depths(true);
+    return request;
+  }
+  // A whole image by brute force: far more than a test's time.
+  static v1::TraceTilesRequest Endless(uint64_t id) { return TileRequest(id, 0, 0, kSide, kSide); }
+
+  // Reads until a reply with `last`; returns its item's status and adds up the elements of each
+  // item.
+  v1::TileReply ReadLast(TileStream& stream) {
+    v1::TraceTilesResponse response;
+    while (stream.Read(&response)) {
+      if (!response.has_reply()) continue;
+      elements_[response.reply().header().item_id()] += response.reply().header().element_count();
+      if (response.reply().header().last()) return response.reply();
+    }
+    ADD_FAILURE() << "the stream ended: " << stream.Finish().error_message();
+    return {};
+  }
+  // Reads until some part of item `id` has been answered: it is being computed.
+  void ReadSomePart(TileStream& stream, uint64_t id) {
+    v1::TraceTilesResponse response;
+    while (stream.Read(&response)) {
+      if (response.has_reply() && response.reply().header().item_id() == id) {
+        ASSERT_FALSE(response.reply().header().last());
+        return;
+      }
+    }
+    FAIL() << "the stream ended: " << stream.Finish().error_message();
+  }
+
+  ServerHarness harness_;
+  Camera camera_;
+  std::map<uint64_t, uint64_t> elements_;
+};
+
+TEST_F(StreamRulesTest, CancelStopsWhatRuns) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  stream.Write(Endless(5));
+  ReadSomePart(stream, 5);
+  v1::TraceTilesRequest cancel;
+  cancel.mutable_cancel()->add_item_ids(5);
+  cancel.mutable_cancel()->add_item_ids(99);  // Unknown ids are ignored.
+  stream.Write(cancel);
+  const v1::TileReply reply = ReadLast(stream);
+  EXPECT_EQ(reply.header().status().code(), grpc::StatusCode::CANCELLED);
+  EXPECT_EQ(reply.header().status().reason(), v1::ERROR_REASON_CANCELLED);
+  EXPECT_LT(elements_[5], uint64_t{kSide} * kSide / 2);
+  EXPECT_EQ(harness_.server->queued_rays(), 0u);
+  // The stream goes on.
+  stream.Write(TileRequest(6, 0, 0, 8, 8));
+  EXPECT_EQ(ReadLast(stream).header().status().code(), 0);
+  stream.HalfClose();
+  v1::TraceTilesResponse rest;
+  while (stream.Read(&rest)) {
+  }
+  EXPECT_TRUE(stream.Finish().ok());
+}
+
+TEST_F(StreamRulesTest, CancelEndsWhatWaitsAtOnce) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  stream.Write(Endless(1));
+  stream.Write(Endless(2));
+  ReadSomePart(stream, 1);
+  v1::TraceTilesRequest cancel;
+  cancel.mutable_cancel()->add_item_ids(2);
+  stream.Write(cancel);
+  EXPECT_EQ(ReadLast(stream).header().item_id(), 2u);
+  EXPECT_EQ(elements_[2], 0u);
+  cancel.mutable_cancel()->clear_item_ids();  // All that is left.
+  stream.Write(cancel);
+  EXPECT_EQ(ReadLast(stream).header().status().code(), grpc::StatusCode::CANCELLED);
+}
+
+TEST_F(StreamRulesTest, TimeoutsStopWhatRunsAndWhatWaits) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  v1::TraceTilesRequest running = Endless(1), waiting = Endless(2);
+  running.mutable_item()->mutable_item()->mutable_timeout()->set_nanos(300'000'000);
+  waiting.mutable_item()->mutable_item()->mutable_timeout()->set_nanos(1'000'000);
+  stream.Write(running);
+  stream.Write(waiting);
+  std::set<uint64_t> ended;
+  for (int i = 0; i < 2; ++i) {
+    const v1::TileReply reply = ReadLast(stream);
+    EXPECT_EQ(reply.header().status().code(), grpc::StatusCode::DEADLINE_EXCEEDED);
+    EXPECT_EQ(reply.header().status().reason(), v1::ERROR_REASON_DEADLINE_EXCEEDED);
+    ended.insert(reply.header().item_id());
+  }
+  EXPECT_EQ(ended.size(), 2u);
+}
+
+TEST_F(StreamRulesTest, TheCallsDeadlineAndAVanishedClientStopTheWork) {
+  {
+    TileStream gone(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+    gone.Write(Endless(1));
+    ReadSomePart(gone, 1);
+  }  // Cancels the call.
+  {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + std::chrono::milliseconds(300));
+    auto late = harness_.visibility->TraceTiles(&context);
+    late->Write(Header(v1::STRATEGY_BRUTE_FORCE));
+    late->Write(Endless(1));
+    v1::TraceTilesResponse response;
+    while (late->Read(&response)) {
+    }
+    EXPECT_EQ(late->Finish().error_code(), grpc::StatusCode::DEADLINE_EXCEEDED);
+  }
+  // Were the work still going on, the drain would run out of time.
+  EXPECT_TRUE(harness_.server->Drain(absl::Seconds(20)).ok());
+}
+
+TEST_F(StreamRulesTest, HigherPrioritiesGoFirst) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  stream.Write(Endless(1));
+  ReadSomePart(stream, 1);
+  v1::TraceTilesRequest low = TileRequest(2, 0, 0, 8, 8), high = TileRequest(3, 0, 0, 8, 8);
+  low.mutable_item()->mutable_item()->set_priority(-1);
+  high.mutable_item()->mutable_item()->set_priority(1);
+  stream.Write(low);
+  stream.Write(high);
+  EXPECT_EQ(ReadLast(stream).header().item_id(), 3u);
+  v1::TraceTilesRequest cancel;
+  cancel.mutable_cancel()->add_item_ids(1);
+  stream.Write(cancel);
+  EXPECT_EQ(ReadLast(stream).header().item_id(), 1u);
+  EXPECT_EQ(ReadLast(stream).header().item_id(), 2u);
+}
+
+TEST_F(StreamRulesTest, SendingWithoutCreditEndsTheStreamNotTheServer) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  // Each takes a quarter of the credit: the fifth has none left. Nothing is read meanwhile.
+  for (uint64_t i = 0; i < 8; ++i) {
+    if (!stream.Write(Endless(i))) break;
+  }
+  v1::TraceTilesResponse response;
+  while (stream.Read(&response)) {
+  }
+  const grpc::Status status = stream.Finish();
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+  EXPECT_EQ(ReasonIn(status), "CREDIT_EXCEEDED");
+  TileStream next(harness_, Header(v1::STRATEGY_PACKET));
+  next.Write(TileRequest(0, 0, 0, 8, 8));
+  EXPECT_EQ(ReadLast(next).header().status().code(), 0);
+}
+
+// Twelve megabytes of replies, none of which is read before everything is written: neither side
+// gets stuck, and nothing is lost.
+TEST_F(StreamRulesTest, AClientMayWriteAllItsCreditBeforeItReads) {
+  v1::TraceTilesRequest header = Header(v1::STRATEGY_PACKET);
+  header.mutable_header()->mutable_outputs()->set_barycentrics(true);
+  TileStream stream(harness_, header);
+  uint64_t id = 0;
+  for (uint32_t y = 0; y < kSide; y += 32) {
+    for (uint32_t x = 0; x < kSide; x += 32) {
+      ASSERT_TRUE(stream.Write(TileRequest(id++, x, y, 32, 32)));
+    }
+  }
+  const auto replies = stream.ReadAll();
+  EXPECT_TRUE(stream.Finish().ok());
+  ASSERT_EQ(replies.size(), id);
+  for (const auto& [item, parts] : replies) {
+    uint64_t elements = 0;
+    for (const auto& part : parts) elements += part.reply().header().element_count();
+    EXPECT_EQ(elements, 1024u);
+    EXPECT_EQ(parts.back().reply().header().status().code(), 0);
+  }
+  EXPECT_EQ(harness_.server->queued_rays(), 0u);
+}
+
+TEST_F(StreamRulesTest, RepliesWaitForResultCredit) {
+  v1::TraceTilesRequest header = Header(v1::STRATEGY_PACKET);
+  header.mutable_header()->mutable_stream()->set_result_credit_rays(1);
+  TileStream stream(harness_, header);
+  for (uint64_t id = 0; id < 3; ++id) stream.Write(TileRequest(id, 0, 0, 8, 8));
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_EQ(ReadLast(stream).header().status().code(), 0);
+    // What is not granted is not sent, and so not given back: the others are still in the queue.
+    const auto patience = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    const uint64_t held = (2 - i) * Limits().min_item_cost_rays;
+    while (harness_.server->queued_rays() != held && std::chrono::steady_clock::now() < patience) {
+      std::this_thread::yield();
+    }
+    EXPECT_EQ(harness_.server->queued_rays(), held);
+    v1::TraceTilesRequest grant;
+    grant.mutable_grant_result_credit()->set_rays(Limits().min_item_cost_rays);
+    if (i < 2) stream.Write(grant);
+  }
+  stream.HalfClose();
+  v1::TraceTilesResponse rest;
+  while (stream.Read(&rest)) {
+  }
+  EXPECT_TRUE(stream.Finish().ok());
+}
+
+TEST_F(StreamRulesTest, ADrainingServerFinishesWhatItAcceptedAndRefusesTheRest) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  stream.Write(Endless(11));
+  ReadSomePart(stream, 11);
+  absl::Status drained;
+  std::thread drain([&] { drained = harness_.server->Drain(absl::Seconds(60)); });
+  v1::TraceTilesResponse response;
+  bool told = false;
+  while (!told && stream.Read(&response)) told = response.has_draining();
+  EXPECT_EQ(response.draining().accepted_item_count(), 1u);
+  EXPECT_EQ(response.draining().last_accepted_item_id(), 11u);
+  stream.Write(TileRequest(12, 0, 0, 8, 8));
+  const v1::TileReply refused = ReadLast(stream);
+  EXPECT_EQ(refused.header().item_id(), 12u);
+  EXPECT_EQ(refused.header().status().reason(), v1::ERROR_REASON_DRAINING);
+  v1::TraceTilesRequest cancel;
+  cancel.mutable_cancel();
+  stream.Write(cancel);
+  EXPECT_EQ(ReadLast(stream).header().item_id(), 11u);
+  EXPECT_FALSE(stream.Read(&response));
+  const grpc::Status status = stream.Finish();
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_EQ(ReasonIn(status), "DRAINING");
+  drain.join();
+  EXPECT_TRUE(drained.ok()) << drained;
+}
+
+TEST_F(StreamRulesTest, ADrainThatRunsOutOfTimeSaysSo) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  stream.Write(Endless(1));
+  ReadSomePart(stream, 1);
+  EXPECT_EQ(harness_.server->Drain(absl::Milliseconds(1)).code(),
+            absl::StatusCode::kDeadlineExceeded);
+}
+
+class SmallQueueTest : public StreamRulesTest {
+ protected:
+  static ServerOptions Small() {
+    ServerOptions options = OneThread();
+    options.limits.max_queued_rays = uint64_t{kSide} * kSide;
+    return options;
+  }
+  SmallQueueTest() : StreamRulesTest(Small()) {}
+};
+
+TEST_F(SmallQueueTest, AFullQueueRefusesAtOnceAndTheStreamGoesOn) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  stream.Write(Endless(1));
+  ReadSomePart(stream, 1);
+  TileStream other(harness_, Header(v1::STRATEGY_PACKET));
+  other.Write(TileRequest(2, 0, 0, 8, 8));
+  const v1::TileReply refused = ReadLast(other);
+  EXPECT_EQ(refused.header().status().code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(refused.header().status().reason(), v1::ERROR_REASON_QUEUE_FULL);
+  EXPECT_EQ(refused.header().status().metadata().at("limit"), "max_queued_rays");
+  v1::TraceTilesRequest cancel;
+  cancel.mutable_cancel();
+  stream.Write(cancel);
+  EXPECT_EQ(ReadLast(stream).header().status().code(), grpc::StatusCode::CANCELLED);
+  other.Write(TileRequest(3, 0, 0, 8, 8));
+  EXPECT_EQ(ReadLast(other).header().status().code(), 0);
+}
+
+}  // namespace
+}  // namespace sightline
