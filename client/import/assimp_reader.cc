@@ -87,7 +87,8 @@ class SceneConverter {
     }
     if (indices.empty()) return;
     const uint64_t first = object->vertices.size();
-    if (first + mesh.mNumVertices > kMaxVertices) throw std::length_error("holds more vertices than 32 bits can number");
+    if (first + mesh.mNumVertices > kMaxVertices)
+      throw std::length_error("holds more vertices than 32 bits can number");
     for (unsigned v = 0; v < mesh.mNumVertices; ++v) {
       const aiVector3D& p = mesh.mVertices[v];
       object->vertices.push_back(CanonicalVertex({p.x, p.y, p.z}));

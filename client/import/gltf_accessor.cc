@@ -52,7 +52,7 @@ uint64_t LoadIndex(int type, const uint8_t* at) {
 
 }  // namespace
 
-absl::StatusOr<GltfAccessor::Run> GltfAccessor::OpenRun(const tinygltf::Model& model,
+absl::StatusOr<GltfAccessor::Run> GltfAccessor::OpenRun(const sightline_tinygltf::Model& model,
                                                         int view_number, uint64_t offset,
                                                         uint64_t count, size_t element_size,
                                                         bool may_stride) {
@@ -60,7 +60,7 @@ absl::StatusOr<GltfAccessor::Run> GltfAccessor::OpenRun(const tinygltf::Model& m
     return absl::InvalidArgumentError(
         absl::StrCat("names bufferView ", view_number, " of ", model.bufferViews.size()));
   }
-  const tinygltf::BufferView& view = model.bufferViews[view_number];
+  const sightline_tinygltf::BufferView& view = model.bufferViews[view_number];
   if (view.buffer < 0 || static_cast<size_t>(view.buffer) >= model.buffers.size()) {
     return absl::InvalidArgumentError(absl::StrCat("bufferView ", view_number, " names buffer ",
                                                    view.buffer, " of ", model.buffers.size()));
@@ -87,12 +87,13 @@ absl::StatusOr<GltfAccessor::Run> GltfAccessor::OpenRun(const tinygltf::Model& m
   return Run{buffer.data() + view.byteOffset + (count > 0 ? offset : 0), stride};
 }
 
-absl::StatusOr<GltfAccessor> GltfAccessor::Open(const tinygltf::Model& model, int number) {
+absl::StatusOr<GltfAccessor> GltfAccessor::Open(const sightline_tinygltf::Model& model,
+                                                int number) {
   if (number < 0 || static_cast<size_t>(number) >= model.accessors.size()) {
     return absl::InvalidArgumentError(
         absl::StrCat("a primitive names accessor ", number, " of ", model.accessors.size()));
   }
-  const tinygltf::Accessor& in = model.accessors[number];
+  const sightline_tinygltf::Accessor& in = model.accessors[number];
   const auto named = [number](const absl::Status& status) {
     return absl::Status(status.code(), absl::StrCat("accessor ", number, " ", status.message()));
   };
@@ -115,7 +116,7 @@ absl::StatusOr<GltfAccessor> GltfAccessor::Open(const tinygltf::Model& model, in
     // All zero but for its sparse elements. No bytes stand behind its count, so hold it against all
     // that the file has: a count beyond that cannot be meant.
     uint64_t bytes = 0;
-    for (const tinygltf::Buffer& buffer : model.buffers) bytes += buffer.data.size();
+    for (const sightline_tinygltf::Buffer& buffer : model.buffers) bytes += buffer.data.size();
     if (!in.sparse.isSparse || in.count > bytes) {
       return named(absl::InvalidArgumentError(
           absl::StrCat("has no bufferView for its ", in.count, " elements")));

@@ -19,7 +19,7 @@
 #include "absl/status/statusor.h"
 #include "core/geometry/vec3.h"
 
-namespace tinygltf {
+namespace sightline_tinygltf {
 class Model;
 }
 
@@ -28,7 +28,7 @@ namespace sightline {
 class GltfAccessor {
  public:
   // InvalidArgument, naming the accessor, for whatever reaches out of its place.
-  static absl::StatusOr<GltfAccessor> Open(const tinygltf::Model& model, int number);
+  static absl::StatusOr<GltfAccessor> Open(const sightline_tinygltf::Model& model, int number);
 
   // InvalidArgument unless it holds what an index list, or a list of positions, may hold.
   absl::Status CheckIndices() const;
@@ -50,8 +50,9 @@ class GltfAccessor {
     const uint8_t* data = nullptr;  // Null: all zero.
     size_t stride = 0;
   };
-  static absl::StatusOr<Run> OpenRun(const tinygltf::Model& model, int view, uint64_t offset,
-                                     uint64_t count, size_t element_size, bool may_stride);
+  static absl::StatusOr<Run> OpenRun(const sightline_tinygltf::Model& model, int view,
+                                     uint64_t offset, uint64_t count, size_t element_size,
+                                     bool may_stride);
   // Where element i is stored: among the replacements or in the base; null for zeros.
   const uint8_t* Element(uint64_t i) const;
   double Component(const uint8_t* at) const;

@@ -32,7 +32,7 @@ absl::Status GltfMeshReader::Charge(uint64_t elements) {
   return absl::OkStatus();
 }
 
-void GltfMeshReader::SkipPrimitive(const tinygltf::Primitive& primitive) {
+void GltfMeshReader::SkipPrimitive(const sightline_tinygltf::Primitive& primitive) {
   const auto position = primitive.attributes.find("POSITION");
   const int counted = primitive.indices >= 0                   ? primitive.indices
                       : position != primitive.attributes.end() ? position->second
@@ -51,7 +51,8 @@ void GltfMeshReader::SkipPrimitive(const tinygltf::Primitive& primitive) {
   }
 }
 
-absl::Status GltfMeshReader::AddPrimitive(const tinygltf::Primitive& primitive, GltfMesh* mesh) {
+absl::Status GltfMeshReader::AddPrimitive(const sightline_tinygltf::Primitive& primitive,
+                                          GltfMesh* mesh) {
   if (primitive.mode < TINYGLTF_MODE_TRIANGLES) {
     SkipPrimitive(primitive);
     return absl::OkStatus();
@@ -111,7 +112,7 @@ absl::Status GltfMeshReader::AddPrimitive(const tinygltf::Primitive& primitive, 
 
 absl::StatusOr<GltfMesh> GltfMeshReader::Read(size_t number) {
   GltfMesh mesh;
-  for (const tinygltf::Primitive& primitive : model_.meshes[number].primitives) {
+  for (const sightline_tinygltf::Primitive& primitive : model_.meshes[number].primitives) {
     absl::Status added = AddPrimitive(primitive, &mesh);
     if (!added.ok()) {
       return absl::Status(added.code(), absl::StrCat("mesh ", number, ": ", added.message()));

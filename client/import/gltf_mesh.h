@@ -20,10 +20,10 @@
 #include "client/import/import_types.h"
 #include "client/import/polygon_fan.h"
 
-namespace tinygltf {
+namespace sightline_tinygltf {
 class Model;
 struct Primitive;
-}  // namespace tinygltf
+}  // namespace sightline_tinygltf
 
 namespace sightline {
 
@@ -34,7 +34,8 @@ struct GltfMesh {
 
 class GltfMeshReader {
  public:
-  GltfMeshReader(const tinygltf::Model& model, const ImportOptions& options, ImportReport* report)
+  GltfMeshReader(const sightline_tinygltf::Model& model, const ImportOptions& options,
+                 ImportReport* report)
       : model_(model),
         report_(report),
         fan_(0, options, report),
@@ -48,10 +49,10 @@ class GltfMeshReader {
   static constexpr uint64_t kElementsPerTriangle = 8;
 
   absl::Status Charge(uint64_t elements);
-  absl::Status AddPrimitive(const tinygltf::Primitive& primitive, GltfMesh* mesh);
-  void SkipPrimitive(const tinygltf::Primitive& primitive);
+  absl::Status AddPrimitive(const sightline_tinygltf::Primitive& primitive, GltfMesh* mesh);
+  void SkipPrimitive(const sightline_tinygltf::Primitive& primitive);
 
-  const tinygltf::Model& model_;
+  const sightline_tinygltf::Model& model_;
   ImportReport* const report_;
   PolygonFan fan_;
   uint64_t elements_left_;

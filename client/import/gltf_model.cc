@@ -27,8 +27,8 @@ std::string BufferPath(const std::string& uri, const ImportOptions& options) {
 }
 
 // tinygltf's own file access searches the working folder too and expands names as a shell would.
-tinygltf::FsCallbacks ConfinedFiles(const ImportOptions* options) {
-  tinygltf::FsCallbacks fs;
+sightline_tinygltf::FsCallbacks ConfinedFiles(const ImportOptions* options) {
+  sightline_tinygltf::FsCallbacks fs;
   fs.user_data = const_cast<ImportOptions*>(options);
   fs.ExpandFilePath = [](const std::string& uri, void*) { return uri; };
   fs.FileExists = [](const std::string& uri, void* user) {
@@ -90,7 +90,7 @@ std::string OneLine(std::string text) {
 }  // namespace
 
 absl::Status ParseGltf(const GltfSource& source, MeshFormat format, const ImportOptions& options,
-                       tinygltf::Model* model) {
+                       sightline_tinygltf::Model* model) {
   // tinygltf counts in 32 bits.
   constexpr size_t kMost = std::numeric_limits<uint32_t>::max() - 64;
   if (source.json.size() > kMost || source.bin.size() > kMost - source.json.size()) {
@@ -99,7 +99,7 @@ absl::Status ParseGltf(const GltfSource& source, MeshFormat format, const Import
   std::string error, warning;
   bool parsed = false;
   try {
-    tinygltf::TinyGLTF reader;
+    sightline_tinygltf::TinyGLTF reader;
     reader.SetFsCallbacks(ConfinedFiles(&options));
     if (format == MeshFormat::kGlb) {
       const std::vector<unsigned char> glb = MakeGlb(source);

@@ -5,7 +5,7 @@
 //
 // Thread safety: free function.
 //
-//   tinygltf::Model model;
+//   sightline_tinygltf::Model model;
 //   SL_RETURN_IF_ERROR(ParseGltf(source, format, options, &model));
 #ifndef SIGHTLINE_CLIENT_IMPORT_GLTF_MODEL_H_
 #define SIGHTLINE_CLIENT_IMPORT_GLTF_MODEL_H_
@@ -14,7 +14,7 @@
 #include "client/import/gltf_json.h"
 #include "client/import/import_types.h"
 
-namespace tinygltf {
+namespace sightline_tinygltf {
 class Model;
 }
 
@@ -22,7 +22,7 @@ namespace sightline {
 
 // REQUIRES: `source` came from PrepareGltf with the same format.
 absl::Status ParseGltf(const GltfSource& source, MeshFormat format, const ImportOptions& options,
-                       tinygltf::Model* model);
+                       sightline_tinygltf::Model* model);
 
 }  // namespace sightline
 

@@ -28,7 +28,7 @@ absl::StatusOr<Affine3d> FromMatrix(const std::vector<double>& m) {
 
 // Translation · rotation · scale. Dividing by the squared norm makes a quaternion that was rounded
 // to floats an exact rotation.
-absl::StatusOr<Affine3d> FromParts(const tinygltf::Node& node) {
+absl::StatusOr<Affine3d> FromParts(const sightline_tinygltf::Node& node) {
   Affine3d out;
   if (!node.rotation.empty()) {
     const double x = node.rotation[0], y = node.rotation[1], z = node.rotation[2],
@@ -58,7 +58,7 @@ bool Mirrors(const Affine3d& a) {
 
 class GltfSceneReader {
  public:
-  GltfSceneReader(const tinygltf::Model& model, const ImportOptions& options)
+  GltfSceneReader(const sightline_tinygltf::Model& model, const ImportOptions& options)
       : model_(model),
         mesh_reader_(model, options, &scene_.report),
         instances_(0, options, &scene_.report),
@@ -76,7 +76,7 @@ class GltfSceneReader {
   absl::Status VisitNode(const Visit& visit, std::vector<Visit>* stack);
   absl::Status AddObject(int mesh, std::string name, const Affine3d& world);
 
-  const tinygltf::Model& model_;
+  const sightline_tinygltf::Model& model_;
   ImportedScene scene_;
   GltfMeshReader mesh_reader_;
   PolygonFan instances_;  // Counts triangles over all instances.
@@ -98,7 +98,7 @@ absl::StatusOr<std::vector<int>> GltfSceneReader::RootNodes() {
     return model_.scenes[number].nodes;
   }
   std::vector<char> is_child(model_.nodes.size(), 0);
-  for (const tinygltf::Node& node : model_.nodes) {
+  for (const sightline_tinygltf::Node& node : model_.nodes) {
     for (const int child : node.children) {
       if (child >= 0 && static_cast<size_t>(child) < is_child.size()) is_child[child] = 1;
     }
@@ -149,7 +149,7 @@ absl::Status GltfSceneReader::VisitNode(const Visit& visit, std::vector<Visit>* 
         absl::StrCat("node ", visit.node, " is its own ancestor or has two parents"));
   }
   visited_[visit.node] = 1;
-  const tinygltf::Node& node = model_.nodes[visit.node];
+  const sightline_tinygltf::Node& node = model_.nodes[visit.node];
   absl::StatusOr<Affine3d> local = node.matrix.empty() ? FromParts(node) : FromMatrix(node.matrix);
   if (!local.ok()) {
     return absl::Status(local.status().code(),
@@ -197,7 +197,7 @@ absl::StatusOr<ImportedScene> GltfSceneReader::Read(std::vector<std::string> war
 absl::StatusOr<ImportedScene> ReadGltf(std::string_view bytes, MeshFormat format,
                                        const ImportOptions& options) {
   SL_ASSIGN_OR_RETURN(GltfSource source, PrepareGltf(bytes, format, options));
-  tinygltf::Model model;
+  sightline_tinygltf::Model model;
   SL_RETURN_IF_ERROR(ParseGltf(source, format, options, &model));
   return GltfSceneReader(model, options)
       .Read(std::move(source.warnings), format == MeshFormat::kGlb ? "glb" : "gltf");

@@ -3,7 +3,7 @@
 // Wavefront OBJ, with tinyobjloader's callback reader for the statements.
 //
 // tinyobjloader's double build does not meet the contract on its own: it sums a decimal digit by
-// digit, so that 447422.999 comes out 3 ulps off, turns `nan` and `inf` into 0, cuts indices to 32
+// digit, so that 447422.999 comes out an ulp off, turns `nan` and `inf` into 0, cuts indices to 32
 // bits, fails on a whole file for one bad face, and knows no continued lines. So it reads the text
 // through obj_statements.h, which mends what would be lost, and the coordinates are read there,
 // each rounded once.

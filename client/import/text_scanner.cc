@@ -39,8 +39,10 @@ std::optional<double> ParseDouble(std::string_view token) {
   const bool whole = r.ptr == digits.data() + digits.size() && !digits.empty();
   if (whole && r.ec == std::errc()) return value;
   if (whole && r.ec == std::errc::result_out_of_range) {
-    // absl leaves the largest double behind for what is too large, ±0 or a tiny one for what is too small.
-    return std::abs(value) > 1 ? std::copysign(std::numeric_limits<double>::infinity(), value) : value;
+    // absl leaves the largest double behind for what is too large, ±0 or a tiny one for what is too
+    // small.
+    return std::abs(value) > 1 ? std::copysign(std::numeric_limits<double>::infinity(), value)
+                               : value;
   }
   return ParseMicrosoftSpecial(token);
 }

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// tinygltf's header, always with the same macros: they decide the layout and the inline code of its
-// classes, so every source must see the same ones. Its image code is left out, for nothing here
-// loads an image.
+// tinygltf's header, in a namespace of its own and always with the same macros.
+//
+// Debian's libdraco, which comes with assimp, exports a tinygltf of another version: two sets of
+// classes of one name in one process, of which the loader takes whichever it meets first. (Linked
+// with libtinygltf.so, reading a GLB freed an invalid pointer.) Hence the other name, which the
+// macro below gives to the header's namespace. The image code is left out, for nothing here loads
+// an image.
 //
 // Include this, never <tiny_gltf.h> itself.
 #ifndef SIGHTLINE_CLIENT_IMPORT_TINYGLTF_API_H_
@@ -12,10 +16,12 @@
 #define TINYGLTF_NO_STB_IMAGE
 #define TINYGLTF_NO_STB_IMAGE_WRITE
 #define TINYGLTF_NO_EXTERNAL_IMAGE
-// tinygltf.h uses the JSON library without including it.
+// The header uses the JSON library without including it.
 // clang-format off
 #include <nlohmann/json.hpp>
+#define tinygltf sightline_tinygltf
 #include <tiny_gltf.h>
+#undef tinygltf
 // clang-format on
 
 #endif  // SIGHTLINE_CLIENT_IMPORT_TINYGLTF_API_H_

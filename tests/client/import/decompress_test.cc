@@ -28,7 +28,7 @@ class DecompressTest : public testing::TestWithParam<Codec> {
 
 std::string Text() {
   std::string text;
-  for (int i = 0; i < 40000; ++i) text += std::to_string(i * 2654435761u) + "\n";
+  for (int i = 0; i < 4000; ++i) text += std::to_string(i * 2654435761u) + "\n";
   return text;
 }
 
@@ -47,7 +47,7 @@ TEST_P(DecompressTest, KeepsToTheLimit) {
   EXPECT_TRUE(Decompress(Compress(text), text.size()).ok());
   EXPECT_IMPORT_ERROR(Decompress(Compress(text), text.size() - 1).status(), kResourceExhausted,
                       "max_file_bytes");
-  EXPECT_IMPORT_ERROR(Decompress(Compress(std::string(100 << 20, '\0')), 1000).status(),
+  EXPECT_IMPORT_ERROR(Decompress(Compress(std::string(4 << 20, '\0')), 1000).status(),
                       kResourceExhausted, "1000");
 }
 
