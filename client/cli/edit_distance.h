@@ -38,7 +38,8 @@ inline std::string NearestWord(absl::string_view word, std::span<const std::stri
   size_t best_distance = std::max<size_t>(1, word.size() / 3) + 1;
   for (const std::string& candidate : words) {
     size_t distance = EditDistance(word, candidate);
-    if (word.size() >= 3 && absl::string_view(candidate).substr(0, word.size()) == word) distance = 1;
+    if (word.size() >= 3 && absl::string_view(candidate).substr(0, word.size()) == word)
+      distance = 1;
     if (distance < best_distance) {
       best_distance = distance;
       best = candidate;

@@ -194,8 +194,8 @@ absl::StatusOr<std::vector<std::string>> FlagSet::Parse(std::span<const std::str
       return UsageError(absl::StrCat("--", name, " wants a value (", flag->value, ")"));
     }
     if (absl::Status s = flag->parse(value); !s.ok()) {
-      return UsageError(absl::StrCat("--", name, " ", s.message(), "; got '",
-                                     absl::CHexEscape(value), "'"));
+      return UsageError(
+          absl::StrCat("--", name, " ", s.message(), "; got '", absl::CHexEscape(value), "'"));
     }
     flag->given = true;
   }
@@ -237,9 +237,9 @@ std::string FlagSet::Help() const {
     const Flag& flag = flags_[i];
     absl::StrAppend(&out, "  --", flag.name, flag.value.empty() ? "" : " ", flag.value, "\n",
                     std::string(kIndent, ' '));
-    const std::string text =
-        flag.default_text.empty() ? flag.help
-                                  : absl::StrCat(flag.help, " (default: ", flag.default_text, ")");
+    const std::string text = flag.default_text.empty()
+                                 ? flag.help
+                                 : absl::StrCat(flag.help, " (default: ", flag.default_text, ")");
     absl::StrAppend(&out, Wrap(text, kIndent, kWidth), "\n");
   }
   return out;

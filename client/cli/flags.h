@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The flags of one command. Abseil's flags are global to a process; these belong to a command, so that
-// `sightline view --help` lists what view understands, and commands may run side by side in tests.
+// The flags of one command. Abseil's flags are global to a process; these belong to a command, so
+// that `sightline view --help` lists what view understands, and commands may run side by side in
+// tests.
 //
-// --name VALUE and --name=VALUE both work; --name alone sets a switch and --no-name clears it; -- ends
-// the flags. A value may start with a minus. Unknown flags name the nearest known one.
+// --name VALUE and --name=VALUE both work; --name alone sets a switch and --no-name clears it; --
+// ends the flags. A value may start with a minus. Unknown flags name the nearest known one.
 //
 // Thread safety: none; one FlagSet belongs to one command that runs. Targets must outlive it.
 //

@@ -14,6 +14,6 @@ int main(int argc, char** argv) {
   // A closed pipe shows as a failed write, with an exit code of ours.
   std::signal(SIGPIPE, SIG_IGN);
   std::ios::sync_with_stdio(false);
-  return sightline::cli::RunCli(std::vector<std::string>(argv + 1, argv + argc), std::cout, std::cerr,
-                                ::isatty(STDERR_FILENO) != 0);
+  return sightline::cli::RunCli(std::vector<std::string>(argv + 1, argv + argc), std::cout,
+                                std::cerr, ::isatty(STDERR_FILENO) != 0);
 }

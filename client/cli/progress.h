@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One line that says how far a long work is, how fast it goes and how long it will still take. Shown
-// where people look (a terminal), and nowhere else.
+// One line that says how far a long work is, how fast it goes and how long it will still take.
+// Shown where people look (a terminal), and nowhere else.
 //
 // Thread safety: Update may be called from any one thread at a time.
 //

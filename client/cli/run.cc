@@ -39,20 +39,22 @@ constexpr Entry kCommands[] = {
 
 std::string GeneralHelp() {
   std::string help =
-      "sightline tells, exactly and for many points at once, whether anything stands between A and B.\n"
+      "sightline tells, exactly and for many points at once, whether anything stands between A and "
+      "B.\n"
       "\nUsage: sightline COMMAND [words] [flags]\n\nCommands:\n";
   for (const Entry& entry : kCommands) {
     absl::StrAppend(&help, absl::StrFormat("  %-13s %s\n", entry.name, entry.summary));
   }
-  absl::StrAppend(&help,
-                  "  help          this text; sightline help COMMAND or COMMAND --help lists its flags\n"
-                  "\nExamples:\n"
-                  "  sightline view builtin:hall --out hall.png\n"
-                  "  sightline view city.obj.xz --out lit:lit.png --out depth:depth.png --stats\n"
-                  "  sightline shade city.obj.xz --points P.npy --sun 0.3,-0.5,0.8 --out lit.npy\n"
-                  "  sightline segments city.obj.xz --segments S.npy --out hit.npy\n"
-                  "\n",
-                  ExitCodeHelp());
+  absl::StrAppend(
+      &help,
+      "  help          this text; sightline help COMMAND or COMMAND --help lists its flags\n"
+      "\nExamples:\n"
+      "  sightline view builtin:hall --out hall.png\n"
+      "  sightline view city.obj.xz --out lit:lit.png --out depth:depth.png --stats\n"
+      "  sightline shade city.obj.xz --points P.npy --sun 0.3,-0.5,0.8 --out lit.npy\n"
+      "  sightline segments city.obj.xz --segments S.npy --out hit.npy\n"
+      "\n",
+      ExitCodeHelp());
   return help;
 }
 
@@ -131,13 +133,16 @@ int RunCli(const std::vector<std::string>& args, std::ostream& out, std::ostream
   if (status.ok()) {
     out.flush();
     if (out.good()) return kExitOk;
-    status = WithExitCode(absl::DataLossError("standard output cannot be written"), kExitCannotCreate);
+    status =
+        WithExitCode(absl::DataLossError("standard output cannot be written"), kExitCannotCreate);
   }
   // One line, whatever the message holds.
-  const std::string message = absl::StrReplaceAll(std::string(status.message()), {{"\n", " "}, {"\r", " "}});
+  const std::string message =
+      absl::StrReplaceAll(std::string(status.message()), {{"\n", " "}, {"\r", " "}});
   err << "sightline" << (command.empty() ? "" : " ") << command << ": " << message;
   const ExitCode code = ToExitCode(status);
-  if (code == kExitUsage) err << (command.empty() ? "" : absl::StrCat(" (see sightline ", command, " --help)"));
+  if (code == kExitUsage)
+    err << (command.empty() ? "" : absl::StrCat(" (see sightline ", command, " --help)"));
   err << '\n';
   err.flush();
   return code;

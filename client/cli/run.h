@@ -4,7 +4,8 @@
 //
 // Thread safety: calls may run side by side, each with streams of its own.
 //
-//   int exit_code = RunCli({"view", "builtin:hall", "--out", "hall.png"}, std::cout, std::cerr, true);
+//   int exit_code = RunCli({"view", "builtin:hall", "--out", "hall.png"}, std::cout, std::cerr,
+//   true);
 #ifndef SIGHTLINE_CLIENT_CLI_RUN_H_
 #define SIGHTLINE_CLIENT_CLI_RUN_H_
 
@@ -14,8 +15,8 @@
 
 namespace sightline::cli {
 
-// `args` without the program's name. Results go to `out`; errors (one line), warnings and progress (only
-// if `err_is_terminal`) to `err`. Returns the exit code (exit_code.h).
+// `args` without the program's name. Results go to `out`; errors (one line), warnings and progress
+// (only if `err_is_terminal`) to `err`. Returns the exit code (exit_code.h).
 int RunCli(const std::vector<std::string>& args, std::ostream& out, std::ostream& err,
            bool err_is_terminal = false);
 

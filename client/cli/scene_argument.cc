@@ -46,7 +46,8 @@ std::string TemporaryId() {
 std::string SceneHelp() {
   std::string help =
       "SCENE is one of\n"
-      "  FILE                       a mesh: .obj .ply .stl .off .gltf .glb, .3ds and what else assimp\n"
+      "  FILE                       a mesh: .obj .ply .stl .off .gltf .glb, .3ds and what else "
+      "assimp\n"
       "                             reads; also with .xz or .gz behind it\n"
       "  builtin:NAME[:TRIANGLES]   a scene that is generated, such as builtin:hall:1M\n"
       "  scenes/NAME                a scene that the server at --server holds\n"
@@ -77,7 +78,8 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
   ImportedScene file;
   switch (KindOf(argument)) {
     case SceneKind::kServer:
-      return UsageError(absl::StrCat("'", argument, "' is a scene that a server holds already; "
+      return UsageError(absl::StrCat("'", argument,
+                                     "' is a scene that a server holds already; "
                                      "give a file or builtin:NAME"));
     case SceneKind::kBuiltin: {
       const std::string name(absl::StripPrefix(argument, kBuiltinPrefix));
@@ -120,8 +122,10 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                                        std::ostream& err) {
   if (KindOf(argument) == SceneKind::kServer) {
     if (session.embedded()) {
-      return UsageError(absl::StrCat("'", argument, "' names a scene of a server; give --server, or "
-                                     "'./", argument, "' for a file of that name"));
+      return UsageError(absl::StrCat("'", argument,
+                                     "' names a scene of a server; give --server, or "
+                                     "'./",
+                                     argument, "' for a file of that name"));
     }
     SL_ASSIGN_OR_RETURN(client::Scene scene, session.client().GetScene(argument, session.call()));
     return std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/false);
@@ -148,7 +152,8 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
 
 OpenedScene::~OpenedScene() {
   if (!temporary_) return;
-  // Nothing more can be done about a failure here; the server's operator sees the scene in its list.
+  // Nothing more can be done about a failure here; the server's operator sees the scene in its
+  // list.
   session_.client()
       .DeleteScene(scene_.name, {.deadline = absl::Now() + absl::Seconds(10)})
       .IgnoreError();

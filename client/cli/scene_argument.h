@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The SCENE of a command line: a mesh file, `builtin:NAME[:TRIANGLES]`, or `scenes/NAME` that a server
-// already holds. Files and built-in scenes become a scene of the session's server for the time of the
-// command; on a server at --server that scene is deleted again afterwards.
+// The SCENE of a command line: a mesh file, `builtin:NAME[:TRIANGLES]`, or `scenes/NAME` that a
+// server already holds. Files and built-in scenes become a scene of the session's server for the
+// time of the command; on a server at --server that scene is deleted again afterwards.
 //
 // Thread safety: one thread per object.
 //
-//   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene, OpenScene(*session, "bunny.ply.xz", err));
-//   scene->scene().triangles
+//   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene, OpenScene(*session, "bunny.ply.xz",
+//   err)); scene->scene().triangles
 #ifndef SIGHTLINE_CLIENT_CLI_SCENE_ARGUMENT_H_
 #define SIGHTLINE_CLIENT_CLI_SCENE_ARGUMENT_H_
 
@@ -64,8 +64,9 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                                        const std::string& argument,
                                                        std::ostream& err);
 
-// Makes a scene on the session's server of a file or a built-in scene, with a name of its own or one
-// that the server makes up (empty). `imported` (may be null) receives a file's arrays and report.
+// Makes a scene on the session's server of a file or a built-in scene, with a name of its own or
+// one that the server makes up (empty). `imported` (may be null) receives a file's arrays and
+// report.
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
                                         const std::string& scene_id, std::ostream& err,
                                         ImportedScene* imported);

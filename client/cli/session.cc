@@ -33,8 +33,8 @@ void SessionFlags::Register(FlagSet* flags, bool embeddable) {
                 "", [this](const std::string& text) -> absl::Status {
                   const size_t colon = text.rfind(':');
                   const bool unix_socket = text.substr(0, 5) == "unix:";
-                  if (!unix_socket && (colon == std::string::npos || colon == 0 ||
-                                       colon + 1 == text.size())) {
+                  if (!unix_socket &&
+                      (colon == std::string::npos || colon == 0 || colon + 1 == text.size())) {
                     return absl::InvalidArgumentError("wants HOST:PORT");
                   }
                   server = text;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a command talks to: the server at --server, or one started in this process and stopped with the
-// command. Both are spoken to by the same client library, over the same messages.
+// What a command talks to: the server at --server, or one started in this process and stopped with
+// the command. Both are spoken to by the same client library, over the same messages.
 //
 // Thread safety: one thread per Session; its Client may be shared.
 //
@@ -22,11 +22,11 @@
 namespace sightline::cli {
 
 struct SessionFlags {
-  std::string server;           // HOST:PORT; empty: embedded.
-  uint64_t threads = 0;         // Of the embedded server; 0: one per core.
-  double timeout_seconds = 0;   // 0: none.
-  double retry_seconds = 10;    // How long to go on without an answer.
-  uint64_t streams = 0;         // 0: one per network connection.
+  std::string server;          // HOST:PORT; empty: embedded.
+  uint64_t threads = 0;        // Of the embedded server; 0: one per core.
+  double timeout_seconds = 0;  // 0: none.
+  double retry_seconds = 10;   // How long to go on without an answer.
+  uint64_t streams = 0;        // 0: one per network connection.
 
   // `embeddable`: the command also works without a server.
   void Register(FlagSet* flags, bool embeddable);

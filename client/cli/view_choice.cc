@@ -55,8 +55,8 @@ double Halton(int index, int base) {
   return value;
 }
 
-// What stands around some points: per point and direction how far it is free, and whether the front of a
-// triangle ends it (known for files alone, whose arrays are at hand).
+// What stands around some points: per point and direction how far it is free, and whether the front
+// of a triangle ends it (known for files alone, whose arrays are at hand).
 struct Surroundings {
   size_t directions = 0;
   std::vector<double> distance;  // kInfinity: free as far as the scene goes.
@@ -110,8 +110,8 @@ absl::StatusOr<Surroundings> LookAround(const Session& session, const OpenedScen
   return around;
 }
 
-// Three lights about a view from outside: a key from the left above, a fill from the right, one from
-// above and behind.
+// Three lights about a view from outside: a key from the left above, a fill from the right, one
+// from above and behind.
 std::vector<Vec3d> OutsideLights(const Box3d& bounds, Vec3d eye, Vec3d at, const Frame& frame) {
   const double reach = std::max(Length(bounds.Extent()), std::numeric_limits<double>::min());
   Vec3d back = eye - at;
@@ -124,8 +124,8 @@ std::vector<Vec3d> OutsideLights(const Box3d& bounds, Vec3d eye, Vec3d at, const
           middle + (right * 0.2 + back * -0.9 + frame.up * 1.3) * reach};
 }
 
-// Three lights in the room that the eye is in, each on a free sight line of the eye, half way along: one up
-// to the left, one up to the right, one ahead.
+// Three lights in the room that the eye is in, each on a free sight line of the eye, half way
+// along: one up to the left, one up to the right, one ahead.
 absl::StatusOr<std::vector<Vec3d>> InsideLights(const Session& session, const OpenedScene& scene,
                                                 Vec3d eye, Vec3d at, const Frame& frame,
                                                 double reach) {
@@ -136,8 +136,7 @@ absl::StatusOr<std::vector<Vec3d>> InsideLights(const Session& session, const Op
   const std::vector<Vec3d> directions = {Unit(ahead * 0.9 - right * 0.9 + frame.up * 0.45),
                                          Unit(ahead * 0.9 + right * 0.7 + frame.up * 0.35),
                                          Unit(ahead + frame.up * 0.12)};
-  SL_ASSIGN_OR_RETURN(Surroundings around,
-                      LookAround(session, scene, {eye}, directions, reach));
+  SL_ASSIGN_OR_RETURN(Surroundings around, LookAround(session, scene, {eye}, directions, reach));
   std::vector<Vec3d> lights;
   for (size_t k = 0; k < directions.size(); ++k) {
     lights.push_back(eye + directions[k] * (0.6 * std::min(around.at(0, k), 0.5 * reach)));
@@ -241,10 +240,10 @@ Vec3d FitBox(const Box3d& bounds, Vec3d toward_eye, Vec3d up, double fov_y_degre
   const double tan_x = tan_y * aspect;
   double distance = 0;
   for (int i = 0; i < 8; ++i) {
-    const Vec3d corner = Vec3d{(i & 1) != 0 ? bounds.hi.x : bounds.lo.x,
-                               (i & 2) != 0 ? bounds.hi.y : bounds.lo.y,
-                               (i & 4) != 0 ? bounds.hi.z : bounds.lo.z} -
-                         middle;
+    const Vec3d corner =
+        Vec3d{(i & 1) != 0 ? bounds.hi.x : bounds.lo.x, (i & 2) != 0 ? bounds.hi.y : bounds.lo.y,
+              (i & 4) != 0 ? bounds.hi.z : bounds.lo.z} -
+        middle;
     // |across| <= tan · (distance − toward) for both directions.
     distance = std::max({distance, Dot(corner, back) + std::abs(Dot(corner, right)) / tan_x,
                          Dot(corner, back) + std::abs(Dot(corner, image_up)) / tan_y});
@@ -289,7 +288,8 @@ absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene&
     if (flags.fov_y_degrees) view.fov_y_degrees = *flags.fov_y_degrees;
     const Vec3d toward_eye = frame.Direction(35, 25);
     view.at = middle;
-    view.eye = FitBox(bounds, toward_eye, view.up, std::clamp(view.fov_y_degrees, 1.0, 170.0), aspect);
+    view.eye =
+        FitBox(bounds, toward_eye, view.up, std::clamp(view.fov_y_degrees, 1.0, 170.0), aspect);
     view.how = "outside";
     if (flags.at) {
       view.eye = view.eye + (*flags.at - middle);

@@ -3,13 +3,15 @@
 // Where the camera and the lights stand when the command line does not say.
 //
 //  Built-in scenes  their own first view with its three lights.
-//  Files, servers'  what --eye, --at and --up leave open is chosen by rule: the whole scene from outside, a
-//  scenes           quarter turn between front and side, seen from above by 25 degrees; or, when the scene is
-//                   a room (most points in it see fronts of triangles all around), from the place inside
-//                   that sees farthest. Three lights about the view, inside a room within free sight.
+//  Files, servers'  what --eye, --at and --up leave open is chosen by rule: the whole scene from
+//  outside, a scenes           quarter turn between front and side, seen from above by 25 degrees;
+//  or, when the scene is
+//                   a room (most points in it see fronts of triangles all around), from the place
+//                   inside that sees farthest. Three lights about the view, inside a room within
+//                   free sight.
 //
-// "Up" of a file is z when it says so (.stl, or a scene three times wider than high along z), else y.
-// The rules ask the server about a few thousand segments; the same scene gives the same choice.
+// "Up" of a file is z when it says so (.stl, or a scene three times wider than high along z), else
+// y. The rules ask the server about a few thousand segments; the same scene gives the same choice.
 //
 // Thread safety: free functions.
 #ifndef SIGHTLINE_CLIENT_CLI_VIEW_CHOICE_H_
@@ -42,10 +44,12 @@ struct ViewChoice {
 // z or y, as said above. `format` as ImportReport has it; may be empty.
 Vec3d GuessUp(const Box3d& bounds, const std::string& format);
 
-// The nearest eye along `toward_eye` from which the whole box is within the field of view, with a margin.
+// The nearest eye along `toward_eye` from which the whole box is within the field of view, with a
+// margin.
 Vec3d FitBox(const Box3d& bounds, Vec3d toward_eye, Vec3d up, double fov_y_degrees, double aspect);
 
-// `aspect`: width / height. INVALID_ARGUMENT for a scene without anything to see; errors of queries.
+// `aspect`: width / height. INVALID_ARGUMENT for a scene without anything to see; errors of
+// queries.
 absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene& scene,
                                       const std::string& name, const ViewFlags& flags,
                                       double aspect);

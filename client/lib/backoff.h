@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How long to wait before trying again: exponentially longer, with jitter, so that many clients of one
-// server that comes back do not return in step (a client without back-off was measured at 90,000
-// attempts a second).
+// How long to wait before trying again: exponentially longer, with jitter, so that many clients of
+// one server that comes back do not return in step (a client without back-off was measured at
+// 90,000 attempts a second).
 //
 // Thread safety: none; one Backoff belongs to one caller.
 //
@@ -30,10 +30,11 @@ struct RetryOptions {
 
 class Backoff {
  public:
-  explicit Backoff(const RetryOptions& options) : options_(options), bound_(options.initial_delay) {}
+  explicit Backoff(const RetryOptions& options)
+      : options_(options), bound_(options.initial_delay) {}
 
-  // A random time between half the current bound and all of it; the bound then grows. Never less than
-  // what the server asked for.
+  // A random time between half the current bound and all of it; the bound then grows. Never less
+  // than what the server asked for.
   absl::Duration Next(const absl::Status& status) {
     const absl::Duration wait = bound_ * absl::Uniform(random_, 0.5, 1.0);
     bound_ = std::min(bound_ * options_.multiplier, options_.max_delay);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Ends calls early from another thread. One Cancellation may serve many calls; once cancelled it stays
-// so, and calls that start with it fail at once.
+// Ends calls early from another thread. One Cancellation may serve many calls; once cancelled it
+// stays so, and calls that start with it fail at once.
 //
 // Thread safety: all members may be called from any thread. A callback runs in the thread that
 // cancels, or in the one that registers it when it is too late; it must not register or unregister.

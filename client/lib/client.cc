@@ -102,11 +102,11 @@ absl::StatusOr<Scene> Client::CreateScene(const SceneSource& source,
           v1::CreateSceneRequest request;
           ToProto(object, request.mutable_object());
           if (!write(request)) return;
-          const bool sent = SendMesh(object.vertices, object.indices, chunk_bytes,
-                                     [&](v1::MeshChunk chunk) {
-                                       *request.mutable_chunk() = std::move(chunk);
-                                       return write(request);
-                                     });
+          const bool sent =
+              SendMesh(object.vertices, object.indices, chunk_bytes, [&](v1::MeshChunk chunk) {
+                *request.mutable_chunk() = std::move(chunk);
+                return write(request);
+              });
           if (!sent) return;
         }
       };
@@ -154,13 +154,12 @@ absl::StatusOr<Scene> Client::UpdateScene(const std::string& name,
           }
           if (!write(request)) return;
           if (!adds && edit.kind != SceneEdit::Kind::kReplaceVertices) continue;
-          const bool sent =
-              SendMesh(edit.object.vertices,
-                       adds ? edit.object.indices : std::span<const uint32_t>(), chunk_bytes,
-                       [&](v1::MeshChunk chunk) {
-                         *request.mutable_chunk() = std::move(chunk);
-                         return write(request);
-                       });
+          const bool sent = SendMesh(edit.object.vertices,
+                                     adds ? edit.object.indices : std::span<const uint32_t>(),
+                                     chunk_bytes, [&](v1::MeshChunk chunk) {
+                                       *request.mutable_chunk() = std::move(chunk);
+                                       return write(request);
+                                     });
           if (!sent) return;
         }
       };
@@ -302,6 +301,15 @@ absl::StatusOr<PointSet> Client::RenewLease(const std::string& name, absl::Durat
   request.set_name(name);
   ToProto(lease, request.mutable_lease_duration());
   return Converted(shared_->connection->RenewLease(request, options));
+}
+
+absl::StatusOr<int64_t> Client::PinnedRevision(const std::string& scene, int64_t revision,
+                                               const CallOptions& options) const {
+  if (revision != 0) return revision;
+  absl::StatusOr<Scene> current = GetScene(scene, options);
+  if (!current.ok()) return current.status();
+  // A scene without a revision is not ready; the stream says so better than we could.
+  return current->revision;
 }
 
 }  // namespace sightline::client

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A Sightline server, as a C++ value. Scenes are uploaded, listed and edited; camera tiles, shadows and
-// segments are answered for whole images and arrays: the client cuts them into items, keeps within the
-// server's flow control, spreads them over several streams, resumes what a draining or lost server
-// left unanswered, and puts the answers together.
+// A Sightline server, as a C++ value. Scenes are uploaded, listed and edited; camera tiles, shadows
+// and segments are answered for whole images and arrays: the client cuts them into items, keeps
+// within the server's flow control, spreads them over several streams, resumes what a draining or
+// lost server left unanswered, and puts the answers together.
 //
-// Errors are the server's, with its machine-readable reason (GetErrorDetail in status.h). Calls that
-// fail for a reason that may pass are repeated with back-off, as the Connection was told.
+// Errors are the server's, with its machine-readable reason (GetErrorDetail in status.h). Calls
+// that fail for a reason that may pass are repeated with back-off, as the Connection was told.
 //
 // One query sees one revision: the one asked for, or the one that was current when it started.
 //
-// Thread safety: a Client is a cheap handle; copies share the connection, and all members may be called
-// from any thread. Callbacks of a query come from the library's threads, one call at a time.
+// Thread safety: a Client is a cheap handle; copies share the connection, and all members may be
+// called from any thread. Callbacks of a query come from the library's threads, one call at a time.
 //
 //   Client client(MakeConnection("localhost:7070", {}));
 //   absl::StatusOr<Scene> scene = client.CreateScene({.builtin = "builtin:hall"});
@@ -56,14 +56,16 @@ class Client {
   // ---- Scenes
 
   // Returns when the scene answers queries. Safe to repeat: carries a request id of its own.
-  absl::StatusOr<Scene> CreateScene(const SceneSource& source, const CallOptions& options = {}) const;
+  absl::StatusOr<Scene> CreateScene(const SceneSource& source,
+                                    const CallOptions& options = {}) const;
   absl::StatusOr<Scene> GetScene(const std::string& name, const CallOptions& options = {}) const;
   absl::StatusOr<std::vector<Scene>> ListScenes(const CallOptions& options = {}) const;
   absl::StatusOr<std::vector<SceneObject>> ListSceneObjects(const std::string& name,
                                                             const CallOptions& options = {}) const;
   // A new revision with the edits applied in order, all or none. `base_revision` 0: whichever is.
   absl::StatusOr<Scene> UpdateScene(const std::string& name, const std::vector<SceneEdit>& edits,
-                                    int64_t base_revision = 0, const CallOptions& options = {}) const;
+                                    int64_t base_revision = 0,
+                                    const CallOptions& options = {}) const;
   absl::Status DeleteScene(const std::string& name, const CallOptions& options = {}) const;
   // Reports the scene at once and at every change, until `on_change` returns false, the scene is
   // deleted (OK) or the call ends.
@@ -93,13 +95,15 @@ class Client {
 
   // ---- Visibility
 
-  // Calls `on_tile` once per tile, in the order in which answers come. An error from it ends the query.
+  // Calls `on_tile` once per tile, in the order in which answers come. An error from it ends the
+  // query.
   absl::StatusOr<StreamSummary> TraceTiles(const TileQuery& query,
                                            const std::function<absl::Status(Tile)>& on_tile,
                                            const StreamOptions& options = {}) const;
   // The same, put together. `on_progress` (may be null) hears how many pixels are done.
-  absl::StatusOr<TileImage> TraceImage(const TileQuery& query, const StreamOptions& options = {},
-                                       const std::function<void(uint64_t done)>& on_progress = {}) const;
+  absl::StatusOr<TileImage> TraceImage(
+      const TileQuery& query, const StreamOptions& options = {},
+      const std::function<void(uint64_t done)>& on_progress = {}) const;
 
   // Calls `on_shadows` once per item, in the order in which answers come.
   absl::StatusOr<StreamSummary> ComputeShadows(

@@ -14,13 +14,13 @@
 #ifndef SIGHTLINE_CLIENT_LIB_CONNECTION_H_
 #define SIGHTLINE_CLIENT_LIB_CONNECTION_H_
 
+#include <grpcpp/channel.h>
+#include <grpcpp/support/channel_arguments.h>
+
 #include <functional>
 #include <memory>
 #include <string>
 #include <vector>
-
-#include <grpcpp/channel.h>
-#include <grpcpp/support/channel_arguments.h>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -136,7 +136,8 @@ std::shared_ptr<Connection> MakeConnection(std::vector<std::shared_ptr<grpc::Cha
 std::shared_ptr<Connection> MakeConnection(const std::string& target,
                                            const ConnectionOptions& options);
 
-// What every channel to a server should be made with: message sizes, no port sharing of connections.
+// What every channel to a server should be made with: message sizes, no port sharing of
+// connections.
 grpc::ChannelArguments DefaultChannelArguments();
 
 }  // namespace sightline::client

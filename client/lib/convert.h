@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The one converter between the library's structs and the wire's messages, and the readers of packed
-// arrays.
+// The one converter between the library's structs and the wire's messages, and the readers of
+// packed arrays.
 //
 // Thread safety: free functions.
 #ifndef SIGHTLINE_CLIENT_LIB_CONVERT_H_
@@ -40,8 +40,8 @@ Statistics FromProto(const v1::Statistics& statistics);
 Capabilities FromProto(const v1::Capabilities& capabilities);
 absl::Duration FromProto(const google::protobuf::Duration& duration);
 
-// Appends the `count` numbers that `bytes` holds to `out` at `offset`; INTERNAL if there are fewer or
-// more. REQUIRES: out has room.
+// Appends the `count` numbers that `bytes` holds to `out` at `offset`; INTERNAL if there are fewer
+// or more. REQUIRES: out has room.
 template <typename T>
 absl::Status Unpack(absl::string_view bytes, size_t count, absl::string_view field, T* out) {
   if (bytes.size() != count * sizeof(T)) {
@@ -57,13 +57,15 @@ class BitRows {
  public:
   BitRows(absl::string_view bytes, size_t columns) : bytes_(bytes), stride_((columns + 7) / 8) {}
   bool operator()(size_t row, size_t column) const {
-    return ((static_cast<unsigned char>(bytes_[row * stride_ + column / 8]) >> (column % 8)) & 1) != 0;
+    return ((static_cast<unsigned char>(bytes_[row * stride_ + column / 8]) >> (column % 8)) & 1) !=
+           0;
   }
   // INTERNAL unless the bytes are those of `rows` rows.
   absl::Status Check(size_t rows, absl::string_view field) const {
     if (bytes_.size() == rows * stride_) return absl::OkStatus();
-    return absl::InternalError(absl::StrCat("the server's reply holds ", bytes_.size(), " bytes of ",
-                                            field, " where ", rows * stride_, " are due"));
+    return absl::InternalError(absl::StrCat("the server's reply holds ", bytes_.size(),
+                                            " bytes of ", field, " where ", rows * stride_,
+                                            " are due"));
   }
 
  private:

@@ -30,7 +30,8 @@
 namespace sightline::client {
 namespace {
 
-// Replies stay near Limits.target_reply_bytes; this only bounds what a broken server can make us hold.
+// Replies stay near Limits.target_reply_bytes; this only bounds what a broken server can make us
+// hold.
 constexpr int kMaxReceiveBytes = 256 << 20;
 
 void Prepare(const CallOptions& options, grpc::ClientContext* context) {
@@ -216,8 +217,8 @@ class GrpcConnection final : public Connection {
   std::vector<std::unique_ptr<v1::VisibilityService::Stub>> visibility_;
 };
 
-// Debian packages no generated code for grpc.health.v1. Its request is one string and its response one
-// enum, both in field 1, so the call is made with raw bytes.
+// Debian packages no generated code for grpc.health.v1. Its request is one string and its response
+// one enum, both in field 1, so the call is made with raw bytes.
 absl::StatusOr<Health> GrpcConnection::CheckHealth(const std::string& service,
                                                    const CallOptions& options) {
   google::protobuf::UnknownFieldSet request;
@@ -273,7 +274,8 @@ grpc::ChannelArguments DefaultChannelArguments() {
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(kMaxReceiveBytes);
   arguments.SetMaxSendMessageSize(-1);
-  // gRPC shares one connection between channels of equal target and arguments unless told otherwise.
+  // gRPC shares one connection between channels of equal target and arguments unless told
+  // otherwise.
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   // Reconnects are timed by our own back-off; gRPC's must not stand in its way.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Repeats what may be repeated. Reads change nothing; creations and edits carry a request_id, and
-// their uploads can be played again; a deletion that finds nothing on a later attempt was done by an
-// earlier one.
+// their uploads can be played again; a deletion that finds nothing on a later attempt was done by
+// an earlier one.
 #include <algorithm>
 #include <functional>
 #include <memory>

@@ -35,8 +35,8 @@ absl::Status FromItem(const v1::ItemStatus& status) {
   if (status.reason() != v1::ERROR_REASON_UNSPECIFIED) {
     v1::ErrorInfo info;
     info.set_domain("sightline");
-    info.set_reason(std::string(
-        absl::StripPrefix(v1::ErrorReason_Name(status.reason()), "ERROR_REASON_")));
+    info.set_reason(
+        std::string(absl::StripPrefix(v1::ErrorReason_Name(status.reason()), "ERROR_REASON_")));
     *info.mutable_metadata() = status.metadata();
     result.SetPayload(kErrorInfoUrl, absl::Cord(info.SerializeAsString()));
   }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How the service's errors look to a caller of the library: an absl::Status with the server's code and
-// message, and its machine-readable reason as a payload (a google.rpc.ErrorInfo under that type's URL).
+// How the service's errors look to a caller of the library: an absl::Status with the server's code
+// and message, and its machine-readable reason as a payload (a google.rpc.ErrorInfo under that
+// type's URL).
 //
 // Thread safety: free functions.
 //
@@ -9,11 +10,11 @@
 #ifndef SIGHTLINE_CLIENT_LIB_STATUS_H_
 #define SIGHTLINE_CLIENT_LIB_STATUS_H_
 
+#include <grpcpp/support/status.h>
+
 #include <map>
 #include <optional>
 #include <string>
-
-#include <grpcpp/support/status.h>
 
 #include "absl/status/status.h"
 #include "absl/time/time.h"
@@ -36,8 +37,8 @@ absl::Status FromItem(const v1::ItemStatus& status);
 // The reason, where the server gave one.
 std::optional<ErrorDetail> GetErrorDetail(const absl::Status& status);
 
-// Whether the same call may succeed later: UNAVAILABLE; RESOURCE_EXHAUSTED when the queue was full or
-// the server says when to try again. Passing a limit never heals.
+// Whether the same call may succeed later: UNAVAILABLE; RESOURCE_EXHAUSTED when the queue was full
+// or the server says when to try again. Passing a limit never heals.
 bool IsRetryable(const absl::Status& status);
 
 // How long the server asked to wait, where it did.

@@ -2,16 +2,16 @@
 //
 // Gets every item of a query answered over a few bidirectional streams, whatever happens to them.
 //
-// Each lane owns one stream at a time: one thread reads it, another writes. Items wait in one shared
-// queue; a lane takes the next while its credit is above zero, and an item's last reply gives its cost
-// back. A lane never waits for anything while it must read, so neither side can block the other for
-// good (visibility_service.proto, "Flow control").
+// Each lane owns one stream at a time: one thread reads it, another writes. Items wait in one
+// shared queue; a lane takes the next while its credit is above zero, and an item's last reply
+// gives its cost back. A lane never waits for anything while it must read, so neither side can
+// block the other for good (visibility_service.proto, "Flow control").
 //
 // Items go back into the queue when their stream ends without an answer (a draining server, a lost
-// connection) or when the server's queue was full; the lane then opens a new stream after a back-off.
-// The run fails with the first error that cannot heal, or once nothing has been answered for
-// RetryOptions.give_up_after since the first failure. Replies of an item are handed out whole, when
-// its last one is there: an answer that was cut off leaves nothing behind.
+// connection) or when the server's queue was full; the lane then opens a new stream after a
+// back-off. The run fails with the first error that cannot heal, or once nothing has been answered
+// for RetryOptions.give_up_after since the first failure. Replies of an item are handed out whole,
+// when its last one is there: an answer that was cut off leaves nothing behind.
 //
 // Thread safety: RunStreams blocks its caller; `deliver` is called from lane threads, one call at a
 // time, never after RunStreams has returned.
@@ -108,7 +108,7 @@ class StreamRun {
   struct Session {
     Stream* stream = nullptr;
     bool opened = false;
-    bool closed = false;    // No more writes: it ended, or is about to.
+    bool closed = false;  // No more writes: it ended, or is about to.
     int64_t credit = 0;
     uint64_t answered = 0;
     std::map<uint64_t, std::vector<Reply>> in_flight;  // Replies so far, by item.
@@ -216,8 +216,8 @@ class StreamRun {
         for (const Waiting& w : queue_) next = std::min(next, w.not_before);
         const auto changed = [this, session, size = queue_.size()]()
                                  ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-          return Finished() || session->closed || queue_.size() != size;
-        };
+                                   return Finished() || session->closed || queue_.size() != size;
+                                 };
         mutex_.AwaitWithDeadline(absl::Condition(&changed), next);
         continue;
       }
@@ -301,7 +301,8 @@ class StreamRun {
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const absl::Time now = absl::Now();
     first_failure_ = std::min(first_failure_, now);
-    if (now + wait >= options_.deadline || now + wait > first_failure_ + options_.retry.give_up_after) {
+    if (now + wait >= options_.deadline ||
+        now + wait > first_failure_ + options_.retry.give_up_after) {
       Fail(status);
       return false;
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What the client library takes and gives: plain structs of numbers, strings and arrays. No proto and
-// no gRPC type is needed to use it. Units, ranges and meanings are those of proto/sightline/v1.
+// What the client library takes and gives: plain structs of numbers, strings and arrays. No proto
+// and no gRPC type is needed to use it. Units, ranges and meanings are those of proto/sightline/v1.
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CLIENT_LIB_TYPES_H_
@@ -32,8 +32,8 @@ enum class SceneState { kUnknown, kBuilding, kReady, kUpdating, kFailed, kDelete
 // One object of an upload. The arrays are the caller's and must outlive the call.
 struct ObjectUpload {
   std::string name;
-  std::span<const double> vertices;   // [k, 3]
-  std::span<const uint32_t> indices;  // [m, 3]
+  std::span<const double> vertices;                 // [k, 3]
+  std::span<const uint32_t> indices;                // [m, 3]
   std::optional<std::array<double, 12>> transform;  // Rows of a 3×4 matrix; unset: the identity.
   uint32_t mask = 0xFFFFFFFFu;
   Culling culling = Culling::kNone;
@@ -52,11 +52,11 @@ struct BuildReport {
   uint64_t input_triangles = 0;
   uint64_t non_finite_triangles = 0;  // These and the zero-area ones are never hit.
   uint64_t zero_area_triangles = 0;
-  uint64_t duplicate_triangles = 0;   // Kept.
+  uint64_t duplicate_triangles = 0;  // Kept.
   uint64_t non_finite_vertices = 0;
-  double max_rounding = 0;            // Scene units.
-  absl::Duration compile_time;        // To check, place and store the triangles.
-  absl::Duration structure_time;      // To build the tree.
+  double max_rounding = 0;        // Scene units.
+  absl::Duration compile_time;    // To check, place and store the triangles.
+  absl::Duration structure_time;  // To build the tree.
   uint64_t nodes = 0, leaves = 0;
   uint32_t depth = 0;
   uint64_t resident_bytes = 0;
@@ -130,8 +130,8 @@ struct Statistics {
   uint64_t nodes = 0;
   uint64_t leaves = 0;
   uint64_t triangle_tests = 0;
-  uint64_t double_tests = 0;  // Left in doubt by the float filter,
-  uint64_t exact_tests = 0;   // and by the double filter.
+  uint64_t double_tests = 0;            // Left in doubt by the float filter,
+  uint64_t exact_tests = 0;             // and by the double filter.
   Strategy strategy = Strategy::kAuto;  // What answered; kAuto where several did.
   absl::Duration compute;               // Summed over threads.
   absl::Duration queue;
@@ -164,7 +164,7 @@ struct StreamSummary {
   uint64_t rays = 0;            // Asked for; the statistics count those traced.
   uint64_t bytes_received = 0;  // Of replies, before transport.
   uint64_t bytes_sent = 0;
-  uint64_t resent_items = 0;    // Sent again after a failure.
+  uint64_t resent_items = 0;  // Sent again after a failure.
   absl::Duration elapsed;
   Statistics statistics;
 };
@@ -192,15 +192,16 @@ struct TileQuery {
   uint32_t tile_size = 64;  // Pixels; tiles at the right and lower border are smaller.
 };
 
-// The answer for one tile; n = width · height pixels, row by row. Only what was asked for is filled.
+// The answer for one tile; n = width · height pixels, row by row. Only what was asked for is
+// filled.
 struct Tile {
   size_t index = 0;  // In row-major order of the image's tiles.
   TileRect rect;
-  std::vector<uint8_t> hit;                     // n: 1 or 0.
-  std::vector<uint32_t> object, triangle;       // n: kNone for a miss.
-  std::vector<float> depth;                     // n: +infinity for a miss.
-  std::vector<float> u, v;                      // n.
-  std::vector<uint8_t> lit;                     // [S, n]: 1 lit, 0 blocked, 255 no hit or not valid.
+  std::vector<uint8_t> hit;                // n: 1 or 0.
+  std::vector<uint32_t> object, triangle;  // n: kNone for a miss.
+  std::vector<float> depth;                // n: +infinity for a miss.
+  std::vector<float> u, v;                 // n.
+  std::vector<uint8_t> lit;                // [S, n]: 1 lit, 0 blocked, 255 no hit or not valid.
   Statistics statistics;
 };
 
@@ -244,8 +245,8 @@ struct ShadowOutputs {
 struct ShadowQuery {
   std::string scene;
   std::vector<Light> lights;
-  Points points;                // Or:
-  std::string point_set;        // "scenes/hall/pointSets/desk", all of it.
+  Points points;          // Or:
+  std::string point_set;  // "scenes/hall/pointSets/desk", all of it.
   PointOptions point_options;
   double t_min = 0;  // Segments end this share of their length before the point.
   ShadowOutputs outputs;
@@ -258,13 +259,13 @@ struct Shadows {
   uint64_t offset = 0;
   uint64_t points = 0;
   uint32_t samples = 0;
-  std::vector<uint8_t> lit;              // [S, n]: 1 lit, 0 blocked, 255 not valid.
-  std::vector<uint8_t> valid;            // n: 1 or 0; the points alone.
+  std::vector<uint8_t> lit;               // [S, n]: 1 lit, 0 blocked, 255 not valid.
+  std::vector<uint8_t> valid;             // n: 1 or 0; the points alone.
   std::vector<uint32_t> invalid_samples;  // Of lights that are not finite or out of range.
-  std::vector<uint32_t> counts;          // n
-  std::vector<double> weighted_sums;     // n
+  std::vector<uint32_t> counts;           // n
+  std::vector<double> weighted_sums;      // n
   std::vector<uint32_t> blocker_object, blocker_triangle;  // [S, n]
-  std::vector<float> blocker_distance;   // [S, n]
+  std::vector<float> blocker_distance;                     // [S, n]
   uint64_t near_surface_points = 0;
   Statistics statistics;
   StreamSummary summary;  // Of the whole query, in the array of all alone.

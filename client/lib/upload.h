@@ -19,8 +19,8 @@
 
 namespace sightline::client {
 
-// Array bytes per message: large enough that per-message costs vanish, small enough that neither side
-// holds much (64 KiB to 1 MiB measured best). The rest of a message is a few dozen bytes.
+// Array bytes per message: large enough that per-message costs vanish, small enough that neither
+// side holds much (64 KiB to 1 MiB measured best). The rest of a message is a few dozen bytes.
 inline constexpr uint64_t kUploadChunkBytes = uint64_t{1} << 20;
 
 inline uint64_t ChunkBytes(uint64_t max_message_bytes) {

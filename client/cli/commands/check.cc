@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// sightline check: what a scene of a file would hold, and what is wrong with the file. Nothing is sent to
-// a server: the file is read and compiled as a server would compile it.
+// sightline check: what a scene of a file would hold, and what is wrong with the file. Nothing is
+// sent to a server: the file is read and compiled as a server would compile it.
 #include <cmath>
 
 #include "absl/strings/match.h"
@@ -47,9 +47,10 @@ Json ImportJson(const ImportReport& r) {
 absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
   std::string output;
   bool with_objects = false;
-  FlagSet flags("sightline check FILE [flags]",
-                "Reads a mesh file (or builtin:NAME) and tells what a scene of it would hold and what "
-                "was wrong with it.");
+  FlagSet flags(
+      "sightline check FILE [flags]",
+      "Reads a mesh file (or builtin:NAME) and tells what a scene of it would hold and what "
+      "was wrong with it.");
   flags.Switch("objects", "list its objects too", &with_objects);
   RegisterOutput(&flags, &output);
   std::vector<std::string> words;
@@ -60,9 +61,11 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
   ImportedScene imported;
   switch (KindOf(name)) {
     case SceneKind::kServer:
-      return UsageError(absl::StrCat("'", name, "' is a scene of a server; see sightline scene show"));
+      return UsageError(
+          absl::StrCat("'", name, "' is a scene of a server; see sightline scene show"));
     case SceneKind::kBuiltin: {
-      absl::StatusOr<BuiltinSpec> spec = ParseBuiltin(std::string(absl::StripPrefix(name, "builtin:")));
+      absl::StatusOr<BuiltinSpec> spec =
+          ParseBuiltin(std::string(absl::StripPrefix(name, "builtin:")));
       if (!spec.ok()) return WithExitCode(spec.status(), kExitUsage);
       absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*spec);
       if (!scene.ok()) return WithExitCode(scene.status(), kExitUsage);
@@ -75,7 +78,8 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
       break;
     }
   }
-  absl::StatusOr<SceneGeometry> geometry = CompileScene(imported.objects, std::nullopt, MeshLimits{});
+  absl::StatusOr<SceneGeometry> geometry =
+      CompileScene(imported.objects, std::nullopt, MeshLimits{});
   if (!geometry.ok()) {
     return absl::Status(geometry.status().code(),
                         absl::StrCat("'", name, "': ", geometry.status().message()));
@@ -116,23 +120,25 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
     context.out << json.dump(2) << '\n';
     return absl::OkStatus();
   }
-  PrintTable({{"file", name},
-              {"format", imported.report.format},
-              {"objects", GroupedCount(geometry->objects.size())},
-              {"triangles", GroupedCount(report.triangles)},
-              {"vertices", GroupedCount(report.vertices)},
-              {"bounds", hittable ? absl::StrCat(PointText(lo), " .. ", PointText(hi))
-                                  : "nothing can be hit"},
-              {"origin", PointText(geometry->origin)},
-              {"largest rounding", absl::StrFormat("%.3g", report.largest_rounding)},
-              {"memory estimate", absl::StrCat(GroupedCount(bytes), " bytes")},
-              {"never hit", absl::StrCat(GroupedCount(report.non_finite_triangles), " not finite, ",
-                                         GroupedCount(report.zero_area_triangles), " without area")},
-              {"duplicates", GroupedCount(report.duplicate_triangles)}},
-             context.out);
+  PrintTable(
+      {{"file", name},
+       {"format", imported.report.format},
+       {"objects", GroupedCount(geometry->objects.size())},
+       {"triangles", GroupedCount(report.triangles)},
+       {"vertices", GroupedCount(report.vertices)},
+       {"bounds",
+        hittable ? absl::StrCat(PointText(lo), " .. ", PointText(hi)) : "nothing can be hit"},
+       {"origin", PointText(geometry->origin)},
+       {"largest rounding", absl::StrFormat("%.3g", report.largest_rounding)},
+       {"memory estimate", absl::StrCat(GroupedCount(bytes), " bytes")},
+       {"never hit", absl::StrCat(GroupedCount(report.non_finite_triangles), " not finite, ",
+                                  GroupedCount(report.zero_area_triangles), " without area")},
+       {"duplicates", GroupedCount(report.duplicate_triangles)}},
+      context.out);
   if (KindOf(name) == SceneKind::kFile) {
     context.out << "\nin the file:\n";
-    for (const std::string& line : DescribeReport(imported.report)) context.out << "  " << line << '\n';
+    for (const std::string& line : DescribeReport(imported.report))
+      context.out << "  " << line << '\n';
   }
   if (with_objects) {
     context.out << '\n' << absl::StreamFormat("%12s %12s  %s\n", "triangles", "vertices", "object");

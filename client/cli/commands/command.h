@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What every command of `sightline` is: a function of its words that writes to two streams. One file per
-// command; run.cc knows them all.
+// What every command of `sightline` is: a function of its words that writes to two streams. One
+// file per command; run.cc knows them all.
 //
 // Thread safety: commands may run side by side, each with streams of its own.
 #ifndef SIGHTLINE_CLIENT_CLI_COMMANDS_COMMAND_H_
 #define SIGHTLINE_CLIENT_CLI_COMMANDS_COMMAND_H_
 
 #include <functional>
+#include <nlohmann/json.hpp>
 #include <ostream>
 #include <span>
 #include <string>
 #include <vector>
-
-#include <nlohmann/json.hpp>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -52,7 +51,8 @@ void RegisterOutput(FlagSet* flags, std::string* output);
 void RegisterStrategy(FlagSet* flags, std::string* strategy);
 client::Strategy ToStrategy(const std::string& name);
 
-// Parses; on --help prints it with `epilogue` and returns false. Wants as many words as `words` names.
+// Parses; on --help prints it with `epilogue` and returns false. Wants as many words as `words`
+// names.
 absl::StatusOr<bool> ParseOrHelp(FlagSet* flags, std::span<const std::string> args,
                                  const std::vector<std::string>& word_names,
                                  const std::string& epilogue, Context& context,

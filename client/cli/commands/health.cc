@@ -32,11 +32,12 @@ const char* HealthName(client::Health health) {
 absl::Status HealthCommand(std::span<const std::string> args, Context& context) {
   std::string service, output;
   SessionFlags session_flags;
-  FlagSet flags("sightline health [flags]",
-                "Tells whether a server serves and what it can do; without --server, of the one that "
-                "commands start in their own process.");
-  flags.Text("service", "NAME", "the health service's name to ask about; none: the server as a whole",
-             &service);
+  FlagSet flags(
+      "sightline health [flags]",
+      "Tells whether a server serves and what it can do; without --server, of the one that "
+      "commands start in their own process.");
+  flags.Text("service", "NAME",
+             "the health service's name to ask about; none: the server as a whole", &service);
   RegisterOutput(&flags, &output);
   session_flags.Register(&flags, /*embeddable=*/true);
   std::vector<std::string> words;
@@ -72,16 +73,17 @@ absl::Status HealthCommand(std::span<const std::string> args, Context& context) 
     json["limits"] = std::move(limits);
     context.out << json.dump(2) << '\n';
   } else {
-    PrintTable({{"server", where},
-                {"health", HealthName(health)},
-                {"version", c.version},
-                {"instruction set", c.instruction_set},
-                {"threads", absl::StrCat(c.threads)},
-                {"strategies", absl::StrJoin(c.strategies, ", ")},
-                {"built-in scenes", absl::StrJoin(c.builtin_scenes, ", ")},
-                {"triangles per scene", absl::StrCat("at most ", GroupedCount(l.max_triangles_per_scene))},
-                {"memory for scenes", absl::StrCat(GroupedCount(l.max_scene_bytes), " bytes")}},
-               context.out);
+    PrintTable(
+        {{"server", where},
+         {"health", HealthName(health)},
+         {"version", c.version},
+         {"instruction set", c.instruction_set},
+         {"threads", absl::StrCat(c.threads)},
+         {"strategies", absl::StrJoin(c.strategies, ", ")},
+         {"built-in scenes", absl::StrJoin(c.builtin_scenes, ", ")},
+         {"triangles per scene", absl::StrCat("at most ", GroupedCount(l.max_triangles_per_scene))},
+         {"memory for scenes", absl::StrCat(GroupedCount(l.max_scene_bytes), " bytes")}},
+        context.out);
   }
   if (health == client::Health::kServing) return absl::OkStatus();
   if (health == client::Health::kServiceUnknown) {

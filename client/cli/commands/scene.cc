@@ -26,12 +26,14 @@ absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags) {
 absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context) {
   std::string name, output;
   SessionFlags session_flags;
-  FlagSet flags("sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
-                "Loads a file or a built-in scene into a server, where it stays until it is deleted.");
-  flags.Text("name", "NAME",
-             "name of the new scene: 1 to 63 of a-z, 0-9, - _ and ., starting with a letter or digit; "
-             "without it the server makes one up",
-             &name);
+  FlagSet flags(
+      "sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
+      "Loads a file or a built-in scene into a server, where it stays until it is deleted.");
+  flags.Text(
+      "name", "NAME",
+      "name of the new scene: 1 to 63 of a-z, 0-9, - _ and ., starting with a letter or digit; "
+      "without it the server makes one up",
+      &name);
   RegisterOutput(&flags, &output);
   session_flags.Register(&flags, /*embeddable=*/false);
   std::vector<std::string> words;
@@ -114,11 +116,13 @@ absl::Status SceneShowCommand(std::span<const std::string> args, Context& contex
   }
   PrintScene(scene, context.out);
   if (with_objects) {
-    context.out << '\n' << absl::StreamFormat("%8s %12s %12s  %s\n", "object", "triangles", "vertices", "name");
+    context.out << '\n'
+                << absl::StreamFormat("%8s %12s %12s  %s\n", "object", "triangles", "vertices",
+                                      "name");
     for (const client::SceneObject& object : objects) {
       context.out << absl::StreamFormat("%8d %12s %12s  %s\n", object.index,
-                                        GroupedCount(object.triangles), GroupedCount(object.vertices),
-                                        object.name);
+                                        GroupedCount(object.triangles),
+                                        GroupedCount(object.vertices), object.name);
     }
   }
   return absl::OkStatus();

@@ -23,7 +23,8 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
                 "Tells which segments are blocked by a scene.");
   flags.Heading("Segments");
   flags.Text("segments", "FILE",
-             "from and to, .npy (n, 6) or .csv with six columns; scene units; required", &segments_path);
+             "from and to, .npy (n, 6) or .csv with six columns; scene units; required",
+             &segments_path);
   flags.Heading("Results");
   flags.Text("out", "FILE.npy", "uint8 [segments]: 1 blocked, 0 free, 255 invalid; required", &out);
   flags.Switch("stats", "print rays, rates and work", &stats);
@@ -40,7 +41,8 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
   SL_ASSIGN_OR_RETURN(const std::vector<double> segments, ReadRows(segments_path, 6, "segments"));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(session_flags));
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene, OpenScene(*session, words[0], context.err));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
+                      OpenScene(*session, words[0], context.err));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   client::SegmentQuery query;
@@ -51,16 +53,18 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
   query.segments = segments;
   const size_t n = segments.size() / 6;
   Progress progress(context.err, context.err_is_terminal, "testing", "segments", n);
-  SL_ASSIGN_OR_RETURN(
-      client::Segments result,
-      session->client().TestAllSegments(query, session->stream(),
-                                        [&](uint64_t done) { progress.Update(done); }));
+  SL_ASSIGN_OR_RETURN(client::Segments result,
+                      session->client().TestAllSegments(
+                          query, session->stream(), [&](uint64_t done) { progress.Update(done); }));
   progress.Finish();
   const size_t shape[] = {n};
-  SL_RETURN_IF_ERROR(WithExitCode(WriteNpy<uint8_t>(out, shape, result.blocked), kExitCannotCreate));
+  SL_RETURN_IF_ERROR(
+      WithExitCode(WriteNpy<uint8_t>(out, shape, result.blocked), kExitCannotCreate));
 
-  const auto blocked = static_cast<uint64_t>(std::count(result.blocked.begin(), result.blocked.end(), 1));
-  const auto invalid = static_cast<uint64_t>(std::count(result.valid.begin(), result.valid.end(), 0));
+  const auto blocked =
+      static_cast<uint64_t>(std::count(result.blocked.begin(), result.blocked.end(), 1));
+  const auto invalid =
+      static_cast<uint64_t>(std::count(result.valid.begin(), result.valid.end(), 0));
   if (output == "json") {
     Json json;
     json["command"] = "segments";

@@ -28,16 +28,19 @@ struct ShadeArguments {
 
 void Register(FlagSet* flags, ShadeArguments* a) {
   flags->Heading("Points");
-  flags->Text("points", "FILE",
-              ".npy (n, 3), .csv with three columns, or the vertices of a .ply; scene units; required",
-              &a->points);
+  flags->Text(
+      "points", "FILE",
+      ".npy (n, 3), .csv with three columns, or the vertices of a .ply; scene units; required",
+      &a->points);
   flags->Number("attach", "DISTANCE",
                 "points take the nearest triangle within this distance as the surface they lie on, "
                 "scene units; it then does not block them",
                 &a->attach);
   flags->Number("offset", "DISTANCE",
-                "points are moved so far along their normals, scene units; needs --normals", &a->offset);
-  flags->Text("normals", "FILE", "one normal per point, any length; .npy (n, 3) or .csv", &a->normals);
+                "points are moved so far along their normals, scene units; needs --normals",
+                &a->offset);
+  flags->Text("normals", "FILE", "one normal per point, any length; .npy (n, 3) or .csv",
+              &a->normals);
   flags->Number("t-min", "SHARE",
                 "segments end this share of their length before the point, 0 or more and below 1",
                 &a->t_min);
@@ -106,14 +109,16 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   if (!a.normals.empty()) {
     SL_ASSIGN_OR_RETURN(normals, ReadRows(a.normals, 3, "normals"));
     if (normals.size() != points.size()) {
-      return absl::InvalidArgumentError(absl::StrCat("'", a.normals, "': holds ", normals.size() / 3,
-                                                     " normals for ", points.size() / 3, " points"));
+      return absl::InvalidArgumentError(absl::StrCat("'", a.normals, "': holds ",
+                                                     normals.size() / 3, " normals for ",
+                                                     points.size() / 3, " points"));
     }
   }
   SL_ASSIGN_OR_RETURN(std::vector<client::Light> lights, ReadLights(a));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene, OpenScene(*session, words[0], context.err));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
+                      OpenScene(*session, words[0], context.err));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   client::ShadowQuery query;
@@ -129,20 +134,22 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   query.lights = lights;
   const size_t n = points.size() / 3;
   Progress progress(context.err, context.err_is_terminal, "shading", "segments", n * lights.size());
-  SL_ASSIGN_OR_RETURN(
-      client::Shadows shadows,
-      session->client().ComputeAllShadows(
-          query, session->stream(), [&](uint64_t done) { progress.Update(done * lights.size()); }));
+  SL_ASSIGN_OR_RETURN(client::Shadows shadows, session->client().ComputeAllShadows(
+                                                   query, session->stream(), [&](uint64_t done) {
+                                                     progress.Update(done * lights.size());
+                                                   }));
   progress.Finish();
   const size_t shape[] = {lights.size(), n};
   SL_RETURN_IF_ERROR(WithExitCode(WriteNpy<uint8_t>(a.out, shape, shadows.lit), kExitCannotCreate));
 
-  const auto invalid = static_cast<uint64_t>(std::count(shadows.valid.begin(), shadows.valid.end(), 0));
+  const auto invalid =
+      static_cast<uint64_t>(std::count(shadows.valid.begin(), shadows.valid.end(), 0));
   std::vector<double> shares;
   for (size_t k = 0; k < lights.size(); ++k) {
     const auto row = shadows.lit.begin() + static_cast<ptrdiff_t>(k * n);
     const auto lit = std::count(row, row + static_cast<ptrdiff_t>(n), uint8_t{1});
-    shares.push_back(n == invalid ? 0.0 : static_cast<double>(lit) / static_cast<double>(n - invalid));
+    shares.push_back(n == invalid ? 0.0
+                                  : static_cast<double>(lit) / static_cast<double>(n - invalid));
   }
   if (a.output == "json") {
     Json json;
@@ -182,9 +189,10 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   }
   PrintTable(rows, context.out);
   if (shadows.near_surface_points > 0 && a.attach == 0) {
-    context.err << "note: " << shadows.near_surface_points
-                << " points lie within rounding of a triangle that may shadow them; --attach DISTANCE "
-                   "puts points onto their surface\n";
+    context.err
+        << "note: " << shadows.near_surface_points
+        << " points lie within rounding of a triangle that may shadow them; --attach DISTANCE "
+           "puts points onto their surface\n";
   }
   context.out << "wrote " << a.out << '\n';
   return absl::OkStatus();

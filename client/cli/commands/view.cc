@@ -81,7 +81,8 @@ void Register(FlagSet* flags, ViewArguments* a) {
                 [a](const std::string& text) { return ParseSize(text, a); });
   flags->Heading("Lights");
   flags->Points("light", "a point light, scene units", &a->lights);
-  flags->Points("sun", "a light infinitely far away: the direction toward it, any length", &a->suns);
+  flags->Points("sun", "a light infinitely far away: the direction toward it, any length",
+                &a->suns);
   flags->Count("auto-lights", "N", "lights placed by rule where neither --light nor --sun is given",
                &a->auto_lights, 0, 3);
   flags->Heading("Results");
@@ -90,25 +91,31 @@ void Register(FlagSet* flags, ViewArguments* a) {
   flags->Choice("picture", {"lit", "depth", "cost"}, "the kind of picture that --out FILE.png is",
                 &a->picture);
   flags->Text("ids", "FILE.npy",
-              "object and triangle seen by each pixel, int32 [height, width, 2]; -1: none", &a->ids);
+              "object and triangle seen by each pixel, int32 [height, width, 2]; -1: none",
+              &a->ids);
   flags->Text("depth", "FILE.npy",
               "depth along the view direction, scene units, float32 [height, width]; inf: none",
               &a->depth);
   flags->Text("lit", "FILE.npy",
               "uint8 [lights, height, width]; 1 lit, 0 blocked, 255 nothing seen", &a->lit);
-  flags->Switch("stats", "print the table of triangles, build time, tiles, rays and rates", &a->stats);
+  flags->Switch("stats", "print the table of triangles, build time, tiles, rays and rates",
+                &a->stats);
   RegisterOutput(flags, &a->output);
   flags->Heading("Work");
   RegisterStrategy(flags, &a->strategy);
-  flags->Count("tile", "PIXELS", "side of the tiles that the picture is cut into", &a->tile, 1, 4096);
+  flags->Count("tile", "PIXELS", "side of the tiles that the picture is cut into", &a->tile, 1,
+               4096);
   a->session.Register(flags, /*embeddable=*/true);
 }
 
 std::string Epilogue() {
   return SceneHelp() +
-         "\nWithout --eye and --at, built-in scenes use their own first view and lights. Other scenes are\n"
-         "seen whole from outside, a quarter turn off the front and 25 degrees from above; closed rooms\n"
-         "from the inside. Without --up, z is up in .stl files and where a scene is over three times\n"
+         "\nWithout --eye and --at, built-in scenes use their own first view and lights. Other "
+         "scenes are\n"
+         "seen whole from outside, a quarter turn off the front and 25 degrees from above; closed "
+         "rooms\n"
+         "from the inside. Without --up, z is up in .stl files and where a scene is over three "
+         "times\n"
          "wider than high along z; else y is. Lights by rule stand about the view.\n";
 }
 
@@ -179,9 +186,13 @@ Json ViewJson(const std::string& argument, const OpenedScene& scene, const ViewC
   json["build_seconds"] = absl::ToDoubleSeconds(scene.scene().report.compile_time +
                                                 scene.scene().report.structure_time);
   json["resident_bytes"] = scene.scene().report.resident_bytes;
-  json["camera"] = {{"chosen", view.how}, {"eye", vec(view.eye)}, {"at", vec(view.at)},
-                    {"up", vec(view.up)}, {"fov_y_deg", view.fov_y_degrees},
-                    {"width", image.width}, {"height", image.height}};
+  json["camera"] = {{"chosen", view.how},
+                    {"eye", vec(view.eye)},
+                    {"at", vec(view.at)},
+                    {"up", vec(view.up)},
+                    {"fov_y_deg", view.fov_y_degrees},
+                    {"width", image.width},
+                    {"height", image.height}};
   json["lights"] = Json::array();
   for (const client::Light& light : lights) {
     const bool sun = light.kind == client::Light::Kind::kDirectional;
@@ -200,7 +211,8 @@ Json ViewJson(const std::string& argument, const OpenedScene& scene, const ViewC
   }
   const std::vector<Output> arrays = {{"ids", a.ids}, {"depth", a.depth}, {"lit", a.lit}};
   for (const Output& array : arrays) {
-    if (!array.path.empty()) json["outputs"].push_back({{"kind", array.kind}, {"path", array.path}});
+    if (!array.path.empty())
+      json["outputs"].push_back({{"kind", array.kind}, {"path", array.path}});
   }
   return json;
 }
@@ -209,9 +221,10 @@ Json ViewJson(const std::string& argument, const OpenedScene& scene, const ViewC
 
 absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   ViewArguments a;
-  FlagSet flags("sightline view SCENE [flags]",
-                "Traces what a camera sees of a scene and which lights reach it; writes pictures and "
-                "arrays.");
+  FlagSet flags(
+      "sightline view SCENE [flags]",
+      "Traces what a camera sees of a scene and which lights reach it; writes pictures and "
+      "arrays.");
   Register(&flags, &a);
   std::vector<std::string> words;
   SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, Epilogue(), context, &words));
@@ -225,7 +238,8 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   SL_RETURN_IF_ERROR(CheckOutputs({a.ids, a.depth, a.lit}));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene, OpenScene(*session, words[0], context.err));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
+                      OpenScene(*session, words[0], context.err));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   SL_ASSIGN_OR_RETURN(ViewChoice view, ChooseView(*session, *scene, words[0], a.view,
@@ -256,7 +270,8 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
     }
   }
   const auto has = [&](const char* kind) {
-    return std::any_of(outputs.begin(), outputs.end(), [&](const Output& o) { return o.kind == kind; });
+    return std::any_of(outputs.begin(), outputs.end(),
+                       [&](const Output& o) { return o.kind == kind; });
   };
   query.outputs.hits = true;
   query.outputs.ids = has("lit") || !a.ids.empty();
@@ -266,26 +281,29 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
 
   const uint64_t pixels = uint64_t{a.width} * a.height;
   const uint64_t rays_per_pixel = 1 + (query.outputs.lit ? query.lights.size() : 0);
-  Progress progress(context.err, context.err_is_terminal, "tracing", "rays", pixels * rays_per_pixel);
-  SL_ASSIGN_OR_RETURN(
-      client::TileImage image,
-      session->client().TraceImage(query, session->stream(),
-                                   [&](uint64_t done) { progress.Update(done * rays_per_pixel); }));
+  Progress progress(context.err, context.err_is_terminal, "tracing", "rays",
+                    pixels * rays_per_pixel);
+  SL_ASSIGN_OR_RETURN(client::TileImage image,
+                      session->client().TraceImage(query, session->stream(), [&](uint64_t done) {
+                        progress.Update(done * rays_per_pixel);
+                      }));
   progress.Finish();
 
   SL_RETURN_IF_ERROR(WriteArrays(a, image));
   for (const Output& output : outputs) {
-    const Image picture = output.kind == "depth"  ? DepthPicture(image)
-                          : output.kind == "cost" ? CostPicture(image)
-                                                  : LitPicture(image, query.camera,
-                                                               query.outputs.lit
-                                                                   ? std::span<const client::Light>(query.lights)
-                                                                   : std::span<const client::Light>(),
-                                                               view.up);
+    const Image picture =
+        output.kind == "depth" ? DepthPicture(image)
+        : output.kind == "cost"
+            ? CostPicture(image)
+            : LitPicture(image, query.camera,
+                         query.outputs.lit ? std::span<const client::Light>(query.lights)
+                                           : std::span<const client::Light>(),
+                         view.up);
     SL_RETURN_IF_ERROR(WithExitCode(WritePng(output.path, picture), kExitCannotCreate));
   }
 
-  const auto hits = static_cast<uint64_t>(std::count(image.hit.begin(), image.hit.end(), uint8_t{1}));
+  const auto hits =
+      static_cast<uint64_t>(std::count(image.hit.begin(), image.hit.end(), uint8_t{1}));
   const std::vector<double> shares = LitShares(image, hits);
   if (json) {
     context.out << ViewJson(words[0], *scene, view, query.lights, image, outputs, a, hits, shares,
@@ -313,8 +331,8 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
       Percent(static_cast<double>(hits) / static_cast<double>(std::max<uint64_t>(1, pixels))));
   if (!shares.empty()) {
     absl::StrAppend(&line, "; lit ", absl::StrJoin(shares, ", ", [](std::string* out, double s) {
-                      absl::StrAppend(out, Percent(s));
-                    }));
+      absl::StrAppend(out, Percent(s));
+    }));
   }
   context.out << line << '\n';
   for (const Output& output : outputs) {

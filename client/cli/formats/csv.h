@@ -2,9 +2,9 @@
 //
 // Tables of numbers as text, one row a line. Columns are separated by commas, semicolons, or blanks
 // and tabs; the first line of content decides. A first line without any number is a header and is
-// skipped. Empty lines and lines that start with # are skipped; line ends may be LF or CRLF. Numbers
-// are read in the C locale and rounded once; nan and inf are numbers. Anything else is an error that
-// names the line: no row is dropped in silence.
+// skipped. Empty lines and lines that start with # are skipped; line ends may be LF or CRLF.
+// Numbers are read in the C locale and rounded once; nan and inf are numbers. Anything else is an
+// error that names the line: no row is dropped in silence.
 //
 // Thread safety: free functions.
 //
@@ -28,8 +28,8 @@ struct CsvTable {
   std::vector<std::string> header;  // Names of the columns; empty without a header line.
 };
 
-// `name` is the file's name for the messages. INVALID_ARGUMENT for text that is no such table and for
-// text without a single row.
+// `name` is the file's name for the messages. INVALID_ARGUMENT for text that is no such table and
+// for text without a single row.
 absl::StatusOr<CsvTable> ParseCsv(absl::string_view text, const std::string& name);
 absl::StatusOr<CsvTable> ReadCsv(const std::string& path);
 

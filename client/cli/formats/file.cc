@@ -99,8 +99,7 @@ absl::Status WriteFile(const std::string& path, absl::string_view bytes) {
   static std::atomic<int> counter{0};
   const std::string target = Resolve(path);
   const std::string temporary = absl::StrCat(target, ".", ::getpid(), ".", ++counter, ".tmp");
-  FileDescriptor file(
-      ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+  FileDescriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (file.get() < 0) return Failed(errno, "cannot write", path);
   absl::Status status = WriteAll(file.get(), bytes, path);
   if (!file.Close() && status.ok()) status = Failed(errno, "cannot write", path);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Whole files in and out. What is written appears at its path complete or not at all: the bytes go to
-// a temporary file beside the target, which is then renamed. A target that exists and is no regular
-// file (/dev/null, a pipe) is written to as it is.
+// Whole files in and out. What is written appears at its path complete or not at all: the bytes go
+// to a temporary file beside the target, which is then renamed. A target that exists and is no
+// regular file (/dev/null, a pipe) is written to as it is.
 //
 // Thread safety: free functions; two writers of one path race for the rename, and one of them wins.
 //

@@ -48,8 +48,9 @@ class HeaderParser {
       if (*key == "descr") {
         Skip();
         if (!rest_.empty() && rest_.front() == '[') {
-          return Fail("it holds records (a structured dtype); save its columns as one plain array, "
-                      "np.stack([a['x'], a['y'], a['z']], axis=1)");
+          return Fail(
+              "it holds records (a structured dtype); save its columns as one plain array, "
+              "np.stack([a['x'], a['y'], a['z']], axis=1)");
         }
         std::optional<std::string> descr = String();
         if (!descr) return Fail("its header's 'descr' is no string");
@@ -210,14 +211,17 @@ absl::StatusOr<NpyArray> ParseNpy(absl::string_view bytes, const std::string& na
   if (bytes.size() < 10) return Bad(name, "the file ends within its header");
   const int version = static_cast<unsigned char>(bytes[6]);
   if (version < 1 || version > 3) {
-    return Bad(name, absl::StrCat("version ", version, " of the .npy format is not known (1 to 3)"));
+    return Bad(name,
+               absl::StrCat("version ", version, " of the .npy format is not known (1 to 3)"));
   }
   const size_t length_size = version == 1 ? 2 : 4;
   const size_t header_start = 8 + length_size;
   if (bytes.size() < header_start) return Bad(name, "the file ends within its header");
   const uint64_t header_size = LoadBits(bytes.data() + 8, length_size, /*big_endian=*/false);
-  if (header_size > bytes.size() - header_start) return Bad(name, "the file ends within its header");
-  // NumPy itself refuses headers beyond 10,000 bytes: a literal that long is no array's description.
+  if (header_size > bytes.size() - header_start)
+    return Bad(name, "the file ends within its header");
+  // NumPy itself refuses headers beyond 10,000 bytes: a literal that long is no array's
+  // description.
   constexpr uint64_t kMaxHeader = 10000;
   if (header_size > kMaxHeader) {
     return Bad(name, absl::StrCat("its header has ", header_size, " bytes; at most ", kMaxHeader,
@@ -232,7 +236,8 @@ absl::StatusOr<NpyArray> ParseNpy(absl::string_view bytes, const std::string& na
   array.shape = header->shape;
   const absl::string_view descr = header->descr;
   const bool known =
-      descr.size() == 3 && (descr[0] == '<' || descr[0] == '>' || descr[0] == '|' || descr[0] == '=') &&
+      descr.size() == 3 &&
+      (descr[0] == '<' || descr[0] == '>' || descr[0] == '|' || descr[0] == '=') &&
       ((descr[1] == 'f' && (descr[2] == '2' || descr[2] == '4' || descr[2] == '8')) ||
        ((descr[1] == 'i' || descr[1] == 'u') &&
         (descr[2] == '1' || descr[2] == '2' || descr[2] == '4' || descr[2] == '8')));
@@ -305,9 +310,9 @@ std::string FormatNpy(std::span<const size_t> shape, std::span<const T> values) 
   size_t count = 1;
   for (size_t n : shape) count *= n;
   SIGHTLINE_CHECK(count == values.size());
-  std::string header = absl::StrCat("{'descr': '", Descr<T>(),
-                                    "', 'fortran_order': False, 'shape': ", NpyShapeText(shape),
-                                    ", }");
+  std::string header =
+      absl::StrCat("{'descr': '", Descr<T>(),
+                   "', 'fortran_order': False, 'shape': ", NpyShapeText(shape), ", }");
   // Blanks and a line end bring the data to a multiple of 64 bytes.
   const size_t unpadded = kMagic.size() + 4 + header.size() + 1;
   header.append((64 - unpadded % 64) % 64, ' ');
@@ -328,9 +333,10 @@ absl::Status WriteNpy(const std::string& path, std::span<const size_t> shape,
   return WriteFile(path, FormatNpy<T>(shape, values));
 }
 
-#define SIGHTLINE_NPY_TYPE(T)                                                              \
-  template std::string FormatNpy<T>(std::span<const size_t>, std::span<const T>);           \
-  template absl::Status WriteNpy<T>(const std::string&, std::span<const size_t>, std::span<const T>);
+#define SIGHTLINE_NPY_TYPE(T)                                                     \
+  template std::string FormatNpy<T>(std::span<const size_t>, std::span<const T>); \
+  template absl::Status WriteNpy<T>(const std::string&, std::span<const size_t>,  \
+                                    std::span<const T>);
 SIGHTLINE_NPY_TYPE(uint8_t)
 SIGHTLINE_NPY_TYPE(int32_t)
 SIGHTLINE_NPY_TYPE(int64_t)

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // NumPy's .npy files. The reader takes versions 1, 2 and 3, C and Fortran order, both byte orders,
-// floats of 2, 4 and 8 bytes and integers of 1 to 8 bytes, and hands out doubles in C order; a value
-// that a double cannot hold exactly is an error. Every length in a file is checked against the bytes
-// there before memory is taken. The writer's bytes are those of numpy.save for a C-order array
-// (version 1, little endian).
+// floats of 2, 4 and 8 bytes and integers of 1 to 8 bytes, and hands out doubles in C order; a
+// value that a double cannot hold exactly is an error. Every length in a file is checked against
+// the bytes there before memory is taken. The writer's bytes are those of numpy.save for a C-order
+// array (version 1, little endian).
 //
 // xtensor's xnpy was looked at and not used: it trusts the header's lengths.
 //

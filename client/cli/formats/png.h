@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Pictures of 8-bit RGB as PNG files. Colours come in as linear light, are encoded with the sRGB curve
-// and the file says so (an sRGB chunk). The bytes depend on the pixels and libpng's version alone.
+// Pictures of 8-bit RGB as PNG files. Colours come in as linear light, are encoded with the sRGB
+// curve and the file says so (an sRGB chunk). The bytes depend on the pixels and libpng's version
+// alone.
 //
 // Thread safety: free functions; Image is a plain value.
 //

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Rows of numbers from whatever file holds them: .npy, text (.csv, .tsv, .txt, .xyz, .dat), or the
-// vertices of a .ply, each also packed as .xz or .gz where the mesh readers take it so. The file must
-// have exactly the columns that are asked for.
+// vertices of a .ply, each also packed as .xz or .gz where the mesh readers take it so. The file
+// must have exactly the columns that are asked for.
 //
 // Thread safety: free functions.
 //

@@ -19,9 +19,7 @@ Rgb OklabToRgb(float lightness, float a, float b) {
           -0.0041960863f * l3 - 0.7034186147f * m3 + 1.7076147010f * s3};
 }
 
-bool Shown(Rgb c) {
-  return std::min({c.r, c.g, c.b}) >= 0.0f && std::max({c.r, c.g, c.b}) <= 1.0f;
-}
+bool Shown(Rgb c) { return std::min({c.r, c.g, c.b}) >= 0.0f && std::max({c.r, c.g, c.b}) <= 1.0f; }
 
 }  // namespace
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Colour maps for quantities. Both are drawn in OKLab (Björn Ottosson, 2020), where equal steps look
-// equally large: lightness rises evenly from dark to bright while the hue turns, so they order values
-// for readers with any colour vision and on paper.
+// Colour maps for quantities. Both are drawn in OKLab (Björn Ottosson, 2020), where equal steps
+// look equally large: lightness rises evenly from dark to bright while the hue turns, so they order
+// values for readers with any colour vision and on paper.
 //
 // Thread safety: const after construction.
 //

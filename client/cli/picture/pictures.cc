@@ -47,8 +47,8 @@ class Rays {
   double width_, height_;
 };
 
-// The values at shares `low` and `high` of what is finite and positive, for a scale that a few extreme
-// values do not stretch; {1, 1} if there are none.
+// The values at shares `low` and `high` of what is finite and positive, for a scale that a few
+// extreme values do not stretch; {1, 1} if there are none.
 std::pair<double, double> Percentiles(std::vector<double> values, double low, double high) {
   std::erase_if(values, [](double v) { return !(v > 0) || !std::isfinite(v); });
   if (values.empty()) return {1, 1};
@@ -81,13 +81,15 @@ Rgb ObjectColor(uint32_t object) {
 
 std::vector<Vec3d> PixelNormals(const client::TileImage& image, const client::Camera& camera) {
   const uint32_t w = image.width, h = image.height;
-  SIGHTLINE_CHECK(image.depth.size() == size_t{w} * h && image.object.size() == image.depth.size() &&
+  SIGHTLINE_CHECK(image.depth.size() == size_t{w} * h &&
+                  image.object.size() == image.depth.size() &&
                   image.triangle.size() == image.depth.size());
   const Rays ray(camera);
   std::vector<Vec3d> normals(size_t{w} * h);
   const auto hit = [&](size_t i) { return image.object[i] != client::kNone; };
-  // The step from pixel i at (x, y) to whichever neighbour along (dx, dy) fits its surface best; zero if
-  // there is none. Within a plane 1/depth changes evenly: the smaller change is the likelier neighbour.
+  // The step from pixel i at (x, y) to whichever neighbour along (dx, dy) fits its surface best;
+  // zero if there is none. Within a plane 1/depth changes evenly: the smaller change is the
+  // likelier neighbour.
   const auto step = [&](uint32_t x, uint32_t y, int dx, int dy) -> Vec3d {
     const size_t i = size_t{y} * w + x;
     double best = std::numeric_limits<double>::infinity();
@@ -124,13 +126,15 @@ std::vector<Vec3d> PixelNormals(const client::TileImage& image, const client::Ca
 Image LitPicture(const client::TileImage& image, const client::Camera& camera,
                  std::span<const client::Light> lights, Vec3d up) {
   // A warm key, a cool fill, then neutral ones: their shadows can be told apart.
-  static constexpr Rgb kTints[] = {{1.00f, 0.90f, 0.76f}, {0.76f, 0.88f, 1.00f}, {0.95f, 0.95f, 0.95f}};
+  static constexpr Rgb kTints[] = {
+      {1.00f, 0.90f, 0.76f}, {0.76f, 0.88f, 1.00f}, {0.95f, 0.95f, 0.95f}};
   const std::vector<Vec3d> normals = PixelNormals(image, camera);
   const size_t n = normals.size();
   SIGHTLINE_CHECK(image.lit.size() >= lights.size() * n);
   const Rays ray(camera);
   const Vec3d eye = ToVec(camera.eye), sky = Unit(up);
-  const float strength = 1.25f / std::pow(std::max<float>(1.0f, static_cast<float>(lights.size())), 0.7f);
+  const float strength =
+      1.25f / std::pow(std::max<float>(1.0f, static_cast<float>(lights.size())), 0.7f);
   Image picture(image.width, image.height);
   for (uint32_t y = 0; y < image.height; ++y) {
     for (uint32_t x = 0; x < image.width; ++x) {
@@ -146,7 +150,8 @@ Image LitPicture(const client::TileImage& image, const client::Camera& camera,
       const auto upward = static_cast<float>(0.5 + 0.5 * Dot(normal, sky));
       // Ambient light comes from above and, faintly, from the eye: shape shows in full shadow too.
       const float open = lights.empty() ? 0.75f : 0.11f;
-      Rgb light = Rgb{0.82f, 0.92f, 1.0f} * (0.05f + 0.10f * upward) + Rgb{1, 1, 1} * (open * facing);
+      Rgb light =
+          Rgb{0.82f, 0.92f, 1.0f} * (0.05f + 0.10f * upward) + Rgb{1, 1, 1} * (open * facing);
       for (size_t k = 0; k < lights.size(); ++k) {
         if (image.lit[k * n + i] != 1) continue;
         const Vec3d toward = lights[k].kind == client::Light::Kind::kDirectional

@@ -2,13 +2,15 @@
 //
 // Pictures of what a camera query answered.
 //
-//  lit    Objects in muted colours of their own, shaded by how their surface is turned, with the light of
-//         every lamp where its bit says that it arrives. What no lamp reaches shows in ambient light.
+//  lit    Objects in muted colours of their own, shaded by how their surface is turned, with the
+//  light of
+//         every lamp where its bit says that it arrives. What no lamp reaches shows in ambient
+//         light.
 //  depth  Near is light, far is dark, even steps of the logarithm; pixels without a hit are grey.
 //  cost   Work per tile: boxes and triangles tested per pixel; even steps of the logarithm.
 //
-// Surface normals are not asked of the server: the normal of a pixel is that of the plane through its
-// hit and the hits of its neighbours, of the same triangle where there is one.
+// Surface normals are not asked of the server: the normal of a pixel is that of the plane through
+// its hit and the hits of its neighbours, of the same triangle where there is one.
 //
 // Thread safety: free functions; the same input gives the same picture.
 #ifndef SIGHTLINE_CLIENT_CLI_PICTURE_PICTURES_H_
@@ -23,7 +25,8 @@
 
 namespace sightline::cli {
 
-// REQUIRES: `image` has object, triangle and depth, and `lit` if there are lights (one sample each).
+// REQUIRES: `image` has object, triangle and depth, and `lit` if there are lights (one sample
+// each).
 Image LitPicture(const client::TileImage& image, const client::Camera& camera,
                  std::span<const client::Light> lights, Vec3d up);
 

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Shadows of points: cut, run, decode, put together.
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "client/lib/client.h"
+#include "client/lib/client_state.h"
+#include "client/lib/convert.h"
+#include "client/lib/query_support.h"
+#include "client/lib/stream_runner.h"
+#include "client/lib/upload.h"
+
+namespace sightline::client {
+
+namespace {
+
+absl::Status CheckPoints(const Points& points) {
+  if (points.positions.size() % 3 != 0) {
+    return absl::InvalidArgumentError(absl::StrCat("points.positions has ", points.positions.size(),
+                                                   " numbers, which 3 does not divide"));
+  }
+  const size_t n = points.positions.size() / 3;
+  const auto check = [n](size_t size, size_t row, absl::string_view field) -> absl::Status {
+    if (size == 0 || size == n * row) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrCat("points.", field, " has ", size, " numbers; ", n, " points need ", n * row));
+  };
+  absl::Status s = check(points.source_objects.size(), 1, "source_objects");
+  s.Update(check(points.source_triangles.size(), 1, "source_triangles"));
+  s.Update(check(points.normals.size(), 3, "normals"));
+  return s;
+}
+
+void ResizeShadows(const ShadowOutputs& want, uint64_t n, Shadows* out) {
+  const uint64_t pairs = out->samples * n;
+  out->points = n;
+  if (want.lit) out->lit.resize(pairs);
+  out->valid.resize(n);
+  if (want.counts) out->counts.resize(n);
+  if (want.weighted_sums) out->weighted_sums.resize(n);
+  if (want.blockers) {
+    out->blocker_object.resize(pairs);
+    out->blocker_triangle.resize(pairs);
+    out->blocker_distance.resize(pairs);
+  }
+}
+
+absl::StatusOr<Shadows> DecodeShadows(const ShadowOutputs& want, uint64_t samples, uint64_t offset,
+                                      uint64_t n, std::vector<v1::ShadowReply> replies) {
+  Shadows out;
+  out.offset = offset;
+  out.samples = static_cast<uint32_t>(samples);
+  ResizeShadows(want, n, &out);
+  const absl::Status status = DecodeReplies(
+      std::move(replies), n, &out.statistics,
+      [&](const v1::ShadowReply& reply, uint64_t at, uint64_t count) -> absl::Status {
+        const v1::ShadowResult& r = reply.shadows();
+        out.near_surface_points += r.near_surface_point_count();
+        absl::Status s;
+        if (want.lit) {
+          s.Update(DecodeLit(r, samples, at, count, n, &out.lit, &out.valid));
+        } else {
+          s.Update(DecodeValid(r.valid_bits(), at, count, &out.valid));
+        }
+        out.invalid_samples.assign(r.invalid_samples().begin(), r.invalid_samples().end());
+        if (want.counts) {
+          s.Update(DecodeRows(r.lit_counts(), "lit_counts", 1, at, count, n, &out.counts));
+        }
+        if (want.weighted_sums) {
+          s.Update(
+              DecodeRows(r.weighted_sums(), "weighted_sums", 1, at, count, n, &out.weighted_sums));
+        }
+        if (want.blockers) {
+          s.Update(DecodeRows(r.blocker_objects(), "blocker_objects", samples, at, count, n,
+                              &out.blocker_object));
+          s.Update(DecodeRows(r.blocker_triangles(), "blocker_triangles", samples, at, count, n,
+                              &out.blocker_triangle));
+          s.Update(DecodeRows(r.blocker_distances(), "blocker_distances", samples, at, count, n,
+                              &out.blocker_distance));
+        }
+        return s;
+      });
+  if (!status.ok()) return status;
+  return out;
+}
+
+}  // namespace
+
+absl::StatusOr<StreamSummary> Client::ComputeShadows(
+    const ShadowQuery& query, const std::function<absl::Status(Shadows)>& on_shadows,
+    const StreamOptions& options) const {
+  const absl::Time start = absl::Now();
+  const CallOptions call{.deadline = start + options.timeout, .cancellation = options.cancellation};
+  if (absl::Status s = CheckPoints(query.points); !s.ok()) return s;
+  if (query.points_per_item == 0) return absl::InvalidArgumentError("points_per_item is 0");
+  if (query.lights.empty()) return absl::InvalidArgumentError("lights: at least one is needed");
+  absl::StatusOr<Capabilities> capabilities = GetCapabilities(call);
+  if (!capabilities.ok()) return capabilities.status();
+  const Limits& limits = capabilities->limits;
+  if (absl::Status s = CheckLights(query.lights, limits); !s.ok()) return s;
+  const uint64_t samples = TotalSamples(query.lights);
+  uint64_t n = query.points.positions.size() / 3;
+  int64_t revision = query.options.revision;
+  if (!query.point_set.empty()) {
+    absl::StatusOr<PointSet> set = GetPointSet(query.point_set, call);
+    if (!set.ok()) return set.status();
+    n = set->points;
+    if (revision == 0) revision = set->revision;
+  } else {
+    absl::StatusOr<int64_t> pinned = PinnedRevision(query.scene, revision, call);
+    if (!pinned.ok()) return pinned.status();
+    revision = *pinned;
+  }
+  constexpr uint64_t kBytesPerPoint = 3 * 8 + 4 + 4 + 3 * 8;
+  const uint64_t per_item = std::max<uint64_t>(
+      1, std::min({uint64_t{query.points_per_item},
+                   static_cast<uint64_t>(std::max<int64_t>(1, limits.max_item_rays)) /
+                       std::max<uint64_t>(1, samples),
+                   ChunkBytes(limits.max_message_bytes) / kBytesPerPoint}));
+  const auto begin = [&](size_t i) { return i * per_item; };
+  const auto count = [&](size_t i) { return std::min(per_item, n - i * per_item); };
+
+  StreamJob<v1::ComputeShadowsRequest, v1::ComputeShadowsResponse> job;
+  job.item_count = static_cast<size_t>((n + per_item - 1) / per_item);
+  v1::ComputeShadowsHeader* header = job.header.mutable_header();
+  FillHeader(query.scene, revision, query.options, header->mutable_stream());
+  for (const Light& light : query.lights) ToProto(light, header->add_lights());
+  ToProto(query.point_options, header->mutable_point_options());
+  header->set_t_min(query.t_min);
+  header->mutable_outputs()->set_lit_bits(query.outputs.lit);
+  header->mutable_outputs()->set_lit_counts(query.outputs.counts);
+  header->mutable_outputs()->set_weighted_sums(query.outputs.weighted_sums);
+  header->mutable_outputs()->set_first_blockers(query.outputs.blockers);
+  job.open = [this](int lane, const CallOptions& stream_call) {
+    return shared_->connection->OpenShadows(lane, stream_call);
+  };
+  job.make_item = [&](size_t i) {
+    v1::ComputeShadowsRequest request;
+    v1::ShadowItem* item = request.mutable_item();
+    FillItem(i, options, item->mutable_item());
+    if (!query.point_set.empty()) {
+      item->mutable_point_set_range()->set_point_set(query.point_set);
+      item->mutable_point_set_range()->set_offset(begin(i));
+      item->mutable_point_set_range()->set_count(count(i));
+    } else {
+      PackPoints(query.points, begin(i), count(i), item->mutable_points());
+    }
+    return request;
+  };
+  job.cost = [&](size_t i) { return static_cast<int64_t>(count(i) * samples); };
+  StreamSummary summary;
+  job.deliver = [&](size_t i, std::vector<v1::ShadowReply> replies) -> absl::Status {
+    absl::StatusOr<Shadows> part =
+        DecodeShadows(query.outputs, samples, begin(i), count(i), std::move(replies));
+    if (!part.ok()) return part.status();
+    summary.statistics.Add(part->statistics);
+    return on_shadows(*std::move(part));
+  };
+
+  RunTotals totals;
+  const absl::Status status = RunStreams(
+      job,
+      ToRunOptions(options, limits, shared_->connection->channel_count(), job.item_count, start),
+      &totals);
+  if (!status.ok()) return status;
+  summary.revision = revision;
+  summary.items = job.item_count;
+  summary.rays = n * samples;
+  summary.bytes_received = totals.bytes_received;
+  summary.bytes_sent = totals.bytes_sent;
+  summary.resent_items = totals.resent_items;
+  summary.elapsed = absl::Now() - start;
+  return summary;
+}
+
+absl::StatusOr<Shadows> Client::ComputeAllShadows(
+    const ShadowQuery& query, const StreamOptions& options,
+    const std::function<void(uint64_t done)>& on_progress) const {
+  Shadows all;
+  all.samples = static_cast<uint32_t>(TotalSamples(query.lights));
+  uint64_t n = query.points.positions.size() / 3;
+  if (!query.point_set.empty()) {
+    absl::StatusOr<PointSet> set = GetPointSet(query.point_set, {});
+    if (!set.ok()) return set.status();
+    n = set->points;
+  }
+  ResizeShadows(query.outputs, n, &all);
+  uint64_t done = 0;
+  absl::StatusOr<StreamSummary> summary = ComputeShadows(
+      query,
+      [&](const Shadows& part) {
+        Place(part.lit, all.samples, part.offset, n, &all.lit);
+        Place(part.valid, 1, part.offset, n, &all.valid);
+        all.invalid_samples = part.invalid_samples;
+        Place(part.counts, 1, part.offset, n, &all.counts);
+        Place(part.weighted_sums, 1, part.offset, n, &all.weighted_sums);
+        Place(part.blocker_object, all.samples, part.offset, n, &all.blocker_object);
+        Place(part.blocker_triangle, all.samples, part.offset, n, &all.blocker_triangle);
+        Place(part.blocker_distance, all.samples, part.offset, n, &all.blocker_distance);
+        all.near_surface_points += part.near_surface_points;
+        done += part.points;
+        if (on_progress) on_progress(done);
+        return absl::OkStatus();
+      },
+      options);
+  if (!summary.ok()) return summary.status();
+  all.statistics = summary->statistics;
+  all.summary = *summary;
+  return all;
+}
+
+}  // namespace sightline::client

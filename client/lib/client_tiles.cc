@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Camera tiles: cut, run, decode, put together.
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "client/lib/client.h"
+#include "client/lib/client_state.h"
+#include "client/lib/convert.h"
+#include "client/lib/query_support.h"
+#include "client/lib/stream_runner.h"
+#include "client/lib/upload.h"
+
+namespace sightline::client {
+
+namespace {
+
+absl::StatusOr<Tile> DecodeTile(const TileQuery& query, uint64_t samples,
+                                std::vector<v1::TileReply> replies, Tile tile) {
+  const uint64_t n = uint64_t{tile.rect.width} * tile.rect.height;
+  const TileOutputs& want = query.outputs;
+  if (want.hits) tile.hit.resize(n);
+  if (want.ids) tile.object.resize(n), tile.triangle.resize(n);
+  if (want.depths) tile.depth.resize(n);
+  if (want.barycentrics) tile.u.resize(n), tile.v.resize(n);
+  if (want.lit) tile.lit.resize(samples * n);
+  std::vector<uint8_t> valid(want.lit ? n : 0);
+  const absl::Status status = DecodeReplies(
+      std::move(replies), n, &tile.statistics,
+      [&](const v1::TileReply& reply, uint64_t at, uint64_t count) -> absl::Status {
+        const v1::TileResult& r = reply.tile();
+        absl::Status s;
+        if (want.hits) {
+          s.Update(DecodeBits(r.hit_bits(), "hit_bits", 1, at, count, n, &tile.hit));
+        }
+        if (want.ids) {
+          s.Update(DecodeRows(r.object_ids(), "object_ids", 1, at, count, n, &tile.object));
+          s.Update(DecodeRows(r.triangle_ids(), "triangle_ids", 1, at, count, n, &tile.triangle));
+        }
+        if (want.depths) s.Update(DecodeRows(r.depths(), "depths", 1, at, count, n, &tile.depth));
+        if (want.barycentrics) {
+          s.Update(DecodeRows(r.barycentric_u(), "barycentric_u", 1, at, count, n, &tile.u));
+          s.Update(DecodeRows(r.barycentric_v(), "barycentric_v", 1, at, count, n, &tile.v));
+        }
+        if (want.lit && samples > 0) {
+          s.Update(DecodeLit(reply.shadows(), samples, at, count, n, &tile.lit, &valid));
+        }
+        return s;
+      });
+  if (!status.ok()) return status;
+  return tile;
+}
+
+absl::Status CheckImage(const TileQuery& query, const Limits& limits) {
+  const Camera& camera = query.camera;
+  if (camera.width == 0 || camera.height == 0) {
+    return absl::InvalidArgumentError(absl::StrCat("camera.width × height is ", camera.width, " × ",
+                                                   camera.height, "; both must be above 0"));
+  }
+  if (camera.width > limits.max_image_width || camera.height > limits.max_image_height) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the image has ", camera.width, " × ", camera.height,
+                     " pixels; max_image_width × max_image_height is ", limits.max_image_width,
+                     " × ", limits.max_image_height));
+  }
+  if (query.tile_size == 0) return absl::InvalidArgumentError("tile_size is 0");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
+                                                 const std::function<absl::Status(Tile)>& on_tile,
+                                                 const StreamOptions& options) const {
+  const absl::Time start = absl::Now();
+  const CallOptions call{.deadline = start + options.timeout, .cancellation = options.cancellation};
+  absl::StatusOr<Capabilities> capabilities = GetCapabilities(call);
+  if (!capabilities.ok()) return capabilities.status();
+  const Limits& limits = capabilities->limits;
+  if (absl::Status s = CheckImage(query, limits); !s.ok()) return s;
+  if (absl::Status s = CheckLights(query.lights, limits); !s.ok()) return s;
+  absl::StatusOr<int64_t> revision = PinnedRevision(query.scene, query.options.revision, call);
+  if (!revision.ok()) return revision.status();
+
+  const uint64_t samples = query.outputs.lit ? TotalSamples(query.lights) : 0;
+  const uint64_t rays_per_pixel = 1 + samples;
+  uint32_t side = std::min(query.tile_size, std::max(query.camera.width, query.camera.height));
+  while (side > 1 && uint64_t{side} * side * rays_per_pixel >
+                         static_cast<uint64_t>(std::max<int64_t>(1, limits.max_item_rays))) {
+    side = (side + 1) / 2;
+  }
+  const uint32_t columns = (query.camera.width + side - 1) / side;
+  const uint32_t rows = (query.camera.height + side - 1) / side;
+  const auto rect = [&](size_t i) {
+    TileRect r{.x = static_cast<uint32_t>(i % columns) * side,
+               .y = static_cast<uint32_t>(i / columns) * side};
+    r.width = std::min(side, query.camera.width - r.x);
+    r.height = std::min(side, query.camera.height - r.y);
+    return r;
+  };
+
+  StreamJob<v1::TraceTilesRequest, v1::TraceTilesResponse> job;
+  job.item_count = size_t{columns} * rows;
+  v1::TraceTilesHeader* header = job.header.mutable_header();
+  FillHeader(query.scene, *revision, query.options, header->mutable_stream());
+  ToProto(query.camera, header->mutable_camera());
+  if (query.outputs.lit) {
+    for (const Light& light : query.lights) ToProto(light, header->add_lights());
+    header->mutable_shadow_outputs()->set_lit_bits(true);
+  }
+  v1::TileOutputs* outputs = header->mutable_outputs();
+  outputs->set_hit_bits(query.outputs.hits);
+  outputs->set_object_ids(query.outputs.ids);
+  outputs->set_triangle_ids(query.outputs.ids);
+  outputs->set_depths(query.outputs.depths);
+  outputs->set_barycentrics(query.outputs.barycentrics);
+  job.open = [this](int lane, const CallOptions& stream_call) {
+    return shared_->connection->OpenTiles(lane, stream_call);
+  };
+  job.make_item = [&](size_t i) {
+    v1::TraceTilesRequest request;
+    v1::TileItem* item = request.mutable_item();
+    FillItem(i, options, item->mutable_item());
+    const TileRect r = rect(i);
+    item->set_x(r.x);
+    item->set_y(r.y);
+    item->set_width(r.width);
+    item->set_height(r.height);
+    return request;
+  };
+  job.cost = [&](size_t i) {
+    const TileRect r = rect(i);
+    return static_cast<int64_t>(uint64_t{r.width} * r.height * rays_per_pixel);
+  };
+  StreamSummary summary;
+  job.deliver = [&](size_t i, std::vector<v1::TileReply> replies) -> absl::Status {
+    absl::StatusOr<Tile> tile =
+        DecodeTile(query, samples, std::move(replies), Tile{.index = i, .rect = rect(i)});
+    if (!tile.ok()) return tile.status();
+    summary.statistics.Add(tile->statistics);
+    return on_tile(*std::move(tile));
+  };
+
+  RunTotals totals;
+  const absl::Status status = RunStreams(
+      job,
+      ToRunOptions(options, limits, shared_->connection->channel_count(), job.item_count, start),
+      &totals);
+  if (!status.ok()) return status;
+  summary.revision = *revision;
+  summary.items = job.item_count;
+  summary.rays = uint64_t{query.camera.width} * query.camera.height * rays_per_pixel;
+  summary.bytes_received = totals.bytes_received;
+  summary.bytes_sent = totals.bytes_sent;
+  summary.resent_items = totals.resent_items;
+  summary.elapsed = absl::Now() - start;
+  return summary;
+}
+
+absl::StatusOr<TileImage> Client::TraceImage(
+    const TileQuery& query, const StreamOptions& options,
+    const std::function<void(uint64_t done)>& on_progress) const {
+  TileImage image;
+  image.width = query.camera.width;
+  image.height = query.camera.height;
+  image.samples = query.outputs.lit ? static_cast<uint32_t>(TotalSamples(query.lights)) : 0;
+  const uint64_t n = uint64_t{image.width} * image.height;
+  uint64_t done = 0;
+  const auto place = [&](const Tile& tile) {
+    if (done == 0) {  // Not before the first answer: until then the sizes may be absurd.
+      const TileOutputs& want = query.outputs;
+      if (want.hits) image.hit.resize(n);
+      if (want.ids) image.object.resize(n), image.triangle.resize(n);
+      if (want.depths) image.depth.resize(n);
+      if (want.barycentrics) image.u.resize(n), image.v.resize(n);
+      if (want.lit) image.lit.resize(image.samples * n);
+    }
+    const TileRect& r = tile.rect;
+    const auto copy = [&](const auto& from, auto* to, uint64_t planes) {
+      if (from.empty()) return;
+      for (uint64_t p = 0; p < planes; ++p) {
+        for (uint64_t y = 0; y < r.height; ++y) {
+          std::copy_n(from.begin() + static_cast<ptrdiff_t>((p * r.height + y) * r.width), r.width,
+                      to->begin() + static_cast<ptrdiff_t>(p * n + (r.y + y) * image.width + r.x));
+        }
+      }
+    };
+    copy(tile.hit, &image.hit, 1);
+    copy(tile.object, &image.object, 1);
+    copy(tile.triangle, &image.triangle, 1);
+    copy(tile.depth, &image.depth, 1);
+    copy(tile.u, &image.u, 1);
+    copy(tile.v, &image.v, 1);
+    copy(tile.lit, &image.lit, image.samples);
+    if (query.options.statistics) {
+      if (image.costs.size() <= tile.index) image.costs.resize(tile.index + 1);
+      image.costs[tile.index] = {r, tile.statistics};
+    }
+    done += uint64_t{r.width} * r.height;
+  };
+  absl::StatusOr<StreamSummary> summary = TraceTiles(
+      query,
+      [&](const Tile& tile) {
+        place(tile);
+        if (on_progress) on_progress(done);
+        return absl::OkStatus();
+      },
+      options);
+  if (!summary.ok()) return summary.status();
+  image.summary = *summary;
+  return image;
+}
+
+}  // namespace sightline::client

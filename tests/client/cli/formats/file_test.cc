@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/formats/file.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline::cli {
+namespace {
+
+using ::testing::HasSubstr;
+using testing_support::TempDir;
+
+TEST(FileTest, ReadsWhatItWritesAndLeavesNothingBeside) {
+  TempDir dir;
+  const std::string path = dir.File("a.bin");
+  const std::string bytes("a\0b", 3);
+  ASSERT_TRUE(WriteFile(path, "something longer, first").ok());
+  ASSERT_TRUE(WriteFile(path, bytes).ok());
+  EXPECT_EQ(ReadFile(path).value(), bytes);
+  int files = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(dir.path()))
+    ++files;
+  EXPECT_EQ(files, 1);
+}
+
+TEST(FileTest, LinksStayLinks) {
+  TempDir dir;
+  ASSERT_TRUE(WriteFile(dir.File("target"), "old").ok());
+  ASSERT_EQ(::symlink("target", dir.File("link").c_str()), 0);
+  ASSERT_TRUE(WriteFile(dir.File("link"), "new").ok());
+  EXPECT_TRUE(std::filesystem::is_symlink(dir.File("link")));
+  EXPECT_EQ(ReadFile(dir.File("target")).value(), "new");
+}
+
+TEST(FileTest, DevicesAreWrittenToNotReplaced) {
+  ASSERT_TRUE(CheckWritable("/dev/null").ok());
+  ASSERT_TRUE(WriteFile("/dev/null", "bytes").ok());
+  struct stat info;
+  ASSERT_EQ(::stat("/dev/null", &info), 0);
+  EXPECT_TRUE(S_ISCHR(info.st_mode));
+}
+
+TEST(FileTest, ErrorsNameThePath) {
+  TempDir dir;
+  EXPECT_EQ(ReadFile(dir.File("none")).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_THAT(std::string(ReadFile(dir.File("none")).status().message()),
+              HasSubstr(dir.File("none")));
+  EXPECT_THAT(std::string(ReadFile(dir.path()).status().message()), HasSubstr("folder"));
+  EXPECT_FALSE(WriteFile(dir.File("no/such/folder"), "x").ok());
+  EXPECT_FALSE(CheckWritable(dir.File("no/such/folder")).ok());
+  EXPECT_FALSE(CheckWritable(dir.path()).ok());
+  EXPECT_FALSE(CheckWritable("").ok());
+  EXPECT_TRUE(CheckWritable(dir.File("new")).ok());
+}
+
+}  // namespace
+}  // namespace sightline::cli

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What concerns files and flags in the table of bad input: one line, naming what is wrong, and its
+// own exit code.
+#include "tests/integration/cli/cli_testing.h"
+
+namespace sightline::cli {
+namespace {
+
+TEST_F(CliTest, FilesThatAreNoScene) {
+  const std::string out = File("v.png");
+  Bad(kExitNoInput, {"view", File("none.obj"), "--out", out}, {"none.obj"});
+  Bad(kExitNoInput, {"check", File("none.obj")}, {"none.obj"});
+  Bad(kExitData, {"view", Write("empty.obj", ""), "--out", out}, {"empty.obj"});
+  Bad(kExitData, {"view", Write("empty.stl", "solid x\nendsolid x\n"), "--out", out},
+      {"empty.stl"});
+  Bad(kExitData, {"check", Write("points.obj", "v 0 0 0\nv 1 0 0\n")}, {"points.obj"});
+  Bad(kExitData, {"view", Write("what.xyzzy", "hello"), "--out", out}, {"what.xyzzy"});
+  Bad(kExitData, {"view", dir_.path(), "--out", out}, {dir_.path()});
+  Bad(kExitData, {"view", Write("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "--out", out},
+      {"flat.obj"});
+  EXPECT_FALSE(ReadFile(out).ok());
+}
+
+TEST_F(CliTest, CommandLinesThatMakeNoSense) {
+  const std::string obj = Write("small.obj", kSmallObj), out = File("v.png");
+  Bad(kExitUsage, {}, {"sightline help"});
+  Bad(kExitUsage, {"vieuw"}, {"did you mean view"});
+  Bad(kExitUsage, {"scene"}, {"load, list, show or delete"});
+  Bad(kExitUsage, {"scene", "lod"}, {"did you mean scene load"});
+  Bad(kExitUsage, {"view", "--out", out}, {"SCENE"});
+  Bad(kExitUsage, {"view", obj, obj, "--out", out}, {"unexpected"});
+  Bad(kExitUsage, {"view", obj}, {"nothing to do"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--siez", "1x1"}, {"did you mean --size"});
+  Bad(kExitUsage, {"view", obj, "--out", File("v.jpg")}, {".png"});
+  for (const char* size : {"0x10", "10x0", "10", "ax10", "99999999x2", "-1x4", "65536x65536"}) {
+    Bad(kExitUsage, {"view", obj, "--out", out, "--size", size}, {"--size", size});
+  }
+  for (const char* fov : {"0", "180", "-5", "nan", "wide"}) {
+    Bad(kExitUsage, {"view", obj, "--out", out, "--fov", fov}, {"--fov", fov});
+  }
+  Bad(kExitUsage, {"view", obj, "--out", out, "--eye", "1,2,3", "--at", "1,2,3"}, {"eye"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--eye", "1,2,inf"}, {"--eye"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--eye", "0,0,5", "--at", "0,0,0", "--up", "0,0,1"},
+      {"up"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--strategy", "SHAFT"},
+      {"AUTO, SINGLE, PACKET, BRUTE_FORCE"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--tile", "0"}, {"--tile"});
+  Bad(kExitUsage, {"view", "builtin:nosuch", "--out", out}, {"nosuch"});
+  Bad(kExitUsage, {"view", "scenes/x", "--out", out}, {"--server"});
+  Bad(kExitUsage, {"scene", "list"}, {"--server"});
+  Bad(kExitUsage, {"scene", "list", "--server", "nonsense"}, {"HOST:PORT"});
+  Bad(kExitUsage, {"scene", "load", "scenes/x", "--server", "127.0.0.1:1"}, {"scenes/x"});
+  Bad(kExitUsage, {"shade", obj}, {"--points"});
+  Bad(kExitUsage, {"shade", obj, "--points", "P.npy", "--out", out}, {"--lights"});
+  Bad(kExitUsage,
+      {"shade", obj, "--points", "P.npy", "--sun", "0,0,1", "--out", out, "--t-min", "1"},
+      {"--t-min"});
+  Bad(kExitUsage,
+      {"shade", obj, "--points", "P.npy", "--sun", "0,0,1", "--out", out, "--attach", "-1"},
+      {"--attach"});
+  Bad(kExitUsage,
+      {"shade", obj, "--points", "P.npy", "--sun", "0,0,1", "--out", out, "--offset", "1"},
+      {"--normals"});
+  Bad(kExitUsage, {"segments", obj, "--out", out}, {"--segments"});
+}
+
+TEST_F(CliTest, ArraysOfTheWrongShape) {
+  const std::string obj = Write("small.obj", kSmallObj), out = File("lit.npy");
+  const std::string four = WriteDoubles("four.npy", {1, 2, 3, 4}, 4);
+  Bad(kExitData, {"shade", obj, "--points", four, "--sun", "0,0,1", "--out", out},
+      {"four.npy", "(1, 4)"});
+  Bad(kExitData, {"segments", obj, "--segments", four, "--out", out}, {"four.npy", "(n, 6)"});
+  Bad(kExitData, {"segments", obj, "--segments", Write("cut.npy", "\x93NUMPY\x01"), "--out", out},
+      {"cut.npy"});
+  Bad(kExitNoInput, {"segments", obj, "--segments", File("none.npy"), "--out", out}, {"none.npy"});
+  Bad(kExitData,
+      {"shade", obj, "--points", Write("P.csv", "1,2,3\n1,2,z\n"), "--sun", "0,0,1", "--out", out},
+      {"P.csv", "line 2"});
+  const std::string points = WriteDoubles("P.npy", {1, 2, 3}, 3);
+  Bad(kExitData,
+      {"shade", obj, "--points", points, "--lights", WriteDoubles("L.npy", {}, 3), "--out", out},
+      {"L.npy", "no light"});
+}
+
+TEST_F(CliTest, OutputsThatCannotBeWrittenAreToldFirst) {
+  Bad(kExitCannotCreate, {"view", "builtin:forest:10M", "--out", File("no/such/folder/v.png")},
+      {"v.png"});
+  Bad(kExitCannotCreate,
+      {"segments", File("none.obj"), "--segments", "S.npy", "--out", dir_.path()}, {dir_.path()});
+}
+
+TEST_F(CliTest, ServersThatAreNotThere) {
+  // A port that was free a moment ago: nobody listens on it now.
+  int port = 0;
+  {
+    const std::unique_ptr<Server> server = StartServer();
+    ASSERT_NE(server, nullptr);
+    port = server->port();
+  }
+  const std::string flag = absl::StrCat("--server=127.0.0.1:", port);
+  Bad(kExitUnavailable, {"health", flag, "--retry", "0"}, {});
+  Bad(kExitUnavailable, {"view", Write("small.obj", kSmallObj), flag, "--retry", "0", "--stats"},
+      {});
+}
+
+}  // namespace
+}  // namespace sightline::cli

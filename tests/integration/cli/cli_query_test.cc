@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// view, shade and segments: the same bytes by every strategy, cut, thread count and transport.
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "tests/integration/cli/cli_testing.h"
+#include "tests/support/random.h"
+#include "tests/support/scenes.h"
+
+namespace sightline::cli {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using testing_support::TestRng;
+
+// Ways of asking that must not show in the answer.
+std::vector<std::vector<std::string>> Ways(const std::string& server) {
+  return {{"--strategy", "AUTO"},
+          {"--strategy", "SINGLE", "--threads", "1"},
+          {"--strategy", "PACKET", "--streams", "3"},
+          {"--strategy", "BRUTE_FORCE"},
+          {server, "--strategy", "AUTO"},
+          {server, "--strategy", "SINGLE", "--streams", "4"},
+          {server, "--strategy", "PACKET"},
+          {server, "--strategy", "BRUTE_FORCE"}};
+}
+
+std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
+TEST_F(CliTest, ViewGivesTheSameBytesEveryWay) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  const std::string obj = Write("small.obj", kSmallObj);
+  for (const std::string& scene : {obj, std::string("builtin:box")}) {
+    std::vector<std::string> first;
+    int k = 0;
+    for (std::vector<std::string> way : Ways(ServerFlag(*server))) {
+      // Tiles that do not divide the picture, each time others.
+      way.push_back(absl::StrCat("--tile=", 16 + 9 * k));
+      const std::string base = File(absl::StrCat("v", k++));
+      Good(Join({"view", scene, "--size", "101x67", "--out", "lit:" + base + "lit.png", "--out",
+                 "depth:" + base + "depth.png", "--ids", base + "ids.npy", "--depth",
+                 base + "depth.npy", "--lit", base + "lit.npy"},
+                way));
+      std::vector<std::string> bytes;
+      for (const char* end : {"lit.png", "depth.png", "ids.npy", "depth.npy", "lit.npy"}) {
+        bytes.push_back(Read(base + end));
+      }
+      if (first.empty()) first = bytes;
+      EXPECT_TRUE(bytes == first) << scene << " by " << testing::PrintToString(way);
+    }
+  }
+}
+
+TEST_F(CliTest, ViewWritesWhatItSays) {
+  const std::string obj = Write("small.obj", kSmallObj);
+  Good({"view",    obj,
+        "--eye",   "5,-20,8",
+        "--at",    "5,5,1",
+        "--up",    "0,0,1",
+        "--fov",   "40",
+        "--size",  "40x30",
+        "--light", "2,5,9",
+        "--light", "9,5,1",
+        "--sun",   "0,0,1",
+        "--ids",   File("ids.npy"),
+        "--depth", File("depth.npy"),
+        "--lit",   File("lit.npy"),
+        "--out",   File("v.png")});
+  const NpyArray ids = ReadNpy(File("ids.npy")).value();
+  const NpyArray depth = ReadNpy(File("depth.npy")).value();
+  const NpyArray lit = ReadNpy(File("lit.npy")).value();
+  EXPECT_EQ(ids.dtype, "<i4");
+  EXPECT_THAT(ids.shape, ElementsAre(30, 40, 2));
+  EXPECT_EQ(depth.dtype, "<f4");
+  EXPECT_THAT(depth.shape, ElementsAre(30, 40));
+  EXPECT_EQ(lit.dtype, "|u1");
+  EXPECT_THAT(lit.shape, ElementsAre(3, 30, 40));
+  int hits = 0;
+  for (size_t i = 0; i < 1200; ++i) {
+    const bool hit = ids.values[2 * i] >= 0;
+    hits += hit;
+    EXPECT_EQ(hit, ids.values[2 * i + 1] >= 0);
+    EXPECT_EQ(hit, std::isfinite(depth.values[i]));
+    for (size_t k = 0; k < 3; ++k) EXPECT_EQ(hit, lit.values[k * 1200 + i] != 255);
+  }
+  EXPECT_GT(hits, 100);
+  EXPECT_LT(hits, 1200);
+  // The corners look past the scene.
+  EXPECT_EQ(ids.values[0], -1);
+  EXPECT_THAT(Read(File("v.png")), testing::StartsWith("\x89PNG"));
+}
+
+TEST_F(CliTest, StatisticsAsTableAndAsJson) {
+  const RunResult text = Good(
+      {"view", "builtin:box", "--size", "64x48", "--out", "cost:" + File("cost.png"), "--stats"});
+  for (const char* row : {"triangles", "build time", "tiles", "rays ", "rays/s in the engine",
+                          "rays/s seen by the client", "bytes received"}) {
+    EXPECT_THAT(text.out, HasSubstr(row));
+  }
+  const RunResult result =
+      Good({"view", "builtin:box", "--size", "64x48", "--tile", "16", "--output", "json"});
+  const nlohmann::json json = nlohmann::json::parse(result.out);
+  EXPECT_EQ(json["tiles"], 12);
+  EXPECT_EQ(json["pixels"], 64 * 48);
+  EXPECT_EQ(json["lights"].size(), 3u);
+  EXPECT_EQ(json["rays_asked"], 4 * 64 * 48);
+  // Rays traced: every pixel's, and one per light for each that hits.
+  EXPECT_EQ(json["rays"], 64 * 48 + 3 * json["hit_pixels"].get<int>());
+  EXPECT_GT(json["rays_per_s_engine"], 0);
+  EXPECT_GT(json["rays_per_s_client"], 0);
+  EXPECT_GT(json["bytes_received"], 0);
+  EXPECT_EQ(result.err, "");  // No progress where there is no terminal.
+}
+
+TEST_F(CliTest, ShadeGivesTheSameBytesEveryWay) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  const std::string obj = Write("small.obj", kSmallObj);
+  TestRng rng;
+  std::vector<double> points, lights;
+  for (int i = 0; i < 3000; ++i) points.push_back(rng.Uniform(-1, 11));
+  points[30] = std::numeric_limits<double>::quiet_NaN();
+  points[301] = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < 15; ++i) lights.push_back(rng.Uniform(0, 10));
+  const std::string p = WriteDoubles("P.npy", points, 3), l = WriteDoubles("L.npy", lights, 3);
+  std::string first;
+  int k = 0;
+  for (const auto& way : Ways(ServerFlag(*server))) {
+    const std::string out = File(absl::StrCat("lit", k++, ".npy"));
+    const RunResult result = Good(Join(
+        {"shade", obj, "--points", p, "--lights", l, "--sun", "0.1,0.2,1", "--out", out}, way));
+    EXPECT_THAT(result.out, HasSubstr("invalid points  2"));
+    if (first.empty()) first = Read(out);
+    EXPECT_TRUE(Read(out) == first) << testing::PrintToString(way);
+  }
+  const NpyArray lit = ReadNpy(File("lit0.npy")).value();
+  ASSERT_THAT(lit.shape, ElementsAre(6, 1000));
+  for (size_t light = 0; light < 6; ++light) {
+    for (size_t i = 0; i < 1000; ++i) {
+      const bool invalid = i == 10 || i == 100;
+      EXPECT_EQ(lit.values[light * 1000 + i] == 255, invalid) << light << " " << i;
+    }
+  }
+}
+
+TEST_F(CliTest, ShadeTellsLightFromShadow) {
+  const std::string obj = Write("small.obj", kSmallObj);
+  // Under the roof, beside it, and a point on the floor that --attach puts there.
+  const std::string p = Write("P.csv", "x,y,z\n7,5,1\n2,5,1\n1,9,0\n");
+  const std::string l = Write("L.csv", "7,5,9\nnan,0,0\n");
+  Good({"shade", obj, "--points", p, "--lights", l, "--attach", "0.01", "--out", File("lit.npy")});
+  EXPECT_THAT(ReadNpy(File("lit.npy")).value().values, ElementsAre(0, 1, 1, 255, 255, 255));
+}
+
+TEST_F(CliTest, SegmentsGiveTheSameBytesEveryWay) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  const std::string obj = Write("small.obj", kSmallObj);
+  TestRng rng;
+  std::vector<double> segments;
+  for (int i = 0; i < 6 * 2000; ++i) segments.push_back(rng.Uniform(-1, 11));
+  segments[6 * 7 + 2] = std::numeric_limits<double>::quiet_NaN();
+  const std::string s = WriteDoubles("S.npy", segments, 6);
+  std::string first;
+  int k = 0;
+  for (const auto& way : Ways(ServerFlag(*server))) {
+    const std::string out = File(absl::StrCat("hit", k++, ".npy"));
+    Good(Join({"segments", obj, "--segments", s, "--out", out}, way));
+    if (first.empty()) first = Read(out);
+    EXPECT_TRUE(Read(out) == first) << testing::PrintToString(way);
+  }
+  const NpyArray hit = ReadNpy(File("hit0.npy")).value();
+  ASSERT_THAT(hit.shape, ElementsAre(2000));
+  EXPECT_EQ(hit.values[7], 255);
+  EXPECT_GT(std::count(hit.values.begin(), hit.values.end(), 1.0), 200);
+  EXPECT_GT(std::count(hit.values.begin(), hit.values.end(), 0.0), 200);
+}
+
+TEST_F(CliTest, NoRowsGiveNoResults) {
+  const std::string obj = Write("small.obj", kSmallObj);
+  Good({"segments", obj, "--segments", WriteDoubles("S.npy", {}, 6), "--out", File("hit.npy")});
+  EXPECT_THAT(ReadNpy(File("hit.npy")).value().shape, ElementsAre(0));
+}
+
+TEST_F(CliTest, RealFilesTwiceGiveTheSameBytes) {
+  SIGHTLINE_SCENE_OR_SKIP(path, "city_delft.obj.xz");
+  std::string first;
+  for (int i = 0; i < 2; ++i) {
+    Good({"view", path, "--size", "160x90", "--ids", File("ids.npy"), "--lit", File("lit.npy"),
+          "--out", File("v.png")});
+    const std::string all = Read(File("ids.npy")) + Read(File("lit.npy")) + Read(File("v.png"));
+    if (i == 0) first = all;
+    EXPECT_TRUE(all == first);
+  }
+}
+
+}  // namespace
+}  // namespace sightline::cli

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// scene load|list|show|delete, health, check and help.
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_split.h"
+#include "tests/integration/cli/cli_testing.h"
+#include "tests/support/scenes.h"
+
+namespace sightline::cli {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+TEST_F(CliTest, ScenesComeAndGo) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  const std::string flag = ServerFlag(*server);
+  const std::string obj = Write("small.obj", kSmallObj);
+  EXPECT_THAT(Good({"scene", "load", obj, "--name", "small", flag}).out, HasSubstr("scenes/small"));
+  const RunResult list = Good({"scene", "list", flag, "--output", "json"});
+  const nlohmann::json scenes = nlohmann::json::parse(list.out);
+  ASSERT_EQ(scenes.size(), 1u);
+  EXPECT_EQ(scenes[0]["name"], "scenes/small");
+  EXPECT_EQ(scenes[0]["triangles"], 10);
+  EXPECT_EQ(scenes[0]["objects"], 4);
+  EXPECT_EQ(scenes[0]["state"], "ready");
+  const RunResult show = Good({"scene", "show", "small", "--objects", flag});
+  for (const char* object : {"floor", "wall", "roof", "post"})
+    EXPECT_THAT(show.out, HasSubstr(object));
+
+  // The scene on the server and the file give the same picture.
+  Good({"view", "scenes/small", flag, "--size", "32x24", "--up", "0,0,1", "--ids", File("a.npy")});
+  Good({"view", obj, flag, "--size", "32x24", "--up", "0,0,1", "--ids", File("b.npy")});
+  EXPECT_TRUE(Read(File("a.npy")) == Read(File("b.npy")));
+  // What view loaded for itself is gone.
+  EXPECT_EQ(nlohmann::json::parse(Good({"scene", "list", flag, "--output", "json"}).out).size(),
+            1u);
+
+  Bad(kExitData, {"scene", "load", obj, "--name", "small", flag}, {"small"});
+  EXPECT_THAT(Good({"scene", "delete", "scenes/small", flag}).out,
+              HasSubstr("deleted scenes/small"));
+  Bad(kExitNoInput, {"scene", "show", "small", flag}, {"scenes/small"});
+  Bad(kExitNoInput, {"scene", "delete", "small", flag}, {"scenes/small"});
+  Bad(kExitNoInput, {"view", "scenes/small", flag, "--stats"}, {"scenes/small"});
+}
+
+TEST_F(CliTest, HealthOfBothServers) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  for (const std::vector<std::string>& where :
+       {std::vector<std::string>{}, {ServerFlag(*server)}}) {
+    std::vector<std::string> args = {"health", "--output", "json"};
+    args.insert(args.end(), where.begin(), where.end());
+    const nlohmann::json json = nlohmann::json::parse(Good(args).out);
+    EXPECT_EQ(json["health"], "serving");
+    EXPECT_THAT(json["strategies"].get<std::vector<std::string>>(),
+                testing::Contains("BRUTE_FORCE"));
+    EXPECT_GT(json["limits"]["max_lights"], 0);
+  }
+  Bad(kExitNoInput, {"health", "--service", "no.such.Service"}, {"no.such.Service"});
+}
+
+TEST_F(CliTest, CheckTellsWhatAFileHolds) {
+  const std::string obj =
+      Write("odd.obj", std::string(kSmallObj) +
+                           "o odd\nv nan 0 0\nv 1 1 1\nv 1 1 1\nf 21 22 23\nf 22 22 23\n"
+                           "f 1 2 3\nf 1 2 99\n");
+  const nlohmann::json json = nlohmann::json::parse(Good({"check", obj, "--output", "json"}).out);
+  EXPECT_EQ(json["objects"], 5);
+  EXPECT_EQ(json["import_report"]["faces_bad_index"], 1);
+  EXPECT_EQ(json["scene_report"]["non_finite_triangles"], 1);
+  EXPECT_EQ(json["scene_report"]["zero_area_triangles"], 1);
+  EXPECT_EQ(json["scene_report"]["duplicate_triangles"], 1);
+  EXPECT_EQ(json["bounds"][1], nlohmann::json::array({10, 10, 5}));
+  EXPECT_GT(json["memory_estimate_bytes"], 0);
+  const RunResult text = Good({"check", obj, "--objects"});
+  EXPECT_THAT(text.out, HasSubstr("1 not finite, 1 without area"));
+  EXPECT_THAT(text.out, HasSubstr("roof"));
+  EXPECT_THAT(Good({"check", "builtin:box"}).out, HasSubstr("builtin"));
+}
+
+TEST_F(CliTest, HelpListsCommandsAndFlags) {
+  const std::string help = Good({"help"}).out;
+  for (const std::string& command : {"view", "shade", "segments", "check", "scene load",
+                                     "scene list", "scene show", "scene delete", "health"}) {
+    EXPECT_THAT(help, HasSubstr(command));
+    std::vector<std::string> args = {"help"};
+    for (const auto& word : absl::StrSplit(command, ' ')) args.emplace_back(word);
+    const std::string own = Good(args).out;
+    EXPECT_THAT(own, HasSubstr("Usage: sightline " + command));
+    EXPECT_THAT(own, HasSubstr("Exit codes"));
+    args.erase(args.begin());
+    args.push_back("--help");
+    EXPECT_EQ(Good(args).out, own);
+  }
+  const std::string view = Good({"view", "--help"}).out;
+  for (const char* flag :
+       {"--eye",      "--at",    "--up",      "--fov",        "--size",   "--light",
+        "--sun",      "--out",   "--picture", "--ids",        "--depth",  "--lit",
+        "--strategy", "--stats", "--tile",    "--threads",    "--output", "--server",
+        "--timeout",  "--retry", "--streams", "--auto-lights"}) {
+    EXPECT_THAT(view, HasSubstr(absl::StrCat("\n  ", flag)));
+  }
+  EXPECT_THAT(Good({"--version"}).out, testing::StartsWith("sightline "));
+}
+
+}  // namespace
+}  // namespace sightline::cli
