@@ -46,7 +46,7 @@ add CreateSceneRequest "object { object_name: 'o' vertex_count: 3 triangle_count
 add CreateSceneRequest "chunk { $triangle }"
 
 begin create_builtin 0
-add CreateSceneRequest "header { builtin { spec: 'builtin:box:100' } }"
+add CreateSceneRequest "header { builtin { spec: 'builtin:box:300' } }"
 
 begin update 1
 add UpdateSceneRequest "header { name: 'scenes/box' request_id: 'r' base_revision: 1 }"
