@@ -34,8 +34,8 @@ std::string ThreeDs() {
   const std::string object =
       Chunk(0x4000, std::string("Tetra\0", 6) + Chunk(0x4100, vertices + faces));
   // Names of nodes are in the keyframer's part: name, flags, parent.
-  const std::string node = Chunk(
-      0xB010, std::string("Tetra\0", 6) + Bytes(uint16_t{0}, uint16_t{0}, uint16_t{0xFFFF}));
+  const std::string node =
+      Chunk(0xB010, std::string("Tetra\0", 6) + Bytes(uint16_t{0}, uint16_t{0}, uint16_t{0xFFFF}));
   return Chunk(0x4D4D, Chunk(0x0002, Bytes(3u)) + Chunk(0x3D3D, object) +
                            Chunk(0xB000, Chunk(0xB002, node)));
 }

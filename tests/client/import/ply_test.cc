@@ -127,7 +127,8 @@ TEST(PlyTest, RefusesWhatIsTruncated) {
       ImportError(head + body, MeshFormat::kPly).ok());  // Line ends are blanks like others.
   EXPECT_EQ(ImportError(head + body.substr(0, body.size() - 2), MeshFormat::kPly).code(),
             absl::StatusCode::kDataLoss);
-  EXPECT_IMPORT_ERROR(ImportError(head.substr(0, head.find("property")), MeshFormat::kPly), kDataLoss, "end_header");
+  EXPECT_IMPORT_ERROR(ImportError(head.substr(0, head.find("property")), MeshFormat::kPly),
+                      kDataLoss, "end_header");
 }
 
 TEST(PlyTest, RefusesHeadersThatMakeNoSense) {
