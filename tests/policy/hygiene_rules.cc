@@ -28,12 +28,14 @@ bool IsPolicy(const SourceFile& file) { return file.IsUnder("tests/policy/"); }
 
 bool IsWordCharacter(char c) { return std::isalnum(static_cast<unsigned char>(c)) || c == '_'; }
 
-// Whether `word` stands in `line` with no letter, digit or underscore on either side.
+// Whether `word` stands in `line` with no letter, digit or underscore on either side. A literal
+// that is the word and nothing else names it, as another test's list of such words does.
 bool HasWord(std::string_view line, std::string_view word) {
   for (size_t at = line.find(word); at != std::string_view::npos; at = line.find(word, at + 1)) {
     const size_t end = at + word.size();
     if ((at == 0 || !IsWordCharacter(line[at - 1])) &&
-        (end == line.size() || !IsWordCharacter(line[end]))) {
+        (end == line.size() || !IsWordCharacter(line[end])) &&
+        !(at > 0 && line[at - 1] == '"' && end < line.size() && line[end] == '"')) {
       return true;
     }
   }

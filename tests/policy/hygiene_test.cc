@@ -71,6 +71,8 @@ TEST(HygieneTest, PlantedLeftovers) {
               ElementsAre(HasSubstr("core/a.cc:2: TODO")));
   EXPECT_THAT(CheckNoLeftovers(MakeFile("a.md", "FIXME")), SizeIs(1));
   EXPECT_THAT(CheckNoLeftovers(MakeFile("core/a.cc", "kTODOs XXXXXX-name_XXX")), IsEmpty());
+  EXPECT_THAT(CheckNoLeftovers(MakeFile("tests/a.cc", "for (word : {\"TODO\", \"XXX\"})")),
+              IsEmpty());
 }
 
 TEST(HygieneTest, PlantedLength) {
