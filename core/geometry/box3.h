@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Axis-aligned boxes of stored coordinates. Empty boxes have lo = +inf, hi = -inf, so that extending
-// one needs no special case. Minimum and maximum round nothing: a box holds its points exactly.
+// Axis-aligned boxes of stored coordinates. Empty boxes have lo = +inf, hi = -inf, so that
+// extending one needs no special case. Minimum and maximum round nothing: a box holds its points
+// exactly.
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_GEOMETRY_BOX3_H_

@@ -50,14 +50,16 @@ absl::Status ValidateCamera(const Camera& camera) {
   if (absl::Status s = CheckUnit("up", camera.up); !s.ok()) return s;
   if (absl::Status s = CheckUnit("forward", camera.forward); !s.ok()) return s;
   if (absl::Status s = CheckOrthogonal("right and up", camera.right, camera.up); !s.ok()) return s;
-  if (absl::Status s = CheckOrthogonal("right and forward", camera.right, camera.forward); !s.ok()) {
+  if (absl::Status s = CheckOrthogonal("right and forward", camera.right, camera.forward);
+      !s.ok()) {
     return s;
   }
-  if (absl::Status s = CheckOrthogonal("up and forward", camera.up, camera.forward); !s.ok()) return s;
+  if (absl::Status s = CheckOrthogonal("up and forward", camera.up, camera.forward); !s.ok())
+    return s;
   if (!(camera.tan_half_fov_y >= kMinTanHalfFov && camera.tan_half_fov_y <= kMaxTanHalfFov)) {
-    return absl::InvalidArgumentError(absl::StrCat("camera.tan_half_fov_y = ", camera.tan_half_fov_y,
-                                                   " is outside ", kMinTanHalfFov, " .. ",
-                                                   kMaxTanHalfFov));
+    return absl::InvalidArgumentError(
+        absl::StrCat("camera.tan_half_fov_y = ", camera.tan_half_fov_y, " is outside ",
+                     kMinTanHalfFov, " .. ", kMaxTanHalfFov));
   }
   return absl::OkStatus();
 }
@@ -65,8 +67,9 @@ absl::Status ValidateCamera(const Camera& camera) {
 absl::StatusOr<Camera> LookAt(Vec3d eye, Vec3d at, Vec3d up, double fov_y_degrees, uint32_t width,
                               uint32_t height) {
   if (!IsFinite(eye) || !IsFinite(at) || !IsFinite(up)) {
-    return absl::InvalidArgumentError(absl::StrCat("camera eye ", Describe(eye), ", at ", Describe(at),
-                                                   ", up ", Describe(up), ": not finite"));
+    return absl::InvalidArgumentError(absl::StrCat("camera eye ", Describe(eye), ", at ",
+                                                   Describe(at), ", up ", Describe(up),
+                                                   ": not finite"));
   }
   const Vec3d view = at - eye;
   const double distance = Length(view);
@@ -84,9 +87,8 @@ absl::StatusOr<Camera> LookAt(Vec3d eye, Vec3d at, Vec3d up, double fov_y_degree
   const Vec3d side = Cross(camera.forward, up);
   const double side_length = Length(side);
   if (!(side_length > kBasisTolerance * Length(up))) {
-    return absl::InvalidArgumentError(absl::StrCat("camera up = ", Describe(up),
-                                                   " is along the view direction ",
-                                                   Describe(camera.forward)));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "camera up = ", Describe(up), " is along the view direction ", Describe(camera.forward)));
   }
   camera.right = side * (1.0 / side_length);
   camera.up = Cross(camera.right, camera.forward);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A pinhole camera. It travels with its basis and the tangent of half its vertical field of view, so
-// that no library function stands between a request and its rays: the ray of a pixel is a fixed
+// A pinhole camera. It travels with its basis and the tangent of half its vertical field of view,
+// so that no library function stands between a request and its rays: the ray of a pixel is a fixed
 // sequence of double additions, multiplications and divisions, rounded once to the stored floats.
 //
-// Pixel (0, 0) is the upper left one; rays go through pixel centres and depend on the absolute pixel
-// index alone, never on a tile. A ray's parameter t is the depth along `forward`.
+// Pixel (0, 0) is the upper left one; rays go through pixel centres and depend on the absolute
+// pixel index alone, never on a tile. A ray's parameter t is the depth along `forward`.
 //
 // Thread safety: plain values.
 //
@@ -23,9 +23,9 @@
 namespace sightline {
 
 struct Camera {
-  Vec3d eye;                      // World coordinates.
-  Vec3d right, up, forward;       // Unit, mutually orthogonal.
-  double tan_half_fov_y = 0;      // > 0; half the image's height over the depth.
+  Vec3d eye;                       // World coordinates.
+  Vec3d right, up, forward;        // Unit, mutually orthogonal.
+  double tan_half_fov_y = 0;       // > 0; half the image's height over the depth.
   uint32_t width = 0, height = 0;  // Pixels, 1 .. kMaxImageSide.
 };
 
@@ -40,9 +40,9 @@ inline constexpr double kBasisTolerance = 1.0 / (1 << 16);
 // InvalidArgument naming the field and its value.
 absl::Status ValidateCamera(const Camera& camera);
 
-// A camera at `eye` that looks at `at`, `up` upright. REQUIRES nothing: eye = at, an up vector along the
-// view, a field of view outside (0°, 179.9°) or a size of zero give InvalidArgument with the value.
-// Uses tan(): for clients, which send the result; the engine itself never calls it.
+// A camera at `eye` that looks at `at`, `up` upright. REQUIRES nothing: eye = at, an up vector
+// along the view, a field of view outside (0°, 179.9°) or a size of zero give InvalidArgument with
+// the value. Uses tan(): for clients, which send the result; the engine itself never calls it.
 absl::StatusOr<Camera> LookAt(Vec3d eye, Vec3d at, Vec3d up, double fov_y_degrees, uint32_t width,
                               uint32_t height);
 

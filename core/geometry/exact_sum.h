@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Exact sums of doubles: Shewchuk's grow-expansion with zero elimination (Adaptive Precision
-// Floating-Point Arithmetic and Fast Robust Geometric Predicates, 1997, sections 2.3 and 2.4). The sum is held
-// as a nonoverlapping expansion of increasing magnitude, so its sign is that of its last component.
+// Floating-Point Arithmetic and Fast Robust Geometric Predicates, 1997, sections 2.3 and 2.4). The
+// sum is held as a nonoverlapping expansion of increasing magnitude, so its sign is that of its
+// last component.
 //
-// Exact as long as no addition overflows and no product passed to AddProduct underflows. Products of three
-// stored floats are safe: their bits lie between 2^-447 and 2^124, and doubles reach from 2^-1074 to 2^1023.
-// REQUIRES: round to nearest (engine threads run so; see core/base/float_environment.h).
+// Exact as long as no addition overflows and no product passed to AddProduct underflows. Products
+// of three stored floats are safe: their bits lie between 2^-447 and 2^124, and doubles reach from
+// 2^-1074 to 2^1023. REQUIRES: round to nearest (engine threads run so; see
+// core/base/float_environment.h).
 //
 // Thread safety: plain values.
 //

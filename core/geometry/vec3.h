@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Three-component vectors of floats (stored coordinates, relative to a scene's origin) and of doubles
-// (world coordinates). Every operation is written in one fixed order and compiled without contraction,
-// so the same operands give the same bits on every machine.
+// Three-component vectors of floats (stored coordinates, relative to a scene's origin) and of
+// doubles (world coordinates). Every operation is written in one fixed order and compiled without
+// contraction, so the same operands give the same bits on every machine.
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_GEOMETRY_VEC3_H_

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// HitDistance (hit.h) for many rays with one origin against one triangle: the same operations in the same order on
-// each lane, hence the same bits. Nothing here may use a fused multiply-add.
+// HitDistance (hit.h) for many rays with one origin against one triangle: the same operations in
+// the same order on each lane, hence the same bits. Nothing here may use a fused multiply-add.
 //
 // Thread safety: pure functions.
 
@@ -47,8 +47,8 @@ struct TriangleDistance {
 
 // Half a float vector's lanes of numerator / (normal·D), D = target - O for a segment.
 template <class DH, class VH, class DD = hn::Rebind<double, DH>>
-HWY_INLINE VH PlaneQuotient(DH half, const TriangleDistance& t, Vec3f origin, bool segments, VH x, VH y,
-                            VH z) {
+HWY_INLINE VH PlaneQuotient(DH half, const TriangleDistance& t, Vec3f origin, bool segments, VH x,
+                            VH y, VH z) {
   const DD dd;
   auto dx = hn::PromoteTo(dd, x), dy = hn::PromoteTo(dd, y), dz = hn::PromoteTo(dd, z);
   if (segments) {
@@ -56,7 +56,8 @@ HWY_INLINE VH PlaneQuotient(DH half, const TriangleDistance& t, Vec3f origin, bo
     dy = hn::Sub(dy, hn::Set(dd, static_cast<double>(origin.y)));
     dz = hn::Sub(dz, hn::Set(dd, static_cast<double>(origin.z)));
   }
-  const auto xy = hn::Add(hn::Mul(hn::Set(dd, t.normal.x), dx), hn::Mul(hn::Set(dd, t.normal.y), dy));
+  const auto xy =
+      hn::Add(hn::Mul(hn::Set(dd, t.normal.x), dx), hn::Mul(hn::Set(dd, t.normal.y), dy));
   const auto denominator = hn::Add(xy, hn::Mul(hn::Set(dd, t.normal.z), dz));
   return hn::DemoteTo(half, hn::Div(hn::Set(dd, t.numerator), denominator));
 }

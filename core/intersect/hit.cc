@@ -17,8 +17,8 @@ float HitDistance(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c) {
   box.Extend(b);
   box.Extend(c);
   const BoxRay box_ray = BoxRay::Make(ray.origin, ray.RoundedDirection());
-  // The order matters: a rounded exit may lie before the rounded entry, and the entry must win. The negations let
-  // a quotient of 0/0 pass to the bounds, and the last one turns -0 into 0.
+  // The order matters: a rounded exit may lie before the rounded entry, and the entry must win. The
+  // negations let a quotient of 0/0 pass to the bounds, and the last one turns -0 into 0.
   if (ray.segment && !(t <= 1)) t = 1;  // The normal of a sliver may be off by all of its bits.
   const float exit = BoxExit(box_ray, box);
   if (!(t <= exit)) t = exit;
@@ -38,7 +38,8 @@ void HitBarycentrics(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c, float* 
   const double sum = (e0 + e1) + e2;
   const auto share = [sum](double e) {
     const double s = e / sum;
-    return static_cast<float>(s > 0 ? (s < 1 ? s : 1.0) : 0.0);  // NaN (a sum lost to rounding) gives 0.
+    return static_cast<float>(s > 0 ? (s < 1 ? s : 1.0)
+                                    : 0.0);  // NaN (a sum lost to rounding) gives 0.
   };
   *u = share(e2);
   *v = share(e0);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Where a segment or ray meets a triangle that blocks it. One fixed order of double operations, compiled without
-// contraction: the same bits everywhere.
+// Where a segment or ray meets a triangle that blocks it. One fixed order of double operations,
+// compiled without contraction: the same bits everywhere.
 //
 // Thread safety: functions only.
 #ifndef SIGHTLINE_CORE_INTERSECT_HIT_H_
@@ -16,7 +16,8 @@
 
 namespace sightline {
 
-// The first triangle on a segment or ray. Hits are ordered by (t, triangle): ties in distance go to the lowest id.
+// The first triangle on a segment or ray. Hits are ordered by (t, triangle): ties in distance go to
+// the lowest id.
 struct Hit {
   float t = std::numeric_limits<float>::infinity();
   uint32_t triangle = kNoTriangle;
@@ -26,16 +27,16 @@ struct Hit {
   }
 };
 
-// The parameter t of the crossing, in units of D (of P - O for a segment): N·(A-O) / N·D with N = (B-A)×(C-A) in
-// double, rounded once to float, then for a segment not above 1, then held between the ray's entry into and exit
-// from the triangle's own box as the slab test computes them, and not below zero. So a node's entry never exceeds
-// the t of a hit inside it, and distance culling needs no margin; for a segment, t may exceed 1 by that entry's
-// rounding (kSegmentEnd). A tiny direction may bring t to +inf.
-// REQUIRES: ABC blocks the ray.
+// The parameter t of the crossing, in units of D (of P - O for a segment): N·(A-O) / N·D with N =
+// (B-A)×(C-A) in double, rounded once to float, then for a segment not above 1, then held between
+// the ray's entry into and exit from the triangle's own box as the slab test computes them, and not
+// below zero. So a node's entry never exceeds the t of a hit inside it, and distance culling needs
+// no margin; for a segment, t may exceed 1 by that entry's rounding (kSegmentEnd). A tiny direction
+// may bring t to +inf. REQUIRES: ABC blocks the ray.
 float HitDistance(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c);
 
-// The weights of B and C at the crossing: e2 / (e0+e1+e2) and e0 / (e0+e1+e2) of the predicate, in double, each
-// held to [0, 1] and rounded once. REQUIRES: ABC blocks the ray.
+// The weights of B and C at the crossing: e2 / (e0+e1+e2) and e0 / (e0+e1+e2) of the predicate, in
+// double, each held to [0, 1] and rounded once. REQUIRES: ABC blocks the ray.
 void HitBarycentrics(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c, float* u, float* v);
 
 }  // namespace sightline

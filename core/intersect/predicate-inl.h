@@ -1,23 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The predicate's float stage (see predicate.h), one source for every SIMD target: many triangles against one
-// origin at a time. It says "blocks", "does not", or "in doubt"; lanes in doubt go to Blocks().
+// The predicate's float stage (see predicate.h), one source for every SIMD target: many triangles
+// against one origin at a time. It says "blocks", "does not", or "in doubt"; lanes in doubt go to
+// Blocks().
 //
-// Formulation. With O the origin, the edge vectors e are taken between stored vertices and the apex vectors from O:
+// Formulation. With O the origin, the edge vectors e are taken between stored vertices and the apex
+// vectors from O:
 //     det(A-O, B-O, D) = ((A-O) × (B-A))·D,   N = (B-A) × (C-B),   N·(A-O),   N·(P-A).
-// Rounding is then proportional to distance times edge length, not distance squared (measured: 0.006-0.04 % of lanes
-// in doubt, against 2-38 % for ((A-O) × (B-O))·D).
+// Rounding is then proportional to distance times edge length, not distance squared (measured:
+// 0.006-0.04 % of lanes in doubt, against 2-38 % for ((A-O) × (B-O))·D).
 //
-// Error bound. (x × y)·z, where x, y and z each carry one relative rounding of u = 2^-24 per component, suffers at
-// most 8 roundings per product of three components (three inputs, product, difference, product, two sums; fused
-// multiply-adds do some at once): the error is at most 8(1 + 9u)u times the permanent of |x|, |y|, |z|, and that is at most
-// |x|_1·|y|_1·|z|_inf (it sums |x_i||y_j||z_k| over distinct i, j, k). Its computed value carries at most 3 roundings
-// of each 1-norm (difference, two sums), 1 of |z|_inf and 3 of the products: 8(1 + 9u)(1 + 10u) < 9 = kFloatUnits.
-// Underflow adds at most 2^-149 to a cross product's component (scaled by |z|_inf later) and 2^-148 to the sum, and
-// takes as little from the bound: kFloatUnderflow covers all. Nothing overflows: with coordinates within R, differences
-// are within 2R, components of a cross product within 8R², sums of three products within 48R³, which is 2^125.6 for
-// R = 2^40 and below the largest float for R = 1.5·2^40.
-// Measured (float_stage_test): the largest error that a hill climb finds is 0.43 of its bound.
+// Error bound. (x × y)·z, where x, y and z each carry one relative rounding of u = 2^-24 per
+// component, suffers at most 8 roundings per product of three components (three inputs, product,
+// difference, product, two sums; fused multiply-adds do some at once): the error is at most 8(1 +
+// 9u)u times the permanent of |x|, |y|, |z|, and that is at most |x|_1·|y|_1·|z|_inf (it sums
+// |x_i||y_j||z_k| over distinct i, j, k). Its computed value carries at most 3 roundings of each
+// 1-norm (difference, two sums), 1 of |z|_inf and 3 of the products: 8(1 + 9u)(1 + 10u) < 9 =
+// kFloatUnits. Underflow adds at most 2^-149 to a cross product's component (scaled by |z|_inf
+// later) and 2^-148 to the sum, and takes as little from the bound: kFloatUnderflow covers all.
+// Nothing overflows: with coordinates within R, differences are within 2R, components of a cross
+// product within 8R², sums of three products within 48R³, which is 2^125.6 for R = 2^40 and below
+// the largest float for R = 1.5·2^40. Measured (float_stage_test): the largest error that a hill
+// climb finds is 0.43 of its bound.
 //
 // Thread safety: pure functions.
 
@@ -84,24 +88,29 @@ HWY_INLINE uint32_t MaskBits(D d, M mask) {
   return bits;
 }
 
-// What the float stage needs of a vector of triangles, relative to one origin: linear forms in D and their bounds.
+// What the float stage needs of a vector of triangles, relative to one origin: linear forms in D
+// and their bounds.
 template <class V>
 struct OriginTriangles {
-  Vec3V<V> edge[3];    // edge[k]·D has the sign of e_k, if |edge[k]·D| > edge_bound[k]·|D|_inf + kFloatUnderflow.
+  Vec3V<V> edge[3];  // edge[k]·D has the sign of e_k, if |edge[k]·D| > edge_bound[k]·|D|_inf +
+                     // kFloatUnderflow.
   V edge_bound[3];
-  Vec3V<V> normal;     // normal·(P-A) has P's side, if beyond normal_bound·|P-A|_inf + kFloatUnderflow.
+  Vec3V<V>
+      normal;  // normal·(P-A) has P's side, if beyond normal_bound·|P-A|_inf + kFloatUnderflow.
   V normal_bound;
-  V origin_side;       // N·(A-O): positive when O is behind; in doubt up to origin_bound.
+  V origin_side;  // N·(A-O): positive when O is behind; in doubt up to origin_bound.
   V origin_bound;
-  Vec3V<V> a;          // Corner A as stored.
+  Vec3V<V> a;  // Corner A as stored.
 };
 
-// `rows` points at the triangles' first lane in row 0 of a leaf (core/accel/bvh.h), `stride` floats apart.
+// `rows` points at the triangles' first lane in row 0 of a leaf (core/accel/bvh.h), `stride` floats
+// apart.
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE OriginTriangles<V> PrepareTriangles(D d, const float* HWY_RESTRICT rows, size_t stride,
                                                const Vec3V<V>& origin) {
   const auto load = [&](int corner) HWY_ATTR -> Vec3V<V> {
-    return {hn::LoadU(d, rows + (3 * corner) * stride), hn::LoadU(d, rows + (3 * corner + 1) * stride),
+    return {hn::LoadU(d, rows + (3 * corner) * stride),
+            hn::LoadU(d, rows + (3 * corner + 1) * stride),
             hn::LoadU(d, rows + (3 * corner + 2) * stride)};
   };
   const Vec3V<V> a = load(0), b = load(1), c = load(2);

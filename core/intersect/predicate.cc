@@ -8,11 +8,12 @@
 namespace sightline {
 namespace {
 
-// Error of the double stage. With u = 2^-53, (x × y)·z for x, y, z that each carry one rounding takes, per product
-// of three components: three input roundings, two products, one difference, two sums: 8 roundings, so the error is at
-// most 8.1u times the permanent |x|,|y|,|z| (the sum of the six products of absolute values). The permanent itself
-// suffers as many, and its product with the constant one more: 8.1(1 + 10u) < 9. Nothing under- or overflows: a
-// difference of stored floats is 0 or at least 2^-149, so products of three lie within 2^±450.
+// Error of the double stage. With u = 2^-53, (x × y)·z for x, y, z that each carry one rounding
+// takes, per product of three components: three input roundings, two products, one difference, two
+// sums: 8 roundings, so the error is at most 8.1u times the permanent |x|,|y|,|z| (the sum of the
+// six products of absolute values). The permanent itself suffers as many, and its product with the
+// constant one more: 8.1(1 + 10u) < 9. Nothing under- or overflows: a difference of stored floats
+// is 0 or at least 2^-149, so products of three lie within 2^±450.
 constexpr double kDoubleBound = 9 * 0x1p-53;
 
 struct Determinant {
@@ -27,13 +28,14 @@ Determinant TripleProduct(Vec3d x, Vec3d y, Vec3d z) {
   const double py = x.z * y.x, qy = x.x * y.z;
   const double pz = x.x * y.y, qz = x.y * y.x;
   const double value = ((px - qx) * z.x + (py - qy) * z.y) + (pz - qz) * z.z;
-  const double permanent =
-      ((std::abs(px) + std::abs(qx)) * std::abs(z.x) + (std::abs(py) + std::abs(qy)) * std::abs(z.y)) +
-      (std::abs(pz) + std::abs(qz)) * std::abs(z.z);
+  const double permanent = ((std::abs(px) + std::abs(qx)) * std::abs(z.x) +
+                            (std::abs(py) + std::abs(qy)) * std::abs(z.y)) +
+                           (std::abs(pz) + std::abs(qz)) * std::abs(z.z);
   return {value, kDoubleBound * permanent};
 }
 
-// Adds sign · det(x, y, z). The product of two floats is exact in double, the third comes by TwoProduct: 12 terms.
+// Adds sign · det(x, y, z). The product of two floats is exact in double, the third comes by
+// TwoProduct: 12 terms.
 template <int kCapacity>
 void AddDeterminant(ExactSum<kCapacity>& sum, double sign, Vec3f xf, Vec3f yf, Vec3f zf) {
   const Vec3d x = ToDouble(xf), y = ToDouble(yf), z = ToDouble(zf);
@@ -112,8 +114,8 @@ bool Blocks(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c, PredicateStage* 
   if (any_positive && any_negative) return false;
 
   const int side_of_origin = TripleProduct(ab, bc, od - ad).sign();
-  // An edge's certain sign is that of N·D, should the line cross the triangle at all; then the origin must lie on
-  // the other side.
+  // An edge's certain sign is that of N·D, should the line cross the triangle at all; then the
+  // origin must lie on the other side.
   if ((any_positive && side_of_origin > 0) || (any_negative && side_of_origin < 0)) return false;
   const int toward = TripleProduct(ab, bc, ray.segment ? td - ad : td).sign();
   if (side_of_origin != 0 && toward == side_of_origin) return false;

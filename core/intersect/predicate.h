@@ -2,23 +2,28 @@
 //
 // The predicate: does triangle ABC block this segment or ray? (design, section 4)
 //
-// A segment runs from O to P, a ray from O along D; write D = P - O, unrounded, for a segment. ABC blocks when
-//   1. e0 = det(A-O, B-O, D), e1 = det(B-O, C-O, D), e2 = det(C-O, A-O, D) are all >= 0 or all <= 0, not all zero;
-//   2. O and P lie strictly on opposite sides of the plane of ABC (a ray: O off the plane, D toward it).
-// All are signs of determinants of stored floats. They are evaluated exactly, so every correct evaluation agrees.
+// A segment runs from O to P, a ray from O along D; write D = P - O, unrounded, for a segment. ABC
+// blocks when
+//   1. e0 = det(A-O, B-O, D), e1 = det(B-O, C-O, D), e2 = det(C-O, A-O, D) are all >= 0 or all <=
+//   0, not all zero;
+//   2. O and P lie strictly on opposite sides of the plane of ABC (a ray: O off the plane, D toward
+//   it).
+// All are signs of determinants of stored floats. They are evaluated exactly, so every correct
+// evaluation agrees.
 //
 // Properties that follow and that the walks use:
-//  a. e0 + e1 + e2 = N·D with N = (B-A)×(C-A): the ray crosses the plane toward N exactly when the sum is > 0.
-//  b. The answer does not depend on the order of A, B and C.
-//  c. A triangle of zero area blocks nothing, nor does one whose plane holds O or P.
-//  d. Two triangles with a bit-equal edge compute the same determinant (up to sign) for it: no segment that crosses
+//  a. e0 + e1 + e2 = N·D with N = (B-A)×(C-A): the ray crosses the plane toward N exactly when the
+//  sum is > 0. b. The answer does not depend on the order of A, B and C. c. A triangle of zero area
+//  blocks nothing, nor does one whose plane holds O or P. d. Two triangles with a bit-equal edge
+//  compute the same determinant (up to sign) for it: no segment that crosses
 //     a closed surface of such triangles slips through.
 //
-// Blocks decides in doubles where its error bound allows it and in exact expansions otherwise. The float stage
-// before it lives in predicate-inl.h.
+// Blocks decides in doubles where its error bound allows it and in exact expansions otherwise. The
+// float stage before it lives in predicate-inl.h.
 //
-// Thread safety: functions only. REQUIRES: finite coordinates, |x| <= 2^41 (the float stage needs |x| <= 1.5·2^40:
-// kMaxCoordinate and what placement may add to it); round to nearest, gradual underflow.
+// Thread safety: functions only. REQUIRES: finite coordinates, |x| <= 2^41 (the float stage needs
+// |x| <= 1.5·2^40: kMaxCoordinate and what placement may add to it); round to nearest, gradual
+// underflow.
 #ifndef SIGHTLINE_CORE_INTERSECT_PREDICATE_H_
 #define SIGHTLINE_CORE_INTERSECT_PREDICATE_H_
 
@@ -30,7 +35,7 @@ namespace sightline {
 
 struct PredicateRay {
   Vec3f origin;
-  Vec3f target;          // The end P of a segment, the direction D of a ray.
+  Vec3f target;  // The end P of a segment, the direction D of a ray.
   bool segment = true;
 
   static PredicateRay Segment(Vec3f from, Vec3f to) { return {from, to, true}; }
@@ -47,7 +52,8 @@ bool Blocks(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c, PredicateStage* 
 // The definition, in expansions throughout: what Blocks is tested against.
 bool BlocksExactly(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c);
 
-// The exact sign of det(B-A, C-A, P-A): +1 in front of ABC (from where it runs counter-clockwise), 0 in its plane.
+// The exact sign of det(B-A, C-A, P-A): +1 in front of ABC (from where it runs counter-clockwise),
+// 0 in its plane.
 int SideOfPlane(Vec3f a, Vec3f b, Vec3f c, Vec3f p);
 // The exact sign of det(B-A, C-A, D): whether D leads to the front.
 int SideOfDirection(Vec3f a, Vec3f b, Vec3f c, Vec3f direction);

@@ -63,8 +63,8 @@ struct MeshReport {
   uint64_t non_finite_triangles = 0;  // Inert: at least one corner is not finite.
   uint64_t zero_area_triangles = 0;   // Inert: exactly zero area after rounding to stored floats.
   uint64_t duplicate_triangles = 0;   // Same three stored positions as an earlier one (any order).
-                                     // Kept. Inert ones are not looked at.
-  uint64_t inert_triangles = 0;  // non_finite + zero_area.
+                                      // Kept. Inert ones are not looked at.
+  uint64_t inert_triangles = 0;       // non_finite + zero_area.
   double largest_rounding =
       0;  // Largest |world − (origin + stored)| of a coordinate of a finite vertex.
 };

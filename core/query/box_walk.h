@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Every triangle whose own box meets a given box, eight boxes or sixteen triangles at a time. For small boxes: what a
-// point may touch, what a short way may cross. Comparisons of stored floats round nothing.
+// Every triangle whose own box meets a given box, eight boxes or sixteen triangles at a time. For
+// small boxes: what a point may touch, what a short way may cross. Comparisons of stored floats
+// round nothing.
 //
 // One instruction set is enough here (AVX2, the floor): the walk is short, and its answer is a set.
 //
@@ -41,14 +42,18 @@ inline uint32_t Bits(hn::Mask<Eight> mask) {
 inline hn::Mask<Eight> Meets(const V lo[3], const V hi[3], const Box3f& box) {
   const Eight d;
   auto meets = hn::And(hn::Le(lo[0], hn::Set(d, box.hi.x)), hn::Ge(hi[0], hn::Set(d, box.lo.x)));
-  meets = hn::And(meets, hn::And(hn::Le(lo[1], hn::Set(d, box.hi.y)), hn::Ge(hi[1], hn::Set(d, box.lo.y))));
-  return hn::And(meets, hn::And(hn::Le(lo[2], hn::Set(d, box.hi.z)), hn::Ge(hi[2], hn::Set(d, box.lo.z))));
+  meets = hn::And(
+      meets, hn::And(hn::Le(lo[1], hn::Set(d, box.hi.y)), hn::Ge(hi[1], hn::Set(d, box.lo.y))));
+  return hn::And(meets,
+                 hn::And(hn::Le(lo[2], hn::Set(d, box.hi.z)), hn::Ge(hi[2], hn::Set(d, box.lo.z))));
 }
 
 inline uint32_t MeetingChildren(const BvhNode& node, const Box3f& box) {
   const Eight d;
-  const V lo[3] = {hn::Load(d, node.bounds[0]), hn::Load(d, node.bounds[1]), hn::Load(d, node.bounds[2])};
-  const V hi[3] = {hn::Load(d, node.bounds[3]), hn::Load(d, node.bounds[4]), hn::Load(d, node.bounds[5])};
+  const V lo[3] = {hn::Load(d, node.bounds[0]), hn::Load(d, node.bounds[1]),
+                   hn::Load(d, node.bounds[2])};
+  const V hi[3] = {hn::Load(d, node.bounds[3]), hn::Load(d, node.bounds[4]),
+                   hn::Load(d, node.bounds[5])};
   return Bits(Meets(lo, hi, box)) & ((1u << node.child_count) - 1);
 }
 

@@ -96,8 +96,8 @@ struct LeafBoxes {
   }
 };
 
-// The floats around x, r to either side: rounded outward, and r taken 2^-40 larger, so that whatever lies beyond them is
-// farther than r in rounded doubles, too.
+// The floats around x, r to either side: rounded outward, and r taken 2^-40 larger, so that
+// whatever lies beyond them is farther than r in rounded doubles, too.
 float FloatBelow(double x, double r) {
   return std::nextafterf(static_cast<float>(x - r * (1 + 0x1p-40)),
                          -std::numeric_limits<float>::infinity());

@@ -11,19 +11,23 @@
 namespace sightline {
 namespace {
 
-constexpr std::array<Strategy, 5> kStrategies = {Strategy::kAuto, Strategy::kSingle,
-                                                 Strategy::kPacket, Strategy::kShaft,
-                                                 Strategy::kBruteForce};
+constexpr std::array<Strategy, 5> kStrategies = {
+    Strategy::kAuto, Strategy::kSingle, Strategy::kPacket, Strategy::kShaft, Strategy::kBruteForce};
 
 }  // namespace
 
 absl::string_view StrategyName(Strategy strategy) {
   switch (strategy) {
-    case Strategy::kAuto: return "AUTO";
-    case Strategy::kSingle: return "SINGLE";
-    case Strategy::kPacket: return "PACKET";
-    case Strategy::kBruteForce: return "BRUTE_FORCE";
-    case Strategy::kShaft: return "SHAFT";
+    case Strategy::kAuto:
+      return "AUTO";
+    case Strategy::kSingle:
+      return "SINGLE";
+    case Strategy::kPacket:
+      return "PACKET";
+    case Strategy::kBruteForce:
+      return "BRUTE_FORCE";
+    case Strategy::kShaft:
+      return "SHAFT";
   }
   return "UNKNOWN";
 }

@@ -191,7 +191,8 @@ void SpreadSides(std::vector<Neighbour>& neighbours) {
   for (uint32_t i = 0; i < neighbours.size(); ++i) {
     if (neighbours[i].side != 0) queue.push_back(i);
   }
-  // By an edge's first entry: all who share it have a side. A thousand copies of one triangle share three.
+  // By an edge's first entry: all who share it have a side. A thousand copies of one triangle share
+  // three.
   std::vector<bool> passed(edges.size());
   for (size_t head = 0; head < queue.size(); ++head) {
     const uint32_t from = queue[head];

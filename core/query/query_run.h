@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What one query call needs around its walks: kernels for the asked instruction set, a clock, and statistics.
-// Internal to core/query.
+// What one query call needs around its walks: kernels for the asked instruction set, a clock, and
+// statistics. Internal to core/query.
 //
 // Thread safety: one QueryRun belongs to one call.
 #ifndef SIGHTLINE_CORE_QUERY_QUERY_RUN_H_

@@ -8,8 +8,8 @@
 namespace sightline {
 namespace {
 
-// AUTO's rule for rays with one origin: packets of one to three rays walk with most lanes idle, while the single walk
-// tests eight boxes and sixteen triangles a step whatever the number of rays.
+// AUTO's rule for rays with one origin: packets of one to three rays walk with most lanes idle,
+// while the single walk tests eight boxes and sixteen triangles a step whatever the number of rays.
 constexpr int kMinPacketRays = 4;
 
 Strategy Choose(Strategy asked, bool common_origin, int rays) {
@@ -103,8 +103,7 @@ absl::Status TraceSampleBlock(const IndexedGeometry& scene, const QueryRun& run,
     packet.target_z[i] = end.z;
     packet.target_source[i] = sources[i];
   }
-  absl::Status status =
-      TracePacketBlock(scene, run, kind, run.options().strategy, &packet, stats);
+  absl::Status status = TracePacketBlock(scene, run, kind, run.options().strategy, &packet, stats);
   if (status.ok()) std::copy_n(packet.hit, n, hits.begin());
   return status;
 }

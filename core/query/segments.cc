@@ -7,8 +7,8 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
-#include "core/query/ray_block.h"
 #include "core/mesh/rebase.h"
+#include "core/query/ray_block.h"
 
 namespace sightline {
 namespace {
@@ -23,9 +23,8 @@ absl::Status CheckSources(const char* name, std::span<const uint32_t> sources, s
   }
   for (size_t i = 0; i < sources.size(); ++i) {
     if (sources[i] != kNoTriangle && sources[i] >= triangles) {
-      return absl::InvalidArgumentError(absl::StrCat(name, "[", i, "] = ", sources[i],
-                                                     ", but the scene has ", triangles,
-                                                     " triangles"));
+      return absl::InvalidArgumentError(absl::StrCat(
+          name, "[", i, "] = ", sources[i], ", but the scene has ", triangles, " triangles"));
     }
   }
   return absl::OkStatus();
@@ -33,7 +32,8 @@ absl::Status CheckSources(const char* name, std::span<const uint32_t> sources, s
 
 }  // namespace
 
-absl::Status PrepareSegments(const IndexedGeometry& scene, std::span<const std::array<Vec3d, 2>> ends,
+absl::Status PrepareSegments(const IndexedGeometry& scene,
+                             std::span<const std::array<Vec3d, 2>> ends,
                              std::span<const uint32_t> from_sources,
                              std::span<const uint32_t> to_sources, PreparedSegments* segments) {
   const ScopedFloatEnvironment environment;
@@ -97,7 +97,8 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
       if (outputs.bits) out.blocked_bits[index[i] / 8] |= uint8_t(1u << (index[i] % 8));
       if (outputs.first_hits) {
         out.triangle[index[i]] = hits[i].triangle;
-        out.t[index[i]] = std::min(hits[i].t, 1.0f);  // Rounding may have left it just beyond the end.
+        out.t[index[i]] =
+            std::min(hits[i].t, 1.0f);  // Rounding may have left it just beyond the end.
       }
     }
   }

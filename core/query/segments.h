@@ -33,9 +33,11 @@ struct PreparedSegments {
   size_t size() const { return from.size(); }
 };
 
-// `ends[i]` is from, to in world coordinates; the sources are empty or one per segment. InvalidArgument: lengths
-// that differ, a source out of range. Equal ends are valid: nothing blocks an empty segment.
-absl::Status PrepareSegments(const IndexedGeometry& scene, std::span<const std::array<Vec3d, 2>> ends,
+// `ends[i]` is from, to in world coordinates; the sources are empty or one per segment.
+// InvalidArgument: lengths that differ, a source out of range. Equal ends are valid: nothing blocks
+// an empty segment.
+absl::Status PrepareSegments(const IndexedGeometry& scene,
+                             std::span<const std::array<Vec3d, 2>> ends,
                              std::span<const uint32_t> from_sources,
                              std::span<const uint32_t> to_sources, PreparedSegments* segments);
 

@@ -28,8 +28,7 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
                                                    weights.size()));
   }
   if (!(shadow.t_min >= 0 && shadow.t_min < 1)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("t_min = ", shadow.t_min, " is outside [0, 1)"));
+    return absl::InvalidArgumentError(absl::StrCat("t_min = ", shadow.t_min, " is outside [0, 1)"));
   }
   return absl::OkStatus();
 }

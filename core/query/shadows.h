@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Light samples × points: does anything stand between them? A segment starts at a light's sample and ends at
-// the point (toward a directional light it starts at the point and has no end).
+// Light samples × points: does anything stand between them? A segment starts at a light's sample
+// and ends at the point (toward a directional light it starts at the point and has no end).
 //
-// Thread safety: functions only. ComputeShadows runs in the caller's thread over the points given; a caller with
-// many cuts them into ranges and runs those side by side. Results do not depend on the cut.
+// Thread safety: functions only. ComputeShadows runs in the caller's thread over the points given;
+// a caller with many cuts them into ranges and runs those side by side. Results do not depend on
+// the cut.
 //
 //   ShadowResult result;
-//   absl::Status status = ComputeShadows(*scene, PointRange::All(points), samples, {}, {}, {.bits = true}, {},
+//   absl::Status status = ComputeShadows(*scene, PointRange::All(points), samples, {}, {}, {.bits =
+//   true}, {},
 //                                        &result);
 #ifndef SIGHTLINE_CORE_QUERY_SHADOWS_H_
 #define SIGHTLINE_CORE_QUERY_SHADOWS_H_
@@ -40,31 +42,34 @@ struct PointRange {
 };
 
 struct ShadowOptions {
-  // Segments end this share of their length before the point: in [0, 1). The shortened end is the double
-  // P + t_min·(L − P), rounded once; for directional lights the start is P + t_min·D.
+  // Segments end this share of their length before the point: in [0, 1). The shortened end is the
+  // double P + t_min·(L − P), rounded once; for directional lights the start is P + t_min·D.
   double t_min = 0;
 };
 
 struct ShadowOutputs {
-  bool bits = true;          // Lit or not, per sample and point.
-  bool counts = false;       // Per point: how many samples reach it.
-  bool weighted_sums = false;  // Per point: the weights of the samples that reach it, summed in sample order.
-  bool blockers = false;     // Per sample and point: the first triangle from the segment's start, and where.
+  bool bits = true;     // Lit or not, per sample and point.
+  bool counts = false;  // Per point: how many samples reach it.
+  bool weighted_sums =
+      false;  // Per point: the weights of the samples that reach it, summed in sample order.
+  bool blockers =
+      false;  // Per sample and point: the first triangle from the segment's start, and where.
 };
 
-// n points, s samples. Points or samples that are invalid count as not lit in sums; their validity is the
-// caller's to report (PointRange::valid, LightSample::valid). Bits of invalid pairs are 0.
+// n points, s samples. Points or samples that are invalid count as not lit in sums; their validity
+// is the caller's to report (PointRange::valid, LightSample::valid). Bits of invalid pairs are 0.
 struct ShadowResult {
-  std::vector<uint8_t> lit_bits;         // s rows of (n + 7) / 8 bytes.
-  std::vector<uint32_t> lit_counts;      // n.
-  std::vector<double> weighted_sums;     // n.
-  std::vector<uint32_t> blocker;         // s · n global ids, kNoTriangle where lit or invalid.
-  std::vector<float> blocker_t;          // s · n, +inf where lit or invalid; share of the segment.
+  std::vector<uint8_t> lit_bits;      // s rows of (n + 7) / 8 bytes.
+  std::vector<uint32_t> lit_counts;   // n.
+  std::vector<double> weighted_sums;  // n.
+  std::vector<uint32_t> blocker;      // s · n global ids, kNoTriangle where lit or invalid.
+  std::vector<float> blocker_t;       // s · n, +inf where lit or invalid; share of the segment.
   QueryStats stats;
 };
 
-// `weights`: one per sample where weighted sums are asked for, else empty. InvalidArgument: lengths that differ,
-// t_min out of range (named with its value). Cancelled / DeadlineExceeded; on an error the result holds nothing.
+// `weights`: one per sample where weighted sums are asked for, else empty. InvalidArgument: lengths
+// that differ, t_min out of range (named with its value). Cancelled / DeadlineExceeded; on an error
+// the result holds nothing.
 absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& points,
                             std::span<const LightSample> samples, std::span<const double> weights,
                             const ShadowOptions& shadow, const ShadowOutputs& outputs,

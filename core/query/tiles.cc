@@ -9,14 +9,14 @@
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 #include "core/intersect/hit.h"
-#include "core/query/ray_block.h"
 #include "core/mesh/rebase.h"
+#include "core/query/ray_block.h"
 
 namespace sightline {
 namespace {
 
-// A block is a square of pixels whose rays walk together; its lanes run through smaller squares, so that the lanes
-// of one SIMD vector are neighbours in both directions.
+// A block is a square of pixels whose rays walk together; its lanes run through smaller squares, so
+// that the lanes of one SIMD vector are neighbours in both directions.
 constexpr uint32_t kBlockSide = 16;
 constexpr uint32_t kGroupSide = 4;
 static_assert(kBlockSide * kBlockSide == kBlockRays);
@@ -43,8 +43,14 @@ class TileTrace {
   TileTrace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile, Vec3f eye,
             std::span<const LightSample> samples, const TileOutputs& outputs,
             const QueryOptions& options, TileResult* out)
-      : scene_(scene), camera_(camera), tile_(tile), samples_(samples), outputs_(outputs),
-        run_(options), pixels_(size_t{tile.width} * tile.height), row_bytes_((pixels_ + 7) / 8),
+      : scene_(scene),
+        camera_(camera),
+        tile_(tile),
+        samples_(samples),
+        outputs_(outputs),
+        run_(options),
+        pixels_(size_t{tile.width} * tile.height),
+        row_bytes_((pixels_ + 7) / 8),
         out_(*out) {
     packet_.origin = eye;
     packet_.segments = false;
@@ -90,8 +96,10 @@ class TileTrace {
     }
     packet_.count = count;
     // Which pixels are hit is answered by any hit; all else needs the first.
-    const bool need_first = outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
-    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, need_first ? HitKind::kClosest : HitKind::kAny,
+    const bool need_first =
+        outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
+    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_,
+                                        need_first ? HitKind::kClosest : HitKind::kAny,
                                         run_.options().strategy, &packet_, &out_.primary));
     for (int i = 0; i < count; ++i) {
       if (packet_.hit[i].triangle != kNoTriangle) WriteHit(i);
@@ -190,13 +198,12 @@ absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const
   SL_RETURN_IF_ERROR(CheckRect(camera, tile));
   Vec3f eye;
   if (!Rebase(camera.eye, scene.geometry.origin, &eye)) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
-        ") lies beyond 2^40 along an axis, in the world or from the scene's origin"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
+                     ") lies beyond 2^40 along an axis, in the world or from the scene's origin"));
   }
   TileResult out;
-  SL_RETURN_IF_ERROR(
-      TileTrace(scene, camera, tile, eye, samples, outputs, options, &out).Run());
+  SL_RETURN_IF_ERROR(TileTrace(scene, camera, tile, eye, samples, outputs, options, &out).Run());
   *result = std::move(out);
   return absl::OkStatus();
 }

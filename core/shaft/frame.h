@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A shaft's frame: an orthonormal basis at the rays' common origin, whose third axis runs along the rays. A ray of
-// direction D has depth w·D and slopes (u·D)/(w·D), (v·D)/(w·D); rays that belong together fill a rectangle of slopes.
-// The frame is projective: it only holds rays whose depth is a good part of their length (kMinDepthShare).
+// A shaft's frame: an orthonormal basis at the rays' common origin, whose third axis runs along the
+// rays. A ray of direction D has depth w·D and slopes (u·D)/(w·D), (v·D)/(w·D); rays that belong
+// together fill a rectangle of slopes. The frame is projective: it only holds rays whose depth is a
+// good part of their length (kMinDepthShare).
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_SHAFT_FRAME_H_
@@ -18,23 +19,27 @@ struct ShaftFrame {
   Vec3f u, v, w;  // As stored these define the frame; orthonormal up to 2^-22.
 };
 
-// The least w·D / |D| a shaft's rays may have: cos 66.4°. Slopes then stay below 2.3 (findings: wider sets are cut).
+// The least w·D / |D| a shaft's rays may have: cos 66.4°. Slopes then stay below 2.3 (findings:
+// wider sets are cut).
 inline constexpr float kMinDepthShare = 0.4f;
 inline constexpr float kMaxSlope = 2.3f;
 
-// `axis`: where the rays lead, of any length but zero. `sideways`: a direction that u should follow, so that slope
-// rectangles fit what is asked about (an image row); along `axis` or zero, any u will do. Returns false, and no frame,
-// if `axis` has no direction.
+// `axis`: where the rays lead, of any length but zero. `sideways`: a direction that u should
+// follow, so that slope rectangles fit what is asked about (an image row); along `axis` or zero,
+// any u will do. Returns false, and no frame, if `axis` has no direction.
 inline bool MakeShaftFrame(Vec3d axis, Vec3d sideways, ShaftFrame* frame) {
   const double length = Length(axis);
   if (!(length > 0) || !std::isfinite(length)) return false;
   const Vec3d w = axis * (1.0 / length);
   Vec3d u = sideways - w * Dot(w, sideways);
-  // Cancellation leaves noise where `sideways` is nearly along the axis: then the coordinate axis farthest from w.
+  // Cancellation leaves noise where `sideways` is nearly along the axis: then the coordinate axis
+  // farthest from w.
   constexpr double kLeastShare = 0x1p-20;
   if (!(Length(u) > kLeastShare * Length(sideways))) {
     const Vec3d a = {std::abs(w.x), std::abs(w.y), std::abs(w.z)};
-    const Vec3d e = a.x <= a.y && a.x <= a.z ? Vec3d{1, 0, 0} : a.y <= a.z ? Vec3d{0, 1, 0} : Vec3d{0, 0, 1};
+    const Vec3d e = a.x <= a.y && a.x <= a.z ? Vec3d{1, 0, 0}
+                    : a.y <= a.z             ? Vec3d{0, 1, 0}
+                                             : Vec3d{0, 0, 1};
     u = e - w * Dot(w, e);
   }
   u = u * (1.0 / Length(u));

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/traverse/kernels.cc"
-// AVX2 is the floor and AVX-512 (Highway's AVX3) the one other target; newer ones bring nothing to these walks.
+// AVX2 is the floor and AVX-512 (Highway's AVX3) the one other target; newer ones bring nothing to
+// these walks.
 #ifndef HWY_DISABLED_TARGETS
 #define HWY_DISABLED_TARGETS (~(HWY_AVX2 | HWY_AVX3))
 #endif
-#include "hwy/foreach_target.h"
+#include "core/traverse/kernels.h"
 
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
+#include "hwy/foreach_target.h"
 #include "hwy/highway.h"
-
-#include "core/traverse/kernels.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
@@ -44,9 +44,12 @@ namespace sightline {
 
 absl::string_view SimdTargetName(SimdTarget target) {
   switch (target) {
-    case SimdTarget::kBest: return "best";
-    case SimdTarget::kAvx2: return "AVX2";
-    case SimdTarget::kAvx512: return "AVX-512";
+    case SimdTarget::kBest:
+      return "best";
+    case SimdTarget::kAvx2:
+      return "AVX2";
+    case SimdTarget::kAvx512:
+      return "AVX-512";
   }
   return "unknown";
 }
@@ -55,8 +58,10 @@ bool SimdTargetAvailable(SimdTarget target) {
   const auto supported = hwy::SupportedTargets();
   switch (target) {
     case SimdTarget::kBest:
-    case SimdTarget::kAvx2: return (supported & HWY_AVX2) != 0;
-    case SimdTarget::kAvx512: return (supported & HWY_AVX3) != 0;
+    case SimdTarget::kAvx2:
+      return (supported & HWY_AVX2) != 0;
+    case SimdTarget::kAvx512:
+      return (supported & HWY_AVX3) != 0;
   }
   return false;
 }

@@ -2,8 +2,8 @@
 //
 // The walks, compiled once per instruction set from one source each and chosen at run time.
 //
-// Every walk returns brute force's answer, bit for bit: occluded rays have a blocker (which one is not defined),
-// closest hits are the least by (t, triangle).
+// Every walk returns brute force's answer, bit for bit: occluded rays have a blocker (which one is
+// not defined), closest hits are the least by (t, triangle).
 //
 // Thread safety: the functions are pure; the scene must not change while one runs.
 //
@@ -21,7 +21,8 @@
 
 namespace sightline {
 
-// Functions over spans write hits[i] for rays[i] and return false, having left off, when `cancel` fires.
+// Functions over spans write hits[i] for rays[i] and return false, having left off, when `cancel`
+// fires.
 using TraceRaysFn = bool (*)(const IndexedGeometry& scene, std::span<const TraceRay> rays,
                              std::span<Hit> hits, const CancelToken* cancel, WalkStats* stats);
 using TracePacketFn = bool (*)(const IndexedGeometry& scene, RayPacket& packet,

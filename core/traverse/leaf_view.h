@@ -34,16 +34,20 @@ struct LeafView {
   }
 };
 
-// Whether the object that owns triangle `id` is seen by `mask` and, if it culls, shows its other side to the
-// origin. `side_of_origin` is SideOfPlane's answer for the origin. Only asked where !geometry.uniform.
+// Whether the object that owns triangle `id` is seen by `mask` and, if it culls, shows its other
+// side to the origin. `side_of_origin` is SideOfPlane's answer for the origin. Only asked where
+// !geometry.uniform.
 inline bool ObjectBlocks(const SceneGeometry& geometry, uint32_t id, uint32_t mask,
                          int side_of_origin) {
   const ObjectRecord& object = geometry.objects[geometry.ObjectOf(id)];
   if ((object.mask & mask) == 0) return false;
   switch (object.culling) {
-    case Culling::kNone: return true;
-    case Culling::kBack: return side_of_origin > 0;
-    case Culling::kFront: return side_of_origin < 0;
+    case Culling::kNone:
+      return true;
+    case Culling::kBack:
+      return side_of_origin > 0;
+    case Culling::kFront:
+      return side_of_origin < 0;
   }
   return true;
 }

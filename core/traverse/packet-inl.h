@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Rays with one origin walk together (paper 004, section 5; paper 000 for the shared origin's gains).
+// Rays with one origin walk together (paper 004, section 5; paper 000 for the shared origin's
+// gains).
 //
-// A node's eight boxes are first put to the whole packet by interval arithmetic; a box that survives is tried on
-// groups of lanes, from the group that was first to enter the parent (first-active-ray test), until one enters. In a
-// leaf, lanes that miss the leaf's own box are left out.
+// A node's eight boxes are first put to the whole packet by interval arithmetic; a box that
+// survives is tried on groups of lanes, from the group that was first to enter the parent
+// (first-active-ray test), until one enters. In a leaf, lanes that miss the leaf's own box are left
+// out.
 //
-// The interval test is exact about floats: a lane's slab parameter is fl(x·inv) with x common and inv between the
-// packet's extremes, and rounding is monotone, so the lane's value lies between the two end products.
+// The interval test is exact about floats: a lane's slab parameter is fl(x·inv) with x common and
+// inv between the packet's extremes, and rounding is monotone, so the lane's value lies between the
+// two end products.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_PACKET_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_PACKET_INL_H_
@@ -38,7 +41,8 @@ class PacketWalk {
     if (scene_.bvh.empty()) return true;
     Pending stack[kBvhStackSize];
     int depth = 0;
-    stack[depth++] = {-std::numeric_limits<float>::infinity(), ChildRef::Inner(0).bits(), 0, Slab{}};
+    stack[depth++] = {-std::numeric_limits<float>::infinity(), ChildRef::Inner(0).bits(), 0,
+                      Slab{}};
     uint64_t visited = 0;
     while (depth > 0) {
       const Pending pending = stack[--depth];
@@ -88,8 +92,8 @@ class PacketWalk {
     Slab slab;
   };
 
-  // Per axis, the range of the lanes' reciprocals, where they share a sign and are finite; elsewhere the axis stays
-  // out of the interval test.
+  // Per axis, the range of the lanes' reciprocals, where they share a sign and are finite;
+  // elsewhere the axis stays out of the interval test.
   void BoundReciprocals() {
     for (int k = 0; k < 3; ++k) {
       float lo = std::numeric_limits<float>::infinity(), hi = -lo;
@@ -123,10 +127,10 @@ class PacketWalk {
       exit = hn::Min(hn::Max(hn::Mul(far, i0), hn::Mul(far, i1)), exit);
     }
     hn::Store(entry, d8, entries);
-    const auto met = hn::And(
-        hn::Le(hn::Max(entry, hn::Zero(d8)),
-               hn::MulAdd(exit, hn::Set(d8, kBoxExitScale), hn::Set(d8, kBoxExitShift))),
-        hn::Le(entry, hn::Set(d8, limit_)));
+    const auto met =
+        hn::And(hn::Le(hn::Max(entry, hn::Zero(d8)),
+                       hn::MulAdd(exit, hn::Set(d8, kBoxExitScale), hn::Set(d8, kBoxExitShift))),
+                hn::Le(entry, hn::Set(d8, limit_)));
     return MaskBits(d8, met) & ((1u << node.child_count) - 1);
   }
 
@@ -148,7 +152,8 @@ class PacketWalk {
     for (int k = 0; k < 3; ++k) {
       const V inv = hn::Load(d, lanes_.inv_row(k) + first);
       const V lo = hn::Mul(hn::Set(d, slab.lo[k]), inv), hi = hn::Mul(hn::Set(d, slab.hi[k]), inv);
-      // By sign, not by minimum: a face on the ray's line gives NaN, which must stay with its own face.
+      // By sign, not by minimum: a face on the ray's line gives NaN, which must stay with its own
+      // face.
       entry = hn::Max(hn::IfNegativeThenElse(inv, hi, lo), entry);
       exit = hn::Min(hn::IfNegativeThenElse(inv, lo, hi), exit);
     }

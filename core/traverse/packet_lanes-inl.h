@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The lanes of a packet with one origin, and the exact test of a leaf's triangles against them: what the packet walk
-// and the shaft walk share. They differ in how they find which triangles to put to which lanes.
+// The lanes of a packet with one origin, and the exact test of a leaf's triangles against them:
+// what the packet walk and the shaft walk share. They differ in how they find which triangles to
+// put to which lanes.
 //
-// A leaf's triangles are turned once so that the origin lies behind them; their edge normals relative to the origin
-// then serve every lane. Lanes that floats leave in doubt go to Blocks().
+// A leaf's triangles are turned once so that the origin lies behind them; their edge normals
+// relative to the origin then serve every lane. Lanes that floats leave in doubt go to Blocks().
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_PACKET_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_PACKET_LANES_INL_H_
@@ -30,7 +31,8 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// One triangle, turned so that the origin lies behind it: all its forms are positive where it is hit.
+// One triangle, turned so that the origin lies behind it: all its forms are positive where it is
+// hit.
 struct FacingTriangle {
   float edge[3][3], edge_bound[3];
   float normal[3], normal_bound;
@@ -87,16 +89,18 @@ class PacketLanes {
     live_ = packet.count;
   }
 
-  uint32_t groups() const { return groups_; }        // Vectors of lanes.
+  uint32_t groups() const { return groups_; }                       // Vectors of lanes.
   uint32_t active(uint32_t group) const { return active_[group]; }  // Lanes still asked about.
-  int live() const { return live_; }                 // How many of them, when any hit ends a lane.
+  int live() const { return live_; }  // How many of them, when any hit ends a lane.
   float first_limit() const { return first_limit_; }
   Vec3f origin() const { return packet_.origin; }
   int count() const { return packet_.count; }
   const float* inv_row(int axis) const { return inv_[axis]; }
   const float* direction_row(int axis) const { return direction_[axis]; }
   bool segments() const { return packet_.segments; }
-  const float* limit_row() const { return limit_of_; }  // Nearest hit or end, in units of D; -inf when done.
+  const float* limit_row() const {
+    return limit_of_;
+  }  // Nearest hit or end, in units of D; -inf when done.
 
   // The largest limit over all lanes: nothing entered later matters.
   float LargestLimit() const {
@@ -108,8 +112,9 @@ class PacketLanes {
     return hn::GetLane(hn::MaxOfLanes(d, most));
   }
 
-  // Whether the leaf's triangle can block a ray from the origin at all, and if so, which way to turn it: +1 when the
-  // origin is behind it, -1 in front, 0 when it blocks nothing. `side`, `bound` as PrepareTriangles gives them.
+  // Whether the leaf's triangle can block a ray from the origin at all, and if so, which way to
+  // turn it: +1 when the origin is behind it, -1 in front, 0 when it blocks nothing. `side`,
+  // `bound` as PrepareTriangles gives them.
   int Turn(const LeafView& leaf, uint32_t lane, float side, float bound) const {
     const uint32_t id = leaf.id(lane);
     if (id == packet_.origin_source) return 0;
@@ -125,8 +130,8 @@ class PacketLanes {
     return turn;
   }
 
-  // One triangle against the lanes `asked` of one group. Returns the lanes that need no further triangle of this leaf
-  // (those just blocked, when any hit ends a lane).
+  // One triangle against the lanes `asked` of one group. Returns the lanes that need no further
+  // triangle of this leaf (those just blocked, when any hit ends a lane).
   HWY_INLINE uint32_t Test(const LeafView& leaf, const FacingTriangle& f, uint32_t group,
                            uint32_t asked) {
     const D d;
@@ -177,8 +182,8 @@ class PacketLanes {
   HWY_INLINE uint32_t SourceLanes(uint32_t group, uint32_t id) const {
     if (!has_sources_) return 0;
     const hn::RebindToUnsigned<D> du;
-    return MaskBits(du, hn::Eq(hn::Load(du, packet_.target_source + group * hn::Lanes(du)),
-                               hn::Set(du, id)));
+    return MaskBits(
+        du, hn::Eq(hn::Load(du, packet_.target_source + group * hn::Lanes(du)), hn::Set(du, id)));
   }
 
   // Ends lanes: triangle `id` blocks them.
@@ -195,7 +200,8 @@ class PacketLanes {
 
  private:
   static HWY_INLINE Vec3V<V> LoadV(D d, const float (&rows)[3][kMaxRays], size_t first) {
-    return {hn::Load(d, rows[0] + first), hn::Load(d, rows[1] + first), hn::Load(d, rows[2] + first)};
+    return {hn::Load(d, rows[0] + first), hn::Load(d, rows[1] + first),
+            hn::Load(d, rows[2] + first)};
   }
   static HWY_INLINE void StoreV(D d, const Vec3V<V>& v, float (&rows)[3][kMaxRays], size_t first) {
     hn::Store(v.x, d, rows[0] + first);

@@ -1,18 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The shaft walk: up to 256 rays with one origin are one convex shaft, and one walk of the tree answers them all
-// (paper 002 for shafts and relevant triangles; paper 000 for vertex culling). Unlike a packet's, a node's cost does
-// not depend on the number of rays.
+// The shaft walk: up to 256 rays with one origin are one convex shaft, and one walk of the tree
+// answers them all (paper 002 for shafts and relevant triangles; paper 000 for vertex culling).
+// Unlike a packet's, a node's cost does not depend on the number of rays.
 //
 //  1. A node's eight boxes are put to the shaft's four sides and its far end.
-//  2. A leaf's sixteen triangles are put to the same planes by their vertices; those left are relevant.
-//  3. A relevant triangle is put to sixteen blocks of sixteen rays at once, each with its own rectangle of slopes and
-//     range of depths, one block per SIMD lane: blocks it misses drop out; blocks it covers whole and stands before
-//     are blocked without a ray tested; the rest take the exact test, ray by ray.
-//  4. When any hit will do and a walk has cost too much, its rays are split at the middle of their widest extent, and
+//  2. A leaf's sixteen triangles are put to the same planes by their vertices; those left are
+//  relevant.
+//  3. A relevant triangle is put to sixteen blocks of sixteen rays at once, each with its own
+//  rectangle of slopes and
+//     range of depths, one block per SIMD lane: blocks it misses drop out; blocks it covers whole
+//     and stands before are blocked without a ray tested; the rest take the exact test, ray by ray.
+//  4. When any hit will do and a walk has cost too much, its rays are split at the middle of their
+//  widest extent, and
 //     both halves go on with what is left on the stack.
 //
-// All culls carry the margins of core/shaft/margins.h; what a cull keeps is decided by the exact predicate.
+// All culls carry the margins of core/shaft/margins.h; what a cull keeps is decided by the exact
+// predicate.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_INL_H_
@@ -43,7 +47,8 @@ class ShaftWalk {
   ShaftWalk(const IndexedGeometry& scene, RayPacket& packet, WalkStats* stats)
       : scene_(scene), stats_(stats), lanes_(scene, packet, stats) {}
 
-  // Finds the frame. False: the rays do not fit one (they spread too far around the origin, or have no direction).
+  // Finds the frame. False: the rays do not fit one (they spread too far around the origin, or have
+  // no direction).
   bool MakeFrame() {
     Vec3d axis;
     for (int i = 0; i < lanes_.count(); ++i) {
@@ -64,7 +69,9 @@ class ShaftWalk {
     RaySet all;
     for (int b = 0; b < kBlocks; ++b) {
       const int left = lanes_.count() - b * kBlockRays;
-      all.rays[b] = left >= kBlockRays ? 0xFFFF : left > 0 ? static_cast<uint16_t>((1u << left) - 1) : 0;
+      all.rays[b] = left >= kBlockRays ? 0xFFFF
+                    : left > 0         ? static_cast<uint16_t>((1u << left) - 1)
+                                       : 0;
     }
     Pending stack[kBvhStackSize];
     stack[0] = {-std::numeric_limits<float>::infinity(), ChildRef::Inner(0).bits()};
@@ -88,13 +95,15 @@ class ShaftWalk {
   struct Rect {
     float x0, x1, y0, y1;
   };
-  // A relevant triangle's forms in frame coordinates: value at slopes (x, y) is f[0]·x + f[1]·y + f[2].
+  // A relevant triangle's forms in frame coordinates: value at slopes (x, y) is f[0]·x + f[1]·y +
+  // f[2].
   struct Form {
     float f[3], margin;
   };
 
   Vec3d Direction(int lane) const {
-    return {lanes_.direction_row(0)[lane], lanes_.direction_row(1)[lane], lanes_.direction_row(2)[lane]};
+    return {lanes_.direction_row(0)[lane], lanes_.direction_row(1)[lane],
+            lanes_.direction_row(2)[lane]};
   }
 
   // Depths and slopes of all rays.
@@ -112,7 +121,8 @@ class ShaftWalk {
                             hn::Load(d, lanes_.direction_row(2) + i)};
       const V z = DotV(w, dir);
       // A square that underflows or overflows fails the test, and the rays go another way.
-      const auto good = hn::And(hn::Ge(z, least), hn::Ge(hn::Mul(z, z), hn::Mul(share, DotV(dir, dir))));
+      const auto good =
+          hn::And(hn::Ge(z, least), hn::Ge(hn::Mul(z, z), hn::Mul(share, DotV(dir, dir))));
       fits = fits && hn::AllTrue(d, good);
       hn::Store(z, d, depth_ + i);
       hn::Store(hn::Div(DotV(u, dir), z), d, slope_x_ + i);
@@ -121,7 +131,8 @@ class ShaftWalk {
     return fits;
   }
 
-  // Bounds the rays of `set` that are still asked about, block by block and together. Returns how many there are.
+  // Bounds the rays of `set` that are still asked about, block by block and together. Returns how
+  // many there are.
   int Bound(const RaySet& set) {
     const D d;
     const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
@@ -131,13 +142,15 @@ class ShaftWalk {
     int count = 0;
     for (int b = 0; b < kBlocks; ++b) {
       open_[b] = set.rays[b] & ActiveOf(b);
-      block_mx_[b] = block_my_[b] = block_hx_[b] = block_hy_[b] = block_near_[b] = block_far_[b] = 0;
+      block_mx_[b] = block_my_[b] = block_hx_[b] = block_hy_[b] = block_near_[b] = block_far_[b] =
+          0;
       if (open_[b] == 0) continue;
       open_blocks_ |= 1u << b;
       count += std::popcount(open_[b]);
       V x0 = infinity, x1 = hn::Neg(infinity), y0 = x0, y1 = x1, z0 = x0, z1 = x1;
       for (size_t i = 0; i < kBlockRays; i += hn::Lanes(d)) {
-        const uint8_t bits[8] = {static_cast<uint8_t>(open_[b] >> i), static_cast<uint8_t>(open_[b] >> (i + 8))};
+        const uint8_t bits[8] = {static_cast<uint8_t>(open_[b] >> i),
+                                 static_cast<uint8_t>(open_[b] >> (i + 8))};
         const auto in = hn::LoadMaskBits(d, bits);
         const size_t at = b * kBlockRays + i;
         const V x = hn::Load(d, slope_x_ + at), y = hn::Load(d, slope_y_ + at);
@@ -153,13 +166,15 @@ class ShaftWalk {
                       hn::GetLane(hn::MaxOfLanes(d, x1)) + kSlopeMargin,
                       hn::GetLane(hn::MinOfLanes(d, y0)) - kSlopeMargin,
                       hn::GetLane(hn::MaxOfLanes(d, y1)) + kSlopeMargin};
-      // Half extents are taken a little large, so that centre ± half holds the rectangle after rounding.
+      // Half extents are taken a little large, so that centre ± half holds the rectangle after
+      // rounding.
       block_mx_[b] = 0.5f * (r.x0 + r.x1);
       block_my_[b] = 0.5f * (r.y0 + r.y1);
       block_hx_[b] = 0.5f * (r.x1 - r.x0) + kSlopeMargin;
       block_hy_[b] = 0.5f * (r.y1 - r.y0) + kSlopeMargin;
       block_near_[b] = hn::GetLane(hn::MinOfLanes(d, z0));
-      block_far_[b] = lanes_.segments() ? hn::GetLane(hn::MaxOfLanes(d, z1)) * kDepthScale : infinity_;
+      block_far_[b] =
+          lanes_.segments() ? hn::GetLane(hn::MaxOfLanes(d, z1)) * kDepthScale : infinity_;
       rect_ = {std::min(rect_.x0, r.x0), std::max(rect_.x1, r.x1), std::min(rect_.y0, r.y0),
                std::max(rect_.y1, r.y1)};
       if constexpr (!kAny) UpdateFar(b);
@@ -179,9 +194,11 @@ class ShaftWalk {
     for (size_t i = 0; i < kBlockRays; i += hn::Lanes(d)) {
       const size_t at = b * kBlockRays + i;
       if (at >= lanes_.groups() * hn::Lanes(d)) break;
-      const uint8_t bits[8] = {static_cast<uint8_t>(open_[b] >> i), static_cast<uint8_t>(open_[b] >> (i + 8))};
+      const uint8_t bits[8] = {static_cast<uint8_t>(open_[b] >> i),
+                               static_cast<uint8_t>(open_[b] >> (i + 8))};
       const V limit = hn::Mul(hn::Load(d, lanes_.limit_row() + at), hn::Load(d, depth_ + at));
-      most = hn::Max(most, hn::IfThenElse(hn::LoadMaskBits(d, bits), limit, hn::Set(d, -infinity_)));
+      most =
+          hn::Max(most, hn::IfThenElse(hn::LoadMaskBits(d, bits), limit, hn::Set(d, -infinity_)));
     }
     block_far_[b] = hn::GetLane(hn::MaxOfLanes(d, most)) * kDepthScale;
   }
@@ -214,7 +231,8 @@ class ShaftWalk {
     while (depth > 0) {
       const Pending pending = stack[--depth];
       if (pending.depth > far_) continue;
-      if (++visited % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled()) return false;
+      if (++visited % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
+        return false;
       const ChildRef ref = ChildRef::FromBits(pending.ref_bits);
       if (ref.is_leaf()) {
         work += 2 + VisitLeaf(ref);
@@ -237,7 +255,8 @@ class ShaftWalk {
     return true;
   }
 
-  // Parts the open rays at the middle of their widest extent of slopes. False: one side would be empty.
+  // Parts the open rays at the middle of their widest extent of slopes. False: one side would be
+  // empty.
   bool Split(RaySet* halves) const {
     Rect now = {infinity_, -infinity_, infinity_, -infinity_};
     ForEachOpen([&](int lane) {
@@ -275,7 +294,8 @@ class ShaftWalk {
     V8 reach = hn::Zero(d8);  // |far corner - o|_1.
     for (int k = 0; k < 3; ++k) {
       const V8 o = hn::Set(d8, lanes_.origin()[k]);
-      const V8 lo = hn::Sub(hn::Load(d8, node.bounds[k]), o), hi = hn::Sub(hn::Load(d8, node.bounds[k + 3]), o);
+      const V8 lo = hn::Sub(hn::Load(d8, node.bounds[k]), o),
+               hi = hn::Sub(hn::Load(d8, node.bounds[k + 3]), o);
       hn::Store(lo, d8, faces[k]);
       hn::Store(hi, d8, faces[k + 3]);
       reach = hn::Add(reach, hn::Max(hn::Abs(lo), hn::Abs(hi)));
@@ -334,7 +354,8 @@ class ShaftWalk {
             y1 = hn::Set(d, rect_.y1);
     uint32_t relevant = 0;
     for (size_t first = 0; first < leaf.count; first += hn::Lanes(d)) {
-      // Per side the largest value of the three vertices, margin included; the least depth likewise.
+      // Per side the largest value of the three vertices, margin included; the least depth
+      // likewise.
       V left = hn::Set(d, -infinity_), right = left, below = left, above = left;
       V nearest = hn::Set(d, infinity_);
       for (int corner = 0; corner < 3; ++corner) {
@@ -377,7 +398,8 @@ class ShaftWalk {
     for (size_t i = 0; i < kBlocks; i += hn::Lanes(d)) {
       const V mx = hn::Load(d, block_mx_ + i), my = hn::Load(d, block_my_ + i);
       const V hx = hn::Load(d, block_hx_ + i), hy = hn::Load(d, block_hy_ + i);
-      V most = hn::Set(d, infinity_), least = most;  // Over the edges: of largest, of least values in the block.
+      V most = hn::Set(d, infinity_),
+        least = most;  // Over the edges: of largest, of least values in the block.
       V centre, radius;
       for (const Form& e : edges) {
         Range(d, e, mx, my, hx, hy, &centre, &radius);
@@ -393,13 +415,16 @@ class ShaftWalk {
       if constexpr (kAny) {
         if (lanes_.segments()) {
           // Some ray must reach the plane; all must pass it for a cover.
-          in = hn::And(in, hn::And(hn::Gt(fastest, hn::Zero(d)), hn::Ge(hn::Mul(far, fastest), plane_lo)));
+          in = hn::And(
+              in, hn::And(hn::Gt(fastest, hn::Zero(d)), hn::Ge(hn::Mul(far, fastest), plane_lo)));
           const V near = hn::Mul(hn::Load(d, block_near_ + i), hn::Set(d, 2.0f - kDepthScale));
-          cover = hn::And(cover, hn::And(hn::Gt(slowest, hn::Zero(d)), hn::Gt(hn::Mul(near, slowest), plane_hi)));
+          cover = hn::And(cover, hn::And(hn::Gt(slowest, hn::Zero(d)),
+                                         hn::Gt(hn::Mul(near, slowest), plane_hi)));
         }
       } else {
-        // Where every ray certainly approaches, the plane quotient is good to a few float roundings, and no hit on
-        // this triangle comes before plane / fastest. Elsewhere (grazing) only the vertices' depths have a say.
+        // Where every ray certainly approaches, the plane quotient is good to a few float
+        // roundings, and no hit on this triangle comes before plane / fastest. Elsewhere (grazing)
+        // only the vertices' depths have a say.
         const auto certain = hn::Gt(slowest, hn::Zero(d));
         const auto beyond = hn::Lt(hn::Mul(far, fastest), plane_lo);
         in = hn::AndNot(hn::And(certain, beyond), in);
@@ -435,7 +460,8 @@ class ShaftWalk {
     if constexpr (!kAny) {
       V most = hn::Set(d, -infinity_);
       for (size_t i = 0; i < kBlocks; i += lanes) {
-        const uint8_t bits[8] = {static_cast<uint8_t>(open_blocks_ >> i), static_cast<uint8_t>(open_blocks_ >> (i + 8))};
+        const uint8_t bits[8] = {static_cast<uint8_t>(open_blocks_ >> i),
+                                 static_cast<uint8_t>(open_blocks_ >> (i + 8))};
         most = hn::Max(most, hn::IfThenElse(hn::LoadMaskBits(d, bits), hn::Load(d, block_far_ + i),
                                             hn::Set(d, -infinity_)));
       }
@@ -443,8 +469,10 @@ class ShaftWalk {
     }
   }
 
-  static HWY_INLINE void Range(D d, const Form& form, V mx, V my, V hx, V hy, V* centre, V* radius) {
-    *centre = hn::MulAdd(hn::Set(d, form.f[0]), mx, hn::MulAdd(hn::Set(d, form.f[1]), my, hn::Set(d, form.f[2])));
+  static HWY_INLINE void Range(D d, const Form& form, V mx, V my, V hx, V hy, V* centre,
+                               V* radius) {
+    *centre = hn::MulAdd(hn::Set(d, form.f[0]), mx,
+                         hn::MulAdd(hn::Set(d, form.f[1]), my, hn::Set(d, form.f[2])));
     *radius = hn::MulAdd(hn::Set(d, std::abs(form.f[0])), hx,
                          hn::MulAdd(hn::Set(d, std::abs(form.f[1])), hy, hn::Set(d, form.margin)));
   }
@@ -458,10 +486,10 @@ class ShaftWalk {
   ShaftFrame frame_;
   // Of the set being walked:
   Rect rect_;
-  float far_;                // Nothing deeper matters.
-  uint32_t open_blocks_;     // Blocks with rays still asked about.
-  uint32_t open_[kBlocks];   // These rays, per block.
-  float side_[4][3];         // Normals, positive inside.
+  float far_;               // Nothing deeper matters.
+  uint32_t open_blocks_;    // Blocks with rays still asked about.
+  uint32_t open_[kBlocks];  // These rays, per block.
+  float side_[4][3];        // Normals, positive inside.
   int side_far_[4][3];
   alignas(64) float block_mx_[kBlocks], block_my_[kBlocks], block_hx_[kBlocks], block_hy_[kBlocks];
   alignas(64) float block_near_[kBlocks], block_far_[kBlocks];

@@ -15,8 +15,8 @@ namespace sightline {
 enum class SimdTarget : uint8_t { kBest = 0, kAvx2 = 1, kAvx512 = 2 };
 
 absl::string_view SimdTargetName(SimdTarget target);  // "best", "AVX2", "AVX-512".
-bool SimdTargetAvailable(SimdTarget target);         // On this machine.
-SimdTarget BestSimdTarget();                         // What kBest means here.
+bool SimdTargetAvailable(SimdTarget target);          // On this machine.
+SimdTarget BestSimdTarget();                          // What kBest means here.
 
 }  // namespace sightline
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One ray at a time: eight boxes of a node, and sixteen triangles of a leaf, at once. Also brute force, which is the
-// same leaf test over every triangle of the geometry in turn, without a structure.
+// One ray at a time: eight boxes of a node, and sixteen triangles of a leaf, at once. Also brute
+// force, which is the same leaf test over every triangle of the geometry in turn, without a
+// structure.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SINGLE_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SINGLE_INL_H_
@@ -29,12 +30,13 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// A walk polls its token once for so many rays, or brute-forced blocks of sixteen triangles: some 50 µs of work.
+// A walk polls its token once for so many rays, or brute-forced blocks of sixteen triangles: some
+// 50 µs of work.
 constexpr size_t kPollInterval = 64;
 constexpr size_t kBrutePollInterval = 4096;
 
-// One ray against the triangles of one leaf. Calls on_hit(lane) for each that blocks; on_hit returns true to stop.
-// Returns whether it stopped.
+// One ray against the triangles of one leaf. Calls on_hit(lane) for each that blocks; on_hit
+// returns true to stop. Returns whether it stopped.
 template <class OnHit>
 HWY_INLINE bool TestLeaf(const LeafView& leaf, const TraceRay& query, const SceneGeometry& geometry,
                          WalkStats* stats, const OnHit& on_hit) {
@@ -65,7 +67,8 @@ HWY_INLINE bool TestLeaf(const LeafView& leaf, const TraceRay& query, const Scen
     const auto all_negative = hn::Lt(most, zero);
     const auto any_negative = hn::Lt(least_top, zero);    // Some e + b < 0.
     const auto any_positive = hn::Gt(most_bottom, zero);  // Some e - b > 0.
-    const auto behind = hn::Gt(t.origin_side, t.origin_bound);           // O behind: must leave toward the front.
+    const auto behind =
+        hn::Gt(t.origin_side, t.origin_bound);  // O behind: must leave toward the front.
     const auto front = hn::Lt(t.origin_side, hn::Neg(t.origin_bound));
     auto miss = hn::Or(hn::And(any_positive, any_negative),
                        hn::Or(hn::And(behind, any_negative), hn::And(front, any_positive)));
@@ -111,7 +114,8 @@ HWY_INLINE bool TestLeaf(const LeafView& leaf, const TraceRay& query, const Scen
 }
 
 // Keeps the least hit by (t, id).
-HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const PredicateRay& ray, Hit* best) {
+HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const PredicateRay& ray,
+                           Hit* best) {
   const Hit hit{HitDistance(ray, leaf.corner(0, lane), leaf.corner(1, lane), leaf.corner(2, lane)),
                 leaf.id(lane)};
   if (hit < *best) *best = hit;
@@ -135,8 +139,10 @@ HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, W
   if (bvh.empty()) return best;
   const PredicateRay& ray = query.ray;
   const BoxRay box_ray = BoxRay::Make(ray.origin, ray.RoundedDirection());
-  const V ox = hn::Set(d, ray.origin.x), oy = hn::Set(d, ray.origin.y), oz = hn::Set(d, ray.origin.z);
-  const V ix = hn::Set(d, box_ray.inv.x), iy = hn::Set(d, box_ray.inv.y), iz = hn::Set(d, box_ray.inv.z);
+  const V ox = hn::Set(d, ray.origin.x), oy = hn::Set(d, ray.origin.y),
+          oz = hn::Set(d, ray.origin.z);
+  const V ix = hn::Set(d, box_ray.inv.x), iy = hn::Set(d, box_ray.inv.y),
+          iz = hn::Set(d, box_ray.inv.z);
   const int nx = std::signbit(box_ray.inv.x) ? 3 : 0, ny = std::signbit(box_ray.inv.y) ? 4 : 1,
             nz = std::signbit(box_ray.inv.z) ? 5 : 2;
   const int fx = 3 - nx, fy = 5 - ny, fz = 7 - nz;
@@ -208,8 +214,8 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   return true;
 }
 
-// Triangles are gathered into leaf form sixteen at a time and every ray of the span is put to them, so that the
-// gathering is paid once.
+// Triangles are gathered into leaf form sixteen at a time and every ray of the span is put to them,
+// so that the gathering is paid once.
 template <bool kAny>
 bool TraceBrute(const IndexedGeometry& scene, std::span<const TraceRay> rays, std::span<Hit> hits,
                 const CancelToken* cancel, WalkStats* stats) {

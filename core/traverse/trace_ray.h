@@ -16,13 +16,14 @@ namespace sightline {
 
 struct TraceRay {
   PredicateRay ray;
-  uint32_t mask = 0xFFFFFFFFu;           // An object is seen when (object mask & mask) != 0.
-  uint32_t from_source = kNoTriangle;    // Triangles the ends lie on, which do not block.
+  uint32_t mask = 0xFFFFFFFFu;         // An object is seen when (object mask & mask) != 0.
+  uint32_t from_source = kNoTriangle;  // Triangles the ends lie on, which do not block.
   uint32_t to_source = kNoTriangle;
 };
 
 // Rays with one origin (an eye's, or a light's toward its points) that walk together.
-// Invariants: lanes 0 .. count-1 are in use; all run from `origin`; `segments` says what targets are.
+// Invariants: lanes 0 .. count-1 are in use; all run from `origin`; `segments` says what targets
+// are.
 struct alignas(64) RayPacket {
   static constexpr int kMaxRays = 256;
 
