@@ -88,6 +88,26 @@ ObjectInput Lattice(TestRng& rng, int count, int range, double unit) {
   return object;
 }
 
+// Coordinates of any magnitude: edges that doubles cannot hold, normals that come out of
+// cancellation.
+ObjectInput MixedExponents(TestRng& rng, int count, int least, int most) {
+  ObjectInput object;
+  const auto point = [&] {
+    Vec3d p;
+    for (int k = 0; k < 3; ++k) {
+      const int exponent = least + static_cast<int>(rng.Below(static_cast<uint64_t>(most - least)));
+      p[k] = std::ldexp(rng.Uniform(-1, 1), exponent);
+    }
+    return p;
+  };
+  for (int i = 0; i < count; ++i) {
+    const Vec3d a = point(), b = point();
+    const double w = rng.Uniform(-1, 2);
+    AddTriangle(object, a, b, rng.Chance(0.5) ? point() : a * (1 - w) + b * w);
+  }
+  return object;
+}
+
 ObjectInput Identical(int count) {
   ObjectInput object;
   object.vertices = {{0.25, 0.5, 1}, {3.7, 0.1, 1.3}, {0.4, 2.9, 0.8}};
@@ -268,6 +288,8 @@ std::vector<NastyScene> MakeNastyScenes(TestRng& rng) {
   add("masks and culling", MaskedAndCulled(rng), Vec3d{}, 3);
   add("to the bound", {moved(Lattice(rng, 120, 4, 1), {}, 0x1p38)});
   add("subnormal", {moved(Lattice(rng, 120, 5, 1), {}, 0x1p-148), Soup(rng, 5, 1, 1)});
+  add("mixed exponents", {MixedExponents(rng, 150, -60, 40)}, Vec3d{}, 4);
+  add("mixed exponents, fewer", {MixedExponents(rng, 150, -12, 12)});
   return scenes;
 }
 
