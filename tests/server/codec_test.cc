@@ -95,7 +95,7 @@ TEST(CameraTest, RefusesWhatIsNoCamera) {
   check("camera.eye", [](v1::Camera& c) { c.mutable_eye()->set_x(1e300); });
   check("camera.forward", [](v1::Camera& c) { c.mutable_forward()->set_y(0); });
   check("camera.right", [](v1::Camera& c) { c.mutable_right()->set_x(2); });
-  check("camera.up", [](v1::Camera& c) { *c.mutable_up() = c.right(); });
+  check("right and up are not orthogonal", [](v1::Camera& c) { *c.mutable_up() = c.right(); });
   check("camera.width = 0", [](v1::Camera& c) { c.set_width(0); });
   check("camera.height = 0", [](v1::Camera& c) { c.set_height(0); });
   for (const double tan : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
