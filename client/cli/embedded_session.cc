@@ -10,6 +10,7 @@
 
 #include "client/cli/session.h"
 #include "core/base/status_macros.h"
+#include "server/base/log.h"
 #include "server/server.h"
 
 namespace sightline::cli {
@@ -35,7 +36,9 @@ absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags)
   options.listen.clear();  // No socket: in-process channels alone.
   options.threads = static_cast<int>(flags.threads);
   options.build_threads = static_cast<int>(flags.threads);
+  // Standard error belongs to the command.
   options.log_level = LogLevel::kError;
+  SetLogLevel(options.log_level);
   options.limits.max_scene_bytes = SceneBudget(options.limits.max_scene_bytes);
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Server> server, Server::Start(options));
   std::vector<std::shared_ptr<grpc::Channel>> channels;

@@ -238,19 +238,27 @@ Vec3d FitBox(const Box3d& bounds, Vec3d toward_eye, Vec3d up, double fov_y_degre
   constexpr double kMargin = 1.06;
   const double tan_y = std::tan(fov_y_degrees * std::numbers::pi / 360) / kMargin;
   const double tan_x = tan_y * aspect;
-  double distance = 0;
+  // With x across, y up and z toward the eye, and the eye at (x, y, d), a corner is within the
+  // picture when |corner.x − x| <= tan_x (d − corner.z), and likewise for y: corner.x + tan_x
+  // corner.z and corner.x − tan_x corner.z bound x from both sides, and d is the least that leaves
+  // room between.
+  double x_low = kInfinity, x_high = -kInfinity, y_low = kInfinity, y_high = -kInfinity;
   for (int i = 0; i < 8; ++i) {
     const Vec3d corner =
         Vec3d{(i & 1) != 0 ? bounds.hi.x : bounds.lo.x, (i & 2) != 0 ? bounds.hi.y : bounds.lo.y,
               (i & 4) != 0 ? bounds.hi.z : bounds.lo.z} -
         middle;
-    // |across| <= tan · (distance − toward) for both directions.
-    distance = std::max({distance, Dot(corner, back) + std::abs(Dot(corner, right)) / tan_x,
-                         Dot(corner, back) + std::abs(Dot(corner, image_up)) / tan_y});
+    const double x = Dot(corner, right), y = Dot(corner, image_up), z = Dot(corner, back);
+    x_low = std::min(x_low, x - tan_x * z);
+    x_high = std::max(x_high, x + tan_x * z);
+    y_low = std::min(y_low, y - tan_y * z);
+    y_high = std::max(y_high, y + tan_y * z);
   }
+  double distance = std::max((x_high - x_low) / (2 * tan_x), (y_high - y_low) / (2 * tan_y));
   // A scene that is a point: anywhere off it.
   if (!(distance > 0)) distance = 1;
-  return middle + back * distance;
+  return middle + back * distance + right * (0.5 * (x_low + x_high)) +
+         image_up * (0.5 * (y_low + y_high));
 }
 
 absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene& scene,
@@ -286,13 +294,18 @@ absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene&
     view.how = "given";
   } else {
     if (flags.fov_y_degrees) view.fov_y_degrees = *flags.fov_y_degrees;
-    const Vec3d toward_eye = frame.Direction(35, 25);
-    view.at = middle;
+    // What is flat is looked at from higher up.
+    const Vec3d e = bounds.Extent();
+    const double high =
+        std::abs(Dot(e, {std::abs(frame.up.x), std::abs(frame.up.y), std::abs(frame.up.z)}));
+    const double elevation = 4 * high < diagonal ? 40 : 25;
+    const Vec3d toward_eye = frame.Direction(35, elevation);
     view.eye =
         FitBox(bounds, toward_eye, view.up, std::clamp(view.fov_y_degrees, 1.0, 170.0), aspect);
+    view.at = view.eye - toward_eye * Dot(view.eye - middle, toward_eye);
     view.how = "outside";
     if (flags.at) {
-      view.eye = view.eye + (*flags.at - middle);
+      view.eye = view.eye + (*flags.at - view.at);
       view.at = *flags.at;
       view.how = "given";
     } else if (diagonal > 0) {

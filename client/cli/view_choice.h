@@ -4,8 +4,8 @@
 //
 //  Built-in scenes  their own first view with its three lights.
 //  Files, servers'  what --eye, --at and --up leave open is chosen by rule: the whole scene from
-//  outside, a scenes           quarter turn between front and side, seen from above by 25 degrees;
-//  or, when the scene is
+//  outside, a scenes           quarter turn between front and side, seen from above by 25 degrees
+//  (flat ones 40); or, when the scene is
 //                   a room (most points in it see fronts of triangles all around), from the place
 //                   inside that sees farthest. Three lights about the view, inside a room within
 //                   free sight.

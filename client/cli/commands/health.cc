@@ -46,6 +46,9 @@ absl::Status HealthCommand(std::span<const std::string> args, Context& context) 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(session_flags));
   SL_ASSIGN_OR_RETURN(client::Health health,
                       session->client().CheckHealth(service, session->call()));
+  if (health == client::Health::kServiceUnknown) {
+    return absl::NotFoundError(absl::StrCat("the server knows no service '", service, "'"));
+  }
   SL_ASSIGN_OR_RETURN(client::Capabilities c, session->client().GetCapabilities(session->call()));
   const client::Limits& l = c.limits;
   const std::string where = session->embedded() ? "embedded" : session_flags.server;
@@ -86,9 +89,6 @@ absl::Status HealthCommand(std::span<const std::string> args, Context& context) 
         context.out);
   }
   if (health == client::Health::kServing) return absl::OkStatus();
-  if (health == client::Health::kServiceUnknown) {
-    return absl::NotFoundError(absl::StrCat("the server knows no service '", service, "'"));
-  }
   return absl::UnavailableError(absl::StrCat(where, " is ", HealthName(health)));
 }
 

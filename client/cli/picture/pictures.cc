@@ -52,13 +52,15 @@ class Rays {
 std::pair<double, double> Percentiles(std::vector<double> values, double low, double high) {
   std::erase_if(values, [](double v) { return !(v > 0) || !std::isfinite(v); });
   if (values.empty()) return {1, 1};
-  const auto at = [&values](double share) {
-    const auto n = static_cast<ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  const auto at = [&values](double place) {
+    const auto n = static_cast<ptrdiff_t>(place);
     std::nth_element(values.begin(), values.begin() + n, values.end());
     return values[static_cast<size_t>(n)];
   };
-  const double lo = at(low);
-  return {lo, at(high)};
+  // Outward to the next value, so that a few values are not cut.
+  const auto last = static_cast<double>(values.size() - 1);
+  const double lo = at(std::floor(low * last));
+  return {lo, at(std::ceil(high * last))};
 }
 
 // Where `value` stands between lo (0) and hi (1) in even steps of the logarithm.
@@ -193,7 +195,9 @@ Image CostPicture(const client::TileImage& image) {
   };
   std::vector<double> all;
   for (const auto& cost : image.costs) all.push_back(work(cost));
-  const auto [lo, hi] = Percentiles(all, 0.02, 0.995);
+  // Tiles of mere background cost next to nothing: five doublings below the top are told apart.
+  auto [lo, hi] = Percentiles(all, 0.02, 0.995);
+  lo = std::max(lo, hi / 32);
   Image picture(image.width, image.height);
   for (const auto& cost : image.costs) {
     const double value = work(cost);

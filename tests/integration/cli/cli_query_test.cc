@@ -37,7 +37,7 @@ TEST_F(CliTest, ViewGivesTheSameBytesEveryWay) {
   const std::unique_ptr<Server> server = StartServer();
   ASSERT_NE(server, nullptr);
   const std::string obj = Write("small.obj", kSmallObj);
-  for (const std::string& scene : {obj, std::string("builtin:box")}) {
+  for (const std::string& scene : {obj, std::string("builtin:box:1000")}) {
     std::vector<std::string> first;
     int k = 0;
     for (std::vector<std::string> way : Ways(ServerFlag(*server))) {

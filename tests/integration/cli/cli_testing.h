@@ -29,7 +29,7 @@ struct RunResult {
   std::string out, err;
 };
 
-inline RunResult Run(const std::vector<std::string>& args) {
+inline RunResult RunCommand(const std::vector<std::string>& args) {
   std::ostringstream out, err;
   RunResult result;
   result.code = RunCli(args, out, err);
@@ -69,13 +69,13 @@ class CliTest : public testing::Test {
   }
   // Runs a command that must work.
   RunResult Good(const std::vector<std::string>& args) {
-    const RunResult result = Run(args);
+    const RunResult result = RunCommand(args);
     EXPECT_EQ(result.code, 0) << result.err;
     return result;
   }
   // Runs a command that must end with `code` and one line on standard error that says `words`.
   void Bad(int code, const std::vector<std::string>& args, const std::vector<std::string>& words) {
-    const RunResult result = Run(args);
+    const RunResult result = RunCommand(args);
     EXPECT_EQ(result.code, code) << result.err;
     EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
     for (const std::string& word : words) EXPECT_THAT(result.err, testing::HasSubstr(word));
