@@ -6,8 +6,8 @@
 //
 // Thread safety: one thread per object.
 //
-//   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene, OpenScene(*session, "bunny.ply.xz",
-//   err)); scene->scene().triangles
+//   SL_ASSIGN_OR_RETURN(auto scene, OpenScene(*session, "bunny.ply.xz", err));
+//   scene->scene().triangles
 #ifndef SIGHTLINE_CLIENT_CLI_SCENE_ARGUMENT_H_
 #define SIGHTLINE_CLIENT_CLI_SCENE_ARGUMENT_H_
 

@@ -136,7 +136,7 @@ Image LitPicture(const client::TileImage& image, const client::Camera& camera,
   const Rays ray(camera);
   const Vec3d eye = ToVec(camera.eye), sky = Unit(up);
   const float strength =
-      1.25f / std::pow(std::max<float>(1.0f, static_cast<float>(lights.size())), 0.7f);
+      1.05f / std::pow(std::max<float>(1.0f, static_cast<float>(lights.size())), 0.7f);
   Image picture(image.width, image.height);
   for (uint32_t y = 0; y < image.height; ++y) {
     for (uint32_t x = 0; x < image.width; ++x) {
