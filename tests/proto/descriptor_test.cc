@@ -111,7 +111,8 @@ template <typename Element>
 void ExpectCommented(const Element& element) {
   const std::string comment = Comment(element);
   EXPECT_GT(comment.size(), 10u) << element.full_name() << " has no comment";
-  const bool sentence = absl::EndsWith(comment, ".") || absl::EndsWith(comment, "?");
+  const bool sentence = absl::EndsWith(comment, ".") || absl::EndsWith(comment, "?") ||
+                        absl::EndsWith(comment, ".)");
   EXPECT_TRUE(sentence) << element.full_name() << ": \"" << comment << "\" is no sentence";
   for (const absl::string_view mark : {"TODO", "FIXME", "XXX"}) {
     EXPECT_FALSE(absl::StrContains(comment, mark)) << element.full_name();
