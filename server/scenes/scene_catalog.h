@@ -5,9 +5,8 @@
 //
 // Invariants
 //  1. A scene is in the catalog exactly while the registry has it.
-//  2. A watcher is told of every change after it was added, in order per scene, perhaps skipping
-//  states that
-//     were overtaken; a deleted scene is its last news.
+//  2. A watcher is told of every change after it was added, perhaps skipping states that were
+//     overtaken; a deleted scene is its last news.
 //
 // Thread safety: every method from any thread; none may run on a gRPC thread but Pin, Get, List and
 // the watcher methods, which do not compute. Watchers are called without the lock held.
