@@ -1,4 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/traverse/kernels.h"
+
+#include "core/base/check.h"
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/traverse/kernels.cc"
 // AVX2 is the floor and AVX-512 (Highway's AVX3) the one other target; newer ones bring nothing to
@@ -6,12 +10,13 @@
 #ifndef HWY_DISABLED_TARGETS
 #define HWY_DISABLED_TARGETS (~(HWY_AVX2 | HWY_AVX3))
 #endif
-#include "core/traverse/kernels.h"
+// clang-format off: this comes before everything that is compiled once per target.
+#include "hwy/foreach_target.h"
+// clang-format on
 
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
-#include "hwy/foreach_target.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -38,8 +43,6 @@ const Kernels& TargetKernels() {
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-#include "core/base/check.h"
-
 namespace sightline {
 
 absl::string_view SimdTargetName(SimdTarget target) {

@@ -355,9 +355,11 @@ class ShaftWalk {
     uint32_t relevant = 0;
     for (size_t first = 0; first < leaf.count; first += hn::Lanes(d)) {
       // Per side the largest value of the three vertices, margin included; the least depth
-      // likewise.
+      // likewise. A closest hit's distance may leave an ill-conditioned triangle, but not its box
+      // (hit.h): there the box's least depth counts.
       V left = hn::Set(d, -infinity_), right = left, below = left, above = left;
       V nearest = hn::Set(d, infinity_);
+      Vec3V<V> lo = {nearest, nearest, nearest}, hi = {left, left, left};
       for (int corner = 0; corner < 3; ++corner) {
         const float* rows = leaf.rows + 3 * corner * leaf.stride + first;
         const Vec3V<V> p = SubV({hn::LoadU(d, rows), hn::LoadU(d, rows + leaf.stride),
@@ -370,6 +372,18 @@ class ShaftWalk {
         below = hn::Max(below, hn::Add(hn::NegMulAdd(y0, z, y), margin));
         above = hn::Max(above, hn::Add(hn::MulSub(y1, z, y), margin));
         nearest = hn::Min(nearest, hn::Sub(z, margin));
+        if constexpr (!kAny) {
+          lo = {hn::Min(lo.x, p.x), hn::Min(lo.y, p.y), hn::Min(lo.z, p.z)};
+          hi = {hn::Max(hi.x, p.x), hn::Max(hi.y, p.y), hn::Max(hi.z, p.z)};
+        }
+      }
+      if constexpr (!kAny) {
+        const Vec3V<V> near_corner = {frame_.w.x >= 0 ? lo.x : hi.x, frame_.w.y >= 0 ? lo.y : hi.y,
+                                      frame_.w.z >= 0 ? lo.z : hi.z};
+        const V reach = hn::Add(
+            hn::Add(hn::Max(hn::Abs(lo.x), hn::Abs(hi.x)), hn::Max(hn::Abs(lo.y), hn::Abs(hi.y))),
+            hn::Max(hn::Abs(lo.z), hn::Abs(hi.z)));
+        nearest = hn::NegMulAdd(reach, hn::Set(d, kBoxMargin), DotV(w, near_corner));
       }
       const V least = hn::Min(hn::Min(left, right), hn::Min(below, above));
       const auto in = hn::And(hn::Ge(least, hn::Zero(d)), hn::Le(nearest, hn::Set(d, far_)));

@@ -30,6 +30,11 @@ target_compile_options(sightline_options INTERFACE -march=x86-64-v3 -ffp-contrac
 target_compile_options(sightline_options INTERFACE "-fmacro-prefix-map=${PROJECT_SOURCE_DIR}/=")
 target_compile_definitions(sightline_options INTERFACE HWY_DISABLE_PCLMUL_AES
                                                        $<$<CONFIG:Debug>:SIGHTLINE_DEBUG_CHECKS>)
+# GCC before 12.3 forms fused multiply-adds in its vectorizers in spite of -ffp-contract=off (for pairs like
+# x·c - y·s and x·s + y·c). What needs vectors here is written with Highway.
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 12.3)
+  target_compile_options(sightline_options INTERFACE -fno-tree-vectorize -fno-tree-slp-vectorize)
+endif()
 if(SIGHTLINE_WERROR)
   target_compile_options(sightline_options INTERFACE -Werror)
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")

@@ -29,15 +29,16 @@ void MakeBox(SceneBuilder& scene) {
   });
   {
     MeshBuilder& open = scene.Object("lamp");
-    AddBlock(open, Placement({0, 0, 1.97}), {0.28, 0.22, 0.012}, 0.006, scene.Steps(4, 1));
+    AddBlock(open, ShapePlacement({0, 0, 1.97}), {0.28, 0.22, 0.012}, 0.006, scene.Steps(4, 1));
   }
   {
     MeshBuilder& open = scene.Object("block-tall");
-    AddBlock(open, Placement({-0.36, 0.32, 0.6}, 0.05), {0.29, 0.29, 0.6}, 0.02, scene.Steps(9, 1));
+    AddBlock(open, ShapePlacement({-0.36, 0.32, 0.6}, 0.05), {0.29, 0.29, 0.6}, 0.02,
+             scene.Steps(9, 1));
   }
   {
     MeshBuilder& open = scene.Object("block-low");
-    AddBlock(open, Placement({0.36, -0.28, 0.29}, -0.045), {0.29, 0.29, 0.29}, 0.02,
+    AddBlock(open, ShapePlacement({0.36, -0.28, 0.29}, -0.045), {0.29, 0.29, 0.29}, 0.02,
              scene.Steps(9, 1));
   }
   const uint64_t seed = scene.seed();

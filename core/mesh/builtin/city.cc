@@ -74,7 +74,7 @@ Glazing GlazingOf(const SceneBuilder& scene, double pitch, double storey) {
 
 // A house of half sizes (x, y) and height z, its windows sunk into the walls, a parapet around its
 // roof.
-void AddHouse(MeshBuilder& mesh, const Placement& place, Vec3d size, const Glazing& glazing) {
+void AddHouse(MeshBuilder& mesh, const ShapePlacement& place, Vec3d size, const Glazing& glazing) {
   const bool windows = glazing.panes > 0;
   const int panes = std::max(glazing.panes, 1);
   const auto bays = [&](double length, double pitch) {
@@ -109,7 +109,7 @@ void AddHouse(MeshBuilder& mesh, const Placement& place, Vec3d size, const Glazi
 }
 
 // A gable with its ridge along x on top of walls of height z.
-void AddGable(MeshBuilder& mesh, const Placement& place, Vec3d size, double rise, int n) {
+void AddGable(MeshBuilder& mesh, const ShapePlacement& place, Vec3d size, double rise, int n) {
   AddSolid(mesh, n, 2, 1, [&](int i, int j, int k) {
     const double eave = 0.5;
     const double drop = rise * eave / size.y;
@@ -120,13 +120,13 @@ void AddGable(MeshBuilder& mesh, const Placement& place, Vec3d size, double rise
   });
 }
 
-void AddRoofThings(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size,
+void AddRoofThings(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Vec3d size,
                    Prng& rng) {
   const int things = 1 + rng.Below(4), n = scene.Steps(1.5, 1);
   for (int i = 0; i < things; ++i) {
     const double x = rng.Uniform(-0.7, 0.7) * size.x, y = rng.Uniform(-0.7, 0.7) * size.y;
     const double w = rng.Uniform(0.5, 1.6), h = rng.Uniform(0.5, 1.4);
-    const Placement at = place.Moved({x, y, size.z - 0.9});
+    const ShapePlacement at = place.Moved({x, y, size.z - 0.9});
     if (rng.Below(3) == 0) {
       AddLathe(mesh, at, {{w, 0}, {w, h}, {0.9 * w, 1.1 * h}}, scene.Steps(10, 5), 1);
     } else {
@@ -138,7 +138,7 @@ void AddRoofThings(SceneBuilder& scene, MeshBuilder& mesh, const Placement& plac
 void MakeBuilding(SceneBuilder& scene, const std::string& name, Vec3d foot, Vec3d half,
                   double central, Prng& rng) {
   MeshBuilder& mesh = scene.Object(name);
-  const Placement place(foot);
+  const ShapePlacement place(foot);
   const Glazing glazing = GlazingOf(scene, 3.4, 3.2);
   const double draw = rng.Uniform();
   const double tall = rng.Uniform();
@@ -190,7 +190,7 @@ void MakeBuilding(SceneBuilder& scene, const std::string& name, Vec3d foot, Vec3
 
 void MakeChurch(SceneBuilder& scene, Vec3d foot) {
   MeshBuilder& mesh = scene.Object("church");
-  const Placement at(foot, 0.02);
+  const ShapePlacement at(foot, 0.02);
   const Glazing glazing{.panes = scene.Steps(2, 1), .plain = false, .pitch = 5, .storey = 5};
   const int round = scene.Steps(48, 10), fine = scene.Steps(3, 1);
   AddHouse(mesh, at, {26, 9, 14}, glazing);
@@ -216,7 +216,7 @@ void MakeChurch(SceneBuilder& scene, Vec3d foot) {
 void MakeTree(SceneBuilder& scene, MeshBuilder& mesh, Vec3d foot, Prng& rng) {
   const double height = rng.Uniform(6, 12);
   std::vector<Twig> twigs;
-  AddWood(scene, mesh, Placement(foot, rng.Uniform()),
+  AddWood(scene, mesh, ShapePlacement(foot, rng.Uniform()),
           {height, 0.36 * height, 0.02 * height, false, scene.Items(60, 3, 9), 0}, rng, &twigs);
   AddLeaves(mesh, twigs,
             {.count = scene.Swarm(4000, 12),
@@ -228,7 +228,7 @@ void MakeTree(SceneBuilder& scene, MeshBuilder& mesh, Vec3d foot, Prng& rng) {
             rng);
 }
 
-void AddCar(SceneBuilder& scene, MeshBuilder& mesh, const Placement& at) {
+void AddCar(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& at) {
   const int n = scene.Steps(6, 1);
   AddBlock(mesh, at.Moved({0, 0, 0.62}), {2.1, 0.86, 0.34}, 0.16, n);
   AddSolid(mesh, n, n, 1, [&](int i, int j, int k) {
@@ -256,7 +256,7 @@ void MakeStreetThings(SceneBuilder& scene, int index, double x, double y) {
     const bool north = rng.Below(2) == 0;
     const Vec3d at =
         north ? Above(x - edge - 2.5, y + along, 0, seed) : Above(x + along, y - edge - 3, 0, seed);
-    AddCar(scene, cars, Placement(at, north ? 0.25 : 0.0));
+    AddCar(scene, cars, ShapePlacement(at, north ? 0.25 : 0.0));
   }
 }
 
@@ -287,7 +287,7 @@ void MakePark(SceneBuilder& scene, double x, double y) {
   const uint64_t seed = scene.seed();
   FloorPlan plan;
   plan.Reserve(0, 0, 14);
-  const Placement pond(Above(x, y, 0, seed));
+  const ShapePlacement pond(Above(x, y, 0, seed));
   {
     MeshBuilder& open = scene.Object("pond-rim");
     AddTorus(open, pond, 12, 0.6, scene.Steps(60, 10), scene.Steps(8, 4));

@@ -38,7 +38,7 @@ void MakeTree(SceneBuilder& scene, int index, Vec3d at, Prng& rng) {
                            .branches = conifer ? scene.Items(60, 6, 26) : scene.Items(30, 4, 11),
                            .twigs = conifer ? 4 : scene.Items(18, 1, 6)};
   std::vector<Twig> twigs;
-  const Placement place(at, rng.Uniform());
+  const ShapePlacement place(at, rng.Uniform());
   AddWood(scene, scene.Object("tree", index), place, shape, rng, &twigs);
   MeshBuilder& leaves = scene.Object(conifer ? "needles" : "leaves", index);
   const double area = (conifer ? 1.9 : 3.2) * shape.crown_radius * height;
@@ -62,7 +62,7 @@ void MakeUndergrowth(SceneBuilder& scene, FloorPlan& plan) {
     const double half = i % 3 == 0 ? 60 : 22;
     Vec3d at;
     if (!plan.Place(rng, {-half, -half, 0}, {half, half, 0}, 0.5, &at)) continue;
-    const Placement foot(Above(at.x, at.y, -0.02, seed), rng.Uniform());
+    const ShapePlacement foot(Above(at.x, at.y, -0.02, seed), rng.Uniform());
     {
       MeshBuilder& open = scene.Object("fern", i);
       AddFern(open, foot, rng.Uniform(0.4, 1.0), 9, scene.Items(8, 5, 60), scene.Steps(0.3, 0),

@@ -5,7 +5,7 @@
 
 namespace sightline {
 
-void AddChair(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Prng& rng) {
+void AddChair(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Prng& rng) {
   const int round = scene.Steps(8, 4), fine = scene.Steps(2, 1), block = scene.Steps(4, 1);
   const double back = rng.Uniform(0.90, 1.02);
   AddBlock(mesh, place.Moved({0, 0, 0.45}), {0.22, 0.21, 0.025}, 0.02, block);
@@ -36,7 +36,7 @@ void AddChair(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Pr
   }
 }
 
-void AddTable(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size) {
+void AddTable(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Vec3d size) {
   const double x = size.x / 2, y = size.y / 2, top = size.z;
   AddBlock(mesh, place.Moved({0, 0, top - 0.02}), {x, y, 0.02}, 0.012, scene.Steps(5, 1));
   const double lx = x - 0.09, ly = y - 0.09;
@@ -59,7 +59,7 @@ void AddTable(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Ve
   }
 }
 
-void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height,
+void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double height,
              Prng& rng) {
   const double belly = height * rng.Uniform(0.22, 0.36);
   const double at = rng.Uniform(0.3, 0.6);
@@ -79,7 +79,7 @@ void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, dou
            scene.Steps(20, 6), scene.Steps(3, 1), 10, 0.04);
 }
 
-void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d space,
+void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Vec3d space,
               Prng& rng) {
   double x = -space.x / 2;
   while (true) {
@@ -104,7 +104,7 @@ void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Ve
   }
 }
 
-void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size,
+void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Vec3d size,
                 int boards) {
   const double x = size.x / 2, y = size.y / 2;
   const int n = scene.Steps(1.5, 1);
@@ -117,7 +117,7 @@ void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, 
   }
 }
 
-void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double size,
+void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double size,
                 Prng& rng) {
   const int n = scene.Steps(12, 3);
   const double crease = rng.Uniform(0.02, 0.06);
@@ -135,7 +135,7 @@ void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, 
   });
 }
 
-void AddCup(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place) {
+void AddCup(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place) {
   AddLathe(mesh, place,
            {{0.026, 0},
             {0.034, 0.01},
@@ -153,7 +153,7 @@ void AddCup(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place) {
   AddTube(mesh, handle, scene.Steps(6, 3));
 }
 
-void AddLamp(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height) {
+void AddLamp(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double height) {
   const int round = scene.Steps(22, 6), fine = scene.Steps(2, 1);
   const double r = 0.16 * height;
   AddLathe(mesh, place,
@@ -176,7 +176,7 @@ void AddLamp(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, dou
   });
 }
 
-void AddBowl(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius,
+void AddBowl(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double radius,
              int count, Prng& rng) {
   const double r = radius;
   AddLathe(mesh, place,

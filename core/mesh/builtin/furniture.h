@@ -7,7 +7,7 @@
 // Thread safety: one thread per SceneBuilder.
 //
 //   MeshBuilder& mesh = scene.Object("chair", i);
-//   AddChair(scene, mesh, Placement({1, 2, 0}, 0.25), rng);
+//   AddChair(scene, mesh, ShapePlacement({1, 2, 0}, 0.25), rng);
 #ifndef SIGHTLINE_CORE_MESH_BUILTIN_FURNITURE_H_
 #define SIGHTLINE_CORE_MESH_BUILTIN_FURNITURE_H_
 
@@ -20,29 +20,29 @@
 namespace sightline {
 
 // A wooden chair, its back toward +y, 0.45 m wide and 0.95 m high.
-void AddChair(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Prng& rng);
+void AddChair(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Prng& rng);
 // A table of the given width, depth and height on four turned legs.
-void AddTable(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size);
+void AddTable(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Vec3d size);
 // A vase `height` high, shaped by `rng`, hollow from above.
-void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height,
+void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double height,
              Prng& rng);
 // A row of standing books along x, filling `width`, none higher than `height` or deeper than
 // `depth`.
-void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d space,
+void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Vec3d space,
               Prng& rng);
 // Shelves: a case of the given width, depth and height with `boards` compartments, backed toward
 // +y.
-void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Vec3d size,
+void AddShelves(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Vec3d size,
                 int boards);
 // A cushion standing on its edge, leaning back toward +y, `size` wide.
-void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double size,
+void AddCushion(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double size,
                 Prng& rng);
 // A cup with a handle, 0.09 m high.
-void AddCup(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place);
+void AddCup(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place);
 // A lamp with a pole and an open shade, `height` high.
-void AddLamp(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double height);
+void AddLamp(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double height);
 // A basket of `count` balls of fruit or stone, `radius` wide.
-void AddBowl(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius,
+void AddBowl(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double radius,
              int count, Prng& rng);
 
 // Finds room on a floor for round things: none overlaps another.

@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kHalfLength = 20, kAisle = 9, kNave = 4.4, kBay = 4, kSpring = 5.2, kVault = 8.2;
 constexpr int kBays = 10;
-const Placement kHall({0, 0, 0});
+const ShapePlacement kHall({0, 0, 0});
 
 // A slab that spans `from`..`to` of half a turn about (y = 0, z = kVault), from x0 to x1.
 void AddVaultBand(SceneBuilder& scene, MeshBuilder& mesh, double x0, double x1, double from,
@@ -115,7 +115,7 @@ void MakeColumns(SceneBuilder& scene) {
     const double y = i % 2 == 0 ? -kNave : kNave;
     const double x = -kHalfLength + kBay * (i / 2 + 1);
     MeshBuilder& mesh = scene.Object("column", i);
-    const Placement foot({x, y, 0});
+    const ShapePlacement foot({x, y, 0});
     AddBox(mesh, foot, {-0.55, -0.55, 0}, {0.55, 0.55, 0.25});
     AddLathe(mesh, foot,
              {{0.52, 0.25},
@@ -141,7 +141,7 @@ void MakeColumns(SceneBuilder& scene) {
 
 void MakeChandelier(SceneBuilder& scene, int index, double x) {
   MeshBuilder& mesh = scene.Object("chandelier", index);
-  const Placement at({x, 0, 6.0});
+  const ShapePlacement at({x, 0, 6.0});
   const int round = scene.Steps(8, 3), fine = scene.Steps(2, 1);
   AddTorus(mesh, at, 1.2, 0.05, scene.Steps(48, 8), round);
   AddTorus(mesh, at.Moved({0, 0, 0.7}), 0.5, 0.04, scene.Steps(28, 6), round);
@@ -162,20 +162,20 @@ void MakeTables(SceneBuilder& scene) {
   int chairs = 0, things = 0;
   for (int t = 0; t < 3; ++t) {
     const double x = -9 + 9.0 * t, y = t % 2 == 0 ? 1.6 : -1.6;
-    AddTable(scene, scene.Object("table", t), Placement({x, y, 0}), {5, 1.1, 0.76});
+    AddTable(scene, scene.Object("table", t), ShapePlacement({x, y, 0}), {5, 1.1, 0.76});
     for (int c = 0; c < 12; ++c) {
       Prng rng(scene.seed(), "hall-chair", static_cast<uint64_t>(chairs));
       const double side = c % 2 == 0 ? -1.0 : 1.0;
       const double cx = x - 2.1 + 0.84 * (c / 2) + rng.Uniform(-0.08, 0.08);
       const double cy = y + side * (0.62 + rng.Uniform(0, 0.3));
       const double yaw = (side < 0 ? 0.5 : 0.0) + rng.Uniform(-0.06, 0.06);
-      AddChair(scene, scene.Object("chair", chairs++), Placement({cx, cy, 0}, yaw), rng);
+      AddChair(scene, scene.Object("chair", chairs++), ShapePlacement({cx, cy, 0}, yaw), rng);
     }
     for (int v = 0; v < 5; ++v) {
       Prng rng(scene.seed(), "hall-table", static_cast<uint64_t>(things));
       MeshBuilder& mesh = scene.Object("tableware", things++);
       const double along = x - 2 + v + rng.Uniform(-0.2, 0.2);
-      const Placement at({along, y, 0.76}, rng.Uniform());
+      const ShapePlacement at({along, y, 0.76}, rng.Uniform());
       if (v % 2 == 0) {
         AddVase(scene, mesh, at, rng.Uniform(0.25, 0.45), rng);
       } else {
@@ -213,8 +213,8 @@ void MakeScatter(SceneBuilder& scene, FloorPlan& plan) {
     for (int k = 0; k < high; ++k) {
       const double h = half * (1 - 0.15 * k);
       const double tall = h * rng.Uniform(0.6, 1.0);
-      AddBlock(mesh, Placement({at.x, at.y, z + tall}, rng.Uniform()), {h, h * 0.9, tall}, 0.04,
-               scene.Steps(3, 1));
+      AddBlock(mesh, ShapePlacement({at.x, at.y, z + tall}, rng.Uniform()), {h, h * 0.9, tall},
+               0.04, scene.Steps(3, 1));
       z += 2 * tall;
     }
   }
@@ -224,7 +224,7 @@ void MakeScatter(SceneBuilder& scene, FloorPlan& plan) {
     const double height = rng.Uniform(0.5, 1.4);
     Vec3d at;
     if (!plan.Place(rng, {-19, -8.4, 0}, {19, 8.4, 0}, 0.38 * height, &at)) continue;
-    AddVase(scene, scene.Object("vase", i), Placement(at), height, rng);
+    AddVase(scene, scene.Object("vase", i), ShapePlacement(at), height, rng);
   }
 }
 
@@ -234,7 +234,7 @@ void MakeBusts(SceneBuilder& scene, FloorPlan& plan) {
     const Vec3d at{i < 2 ? -18.6 : 18.6, i % 2 == 0 ? -6.7 : 6.7, 0};
     plan.Reserve(at.x, at.y, 0.8);
     MeshBuilder& mesh = scene.Object("bust", i);
-    const Placement foot(at);
+    const ShapePlacement foot(at);
     AddLathe(mesh, foot, {{0.5, 0}, {0.5, 0.1}, {0.36, 0.2}, {0.34, 1.0}, {0.45, 1.1}, {0.45, 1.2}},
              scene.Steps(32, 6), scene.Steps(2, 1));
     const uint64_t seed = scene.seed() + static_cast<uint64_t>(i);

@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kX = 10, kY = 7, kHeight = 3;
 constexpr int kColumns = 6, kRows = 4;
-const Placement kOffice({0, 0, 0});
+const ShapePlacement kOffice({0, 0, 0});
 
 void MakeShell(SceneBuilder& scene) {
   const int n = scene.Steps(6, 1);
@@ -39,7 +39,7 @@ void MakeShell(SceneBuilder& scene) {
       {
         MeshBuilder& open =
             scene.Object(std::string("pillar") + (y < 0 ? "-s" : "-n") + (x < 0 ? "w" : "e"));
-        AddLathe(open, Placement({x, y, 0}),
+        AddLathe(open, ShapePlacement({x, y, 0}),
                  {{0.24, 0}, {0.24, 0.1}, {0.2, 0.12}, {0.2, 2.9}, {0.24, 2.92}, {0.24, kHeight}},
                  scene.Steps(36, 6), scene.Steps(1.5, 1));
       }
@@ -54,9 +54,9 @@ void MakeLuminaires(SceneBuilder& scene) {
     const Vec3d at{lights[i].x, lights[i].y, 0};
     const int n = scene.Steps(4, 1);
     // A hood above the light, hung from two rods, with a grille on both sides of it.
-    AddBlock(mesh, Placement({at.x, at.y, 2.72}), {0.62, 0.12, 0.02}, 0.012, n);
+    AddBlock(mesh, ShapePlacement({at.x, at.y, 2.72}), {0.62, 0.12, 0.02}, 0.012, n);
     for (double s : {-1.0, 1.0}) {
-      AddBlock(mesh, Placement({at.x, at.y + s * 0.12, 2.67}), {0.62, 0.008, 0.045}, 0.005, n);
+      AddBlock(mesh, ShapePlacement({at.x, at.y + s * 0.12, 2.67}), {0.62, 0.008, 0.045}, 0.005, n);
       AddTube(mesh,
               {{{at.x + 0.5 * s, at.y, 2.73}, 0.006}, {{at.x + 0.5 * s, at.y, kHeight}, 0.006}},
               scene.Steps(5, 3));
@@ -68,7 +68,7 @@ void MakeLuminaires(SceneBuilder& scene) {
   }
 }
 
-void AddOfficeChair(SceneBuilder& scene, MeshBuilder& mesh, const Placement& at) {
+void AddOfficeChair(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& at) {
   const int n = scene.Steps(8, 3), round = scene.Steps(8, 3);
   for (int i = 0; i < 5; ++i) {
     const SinCos sc = SinCosTurns(i / 5.0 + 0.05);
@@ -108,7 +108,7 @@ void AddOfficeChair(SceneBuilder& scene, MeshBuilder& mesh, const Placement& at)
   }
 }
 
-void AddScreen(SceneBuilder& scene, MeshBuilder& mesh, const Placement& at) {
+void AddScreen(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& at) {
   const int n = scene.Steps(4, 1);
   AddLathe(mesh, at, {{0.11, 0}, {0.11, 0.008}, {0.02, 0.015}, {0.018, 0.2}}, scene.Steps(18, 6),
            1);
@@ -120,7 +120,7 @@ void AddScreen(SceneBuilder& scene, MeshBuilder& mesh, const Placement& at) {
   }
 }
 
-void AddKeyboard(SceneBuilder& scene, MeshBuilder& mesh, const Placement& at) {
+void AddKeyboard(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& at) {
   AddBlock(mesh, at.Moved({0, 0, 0.008}), {0.225, 0.075, 0.008}, 0.005, scene.Steps(4, 1));
   const int columns = scene.Items(12, 6, 22), rows = scene.Items(4.5, 3, 6), n = scene.Steps(1, 1);
   const double pitch = 0.43 / columns, step = 0.135 / rows;
@@ -132,7 +132,7 @@ void AddKeyboard(SceneBuilder& scene, MeshBuilder& mesh, const Placement& at) {
   }
 }
 
-void MakeDesk(SceneBuilder& scene, int index, const Placement& at) {
+void MakeDesk(SceneBuilder& scene, int index, const ShapePlacement& at) {
   Prng rng(scene.seed(), "office-desk", static_cast<uint64_t>(index));
   const int n = scene.Steps(4, 1);
   MeshBuilder& desk = scene.Object("desk", index);
@@ -162,7 +162,8 @@ void MakeDesk(SceneBuilder& scene, int index, const Placement& at) {
   const int papers = 2 + rng.Below(5);
   for (int p = 0; p < papers; ++p) {
     const double x = rng.Uniform(-0.62, -0.3), y = rng.Uniform(-0.25, 0.0);
-    AddBlock(things, Placement(at.At({x, y, 0.737 + 0.004 * p}), rng.Uniform(-0.06, 0.06) + 0.25),
+    AddBlock(things,
+             ShapePlacement(at.At({x, y, 0.737 + 0.004 * p}), rng.Uniform(-0.06, 0.06) + 0.25),
              {0.148, 0.105, 0.0018}, 0.0006, 1);
   }
   if (rng.Below(2) == 0) {
@@ -177,7 +178,7 @@ void MakeDesk(SceneBuilder& scene, int index, const Placement& at) {
   // Chairs face their desk, give or take an eighth of a turn.
   const Vec3d front = at.At({0, 1, 0}) - at.At({0, 0, 0});
   const double yaw = (front.y > 0 ? 0.5 : 0.0) + 0.5 + rng.Uniform(-0.12, 0.12);
-  AddOfficeChair(scene, scene.Object("chair", index), Placement(seat, yaw + 0.5));
+  AddOfficeChair(scene, scene.Object("chair", index), ShapePlacement(seat, yaw + 0.5));
 }
 
 }  // namespace
@@ -197,12 +198,13 @@ void MakeOffice(SceneBuilder& scene) {
   for (int r = 0; r < kRows; ++r) {
     const double y = -4.2 + 2.9 * (r / 2) * 2 + (r % 2 == 0 ? -0.45 : 0.45) + 0.35;
     for (int c = 0; c < kColumns; ++c) {
-      MakeDesk(scene, r * kColumns + c, Placement({-7.2 + 2.7 * c, y, 0}, r % 2 == 0 ? 0 : 0.5));
+      MakeDesk(scene, r * kColumns + c,
+               ShapePlacement({-7.2 + 2.7 * c, y, 0}, r % 2 == 0 ? 0 : 0.5));
     }
   }
   for (int p = 0; p < 2; ++p) {
     for (int c = 0; c < kColumns; ++c) {
-      const Placement at({-7.2 + 2.7 * c, -3.85 + 5.8 * p, 0.95});
+      const ShapePlacement at({-7.2 + 2.7 * c, -3.85 + 5.8 * p, 0.95});
       {
         MeshBuilder& open = scene.Object("partition", p * kColumns + c);
         AddBlock(open, at, {0.85, 0.02, 0.3}, 0.015, scene.Steps(6, 1));
@@ -212,11 +214,11 @@ void MakeOffice(SceneBuilder& scene) {
   int binders = 0;
   for (int s = 0; s < 9; ++s) {
     const Vec3d at{-8.6 + 1.3 * s, kY - 0.2, 0};
-    AddShelves(scene, scene.Object("shelf", s), Placement(at), {1.2, 0.36, 2.0}, 5);
+    AddShelves(scene, scene.Object("shelf", s), ShapePlacement(at), {1.2, 0.36, 2.0}, 5);
     for (int b = 0; b < 5; ++b) {
       Prng rng(scene.seed(), "office-binders", static_cast<uint64_t>(binders));
       AddBooks(scene, scene.Object("binders", binders++),
-               Placement({at.x, at.y - 0.01, 0.025 + 0.395 * b}), {1.1, 0.3, 0.34}, rng);
+               ShapePlacement({at.x, at.y - 0.01, 0.025 + 0.395 * b}), {1.1, 0.3, 0.34}, rng);
     }
   }
   const Vec3d corners[] = {{9.3, 6.3, 0}, {-9.4, -6.4, 0}, {9.3, -6.3, 0}, {6.5, 6.5, 0}};
@@ -224,8 +226,8 @@ void MakeOffice(SceneBuilder& scene) {
                              PlantKind::kFern};
   for (int i = 0; i < 4; ++i) {
     Prng rng(scene.seed(), "office-plant", static_cast<uint64_t>(i));
-    AddPot(scene, scene.Object("pot", i), Placement(corners[i]), 0.26, 0.45);
-    AddPlant(scene, scene.Object("plant", i), Placement({corners[i].x, corners[i].y, 0.38}),
+    AddPot(scene, scene.Object("pot", i), ShapePlacement(corners[i]), 0.26, 0.45);
+    AddPlant(scene, scene.Object("plant", i), ShapePlacement({corners[i].x, corners[i].y, 0.38}),
              kinds[i], i == 0 ? 1.9 : 1.1, rng);
   }
 }

@@ -49,15 +49,16 @@ void MakeStage(SceneBuilder& scene) {
   MeshBuilder& bench = scene.Object("bench");
   const int n = scene.Steps(5, 1);
   for (int i = 0; i < 3; ++i) {
-    AddBlock(bench, Placement({-0.05, 0.36 + 0.17 * i, 0.425}), {1.35, 0.075, 0.025}, 0.012, n);
+    AddBlock(bench, ShapePlacement({-0.05, 0.36 + 0.17 * i, 0.425}), {1.35, 0.075, 0.025}, 0.012,
+             n);
   }
   for (double x : {-1.2, 1.1}) {
     for (double y : {0.36, 0.7})
-      AddBlock(bench, Placement({x, y, 0.2}), {0.04, 0.04, 0.2}, 0.012, n);
-    AddBlock(bench, Placement({x, 0.53, 0.37}), {0.03, 0.13, 0.03}, 0.012, n);
+      AddBlock(bench, ShapePlacement({x, y, 0.2}), {0.04, 0.04, 0.2}, 0.012, n);
+    AddBlock(bench, ShapePlacement({x, 0.53, 0.37}), {0.03, 0.13, 0.03}, 0.012, n);
   }
   MeshBuilder& can = scene.Object("watering-can");
-  const Placement at({-2.15, -0.75, 0}, 0.1);
+  const ShapePlacement at({-2.15, -0.75, 0}, 0.1);
   const int round = scene.Steps(26, 6), fine = scene.Steps(2, 1);
   AddLathe(can, at,
            {{0.14, 0},
@@ -89,7 +90,7 @@ void MakePlants(SceneBuilder& scene) {
   int index = 0;
   for (const Potted& p : kPlants) {
     Prng rng(scene.seed(), "plants", static_cast<uint64_t>(index));
-    const Placement at(p.at, rng.Uniform());
+    const ShapePlacement at(p.at, rng.Uniform());
     AddPot(scene, scene.Object("pot", index), at, p.pot_radius, p.pot_height);
     const double root = (p.kind == PlantKind::kTrailing ? 0.98 : 0.83) * p.pot_height;
     AddPlant(scene, scene.Object("plant", index), at.Moved({0, 0, root}), p.kind, p.height, rng);

@@ -13,7 +13,7 @@ namespace sightline {
 namespace {
 
 constexpr double kX = 3.2, kY = 2.5, kHeight = 2.7;
-const Placement kRoom({0, 0, 0});
+const ShapePlacement kRoom({0, 0, 0});
 
 void MakeShell(SceneBuilder& scene) {
   const int n = scene.Steps(5, 1);
@@ -35,8 +35,8 @@ void MakeShell(SceneBuilder& scene) {
     AddBox(frame, kRoom, {x, y0 + 0.08, 0.75}, {x + 0.06, y0 + 0.14, 2.3}, 1, 1, n);
   for (double z : {0.75, 1.75, 2.25})
     AddBox(frame, kRoom, {-1.5, y0 + 0.09, z}, {1.5, y0 + 0.13, z + 0.05}, n, 1, 1);
-  AddBlock(scene.Object("window-sill"), Placement({0, y1 + 0.05, 0.76}), {1.6, 0.13, 0.02}, 0.01,
-           n);
+  AddBlock(scene.Object("window-sill"), ShapePlacement({0, y1 + 0.05, 0.76}), {1.6, 0.13, 0.02},
+           0.01, n);
   MeshBuilder& skirting = scene.Object("skirting");
   AddBox(skirting, kRoom, {-kX, kY - 0.015, 0}, {kX, kY, 0.09}, n, 1, 1);
   AddBox(skirting, kRoom, {-kX, -kY, 0}, {-kX + 0.015, kY - 0.015, 0.09}, 1, n, 1);
@@ -56,7 +56,7 @@ void MakeCurtain(SceneBuilder& scene, int index, double x0, double x1) {
 }
 
 void MakeSofa(SceneBuilder& scene) {
-  const Placement at({-2.3, 0.35, 0}, 0.25);  // Against the west wall, looking east.
+  const ShapePlacement at({-2.3, 0.35, 0}, 0.25);  // Against the west wall, looking east.
   MeshBuilder& frame = scene.Object("sofa");
   const int n = scene.Steps(9, 3);
   AddBlock(frame, at.Moved({0, 0, 0.22}), {1.05, 0.44, 0.12}, 0.05, n);
@@ -93,28 +93,30 @@ void MakeRug(SceneBuilder& scene) {
 }
 
 void MakeTables(SceneBuilder& scene) {
-  AddTable(scene, scene.Object("low-table"), Placement({-0.85, 0.35, 0.02}, 0.25),
+  AddTable(scene, scene.Object("low-table"), ShapePlacement({-0.85, 0.35, 0.02}, 0.25),
            {1.1, 0.6, 0.42});
-  AddTable(scene, scene.Object("dining-table"), Placement({1.9, -0.7, 0}), {1.0, 1.7, 0.75});
+  AddTable(scene, scene.Object("dining-table"), ShapePlacement({1.9, -0.7, 0}), {1.0, 1.7, 0.75});
   for (int i = 0; i < 4; ++i) {
     Prng rng(scene.seed(), "room-chair", static_cast<uint64_t>(i));
     const double side = i < 2 ? -1.0 : 1.0;
     const double yaw = (side < 0 ? 0.25 : -0.25) + rng.Uniform(-0.05, 0.05);
     const double x = 1.9 + side * rng.Uniform(0.5, 0.75);
-    AddChair(scene, scene.Object("chair", i), Placement({x, -1.15 + 0.9 * (i % 2), 0}, yaw), rng);
+    AddChair(scene, scene.Object("chair", i), ShapePlacement({x, -1.15 + 0.9 * (i % 2), 0}, yaw),
+             rng);
   }
   Prng rng(scene.seed(), "room-things");
-  AddBowl(scene, scene.Object("fruit-bowl"), Placement({1.9, -0.6, 0.75}), 0.17, 7, rng);
-  AddVase(scene, scene.Object("vase", 0), Placement({1.8, -1.2, 0.75}), 0.32, rng);
-  AddVase(scene, scene.Object("vase", 1), Placement({-0.8, 0.65, 0.44}), 0.2, rng);
+  AddBowl(scene, scene.Object("fruit-bowl"), ShapePlacement({1.9, -0.6, 0.75}), 0.17, 7, rng);
+  AddVase(scene, scene.Object("vase", 0), ShapePlacement({1.8, -1.2, 0.75}), 0.32, rng);
+  AddVase(scene, scene.Object("vase", 1), ShapePlacement({-0.8, 0.65, 0.44}), 0.2, rng);
   for (int i = 0; i < 6; ++i) {
     const Vec3d at = i < 4 ? Vec3d{1.9 + (i < 2 ? -0.3 : 0.3), -1.0 + 0.55 * (i % 2), 0.75}
                            : Vec3d{-0.95 + 0.2 * (i - 4), 0.15, 0.44};
-    AddCup(scene, scene.Object("cup", i), Placement(at, rng.Uniform()));
+    AddCup(scene, scene.Object("cup", i), ShapePlacement(at, rng.Uniform()));
   }
   MeshBuilder& stack = scene.Object("magazines");
   for (int i = 0; i < 4; ++i) {
-    AddBlock(stack, Placement({-0.8, -0.05, 0.45 + 0.018 * i}, 0.22 + rng.Uniform(-0.03, 0.03)),
+    AddBlock(stack,
+             ShapePlacement({-0.8, -0.05, 0.45 + 0.018 * i}, 0.22 + rng.Uniform(-0.03, 0.03)),
              {0.14, 0.1, 0.008}, 0.003, scene.Steps(3, 1));
   }
 }
@@ -123,12 +125,12 @@ void MakeShelves(SceneBuilder& scene) {
   constexpr int kBoards = 6;
   for (int c = 0; c < 3; ++c) {
     const Vec3d at{-1.35 + 1.0 * c, kY - 0.17, 0};
-    AddShelves(scene, scene.Object("shelf", c), Placement(at), {0.98, 0.3, 2.2}, kBoards);
+    AddShelves(scene, scene.Object("shelf", c), ShapePlacement(at), {0.98, 0.3, 2.2}, kBoards);
     for (int b = 0; b < kBoards; ++b) {
       const int index = c * kBoards + b;
       Prng rng(scene.seed(), "room-books", static_cast<uint64_t>(index));
       MeshBuilder& mesh = scene.Object("books", index);
-      const Placement board({at.x, at.y - 0.01, 0.025 + 2.175 * b / kBoards});
+      const ShapePlacement board({at.x, at.y - 0.01, 0.025 + 2.175 * b / kBoards});
       if (rng.Below(5) == 0) {
         AddBooks(scene, mesh, board.Moved({-0.22, 0, 0}), {0.44, 0.26, 0.32}, rng);
         AddVase(scene, mesh, board.Moved({0.25, 0, 0}), 0.26, rng);
@@ -146,13 +148,15 @@ void MakeWallThings(SceneBuilder& scene) {
     const int n = scene.Steps(4, 1);
     AddBox(mesh, kRoom, {-kX, y - h, 1.6 - h}, {-kX + 0.012, y + h, 1.6 + h}, 1, n, n);
     for (double s : {-1.0, 1.0}) {
-      AddBlock(mesh, Placement({-kX + 0.015, y + s * h, 1.6}), {0.014, 0.02, h + 0.02}, 0.008, n);
-      AddBlock(mesh, Placement({-kX + 0.015, y, 1.6 + s * h}), {0.014, h - 0.02, 0.02}, 0.008, n);
+      AddBlock(mesh, ShapePlacement({-kX + 0.015, y + s * h, 1.6}), {0.014, 0.02, h + 0.02}, 0.008,
+               n);
+      AddBlock(mesh, ShapePlacement({-kX + 0.015, y, 1.6 + s * h}), {0.014, h - 0.02, 0.02}, 0.008,
+               n);
     }
   }
   MeshBuilder& pendant = scene.Object("pendant");
   AddTube(pendant, {{{1.9, -0.7, 1.75}, 0.004}, {{1.9, -0.7, kHeight}, 0.004}}, scene.Steps(5, 3));
-  AddLathe(pendant, Placement({1.9, -0.7, 1.5}),
+  AddLathe(pendant, ShapePlacement({1.9, -0.7, 1.5}),
            {{0.25, 0},
             {0.22, 0.08},
             {0.12, 0.2},
@@ -177,7 +181,7 @@ void MakePlantCorner(SceneBuilder& scene) {
     Prng rng(scene.seed(), "room-plant", static_cast<uint64_t>(i));
     const bool small = heights[i] < 0.3;
     const double r = small ? 0.06 : 0.2, h = small ? 0.1 : 0.36;
-    const Placement at(spots[i], rng.Uniform());
+    const ShapePlacement at(spots[i], rng.Uniform());
     AddPot(scene, scene.Object("pot", i), at, r, h);
     AddPlant(scene, scene.Object("plant", i), at.Moved({0, 0, 0.84 * h}), kinds[i], heights[i],
              rng);
@@ -200,7 +204,7 @@ void MakeRoom(SceneBuilder& scene) {
   MakeTables(scene);
   MakeShelves(scene);
   MakeWallThings(scene);
-  AddLamp(scene, scene.Object("floor-lamp"), Placement({-2.75, -1.25, 0}), 1.6);
+  AddLamp(scene, scene.Object("floor-lamp"), ShapePlacement({-2.75, -1.25, 0}), 1.6);
   MakePlantCorner(scene);
 }
 

@@ -24,7 +24,7 @@ double Curve(double a, double b, double c, double d, double t) {
 
 }  // namespace
 
-void AddBlock(MeshBuilder& mesh, const Placement& place, Vec3d half, double round, int n) {
+void AddBlock(MeshBuilder& mesh, const ShapePlacement& place, Vec3d half, double round, int n) {
   AddSolid(mesh, n, n, n, [&](int i, int j, int k) {
     const Vec3d p{RimLine(i, n, half.x, round), RimLine(j, n, half.y, round),
                   RimLine(k, n, half.z, round)};
@@ -37,7 +37,8 @@ void AddBlock(MeshBuilder& mesh, const Placement& place, Vec3d half, double roun
   });
 }
 
-void AddBox(MeshBuilder& mesh, const Placement& place, Vec3d lo, Vec3d hi, int nx, int ny, int nz) {
+void AddBox(MeshBuilder& mesh, const ShapePlacement& place, Vec3d lo, Vec3d hi, int nx, int ny,
+            int nz) {
   AddSolid(mesh, nx, ny, nz, [&](int i, int j, int k) {
     return place.At({Lerp(lo.x, hi.x, static_cast<double>(i) / nx),
                      Lerp(lo.y, hi.y, static_cast<double>(j) / ny),
@@ -45,8 +46,8 @@ void AddBox(MeshBuilder& mesh, const Placement& place, Vec3d lo, Vec3d hi, int n
   });
 }
 
-void AddLathe(MeshBuilder& mesh, const Placement& place, std::span<const Turn> turns, int segments,
-              int fineness, int flutes, double depth) {
+void AddLathe(MeshBuilder& mesh, const ShapePlacement& place, std::span<const Turn> turns,
+              int segments, int fineness, int flutes, double depth) {
   const int last = static_cast<int>(turns.size()) - 1;
   const int rings = last * fineness + 1;
   if (!mesh.Begin(uint64_t(rings) * segments + 2, 2 * uint64_t(rings) * segments)) return;
@@ -122,7 +123,7 @@ void AddTube(MeshBuilder& mesh, std::span<const Joint> joints, int segments) {
   }
 }
 
-void AddTorus(MeshBuilder& mesh, const Placement& place, double wide, double thin, int around,
+void AddTorus(MeshBuilder& mesh, const ShapePlacement& place, double wide, double thin, int around,
               int across) {
   if (!mesh.Begin(uint64_t(around) * across, 2 * uint64_t(around) * across)) return;
   const uint32_t first = mesh.next();

@@ -9,7 +9,7 @@
 //
 // Thread safety: one thread per builder.
 //
-//   AddBlock(mesh, Placement({0, 0, 1}), {1, 1, 1}, 0.1, 3);   // A cube with rounded edges.
+//   AddBlock(mesh, ShapePlacement({0, 0, 1}), {1, 1, 1}, 0.1, 3);   // A cube with rounded edges.
 #ifndef SIGHTLINE_CORE_MESH_BUILTIN_SHAPES_H_
 #define SIGHTLINE_CORE_MESH_BUILTIN_SHAPES_H_
 
@@ -25,9 +25,9 @@
 namespace sightline {
 
 // Where a shape stands: turned about the z axis, then moved.
-class Placement {
+class ShapePlacement {
  public:
-  explicit Placement(Vec3d origin, double yaw_turns = 0)
+  explicit ShapePlacement(Vec3d origin, double yaw_turns = 0)
       : origin_(origin), yaw_(yaw_turns == 0 ? SinCos{0, 1} : SinCosTurns(yaw_turns)) {}
 
   Vec3d At(Vec3d p) const {
@@ -35,8 +35,8 @@ class Placement {
             origin_.y + (p.x * yaw_.sin + p.y * yaw_.cos), origin_.z + p.z};
   }
   // The same turn at a point of this frame.
-  Placement Moved(Vec3d p) const {
-    Placement moved = *this;
+  ShapePlacement Moved(Vec3d p) const {
+    ShapePlacement moved = *this;
     moved.origin_ = At(p);
     return moved;
   }
@@ -158,10 +158,10 @@ inline void AddBall(MeshBuilder& mesh, Vec3d center, double radius, int n) {
 
 // A box of half sizes `half` around the placement's origin, n cells along each side; from n = 3 on
 // its edges are rounded with radius `round`. REQUIRES: 0 < round < the smallest half size.
-void AddBlock(MeshBuilder& mesh, const Placement& place, Vec3d half, double round, int n);
+void AddBlock(MeshBuilder& mesh, const ShapePlacement& place, Vec3d half, double round, int n);
 // A plain box from `lo` to `hi` in the placement's frame, nx × ny × nz cells.
-void AddBox(MeshBuilder& mesh, const Placement& place, Vec3d lo, Vec3d hi, int nx = 1, int ny = 1,
-            int nz = 1);
+void AddBox(MeshBuilder& mesh, const ShapePlacement& place, Vec3d lo, Vec3d hi, int nx = 1,
+            int ny = 1, int nz = 1);
 
 // One ring of a lathe: its radius and height.
 struct Turn {
@@ -171,10 +171,11 @@ struct Turn {
 // flat ends. Turns are joined by a smooth curve with `fineness` rings for each; `flutes` > 0
 // grooves the rings by `depth` of their radius. 2·segments·rings triangles. REQUIRES: >= 2 turns,
 // radii > 0, segments >= 3.
-void AddLathe(MeshBuilder& mesh, const Placement& place, std::span<const Turn> turns, int segments,
-              int fineness, int flutes = 0, double depth = 0);
-inline void AddLathe(MeshBuilder& mesh, const Placement& place, std::initializer_list<Turn> turns,
-                     int segments, int fineness, int flutes = 0, double depth = 0) {
+void AddLathe(MeshBuilder& mesh, const ShapePlacement& place, std::span<const Turn> turns,
+              int segments, int fineness, int flutes = 0, double depth = 0);
+inline void AddLathe(MeshBuilder& mesh, const ShapePlacement& place,
+                     std::initializer_list<Turn> turns, int segments, int fineness, int flutes = 0,
+                     double depth = 0) {
   AddLathe(mesh, place, std::span<const Turn>(turns.begin(), turns.size()), segments, fineness,
            flutes, depth);
 }
@@ -192,7 +193,7 @@ inline void AddTube(MeshBuilder& mesh, std::initializer_list<Joint> joints, int 
 }
 
 // A torus about the placement's z axis, 2·around·across triangles. REQUIRES: 0 < thin < wide.
-void AddTorus(MeshBuilder& mesh, const Placement& place, double wide, double thin, int around,
+void AddTorus(MeshBuilder& mesh, const ShapePlacement& place, double wide, double thin, int around,
               int across);
 
 // A leaf: an open blade from `base` along unit vector `along` (drooping by `droop` of its length

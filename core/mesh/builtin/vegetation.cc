@@ -40,8 +40,8 @@ Vec3d AddBough(MeshBuilder& mesh, Vec3d from, Vec3d direction, double length, do
 
 }  // namespace
 
-void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, const TreeShape& shape,
-             Prng& rng, std::vector<Twig>* twigs) {
+void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place,
+             const TreeShape& shape, Prng& rng, std::vector<Twig>* twigs) {
   const int round = scene.Steps(6, 4), joints = scene.Steps(6, 3);
   const double sway = 0.03 * shape.height, phase = rng.Uniform();
   const auto stem = [&](double t) {
@@ -128,7 +128,7 @@ void AddLeaves(MeshBuilder& mesh, const std::vector<Twig>& twigs, const LeafClou
   }
 }
 
-void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius,
+void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double radius,
             double height) {
   const double r = radius;
   AddLathe(mesh, place,
@@ -143,8 +143,8 @@ void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, doub
            scene.Steps(24, 6), scene.Steps(2, 1));
 }
 
-void AddFern(MeshBuilder& mesh, const Placement& place, double height, int fronds, int leaflets,
-             int cells, Prng& rng) {
+void AddFern(MeshBuilder& mesh, const ShapePlacement& place, double height, int fronds,
+             int leaflets, int cells, Prng& rng) {
   for (int f = 0; f < fronds; ++f) {
     const double turns = f * kGoldenTurn + rng.Uniform(-0.03, 0.03);
     const double reach = height * rng.Uniform(0.7, 1.15);
@@ -179,7 +179,7 @@ void AddFern(MeshBuilder& mesh, const Placement& place, double height, int frond
   }
 }
 
-void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, PlantKind kind,
+void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, PlantKind kind,
               double height, Prng& rng) {
   switch (kind) {
     case PlantKind::kTree: {
@@ -230,7 +230,7 @@ void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, Pl
         const SinCos sc = SinCosTurns(a * kGoldenTurn);
         const double tall = height * (a == 0 ? 1.0 : rng.Uniform(0.35, 0.65));
         const double r = 0.11 * height * (a == 0 ? 1.0 : 0.7), off = a == 0 ? 0.0 : 0.17 * height;
-        const Placement foot = place.Moved({off * sc.cos, off * sc.sin, 0});
+        const ShapePlacement foot = place.Moved({off * sc.cos, off * sc.sin, 0});
         AddLathe(mesh, foot,
                  {{0.7 * r, 0},
                   {r, 0.2 * tall},

@@ -33,8 +33,8 @@ struct Twig {
 };
 
 // Trunk, branches and twigs; `twigs` is appended to.
-void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, const TreeShape& shape,
-             Prng& rng, std::vector<Twig>* twigs);
+void AddWood(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place,
+             const TreeShape& shape, Prng& rng, std::vector<Twig>* twigs);
 
 struct LeafCloud {
   int count;
@@ -49,17 +49,17 @@ void AddLeaves(MeshBuilder& mesh, const std::vector<Twig>& twigs, const LeafClou
                Prng& rng);
 
 // A flower pot with soil, `radius` at the rim; the soil is at 0.85 of `height`.
-void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, double radius,
+void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double radius,
             double height);
 
 enum class PlantKind { kTree, kFern, kRosette, kBlades, kCactus, kBroadLeaves, kTrailing };
 inline constexpr int kPlantKinds = 7;
 // A plant `height` high, rooted at the placement's origin.
-void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const Placement& place, PlantKind kind,
+void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, PlantKind kind,
               double height, Prng& rng);
 // A fern of `fronds` arching fronds with `leaflets` pairs each.
-void AddFern(MeshBuilder& mesh, const Placement& place, double height, int fronds, int leaflets,
-             int cells, Prng& rng);
+void AddFern(MeshBuilder& mesh, const ShapePlacement& place, double height, int fronds,
+             int leaflets, int cells, Prng& rng);
 
 }  // namespace sightline
 

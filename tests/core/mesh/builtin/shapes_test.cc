@@ -28,7 +28,7 @@ void ExpectSolid(const std::string& what, const std::function<void(MeshBuilder&)
 }
 
 TEST(Shapes, SolidsAreClosedAndFaceOutward) {
-  const Placement place({3, -2, 1}, 0.13);
+  const ShapePlacement place({3, -2, 1}, 0.13);
   for (int n : {1, 2, 3, 5, 8}) {
     const std::string size = " " + std::to_string(n);
     ExpectSolid("block" + size, [&](MeshBuilder& m) { AddBlock(m, place, {1, 0.7, 0.4}, 0.1, n); });
