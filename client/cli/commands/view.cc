@@ -112,9 +112,9 @@ std::string Epilogue() {
   return SceneHelp() +
          "\nWithout --eye and --at, built-in scenes use their own first view and lights. Other\n"
          "scenes are seen whole from outside, 35 degrees off the front and 25\n"
-         "degrees from above (40 where they are flat); closed rooms from the inside. Without --up,\n"
-         "z is up in .stl files and where a scene is over three times wider than high along z;\n"
-         "else y is. Lights by rule stand about the view.\n";
+         "degrees from above (40 where they are flat); closed rooms in files from the\n"
+         "inside. Without --up, z is up in .stl files and where a scene is over three times wider\n"
+         "than high along z; else y is. Lights by rule stand about the view.\n";
 }
 
 absl::StatusOr<std::vector<Output>> ParseOutputs(const ViewArguments& a) {
