@@ -5,8 +5,8 @@
 // Debian's libdraco, which comes with assimp, exports a tinygltf of another version: two sets of
 // classes of one name in one process, of which the loader takes whichever it meets first. Linked
 // with libtinygltf.so, reading a GLB freed an invalid pointer; under a name of its own it does not.
-// (That the clash was the cause is likely, not proven.) The macro below gives the header's namespace
-// its other name. The image code is left out, for nothing here loads an image.
+// (That the clash was the cause is likely, not proven.) The macro below gives the header's
+// namespace its other name. The image code is left out, for nothing here loads an image.
 //
 // Include this, never <tiny_gltf.h> itself.
 //

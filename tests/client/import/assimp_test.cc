@@ -48,9 +48,11 @@ constexpr char kCollada[] = R"(<?xml version="1.0"?>
 <technique_common><accessor source="#pa" count="4" stride="3"><param name="X" type="float"/>
 <param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
 <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/><vcount>4</vcount><p>0 1 2 3</p></polylist>
+<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/>
+<vcount>4</vcount><p>0 1 2 3</p></polylist>
 </mesh></geometry></library_geometries>
-<library_visual_scenes><visual_scene id="s"><node id="wall" name="wall"><translate>10 20 30</translate>
+<library_visual_scenes><visual_scene id="s"><node id="wall" name="wall">
+<translate>10 20 30</translate>
 <instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
 <scene><instance_visual_scene url="#s"/></scene>
 </COLLADA>)";

@@ -48,7 +48,8 @@ TEST(PlacementTest, HitsOnConvexMeshesAreLit) {
           MakeScene({MakeIcosphere(level, 100, RandomPlacement(rng, centre))});
       ASSERT_TRUE(IsExactlyConvex(scene.geometry));
       int hits = 0;
-      for (int64_t i = ScaledCount(400); i-- > 0;) {
+      // Enough in a sanitizer build, too, for the number of hits that is asked for below.
+      for (int64_t i = ScaledCount(400, 4); i-- > 0;) {
         const Vec3f eye = ToFloat(centre + RandomDirection(rng) * rng.Uniform(110, 1000));
         const uint32_t aim = AnyTriangle(rng, scene);
         if (SideOf(scene.geometry, aim, eye) <= 0) continue;
