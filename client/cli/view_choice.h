@@ -5,10 +5,10 @@
 // Built-in scenes: their own first view with its three lights.
 //
 // Files and servers' scenes: what --eye, --at and --up leave open is chosen by rule. The whole
-// scene is seen from outside, 35 degrees off the front and 25 from above (flat ones 40); or, when it is a
-// room (most points in it see fronts of triangles all around; told of files alone, whose triangles
-// are at hand), from the place inside that sees
-// farthest. Three lights stand about the view, inside a room within free sight.
+// scene is seen from outside, 35 degrees off the front and 25 from above (flat ones 40); or, when
+// it is a room (most points in it see fronts of triangles all around; told of files alone, whose
+// triangles are at hand), from the place inside that sees farthest. Three lights stand about the
+// view, inside a room within free sight.
 //
 // "Up" of a file is z when it says so (.stl, or a scene three times wider than high along z), else
 // y. The rules ask the server about a few thousand segments; the same scene gives the same choice.
