@@ -122,12 +122,17 @@ class TileTrace {
 
   absl::Status ShadeBlock(int count) {
     int points = 0;
-    for (int i = 0; i < count; ++i) {
-      const Hit& hit = packet_.hit[i];
-      if (hit.triangle == kNoTriangle) continue;
-      positions_[points] = PlaceHit(scene_, packet_.origin, packet_.target(i), hit.t, hit.triangle);
-      sources_[points] = hit.triangle;
-      point_pixel_[points++] = pixel_[i];
+    {
+      // Placing belongs to the shadows' cost, though it asks about no ray.
+      const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
+      for (int i = 0; i < count; ++i) {
+        const Hit& hit = packet_.hit[i];
+        if (hit.triangle == kNoTriangle) continue;
+        positions_[points] =
+            PlaceHit(scene_, packet_.origin, packet_.target(i), hit.t, hit.triangle);
+        sources_[points] = hit.triangle;
+        point_pixel_[points++] = pixel_[i];
+      }
     }
     if (outputs_.points) {
       out_.points.positions.insert(out_.points.positions.end(), positions_.begin(),
