@@ -80,6 +80,9 @@ void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
     case Strategy::kBruteForce:
       out->set_strategy(v1::STRATEGY_BRUTE_FORCE);
       break;
+    case Strategy::kShaft:
+      out->set_strategy(v1::STRATEGY_SHAFT);
+      break;
   }
   out->set_mask(options.mask);
   out->set_statistics(options.statistics);
@@ -207,6 +210,9 @@ Statistics FromProto(const v1::Statistics& statistics) {
       break;
     case v1::STRATEGY_BRUTE_FORCE:
       out.strategy = Strategy::kBruteForce;
+      break;
+    case v1::STRATEGY_SHAFT:
+      out.strategy = Strategy::kShaft;
       break;
     default:
       break;

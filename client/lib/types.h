@@ -23,7 +23,7 @@ using Point3 = std::array<double, 3>;
 
 inline constexpr uint32_t kNone = 0xFFFFFFFFu;  // No object, no triangle.
 
-enum class Strategy { kAuto, kSingle, kPacket, kBruteForce };
+enum class Strategy { kAuto, kSingle, kPacket, kBruteForce, kShaft };
 enum class Culling { kNone, kBack, kFront };
 enum class SceneState { kUnknown, kBuilding, kReady, kUpdating, kFailed, kDeleted };
 

@@ -45,13 +45,14 @@ void RegisterOutput(FlagSet* flags, std::string* output) {
 
 void RegisterStrategy(FlagSet* flags, std::string* strategy) {
   *strategy = "AUTO";
-  flags->Choice("strategy", {"AUTO", "SINGLE", "PACKET", "BRUTE_FORCE"},
+  flags->Choice("strategy", {"AUTO", "SINGLE", "PACKET", "SHAFT", "BRUTE_FORCE"},
                 "how the engine goes about it; every answer is the same bit for bit", strategy);
 }
 
 client::Strategy ToStrategy(const std::string& name) {
   if (name == "SINGLE") return client::Strategy::kSingle;
   if (name == "PACKET") return client::Strategy::kPacket;
+  if (name == "SHAFT") return client::Strategy::kShaft;
   if (name == "BRUTE_FORCE") return client::Strategy::kBruteForce;
   return client::Strategy::kAuto;
 }
@@ -159,7 +160,7 @@ double ClientRate(const client::StreamSummary& summary) {
 }
 
 void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json* json) {
-  static constexpr const char* kStrategies[] = {"AUTO", "SINGLE", "PACKET", "BRUTE_FORCE"};
+  static constexpr const char* kStrategies[] = {"AUTO", "SINGLE", "PACKET", "BRUTE_FORCE", "SHAFT"};
   Json& j = *json;
   j["items"] = summary.items;
   j["resent_items"] = summary.resent_items;

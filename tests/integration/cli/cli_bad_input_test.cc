@@ -43,8 +43,8 @@ TEST_F(CliTest, CommandLinesThatMakeNoSense) {
   Bad(kExitUsage, {"view", obj, "--out", out, "--eye", "1,2,inf"}, {"--eye"});
   Bad(kExitUsage, {"view", obj, "--out", out, "--eye", "0,0,5", "--at", "0,0,0", "--up", "0,0,1"},
       {"up"});
-  Bad(kExitUsage, {"view", obj, "--out", out, "--strategy", "SHAFT"},
-      {"AUTO, SINGLE, PACKET, BRUTE_FORCE"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--strategy", "RTT"},
+      {"AUTO, SINGLE, PACKET, SHAFT, BRUTE_FORCE"});
   Bad(kExitUsage, {"view", obj, "--out", out, "--tile", "0"}, {"--tile"});
   Bad(kExitUsage, {"view", "builtin:nosuch", "--out", out}, {"nosuch"});
   Bad(kExitUsage, {"view", "scenes/x", "--out", out}, {"--server"});

@@ -21,10 +21,12 @@ std::vector<std::vector<std::string>> Ways(const std::string& server) {
   return {{"--strategy", "AUTO"},
           {"--strategy", "SINGLE", "--threads", "1"},
           {"--strategy", "PACKET", "--streams", "3"},
+          {"--strategy", "SHAFT"},
           {"--strategy", "BRUTE_FORCE"},
           {server, "--strategy", "AUTO"},
           {server, "--strategy", "SINGLE", "--streams", "4"},
           {server, "--strategy", "PACKET"},
+          {server, "--strategy", "SHAFT"},
           {server, "--strategy", "BRUTE_FORCE"}};
 }
 
