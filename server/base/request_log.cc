@@ -63,10 +63,12 @@ absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id,
 
 void RequestLog::ForgetResource(absl::string_view resource) {
   MutexLock lock(mutex_);
-  std::erase_if(entries_, [&](const auto& item) {
-    return item.second.complete && item.second.resource == resource;
+  std::erase_if(completed_, [&, &entries = entries_](const std::string& id) {
+    const auto entry = entries.find(id);
+    if (entry->second.resource != resource) return false;
+    entries.erase(entry);
+    return true;
   });
-  std::erase_if(completed_, [&](const std::string& id) { return !entries_.contains(id); });
 }
 
 void RequestLog::Complete(const std::string& id, absl::string_view resource) {

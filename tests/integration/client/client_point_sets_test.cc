@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Points kept on a real server: the same answers as points sent along, and as the tiles they came
+// from.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "tests/integration/client/served_client.h"
+
+namespace sightline {
+namespace {
+
+class ClientPointSetsTest : public testing_support::ServedClientTest {};
+
+client::Camera BoxCamera() {
+  // The built-in box is z up and two metres wide, open to the side that y falls to.
+  return {.eye = {0, -3.6, 1},
+          .right = {1, 0, 0},
+          .up = {0, 0, 1},
+          .forward = {0, 1, 0},
+          .tan_half_fov_y = 0.4,
+          .width = 61,
+          .height = 47};
+}
+
+TEST_F(ClientPointSetsTest, AStoredSetIsAnsweredLikePointsSentAlong) {
+  const auto scene = client().CreateScene({.scene_id = "boxes", .builtin = "builtin:box"});
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ASSERT_TRUE(scene->bounds.has_value());
+  const auto& [lo, hi] = *scene->bounds;
+  std::vector<double> positions;
+  for (int i = 0; i < 500; ++i) {
+    for (int k = 0; k < 3; ++k) {
+      const double share = ((i * (2 * k + 7) + 3) % 101) / 101.0;
+      positions.push_back(lo[k] + share * (hi[k] - lo[k]));
+    }
+  }
+  positions[3 * 17] = std::numeric_limits<double>::quiet_NaN();
+  const std::vector<client::Light> lights = {
+      client::Light::Point({(lo[0] + hi[0]) / 2, (lo[1] + hi[1]) / 2, (lo[2] + hi[2]) / 2}),
+      client::Light::Directional({0.3, -0.9, 0.2})};
+
+  client::ShadowQuery query{.scene = scene->name, .lights = lights};
+  query.outputs.counts = true;
+  query.points.positions = positions;
+  const auto along = client().ComputeAllShadows(query);
+  ASSERT_TRUE(along.ok()) << along.status();
+
+  client::PointSetSource source{.scene = scene->name, .point_set_id = "grid"};
+  source.points.positions = positions;
+  const auto set = client().CreatePointSet(source);
+  ASSERT_TRUE(set.ok()) << set.status();
+  EXPECT_EQ(set->points, 500u);
+  EXPECT_EQ(set->invalid_points, 1u);
+  query.points = {};
+  query.point_set = set->name;
+  const auto stored = client().ComputeAllShadows(query);
+  ASSERT_TRUE(stored.ok()) << stored.status();
+  EXPECT_EQ(stored->lit, along->lit);
+  EXPECT_EQ(stored->counts, along->counts);
+  EXPECT_EQ(stored->lit[17], 255);
+  EXPECT_EQ(std::count(along->lit.begin(), along->lit.end(), 255), 2);
+
+  const auto renewed = client().RenewLease(set->name, absl::Minutes(30));
+  ASSERT_TRUE(renewed.ok()) << renewed.status();
+  EXPECT_GT(renewed->expire_time, set->expire_time);
+  EXPECT_TRUE(client().DeletePointSet(set->name).ok());
+  EXPECT_EQ(client().ComputeAllShadows(query).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(ClientPointSetsTest, ACamerasHitsKeptForRelightingGiveTheTilesShadows) {
+  const auto scene = client().CreateScene({.scene_id = "boxes", .builtin = "builtin:box"});
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  const std::vector<client::Light> lights = {client::Light::Point({-0.3, -0.5, 1.6}),
+                                             client::Light::Point({0.082, -0.02, 1.986})};
+  client::TileQuery tiles{.scene = scene->name, .camera = BoxCamera(), .lights = lights};
+  tiles.outputs = {.hits = true, .lit = true};
+  tiles.tile_size = 16;
+  const auto image = client().TraceImage(tiles);
+  ASSERT_TRUE(image.ok()) << image.status();
+  for (const uint8_t value : {0, 1, 255}) {  // The picture has something of each.
+    EXPECT_GT(std::count(image->lit.begin(), image->lit.end(), value), 20) << int{value};
+  }
+
+  const auto set = client().CreatePointSet({.scene = scene->name, .camera = BoxCamera()});
+  ASSERT_TRUE(set.ok()) << set.status();
+  EXPECT_EQ(set->points, image->hit.size());
+  EXPECT_EQ(set->invalid_points,
+            static_cast<uint64_t>(std::count(image->hit.begin(), image->hit.end(), 0)));
+  const auto relit =
+      client().ComputeAllShadows({.scene = scene->name, .lights = lights, .point_set = set->name});
+  ASSERT_TRUE(relit.ok()) << relit.status();
+  EXPECT_EQ(relit->lit, image->lit);
+}
+
+}  // namespace
+}  // namespace sightline
