@@ -63,12 +63,15 @@ absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id,
 
 void RequestLog::ForgetResource(absl::string_view resource) {
   MutexLock lock(mutex_);
-  std::erase_if(completed_, [&, &entries = entries_](const std::string& id) {
-    const auto entry = entries.find(id);
-    if (entry->second.resource != resource) return false;
-    entries.erase(entry);
-    return true;
-  });
+  for (auto id = completed_.begin(); id != completed_.end();) {
+    const auto entry = entries_.find(*id);
+    if (entry == entries_.end() || entry->second.resource != resource) {
+      ++id;
+      continue;
+    }
+    entries_.erase(entry);
+    id = completed_.erase(id);
+  }
 }
 
 void RequestLog::Complete(const std::string& id, absl::string_view resource) {
