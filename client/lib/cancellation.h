@@ -17,7 +17,7 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
+#include "client/lib/mutex.h"
 
 namespace sightline::client {
 
@@ -28,14 +28,14 @@ class Cancellation {
   Cancellation& operator=(const Cancellation&) = delete;
 
   void Cancel() {
-    absl::MutexLock lock(&mutex_);
+    MutexLock lock(&mutex_);
     cancelled_ = true;
     // Under the lock: once Unregister has returned, the callback neither runs nor will.
     for (auto& [id, callback] : callbacks_) callback();
     callbacks_.clear();
   }
   bool cancelled() const {
-    absl::MutexLock lock(&mutex_);
+    MutexLock lock(&mutex_);
     return cancelled_;
   }
 
@@ -46,7 +46,7 @@ class Cancellation {
     Registration(Cancellation* cancellation, std::function<void()> callback)
         : cancellation_(cancellation) {
       if (cancellation_ == nullptr) return;
-      absl::MutexLock lock(&cancellation_->mutex_);
+      MutexLock lock(&cancellation_->mutex_);
       if (cancellation_->cancelled_) {
         callback();
         return;
@@ -56,7 +56,7 @@ class Cancellation {
     }
     ~Registration() {
       if (cancellation_ == nullptr) return;
-      absl::MutexLock lock(&cancellation_->mutex_);
+      MutexLock lock(&cancellation_->mutex_);
       cancellation_->callbacks_.erase(id_);
     }
     Registration(const Registration&) = delete;
@@ -68,7 +68,7 @@ class Cancellation {
   };
 
  private:
-  mutable absl::Mutex mutex_;
+  mutable Mutex mutex_;
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
   int last_id_ ABSL_GUARDED_BY(mutex_) = 0;
   std::map<int, std::function<void()>> callbacks_ ABSL_GUARDED_BY(mutex_);

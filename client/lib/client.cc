@@ -50,13 +50,13 @@ Client::Client(std::shared_ptr<Connection> connection)
 
 absl::StatusOr<Capabilities> Client::GetCapabilities(const CallOptions& options) const {
   {
-    absl::MutexLock lock(&shared_->mutex);
+    MutexLock lock(&shared_->mutex);
     if (shared_->capabilities) return *shared_->capabilities;
   }
   absl::StatusOr<Capabilities> capabilities =
       Converted(shared_->connection->GetCapabilities(options));
   if (capabilities.ok()) {
-    absl::MutexLock lock(&shared_->mutex);
+    MutexLock lock(&shared_->mutex);
     shared_->capabilities = *capabilities;
   }
   return capabilities;

@@ -11,8 +11,8 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 #include "client/lib/client.h"
+#include "client/lib/mutex.h"
 
 namespace sightline::client {
 
@@ -20,7 +20,7 @@ struct Client::Shared {
   explicit Shared(std::shared_ptr<Connection> c) : connection(std::move(c)) {}
 
   const std::shared_ptr<Connection> connection;
-  absl::Mutex mutex;
+  Mutex mutex;
   std::optional<Capabilities> capabilities ABSL_GUARDED_BY(mutex);
 };
 

@@ -33,11 +33,11 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "client/lib/backoff.h"
 #include "client/lib/cancellation.h"
 #include "client/lib/connection.h"
+#include "client/lib/mutex.h"
 #include "client/lib/status.h"
 
 namespace sightline::client {
@@ -84,7 +84,7 @@ class StreamRun {
   absl::Status Run(RunTotals* totals) {
     {
       Cancellation::Registration registration(options_.cancellation, [this] {
-        absl::MutexLock lock(&mutex_);
+        MutexLock lock(&mutex_);
         Fail(absl::CancelledError("cancelled by the caller"));
       });
       std::vector<std::thread> lanes;
@@ -94,7 +94,7 @@ class StreamRun {
       RunLane(0);
       for (std::thread& lane : lanes) lane.join();
     }
-    absl::MutexLock lock(&mutex_);
+    MutexLock lock(&mutex_);
     *totals = totals_;
     return error_;
   }
@@ -120,7 +120,7 @@ class StreamRun {
     while (WaitForWork()) {
       Session session;
       const absl::Status status = RunSession(lane, &session);
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       for (auto it = session.in_flight.rbegin(); it != session.in_flight.rend(); ++it) {
         queue_.push_front({static_cast<size_t>(it->first), absl::InfinitePast()});
         ++totals_.resent_items;
@@ -143,7 +143,7 @@ class StreamRun {
 
   // True when there is an item to send; false when the run is over.
   bool WaitForWork() {
-    absl::MutexLock lock(&mutex_);
+    MutexLock lock(&mutex_);
     const auto ready = [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
       return Finished() || !queue_.empty();
     };
@@ -155,7 +155,7 @@ class StreamRun {
     const CallOptions call{.deadline = options_.deadline, .cancellation = nullptr};
     std::unique_ptr<Stream> stream = job_.open(lane, call);
     {
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       session->stream = stream.get();
       sessions_.push_back(session);
       if (Finished()) stream->Cancel();
@@ -169,12 +169,12 @@ class StreamRun {
       if (!broken.ok()) stream->Cancel();
     }
     {
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       session->closed = true;
     }
     writer.join();
     {
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       std::erase(sessions_, session);
     }
     const absl::Status status = stream->Finish();
@@ -187,12 +187,12 @@ class StreamRun {
     while (true) {
       size_t item = 0;
       {
-        absl::MutexLock lock(&mutex_);
+        MutexLock lock(&mutex_);
         if (!TakeItem(session, &item)) break;
       }
       const Request request = job_.make_item(item);
       if (!stream->Write(request)) return;
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       totals_.bytes_sent += request.ByteSizeLong();
     }
     stream->WritesDone();
@@ -234,14 +234,14 @@ class StreamRun {
   // One message from the server. An error makes the stream useless.
   absl::Status Handle(Session* session, Response* response) {
     if (response->has_opened()) {
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       session->opened = true;
       session->credit += response->opened().credit_rays();
       return absl::OkStatus();
     }
     if (response->has_draining()) {
       // What was sent and not accepted gets its own UNAVAILABLE; nothing more is sent here.
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       session->closed = true;
       return absl::OkStatus();
     }
@@ -251,7 +251,7 @@ class StreamRun {
     absl::Status item_status = FromItem(response->reply().header().status());
     std::vector<Reply> replies;
     {
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       totals_.bytes_received += response->ByteSizeLong();
       const auto found = session->in_flight.find(id);
       if (found == session->in_flight.end()) {
@@ -270,10 +270,10 @@ class StreamRun {
     }
     absl::Status delivered;
     {
-      absl::MutexLock lock(&deliver_mutex_);
+      MutexLock lock(&deliver_mutex_);
       delivered = job_.deliver(static_cast<size_t>(id), std::move(replies));
     }
-    absl::MutexLock lock(&mutex_);
+    MutexLock lock(&mutex_);
     if (!delivered.ok()) {
       Fail(delivered);
       return absl::OkStatus();
@@ -329,8 +329,8 @@ class StreamRun {
 
   const Job& job_;
   const RunOptions options_;
-  absl::Mutex deliver_mutex_;
-  absl::Mutex mutex_ ABSL_ACQUIRED_AFTER(deliver_mutex_);
+  Mutex deliver_mutex_;
+  Mutex mutex_ ABSL_ACQUIRED_AFTER(deliver_mutex_);
   std::deque<Waiting> queue_ ABSL_GUARDED_BY(mutex_);
   std::vector<Session*> sessions_ ABSL_GUARDED_BY(mutex_);
   size_t finished_ ABSL_GUARDED_BY(mutex_) = 0;

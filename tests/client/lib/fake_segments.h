@@ -18,8 +18,8 @@
 #include <utility>
 #include <vector>
 
-#include "absl/synchronization/mutex.h"
 #include "client/lib/connection.h"
+#include "client/lib/mutex.h"
 
 namespace sightline::client {
 
@@ -37,7 +37,7 @@ struct FakeServer {
   };
   std::vector<Script> scripts = {{}};
 
-  absl::Mutex mutex;
+  Mutex mutex;
   int streams = 0;
   int items = 0;
   int violations = 0;  // Items sent without credit, or twice at once.
@@ -47,7 +47,7 @@ struct FakeServer {
 class FakeSegmentStream final : public Connection::SegmentStream {
  public:
   explicit FakeSegmentStream(FakeServer* server) : server_(server) {
-    absl::MutexLock lock(&server_->mutex);
+    MutexLock lock(&server_->mutex);
     const size_t i =
         std::min<size_t>(static_cast<size_t>(server_->streams++), server_->scripts.size() - 1);
     script_ = server_->scripts[i];
@@ -55,7 +55,7 @@ class FakeSegmentStream final : public Connection::SegmentStream {
   }
 
   bool Write(const v1::TestSegmentsRequest& request) override {
-    absl::MutexLock lock(&server_->mutex);
+    MutexLock lock(&server_->mutex);
     if (ended_) return false;
     if (request.has_header()) {
       if (script_.refuse) {
@@ -101,13 +101,13 @@ class FakeSegmentStream final : public Connection::SegmentStream {
   }
 
   bool WritesDone() override {
-    absl::MutexLock lock(&server_->mutex);
+    MutexLock lock(&server_->mutex);
     done_ = true;
     return true;
   }
 
   bool Read(v1::TestSegmentsResponse* response) override {
-    absl::MutexLock lock(&server_->mutex);
+    MutexLock lock(&server_->mutex);
     const auto something = [this] { return ended_ || done_ || !ready_.empty() || !held_.empty(); };
     server_->mutex.Await(absl::Condition(&something));
     if (ended_) return false;
@@ -130,11 +130,11 @@ class FakeSegmentStream final : public Connection::SegmentStream {
   }
 
   void Cancel() override {
-    absl::MutexLock lock(&server_->mutex);
+    MutexLock lock(&server_->mutex);
     End(absl::CancelledError("cancelled"));
   }
   absl::Status Finish() override {
-    absl::MutexLock lock(&server_->mutex);
+    MutexLock lock(&server_->mutex);
     return status_;
   }
 

@@ -68,7 +68,7 @@ class StreamTest : public testing::Test {
     EXPECT_EQ(result->summary.items, 48u);
     EXPECT_EQ(result->summary.statistics.rays, 1003u);
     EXPECT_GT(result->summary.bytes_received, 0u);
-    absl::MutexLock lock(&server_.mutex);
+    MutexLock lock(&server_.mutex);
     EXPECT_EQ(server_.violations, 0);
   }
 
@@ -81,7 +81,7 @@ class StreamTest : public testing::Test {
 
 TEST_F(StreamTest, AnswersComeTogetherWhateverTheirOrder) {
   ExpectRight(Test());
-  absl::MutexLock lock(&server_.mutex);
+  MutexLock lock(&server_.mutex);
   EXPECT_EQ(server_.items, 48);
 }
 
@@ -129,7 +129,7 @@ TEST_F(StreamTest, CancelEndsAQueryThatHangs) {
   options_.cancellation = &cancellation;
   std::thread cancel([&] {
     {
-      absl::MutexLock lock(&server_.mutex);
+      MutexLock lock(&server_.mutex);
       const auto begun = [this] { return server_.items > 0; };
       server_.mutex.Await(absl::Condition(&begun));
     }
@@ -174,14 +174,14 @@ TEST_F(StreamTest, RepliesToNobodyOrOfTheWrongSizeAreErrors) {
   class Short final : public Connection::SegmentStream {
    public:
     bool Write(const v1::TestSegmentsRequest& request) override {
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       last_ = request;
       ++written_;
       return !ended_;
     }
     bool WritesDone() override { return true; }
     bool Read(v1::TestSegmentsResponse* response) override {
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       response->Clear();
       if (ended_) return false;
       if (!opened_) {
@@ -205,13 +205,13 @@ TEST_F(StreamTest, RepliesToNobodyOrOfTheWrongSizeAreErrors) {
       return true;
     }
     void Cancel() override {
-      absl::MutexLock lock(&mutex_);
+      MutexLock lock(&mutex_);
       ended_ = true;
     }
     absl::Status Finish() override { return absl::CancelledError(""); }
 
    private:
-    absl::Mutex mutex_;
+    Mutex mutex_;
     v1::TestSegmentsRequest last_;
     int written_ = 0;
     bool opened_ = false, answered_ = false, ended_ = false;
