@@ -91,6 +91,9 @@ function(sightline_test NAME)
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 300)
   endif()
+  if(SIGHTLINE_SANITIZE MATCHES "thread")
+    math(EXPR ARG_TIMEOUT "5 * ${ARG_TIMEOUT}")  # It takes about ten times as long.
+  endif()
   add_test(NAME ${NAME} COMMAND ${NAME} ${ARG_ARGS})
   set(results "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/test-results/${NAME}.xml")
   set_tests_properties(${NAME} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}"
