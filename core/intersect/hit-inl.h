@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// HitDistance (hit.h) for many rays with one origin against one triangle: the same operations in
-// the same order on each lane, hence the same bits. Nothing here may use a fused multiply-add.
+// HitDistance and HitBarycentrics (hit.h) for many rays with one origin against one triangle: the
+// same operations in the same order on each lane, hence the same bits. Nothing here may use a fused
+// multiply-add.
 //
 // Thread safety: pure functions.
 
@@ -45,33 +46,90 @@ struct TriangleDistance {
   }
 };
 
-// Half a float vector's lanes of numerator / (normal·D), D = target - O for a segment.
-template <class DH, class VH, class DD = hn::Rebind<double, DH>>
-HWY_INLINE VH PlaneQuotient(DH half, const TriangleDistance& t, Vec3f origin, bool segments, VH x,
-                            VH y, VH z) {
-  const DD dd;
-  auto dx = hn::PromoteTo(dd, x), dy = hn::PromoteTo(dd, y), dz = hn::PromoteTo(dd, z);
-  if (segments) {
-    dx = hn::Sub(dx, hn::Set(dd, static_cast<double>(origin.x)));
-    dy = hn::Sub(dy, hn::Set(dd, static_cast<double>(origin.y)));
-    dz = hn::Sub(dz, hn::Set(dd, static_cast<double>(origin.z)));
+// What HitBarycentrics needs: the forms e0 and e2 of the predicate.
+struct TriangleWeights {
+  Vec3d e0, e2;
+
+  static TriangleWeights Make(Vec3f origin, Vec3f a, Vec3f b, Vec3f c) {
+    const Vec3d o = ToDouble(origin), ad = ToDouble(a), bd = ToDouble(b), cd = ToDouble(c);
+    return {Cross(ad - o, bd - ad), Cross(cd - o, ad - cd)};
   }
-  const auto xy =
-      hn::Add(hn::Mul(hn::Set(dd, t.normal.x), dx), hn::Mul(hn::Set(dd, t.normal.y), dy));
-  const auto denominator = hn::Add(xy, hn::Mul(hn::Set(dd, t.normal.z), dz));
-  return hn::DemoteTo(half, hn::Div(hn::Set(dd, t.numerator), denominator));
+};
+
+// SlabReciprocal of core/geometry/box_ray.h, lane by lane.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE Vec3V<V> SlabReciprocals(D d, const Vec3V<V>& v) {
+  const V least = hn::Set(d, std::numeric_limits<float>::min());
+  const V nan = hn::Set(d, std::numeric_limits<float>::quiet_NaN());
+  const auto reciprocal = [&](V c) HWY_ATTR {
+    const auto subnormal = hn::And(hn::Lt(hn::Abs(c), least), hn::Ne(c, hn::Zero(d)));
+    return hn::IfThenElse(subnormal, nan, hn::Div(hn::Set(d, 1.0f), c));
+  };
+  return {reciprocal(v.x), reciprocal(v.y), reciprocal(v.z)};
 }
 
-// `target` as in RayPacket; `inv` the lanes' slab reciprocals.
+// Half a float vector's lanes, promoted: D = target - O for a segment.
+template <class DH, class VH, class DD = hn::Rebind<double, DH>>
+HWY_INLINE Vec3V<hn::Vec<DD>> DirectionInDoubles(DH, Vec3f origin, bool segments, VH x, VH y,
+                                                 VH z) {
+  const DD dd;
+  Vec3V<hn::Vec<DD>> d = {hn::PromoteTo(dd, x), hn::PromoteTo(dd, y), hn::PromoteTo(dd, z)};
+  if (segments) {
+    d.x = hn::Sub(d.x, hn::Set(dd, static_cast<double>(origin.x)));
+    d.y = hn::Sub(d.y, hn::Set(dd, static_cast<double>(origin.y)));
+    d.z = hn::Sub(d.z, hn::Set(dd, static_cast<double>(origin.z)));
+  }
+  return d;
+}
+
+// (x·x' + y·y') + z·z', as Dot() of vec3.h.
+template <class DD, class V = hn::Vec<DD>>
+HWY_INLINE V DotInDoubles(DD dd, Vec3d a, const Vec3V<V>& b) {
+  const V xy = hn::Add(hn::Mul(hn::Set(dd, a.x), b.x), hn::Mul(hn::Set(dd, a.y), b.y));
+  return hn::Add(xy, hn::Mul(hn::Set(dd, a.z), b.z));
+}
+
+template <class DH, class VH, class DD = hn::Rebind<double, DH>>
+HWY_INLINE hn::Vec<DD> PlaneReciprocal(DH half, const TriangleDistance& t, Vec3f origin,
+                                       bool segments, VH x, VH y, VH z,
+                                       Vec3V<hn::Vec<DD>>* direction) {
+  const DD dd;
+  *direction = DirectionInDoubles(half, origin, segments, x, y, z);
+  return hn::Div(hn::Set(dd, 1.0), DotInDoubles(dd, t.normal, *direction));
+}
+
+// `target` as in RayPacket; `inv` the lanes' slab reciprocals. `weights` may be null; else u and v
+// are written, too.
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE V HitDistances(D d, const TriangleDistance& t, Vec3f origin, bool segments,
-                          const Vec3V<V>& target, const Vec3V<V>& inv) {
+                          const Vec3V<V>& target, const Vec3V<V>& inv,
+                          const TriangleWeights* weights = nullptr, V* u = nullptr,
+                          V* v = nullptr) {
   const hn::Half<D> half;
-  const auto low = PlaneQuotient(half, t, origin, segments, hn::LowerHalf(half, target.x),
-                                 hn::LowerHalf(half, target.y), hn::LowerHalf(half, target.z));
-  const auto high = PlaneQuotient(half, t, origin, segments, hn::UpperHalf(half, target.x),
-                                  hn::UpperHalf(half, target.y), hn::UpperHalf(half, target.z));
-  V distance = hn::Combine(d, high, low);
+  const hn::Rebind<double, decltype(half)> dd;
+  Vec3V<hn::Vec<decltype(dd)>> low_d, high_d;
+  const auto low =
+      PlaneReciprocal(half, t, origin, segments, hn::LowerHalf(half, target.x),
+                      hn::LowerHalf(half, target.y), hn::LowerHalf(half, target.z), &low_d);
+  const auto high =
+      PlaneReciprocal(half, t, origin, segments, hn::UpperHalf(half, target.x),
+                      hn::UpperHalf(half, target.y), hn::UpperHalf(half, target.z), &high_d);
+  const auto numerator = hn::Set(dd, t.numerator);
+  V distance = hn::Combine(d, hn::DemoteTo(half, hn::Mul(numerator, high)),
+                           hn::DemoteTo(half, hn::Mul(numerator, low)));
+  if (weights != nullptr) {
+    const auto share = [&](Vec3d form) HWY_ATTR {
+      const auto one = hn::Set(dd, 1.0), zero = hn::Zero(dd);
+      const auto held = [&](auto s) HWY_ATTR {
+        return hn::DemoteTo(half, hn::IfThenElse(hn::Gt(s, zero),
+                                                 hn::IfThenElse(hn::Lt(s, one), s, one), zero));
+      };
+      return hn::Combine(d, held(hn::Mul(DotInDoubles(dd, form, high_d), high)),
+                         held(hn::Mul(DotInDoubles(dd, form, low_d), low)));
+    };
+    *u = share(weights->e2);
+    *v = share(weights->e0);
+  }
 
   V entry = hn::Set(d, -std::numeric_limits<float>::infinity());
   V exit = hn::Set(d, std::numeric_limits<float>::infinity());

@@ -10,7 +10,7 @@ float HitDistance(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c) {
   const Vec3d o = ToDouble(ray.origin), ad = ToDouble(a);
   const Vec3d d = ray.segment ? ToDouble(ray.target) - o : ToDouble(ray.target);
   const Vec3d n = Cross(ToDouble(b) - ad, ToDouble(c) - ad);
-  float t = static_cast<float>(Dot(n, ad - o) / Dot(n, d));
+  float t = static_cast<float>(Dot(n, ad - o) * (1.0 / Dot(n, d)));
 
   Box3f box;
   box.Extend(a);
@@ -18,7 +18,7 @@ float HitDistance(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c) {
   box.Extend(c);
   const BoxRay box_ray = BoxRay::Make(ray.origin, ray.RoundedDirection());
   // The order matters: a rounded exit may lie before the rounded entry, and the entry must win. The
-  // negations let a quotient of 0/0 pass to the bounds, and the last one turns -0 into 0.
+  // negations let a product of 0 and inf pass to the bounds, and the last one turns -0 into 0.
   if (ray.segment && !(t <= 1)) t = 1;  // The normal of a sliver may be off by all of its bits.
   const float exit = BoxExit(box_ray, box);
   if (!(t <= exit)) t = exit;
@@ -33,11 +33,10 @@ void HitBarycentrics(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c, float* 
   const Vec3d d = ray.segment ? ToDouble(ray.target) - o : ToDouble(ray.target);
   const Vec3d ad = ToDouble(a), bd = ToDouble(b), cd = ToDouble(c);
   const double e0 = Dot(Cross(ad - o, bd - ad), d);
-  const double e1 = Dot(Cross(bd - o, cd - bd), d);
   const double e2 = Dot(Cross(cd - o, ad - cd), d);
-  const double sum = (e0 + e1) + e2;
-  const auto share = [sum](double e) {
-    const double s = e / sum;
+  const double reciprocal = 1.0 / Dot(Cross(bd - ad, cd - ad), d);
+  const auto share = [reciprocal](double e) {
+    const double s = e * reciprocal;
     return static_cast<float>(s > 0 ? (s < 1 ? s : 1.0)
                                     : 0.0);  // NaN (a sum lost to rounding) gives 0.
   };

@@ -4,6 +4,8 @@
 #include <algorithm>
 
 #include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/intersect/hit.h"
 
 namespace sightline {
 namespace {
@@ -54,14 +56,26 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
     return trace(scene, *packet, run.cancel(), scope.walk()) ? absl::OkStatus() : run.Stopped();
   }
   std::array<TraceRay, kBlockRays> rays;
+  std::array<Hit, kBlockRays> hits;
   for (int i = 0; i < packet->count; ++i) {
     rays[i] = {.ray = packet->ray(i),
                .mask = packet->mask,
                .from_source = packet->origin_source,
                .to_source = packet->segments ? packet->target_source[i] : kNoTriangle};
   }
-  return TraceRayBlock(scene, run, kind, strategy,
-                       std::span<const TraceRay>(rays.data(), packet->count), packet->hit, stats);
+  SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, kind, strategy,
+                                   std::span<const TraceRay>(rays.data(), packet->count), hits,
+                                   stats));
+  for (int i = 0; i < packet->count; ++i) {
+    packet->t[i] = hits[i].t;
+    packet->triangle[i] = hits[i].triangle;
+    packet->u[i] = packet->v[i] = 0;
+    if (packet->want_barycentrics && kind == HitKind::kClosest && hits[i].triangle != kNoTriangle) {
+      const auto [a, b, c] = scene.geometry.Corners(hits[i].triangle);
+      HitBarycentrics(packet->ray(i), a, b, c, &packet->u[i], &packet->v[i]);
+    }
+  }
+  return absl::OkStatus();
 }
 
 absl::Status TraceSampleBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
@@ -80,6 +94,26 @@ absl::Status TraceSampleBlock(const IndexedGeometry& scene, const QueryRun& run,
     return ToFloat(d + (sample.directional ? toward : toward - d) * t_min);
   };
   if (sample.directional) {
+    if (kind == HitKind::kAny && run.options().strategy == Strategy::kShaft) {
+      ParallelPacket packet;
+      packet.direction = sample.value;
+      packet.mask = mask;
+      packet.direction_source = sample.source_triangle;
+      packet.count = n;
+      for (int i = 0; i < n; ++i) {
+        const Vec3f origin = point_end(positions[i]);
+        packet.origin_x[i] = origin.x;
+        packet.origin_y[i] = origin.y;
+        packet.origin_z[i] = origin.z;
+        packet.origin_source[i] = sources[i];
+      }
+      StatsScope scope(stats, Strategy::kShaft, static_cast<uint64_t>(n));
+      if (!run.kernels().occluded_parallel_shaft(scene, packet, run.cancel(), scope.walk())) {
+        return run.Stopped();
+      }
+      for (int i = 0; i < n; ++i) hits[i] = {0.0f, packet.triangle[i]};
+      return absl::OkStatus();
+    }
     std::array<TraceRay, kBlockRays> rays;
     for (int i = 0; i < n; ++i) {
       rays[i] = {.ray = PredicateRay::Ray(point_end(positions[i]), sample.value),
@@ -103,9 +137,10 @@ absl::Status TraceSampleBlock(const IndexedGeometry& scene, const QueryRun& run,
     packet.target_z[i] = end.z;
     packet.target_source[i] = sources[i];
   }
-  absl::Status status = TracePacketBlock(scene, run, kind, run.options().strategy, &packet, stats);
-  if (status.ok()) std::copy_n(packet.hit, n, hits.begin());
-  return status;
+  SL_RETURN_IF_ERROR(
+      TracePacketBlock(scene, run, kind, run.options().strategy, &packet, stats));
+  for (int i = 0; i < n; ++i) hits[i] = packet.hit(i);
+  return absl::OkStatus();
 }
 
 }  // namespace sightline

@@ -55,6 +55,7 @@ class TileTrace {
     packet_.origin = eye;
     packet_.segments = false;
     packet_.mask = options.mask;
+    packet_.want_barycentrics = outputs.uv;
     if (outputs.hits) out_.hit_bits.assign(row_bytes_, 0);
     if (outputs.ids) out_.triangle.assign(pixels_, kNoTriangle);
     if (outputs.depth) out_.depth.assign(pixels_, std::numeric_limits<float>::infinity());
@@ -102,21 +103,20 @@ class TileTrace {
                                         need_first ? HitKind::kClosest : HitKind::kAny,
                                         run_.options().strategy, &packet_, &out_.primary));
     for (int i = 0; i < count; ++i) {
-      if (packet_.hit[i].triangle != kNoTriangle) WriteHit(i);
+      if (packet_.triangle[i] != kNoTriangle) WriteHit(i);
     }
     if (outputs_.lit || outputs_.points) return ShadeBlock(count);
     return absl::OkStatus();
   }
 
   void WriteHit(int i) {
-    const Hit& hit = packet_.hit[i];
     const uint32_t pixel = pixel_[i];
     if (outputs_.hits) SetBit(out_.hit_bits.data(), pixel);
-    if (outputs_.ids) out_.triangle[pixel] = hit.triangle;
-    if (outputs_.depth) out_.depth[pixel] = hit.t;
+    if (outputs_.ids) out_.triangle[pixel] = packet_.triangle[i];
+    if (outputs_.depth) out_.depth[pixel] = packet_.t[i];
     if (outputs_.uv) {
-      const auto [a, b, c] = scene_.geometry.Corners(hit.triangle);
-      HitBarycentrics(packet_.ray(i), a, b, c, &out_.u[pixel], &out_.v[pixel]);
+      out_.u[pixel] = packet_.u[i];
+      out_.v[pixel] = packet_.v[i];
     }
   }
 
@@ -126,7 +126,7 @@ class TileTrace {
       // Placing belongs to the shadows' cost, though it asks about no ray.
       const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
       for (int i = 0; i < count; ++i) {
-        const Hit& hit = packet_.hit[i];
+        const Hit hit = packet_.hit(i);
         if (hit.triangle == kNoTriangle) continue;
         positions_[points] =
             PlaceHit(scene_, packet_.origin, packet_.target(i), hit.t, hit.triangle);

@@ -4,21 +4,24 @@
 // so each float quantity it compares carries its own rounding as a margin. u = 2^-24 throughout;
 // |x|_1 is the sum of the absolute components, |x|_inf the largest.
 //
+// Rays with a common origin O
+//
 // Slopes (kSlopeMargin). s = fl((u·D)/(w·D)). The numerator errs by at most 3.1u|D|_1 <= 5.4u|D|,
 // so does the denominator, which is at least 0.4|D|; with |s| <= 2.3 the quotient errs by 5.4u(1
 // + 2.3)/0.4 + u·2.3 < 47u. Every rectangle of slopes is widened by 64u, and so holds its rays'
 // true slopes.
 //
-// Boxes against a plane through the origin with normal n = u - s·w (or its like): |n|_inf <= 1
-// + 2.3. n itself errs by 2u·3.3 per component, face - o by u, a chain of three fused multiply-adds
-// by 3u: at most (6.6 + 3.3 + 9.9)u < 20u times |far corner - o|_1. kBoxMargin is 32u.
+// Points against a plane through O with normal n = u - s·w (or its like): |n|_inf <= 1 + 2.3. n
+// itself errs by 2u·3.3 per component, p - o by u, a chain of three fused multiply-adds by 3u: at
+// most (6.6 + 3.3 + 9.9)u < 20u times |p - o|_1. kBoxMargin is 32u. For the faces of boxes the
+// normal's product with O is subtracted instead of O: n·p and n·o then err by (6.6 + 9.9)u|p|_1
+// and (6.6 + 3.3)u|o|_1, and kBoxMargin is taken of |p|_1 + |o|_1, for the scene's farthest corner:
+// one margin for all boxes.
 //
 // Depths. w·(p - o) errs by the same reasoning by less than 5u|p - o|_1: kBoxMargin serves, too. A
 // hit's distance is held between its triangle's slab entry and exit, each good to 4.1u relative, so
 // the point it names lies in the box up to 5u|far corner - o|_1; kDepthScale on the other side
 // covers the product of distance and depth.
-//
-// Vertices against the same planes: as boxes, with the vertex in place of the far corner.
 //
 // Edge forms over a block of rays (kEdgeMargin). The form c = (A-O)×(B-A) as computed errs by 9u·K,
 // K = |A-O|_1·|B-A|_1, per unit of |D|_inf (predicate-inl.h). Divided by the depth w·D >= 0.4|D|,
@@ -30,6 +33,35 @@
 //
 // Plane forms over a block's rays: N = (B-A)×(C-B), K = |B-A|_1·|C-B|_1: N·D/(w·D) as above;
 // N·(A-O) errs by 9u·K|A-O|_inf.
+//
+// Inverse distances of hits (kInverseMargin). 1/t = N·D / N·(A-O) is taken from the float stage's
+// N·D ± its bound b and N·(A-O) ± its own. Where N·D > 2b the double quotient of HitDistance is good
+// to 2^-28 relative, its rounding adds u, the hold between slab entry and exit at most 4.1u, the
+// products here 4u: below 10u + 2^-28. kInverseMargin is 16u, on either side.
+//
+// Parallel rays, from origins P along D
+//
+// Everything is taken relative to a reference point R among the origins; r bounds |P-R|_1. Offsets
+// are (u·(P-R), v·(P-R)), with u, v ⊥ D up to 4u. A hit H = P + tD has the offsets of its P up to
+// 4u·t|D| <= 4u(|H-R|_1 + r), each offset errs by 4u times its 1-norm: below 16u(|H-R|_1 + r).
+// kBoxMargin of that sum serves, for faces with |R|_1 added as above.
+//
+// Edge forms. With m = (B-A)×D the predicate's e = (A-P)·m = (A-R)·m - (P-R)·m. m errs by 3u·K per
+// component, K = |B-A|_1|D|_inf >= |m|_inf. Per ray (kParallelUnits): each product is a triple
+// product of differences, good to 8u of its permanent (predicate-inl.h); the chain that subtracts
+// them rounds (A-R)·m three times more: 11u·K(|A-R|_1 + r) < 12u. Over a block (kEdgeMargin), -m·u
+// and -m·v are coefficients: (A-R)·m errs by 7u·K|A-R|_1, m·u and m·v by 10.5u·K each, times r; the
+// basis by 28u·K·r and m·w, which should be zero, by 7u·K·r; offsets by 7u·K·r each; centre ± radius
+// by 4u(K|A-R|_1 + 3.5K·r): together 11u·K|A-R|_1 + 84u·K·r. The plane form N·(A-R) - N·(P-R)
+// likewise with K = |B-A|_1|C-B|_1 and one more coefficient: + 21u·K·r. kEdgeMargin is 128u.
+//
+// Receivers' cap (kCapMargin)
+//
+// Segments from O to points P stay in {x : G·(x-C) <= most}, most = max(G·(O-C), G·(P-C)), for
+// whatever G and C are stored; rays from P along D with G·D <= 0 stay in {x : G·(x-C) <= max
+// G·(P-C)}. G·(x-C) errs by 4u·sum |G_k||x_k - C_k|: kCapMargin is 5u of it, on both sides. With C
+// among the points it is a margin of the neighbourhood's size, so that a surface's own triangles,
+// which lie just behind points placed in front of it, are culled by their vertices.
 //
 // Thread safety: constants only.
 #ifndef SIGHTLINE_CORE_SHAFT_MARGINS_H_
@@ -43,6 +75,9 @@ inline constexpr float kDepthScale = 1 + 16 * 0x1p-24f;
 inline constexpr float kEdgeMargin = 128 * 0x1p-24f;
 inline constexpr float kEdgeUnderflow = 0x1p-80f;
 inline constexpr float kLeastDepth = 0x1p-60f;
+inline constexpr float kInverseMargin = 16 * 0x1p-24f;
+inline constexpr float kParallelUnits = 12 * 0x1p-24f;
+inline constexpr float kCapMargin = 5 * 0x1p-24f;
 
 }  // namespace sightline
 

@@ -34,6 +34,7 @@ const Kernels& TargetKernels() {
       .closest_packet = &TracePacket<false>,
       .occluded_shaft = &TraceShaft<true>,
       .closest_shaft = &TraceShaft<false>,
+      .occluded_parallel_shaft = &TraceParallelShaft,
   };
   return kKernels;
 }

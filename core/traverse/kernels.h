@@ -27,12 +27,15 @@ using TraceRaysFn = bool (*)(const IndexedGeometry& scene, std::span<const Trace
                              std::span<Hit> hits, const CancelToken* cancel, WalkStats* stats);
 using TracePacketFn = bool (*)(const IndexedGeometry& scene, RayPacket& packet,
                                const CancelToken* cancel, WalkStats* stats);
+using TraceParallelFn = bool (*)(const IndexedGeometry& scene, ParallelPacket& packet,
+                                 const CancelToken* cancel, WalkStats* stats);
 
 struct Kernels {
   TraceRaysFn occluded_single, closest_single;    // Depth-first over the BVH, one ray at a time.
   TraceRaysFn occluded_brute, closest_brute;      // Every triangle of the geometry; no structure.
   TracePacketFn occluded_packet, closest_packet;  // Depth-first, rays together.
   TracePacketFn occluded_shaft, closest_shaft;    // Depth-first, all rays as one convex shaft.
+  TraceParallelFn occluded_parallel_shaft;
 };
 
 // REQUIRES: SimdTargetAvailable(target).

@@ -20,6 +20,7 @@
 #endif
 
 #include "core/base/cancel.h"
+#include "core/traverse/finish-inl.h"
 #include "core/traverse/packet_lanes-inl.h"
 #include "core/traverse/single-inl.h"
 
@@ -201,7 +202,9 @@ bool TracePacket(const IndexedGeometry& scene, RayPacket& packet, const CancelTo
                  WalkStats* stats) {
   if (packet.count == 0) return true;
   PacketWalk<kAny> walk(scene, packet, stats);
-  return walk.Run(cancel);
+  if (!walk.Run(cancel)) return false;
+  if (!kAny && packet.want_barycentrics) FinishHits(scene.geometry, packet);
+  return true;
 }
 
 }  // namespace HWY_NAMESPACE

@@ -70,10 +70,11 @@ class PacketLanes {
       if (packet.segments) dir = SubV(dir, o);
       StoreV(d, dir, direction_, i);
       hn::Store(NormInfV(dir), d, direction_inf_ + i);
-      StoreV(d, Reciprocals(d, dir), inv_, i);
+      StoreV(d, SlabReciprocals(d, dir), inv_, i);
       hn::Store(hn::Set(d, first_limit_), d, limit_of_ + i);
     }
-    for (int i = 0; i < padded_; ++i) packet.hit[i] = Hit{};
+    std::fill_n(packet.t, padded_, std::numeric_limits<float>::infinity());
+    std::fill_n(packet.triangle, padded_, kNoTriangle);
     for (int i = packet.count; i < padded_; ++i) {
       limit_of_[i] = -std::numeric_limits<float>::infinity();  // Enters nothing.
     }
@@ -193,7 +194,7 @@ class PacketLanes {
     live_ -= std::popcount(hits);
     for (; hits != 0; hits &= hits - 1) {
       const uint32_t lane = first + std::countr_zero(hits);
-      packet_.hit[lane] = {0.0f, id};
+      packet_.triangle[lane] = id;
       limit_of_[lane] = -std::numeric_limits<float>::infinity();
     }
   }
@@ -207,16 +208,6 @@ class PacketLanes {
     hn::Store(v.x, d, rows[0] + first);
     hn::Store(v.y, d, rows[1] + first);
     hn::Store(v.z, d, rows[2] + first);
-  }
-  // SlabReciprocal of core/geometry/box_ray.h, lane by lane.
-  static HWY_INLINE Vec3V<V> Reciprocals(D d, const Vec3V<V>& v) {
-    const V least = hn::Set(d, std::numeric_limits<float>::min());
-    const V nan = hn::Set(d, std::numeric_limits<float>::quiet_NaN());
-    const auto reciprocal = [&](V c) HWY_ATTR {
-      const M subnormal = hn::And(hn::Lt(hn::Abs(c), least), hn::Ne(c, hn::Zero(d)));
-      return hn::IfThenElse(subnormal, nan, hn::Div(hn::Set(d, 1.0f), c));
-    };
-    return {reciprocal(v.x), reciprocal(v.y), reciprocal(v.z)};
   }
   HWY_INLINE Vec3V<V> Targets(size_t first) const {
     const D d;
@@ -235,10 +226,11 @@ class PacketLanes {
     for (; hits != 0; hits &= hits - 1) {
       const uint32_t bit = std::countr_zero(hits);
       const Hit hit{distances[bit], id};
-      Hit& best = packet_.hit[first + bit];
-      if (!(hit < best)) continue;
-      best = hit;
-      if (hit.t < limit_of_[first + bit]) limit_of_[first + bit] = hit.t;
+      const size_t lane = first + bit;
+      if (!(hit < packet_.hit(static_cast<int>(lane)))) continue;
+      packet_.t[lane] = hit.t;
+      packet_.triangle[lane] = id;
+      if (hit.t < limit_of_[lane]) limit_of_[lane] = hit.t;
     }
   }
 

@@ -34,11 +34,33 @@ struct alignas(64) RayPacket {
   int count = 0;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
-  // Results. Occlusion: triangle is some blocker's id or kNoTriangle; t is unused.
-  alignas(64) Hit hit[kMaxRays];
+  // Whether u and v are wanted beside a closest hit's t and triangle.
+  bool want_barycentrics = false;
+  // Results. Occlusion: triangle is some blocker's id or kNoTriangle; the others are unused.
+  alignas(64) float t[kMaxRays];  // +inf for a miss.
+  alignas(64) uint32_t triangle[kMaxRays];
+  alignas(64) float u[kMaxRays], v[kMaxRays];  // 0 for a miss.
 
   Vec3f target(int lane) const { return {target_x[lane], target_y[lane], target_z[lane]}; }
   PredicateRay ray(int lane) const { return {origin, target(lane), segments}; }
+  Hit hit(int lane) const { return {t[lane], triangle[lane]}; }
+};
+
+// Rays with one direction (a sun's) that walk together: from each origin toward it, without end.
+// Asked for any hit only.
+struct alignas(64) ParallelPacket {
+  static constexpr int kMaxRays = RayPacket::kMaxRays;
+
+  Vec3f direction;
+  uint32_t mask = 0xFFFFFFFFu;
+  uint32_t direction_source = kNoTriangle;  // What the light itself lies on; it does not block.
+  int count = 0;
+  alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
+  alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
+  alignas(64) uint32_t triangle[kMaxRays];       // Result: some blocker's id, or kNoTriangle.
+
+  Vec3f origin(int lane) const { return {origin_x[lane], origin_y[lane], origin_z[lane]}; }
+  PredicateRay ray(int lane) const { return PredicateRay::Ray(origin(lane), direction); }
 };
 
 struct WalkStats {

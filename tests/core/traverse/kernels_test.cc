@@ -129,13 +129,15 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
       packet->mask = rng.Chance(0.7) ? 0xFFFFFFFFu : 1u << rng.Below(3);
       packet->origin_source = rays.Source();
       packet->count = count;
+      packet->want_barycentrics = rng.Chance(0.5);
       // Some packets are narrow, as a tile's: around one target.
-      const bool narrow = rng.Chance(0.5);
+      const bool narrow = rng.Chance(0.7);
+      const double strays = rng.Chance(0.3) ? 0.02 : 0.0;
       const Vec3f middle = rays.Target(packet->origin, packet->segments);
       std::vector<TraceRay> queries;
       for (int lane = 0; lane < count; ++lane) {
         Vec3f target = rays.Target(packet->origin, packet->segments);
-        if (narrow && !rng.Chance(0.02)) {
+        if (narrow && !rng.Chance(strays)) {
           for (int k = 0; k < 3; ++k) {
             target[k] = middle[k] + static_cast<float>(rng.Uniform(-0.03, 0.03)) * middle[k];
           }
@@ -161,11 +163,11 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
                     {"shaft", true, kernels().occluded_shaft}};
       for (const auto& [walk, any, trace] : kWalks) {
         SCOPED_TRACE(walk);
-        for (Hit& hit : packet->hit) hit = {-1, 12345};
+        std::fill_n(packet->triangle, RayPacket::kMaxRays, 12345u);
         WalkStats stats;
         ASSERT_TRUE(trace(scene.indexed, *packet, nullptr, &stats));
         for (int lane = 0; lane < count; ++lane) {
-          const Hit& hit = packet->hit[lane];
+          const Hit hit = packet->hit(lane);
           if (any) {
             ASSERT_EQ(hit.triangle != kNoTriangle, truth[lane].triangle != kNoTriangle)
                 << "lane " << lane << " of " << count << ", " << Printed{queries[lane]};
@@ -177,11 +179,75 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
                 << "lane " << lane << " of " << count << ", " << Printed{queries[lane]} << ": "
                 << hit.triangle << " at " << hit.t << ", not " << truth[lane].triangle << " at "
                 << truth[lane].t;
+            float u = 0, v = 0;
+            if (hit.triangle != kNoTriangle) {
+              const auto [a, b, c] = scene.indexed.geometry.Corners(hit.triangle);
+              HitBarycentrics(queries[lane].ray, a, b, c, &u, &v);
+            }
+            if (packet->want_barycentrics) {
+              ASSERT_EQ(std::bit_cast<uint32_t>(packet->u[lane]), std::bit_cast<uint32_t>(u));
+              ASSERT_EQ(std::bit_cast<uint32_t>(packet->v[lane]), std::bit_cast<uint32_t>(v));
+            }
           }
         }
       }
     }
   }
+}
+
+TEST_P(KernelsTest, ParallelPacketsGiveBruteForcesBits) {
+  TestRng rng;
+  const auto packet = std::make_unique<ParallelPacket>();
+  int64_t hits = 0, all = 0;
+  for (const NastyScene& scene : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(scene.name);
+    NastyRays rays(scene.indexed, rng);
+    for (int64_t i = 0, n = ScaledCount(110, 10); i < n; ++i) {
+      const int count = 1 + static_cast<int>(rng.Below(ParallelPacket::kMaxRays));
+      const Vec3f middle = rays.Point();
+      do {
+        packet->direction = rays.Target(middle, /*segment=*/false);
+      } while (MaxAbs(packet->direction) == 0);
+      packet->mask = rng.Chance(0.7) ? 0xFFFFFFFFu : 1u << rng.Below(3);
+      packet->direction_source = rays.Source();
+      packet->count = count;
+      const bool narrow = rng.Chance(0.5);
+      std::vector<TraceRay> queries;
+      for (int lane = 0; lane < count; ++lane) {
+        Vec3f origin = rays.Point();
+        if (narrow) {
+          for (int k = 0; k < 3; ++k) {
+            origin[k] = middle[k] + static_cast<float>(rng.Uniform(-0.03, 0.03)) * middle[k];
+          }
+        }
+        packet->origin_x[lane] = origin.x;
+        packet->origin_y[lane] = origin.y;
+        packet->origin_z[lane] = origin.z;
+        packet->origin_source[lane] = rays.Source();
+        queries.push_back({.ray = packet->ray(lane),
+                           .mask = packet->mask,
+                           .from_source = packet->origin_source[lane],
+                           .to_source = packet->direction_source});
+      }
+      const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
+      std::fill_n(packet->triangle, ParallelPacket::kMaxRays, 12345u);
+      WalkStats stats;
+      ASSERT_TRUE(
+          kernels().occluded_parallel_shaft(scene.indexed, *packet, nullptr, &stats));
+      for (int lane = 0; lane < count; ++lane) {
+        const Hit hit = {0.0f, packet->triangle[lane]};
+        ASSERT_EQ(hit.triangle != kNoTriangle, truth[lane].triangle != kNoTriangle)
+            << "lane " << lane << " of " << count << ", " << Printed{queries[lane]};
+        if (hit.triangle != kNoTriangle) {
+          ExpectBlocker(scene.indexed.geometry, queries[lane], hit);
+          ++hits;
+        }
+        ++all;
+      }
+    }
+  }
+  EXPECT_GT(hits, all / 10);
+  EXPECT_LT(hits, all - all / 10);
 }
 
 TEST_P(KernelsTest, AnEmptyPacketAndNoRaysAreNothing) {

@@ -1,0 +1,309 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A leaf's triangles as a shaft sees them: put to its sides by their vertices (paper 000's vertex
+// culling), sixteen at a time; those left are relevant (paper 002), and their forms are kept, in
+// rows, for the tests of blocks and rays.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_LEAF_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_LEAF_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_SHAFT_LEAF_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_SHAFT_LEAF_INL_H_
+#endif
+
+#include "core/traverse/leaf_view.h"
+#include "core/traverse/shaft_rays-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// A linear form over the frame: f[0]·x + f[1]·y + f[2] at slopes or offsets (x, y) (for the plane
+// of parallel rays + f[3]·depth), good to `margin` over a block.
+struct FrameForm {
+  alignas(64) float f[4][kMaxLeafTriangles];
+  alignas(64) float margin[kMaxLeafTriangles];
+};
+
+// Row i is the leaf's triangle i, turned so that its forms are positive where it is hit: the origin
+// lies behind it. Rows of triangles that are not relevant hold nothing.
+struct LeafForms {
+  // Against a ray's own vector q (D, or P - R).
+  alignas(64) float edge[3][3][kMaxLeafTriangles];
+  alignas(64) float edge_offset[3][kMaxLeafTriangles];  // Parallel: e = offset - edge·q.
+  alignas(64) float edge_bound[3][kMaxLeafTriangles];   // One origin: times |D|_inf.
+  alignas(64) float normal[3][kMaxLeafTriangles];
+  alignas(64) float normal_bound[kMaxLeafTriangles];  // One origin: times |P-A|_inf or |D|_inf.
+  alignas(64) float a[3][kMaxLeafTriangles];
+  alignas(64) float depth[kMaxLeafTriangles];        // normal·(A-O), or normal·(A-R).
+  alignas(64) float depth_bound[kMaxLeafTriangles];  // One origin: its error. Parallel: of the
+                                                     // whole plane form per ray.
+  alignas(64) float inverse_lo[kMaxLeafTriangles];   // Closest: bounds of 1 / (normal·(A-O)).
+  alignas(64) float inverse_hi[kMaxLeafTriangles];   // +inf where it cannot be trusted.
+  // Against a block of rays.
+  FrameForm edge_form[3], plane_form;
+};
+
+// Where the float stage's relative error of normal·(A-O) is below this, bounds of its reciprocal
+// are worth having.
+constexpr float kTrustedDepth = 0x1p-8f;
+
+template <bool kAny, bool kParallel>
+class ShaftLeaf {
+ public:
+  ShaftLeaf(const IndexedGeometry& scene, ShaftRays<kAny, kParallel>& rays)
+      : scene_(scene), rays_(rays) {
+    const ShaftFrame& frame = rays.frame();
+    for (int k = 0; k < 3; ++k) {
+      axes_[0][k] = frame.u[k];
+      axes_[1][k] = frame.v[k];
+      axes_[2][k] = frame.w[k];
+    }
+  }
+
+  // The leaf's relevant triangles (bit i for triangle i), with their forms in place. `far`: nothing
+  // deeper matters (closest hits).
+  uint32_t Prepare(const LeafView& leaf, const ShaftBounds& bounds, float far) {
+    uint32_t relevant = 0;
+    const uint32_t lanes = static_cast<uint32_t>(hn::Lanes(ShaftD()));
+    for (uint32_t first = 0; first < leaf.count; first += lanes) {
+      relevant |= PrepareSome(leaf, first, bounds, far) << first;
+    }
+    return relevant;
+  }
+
+  const LeafForms& forms() const { return forms_; }
+
+ private:
+  using V = ShaftV;
+  using V3 = Vec3V<ShaftV>;
+
+  V Along(const float (&axis)[3], const V3& p) const {
+    const ShaftD d;
+    return hn::MulAdd(hn::Set(d, axis[0]), p.x,
+                      hn::MulAdd(hn::Set(d, axis[1]), p.y, hn::Mul(hn::Set(d, axis[2]), p.z)));
+  }
+
+  uint32_t PrepareSome(const LeafView& leaf, uint32_t first, const ShaftBounds& bounds, float far) {
+    const ShaftD d;
+    const Vec3f apex = rays_.apex();
+    const V3 o = Broadcast(d, apex.x, apex.y, apex.z);
+    const auto load = [&](int corner) HWY_ATTR -> V3 {
+      const float* rows = leaf.rows + 3 * corner * leaf.stride + first;
+      return {hn::LoadU(d, rows), hn::LoadU(d, rows + leaf.stride),
+              hn::LoadU(d, rows + 2 * leaf.stride)};
+    };
+    const V3 a = load(0), b = load(1), c = load(2);
+    const V3 oa = SubV(a, o), ob = SubV(b, o), oc = SubV(c, o);
+    const V oa1 = Norm1V(oa), ob1 = Norm1V(ob), oc1 = Norm1V(oc);
+    const V reach = hn::Max(hn::Max(oa1, ob1), oc1);
+    const V margin =
+        hn::Mul(hn::Add(reach, hn::Set(d, rays_.spread())), hn::Set(d, kBoxMargin));
+    V least = hn::Set(d, std::numeric_limits<float>::infinity());
+    for (int i = 0; i < bounds.side_count; ++i) {
+      const ShaftSide& side = bounds.sides[i];
+      const V most =
+          hn::Max(hn::Max(Along(side.n, oa), Along(side.n, ob)), Along(side.n, oc));
+      least = hn::Min(least, hn::Sub(most, hn::Set(d, side.local)));
+    }
+    const uint32_t in_use =
+        leaf.count - first >= hn::Lanes(d) ? (1u << hn::Lanes(d)) - 1
+                                           : (1u << (leaf.count - first)) - 1;
+    ShaftM in = hn::Ge(hn::Add(least, margin), hn::Zero(d));
+    if constexpr (!kAny) {
+      // A closest hit's distance may leave an ill-conditioned triangle, but not its box (hit.h).
+      V nearest = hn::Zero(d), corner_reach = hn::Zero(d);
+      const auto axis = [&](float w, V p, V q, V r) HWY_ATTR {
+        const V lo = hn::Min(hn::Min(p, q), r), hi = hn::Max(hn::Max(p, q), r);
+        nearest = hn::MulAdd(hn::Set(d, w), w >= 0 ? lo : hi, nearest);
+        corner_reach = hn::Add(corner_reach, hn::Max(hn::Abs(lo), hn::Abs(hi)));
+      };
+      axis(axes_[2][0], oa.x, ob.x, oc.x);
+      axis(axes_[2][1], oa.y, ob.y, oc.y);
+      axis(axes_[2][2], oa.z, ob.z, oc.z);
+      nearest = hn::NegMulAdd(corner_reach, hn::Set(d, kBoxMargin), nearest);
+      in = hn::And(in, hn::Le(nearest, hn::Set(d, far)));
+    }
+    if (rays_.has_cap()) in = hn::And(in, WithinCap(a, b, c, bounds.cap_most));
+    uint32_t relevant = MaskBits(d, in) & in_use;
+    if (relevant == 0) return 0;
+
+    const V3 ab = SubV(b, a), bc = SubV(c, b), ca = SubV(a, c);
+    const V ab1 = Norm1V(ab), bc1 = Norm1V(bc), ca1 = Norm1V(ca);
+    const V underflow = hn::Set(d, kFloatUnderflow), units = hn::Set(d, kFloatUnits);
+    const V3 normal = CrossV(ab, bc);
+    const V normal_k = hn::Mul(ab1, bc1);
+    const V normal_bound = hn::MulAdd(units, normal_k, underflow);
+    V depth = DotV(normal, oa);
+    // Which way the triangle is to be turned: by the side the origin is on, or where D leads.
+    V turn, turn_bound;
+    V3 common = o;
+    if constexpr (kParallel) {
+      const Vec3f direction = rays_.packet().direction;
+      common = Broadcast(d, direction.x, direction.y, direction.z);
+      turn = DotV(normal, common);
+      turn_bound = hn::MulAdd(normal_bound, hn::Set(d, MaxAbs(direction)), underflow);
+    } else {
+      turn = depth;
+      turn_bound = hn::MulAdd(normal_bound, NormInfV(oa), underflow);
+    }
+    const hn::RebindToUnsigned<ShaftD> du;
+    if (rays_.common_source() != kNoTriangle) {
+      const auto ids = hn::LoadU(du, reinterpret_cast<const uint32_t*>(
+                                         leaf.rows + 9 * leaf.stride + first));
+      relevant &= ~MaskBits(du, hn::Eq(ids, hn::Set(du, rays_.common_source())));
+    }
+    const uint32_t unsure = relevant & MaskBits(d, hn::Le(hn::Abs(turn), turn_bound));
+    if (unsure != 0 || !scene_.geometry.uniform) {
+      HWY_ALIGN float turns[kMaxLeafTriangles];
+      hn::Store(turn, d, turns);
+      relevant = TurnExactly(leaf, first, relevant, unsure, turns);
+      turn = hn::Load(d, turns);
+    }
+    if (relevant == 0) return 0;
+    const V flip = hn::And(turn, hn::SignBit(d));
+    const auto turned = [flip](const V3& v) HWY_ATTR -> V3 {
+      return {hn::Xor(v.x, flip), hn::Xor(v.y, flip), hn::Xor(v.z, flip)};
+    };
+
+    // Forms, and all of them against the whole shaft's rectangle: positive somewhere in it?
+    V3 edge[3];
+    V edge_offset[3], edge_bound[3], edge_margin[3];
+    const V3* corner_of[3] = {&oa, &ob, &oc};
+    const V* corner_1[3] = {&oa1, &ob1, &oc1};
+    const V3* along[3] = {&ab, &bc, &ca};
+    const V* along_1[3] = {&ab1, &bc1, &ca1};
+    const V edge_units = hn::Set(d, kEdgeMargin), edge_underflow = hn::Set(d, kEdgeUnderflow);
+    const V cx = hn::Set(d, bounds.cx), cy = hn::Set(d, bounds.cy);
+    const V ex = hn::Set(d, bounds.ex), ey = hn::Set(d, bounds.ey);
+    ShaftM met = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&relevant));
+    V frame[3][4];
+    for (int e = 0; e < 3; ++e) {
+      if constexpr (kParallel) {
+        const float d_inf = MaxAbs(rays_.packet().direction);
+        edge[e] = turned(CrossV(*along[e], common));
+        edge_offset[e] = DotV(edge[e], *corner_of[e]);
+        const V k = hn::Mul(hn::Mul(*along_1[e], hn::Set(d, d_inf)),
+                            hn::Add(*corner_1[e], hn::Set(d, rays_.spread())));
+        edge_bound[e] = hn::MulAdd(hn::Set(d, kParallelUnits), k, underflow);
+        edge_margin[e] = hn::MulAdd(edge_units, k, edge_underflow);
+        frame[e][0] = hn::Neg(Along(axes_[0], edge[e]));
+        frame[e][1] = hn::Neg(Along(axes_[1], edge[e]));
+        frame[e][2] = edge_offset[e];
+      } else {
+        edge[e] = turned(CrossV(*corner_of[e], *along[e]));
+        const V k = hn::Mul(*corner_1[e], *along_1[e]);
+        edge_bound[e] = hn::MulAdd(units, k, underflow);
+        edge_margin[e] = hn::MulAdd(edge_units, k, edge_underflow);
+        for (int j = 0; j < 3; ++j) frame[e][j] = Along(axes_[j], edge[e]);
+      }
+      const V middle =
+          hn::MulAdd(frame[e][0], cx, hn::MulAdd(frame[e][1], cy, frame[e][2]));
+      const V radius = hn::MulAdd(hn::Abs(frame[e][0]), ex,
+                                  hn::MulAdd(hn::Abs(frame[e][1]), ey, edge_margin[e]));
+      met = hn::And(met, hn::Ge(hn::Add(middle, radius), hn::Zero(d)));
+    }
+    relevant = MaskBits(d, met);
+    if (relevant == 0) return 0;
+
+    const V3 n = turned(normal);
+    depth = hn::Xor(depth, flip);
+    for (int e = 0; e < 3; ++e) {
+      Put(edge[e], first, forms_.edge[e]);
+      Put(edge_bound[e], first, forms_.edge_bound[e]);
+      if constexpr (kParallel) Put(edge_offset[e], first, forms_.edge_offset[e]);
+      for (int j = 0; j < 3; ++j) Put(frame[e][j], first, forms_.edge_form[e].f[j]);
+      Put(edge_margin[e], first, forms_.edge_form[e].margin);
+    }
+    Put(n, first, forms_.normal);
+    Put(depth, first, forms_.depth);
+    if constexpr (kParallel) {
+      const V k = hn::Mul(normal_k, hn::Add(oa1, hn::Set(d, rays_.spread())));
+      Put(hn::MulAdd(hn::Set(d, kParallelUnits), k, underflow), first, forms_.depth_bound);
+      Put(hn::Neg(Along(axes_[0], n)), first, forms_.plane_form.f[0]);
+      Put(hn::Neg(Along(axes_[1], n)), first, forms_.plane_form.f[1]);
+      Put(depth, first, forms_.plane_form.f[2]);
+      Put(hn::Neg(Along(axes_[2], n)), first, forms_.plane_form.f[3]);
+      Put(hn::MulAdd(edge_units, k, edge_underflow), first, forms_.plane_form.margin);
+    } else {
+      Put(a, first, forms_.a);
+      Put(normal_bound, first, forms_.normal_bound);
+      Put(turn_bound, first, forms_.depth_bound);
+      for (int j = 0; j < 3; ++j) Put(Along(axes_[j], n), first, forms_.plane_form.f[j]);
+      Put(hn::MulAdd(edge_units, normal_k, edge_underflow), first, forms_.plane_form.margin);
+      if constexpr (!kAny) {
+        const V inverse = hn::Div(hn::Set(d, 1.0f), depth);
+        const V share = hn::Mul(turn_bound, inverse);
+        const ShaftM trusted =
+            hn::And(hn::Ge(share, hn::Zero(d)), hn::Le(share, hn::Set(d, kTrustedDepth)));
+        // 1 / (1 ± e) lies within 1 ± 2e; kInverseMargin for the rest.
+        const V off = hn::MulAdd(share, hn::Set(d, 2.0f), hn::Set(d, kInverseMargin));
+        Put(hn::IfThenElseZero(trusted, hn::NegMulAdd(inverse, off, inverse)), first,
+            forms_.inverse_lo);
+        Put(hn::IfThenElse(trusted, hn::MulAdd(inverse, off, inverse),
+                           hn::Set(d, std::numeric_limits<float>::infinity())),
+            first, forms_.inverse_hi);
+      }
+    }
+    return relevant;
+  }
+
+  // Some corner on the inner side of the receivers' cap.
+  ShaftM WithinCap(const V3& a, const V3& b, const V3& c, float most) const {
+    const ShaftD d;
+    const Vec3f at = rays_.cap_at(), g = rays_.cap_normal();
+    const V3 centre = Broadcast(d, at.x, at.y, at.z), n = Broadcast(d, g.x, g.y, g.z);
+    const V3 n_abs = {hn::Abs(n.x), hn::Abs(n.y), hn::Abs(n.z)};
+    const V margin = hn::Set(d, kCapMargin);
+    const auto low = [&](const V3& corner) HWY_ATTR {
+      const V3 p = SubV(corner, centre);
+      const V3 p_abs = {hn::Abs(p.x), hn::Abs(p.y), hn::Abs(p.z)};
+      return hn::NegMulAdd(DotV(n_abs, p_abs), margin, DotV(n, p));
+    };
+    return hn::Le(hn::Min(hn::Min(low(a), low(b)), low(c)), hn::Set(d, most));
+  }
+
+  // Settles the turn of those that floats leave open, and drops what blocks nothing: triangles
+  // whose plane holds the origin (or D), and those whose object hides from these rays.
+  uint32_t TurnExactly(const LeafView& leaf, uint32_t first, uint32_t relevant, uint32_t unsure,
+                       float* turns) const {
+    uint32_t kept = relevant;
+    for (uint32_t left = scene_.geometry.uniform ? unsure : relevant; left != 0; left &= left - 1) {
+      const uint32_t i = std::countr_zero(left), lane = first + i;
+      int turn = turns[i] > 0 ? 1 : -1;
+      if ((unsure >> i & 1) != 0) {
+        const Vec3f a = leaf.corner(0, lane), b = leaf.corner(1, lane), c = leaf.corner(2, lane);
+        if constexpr (kParallel) {
+          turn = SideOfDirection(a, b, c, rays_.packet().direction);
+        } else {
+          turn = -SideOfPlane(a, b, c, rays_.apex());
+        }
+        turns[i] = static_cast<float>(turn);
+      }
+      if (turn == 0 || (!scene_.geometry.uniform &&
+                        !ObjectBlocks(scene_.geometry, leaf.id(lane), rays_.packet().mask, -turn))) {
+        kept &= ~(1u << i);
+      }
+    }
+    return kept;
+  }
+
+  static void Put(V v, uint32_t first, float* row) { hn::Store(v, ShaftD(), row + first); }
+  static void Put(const V3& v, uint32_t first, float (*rows)[kMaxLeafTriangles]) {
+    Put(v.x, first, rows[0]);
+    Put(v.y, first, rows[1]);
+    Put(v.z, first, rows[2]);
+  }
+
+  const IndexedGeometry& scene_;
+  ShaftRays<kAny, kParallel>& rays_;
+  float axes_[3][3];
+  LeafForms forms_;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard

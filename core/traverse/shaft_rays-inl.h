@@ -1,0 +1,515 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The rays of a shaft: in rows, in the shaft's frame, and bounded sixteen by sixteen (a block), for
+// whatever subset of them is still asked about.
+//
+// Two kinds of shaft share everything below. Rays with one origin O (its apex) are placed in the
+// frame by slopes, and what tells them apart is their direction D. Parallel rays have one direction
+// and are placed by offsets of their origins P from a reference point R, which takes the apex's
+// part. `own` is D or P - R: an edge form of a triangle is linear in it either way.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_RAYS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_RAYS_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_SHAFT_RAYS_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_SHAFT_RAYS_INL_H_
+#endif
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/geometry/box_ray.h"
+#include "core/intersect/predicate-inl.h"
+#include "core/shaft/frame.h"
+#include "core/shaft/margins.h"
+#include "core/traverse/trace_ray.h"
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+constexpr int kShaftBlocks = 16;
+constexpr int kShaftBlockRays = 16;
+static_assert(kShaftBlocks * kShaftBlockRays == RayPacket::kMaxRays);
+
+using ShaftD = hn::CappedTag<float, 16>;  // Sixteen rays, triangles or blocks.
+using ShaftV = hn::Vec<ShaftD>;
+using ShaftM = hn::Mask<ShaftD>;
+
+// Bit r of rays[b]: ray r of block b.
+struct RaySet {
+  uint16_t rays[kShaftBlocks];
+};
+
+// Lanes at .. at + Lanes() of a row of bits, `at` a multiple of eight.
+HWY_INLINE ShaftM LanesOf(const uint16_t* bits, size_t at) {
+  return hn::LoadMaskBits(ShaftD(), reinterpret_cast<const uint8_t*>(bits) + at / 8);
+}
+
+// out[b] = op over the sixteen values of block b. fetch(i) gives values i .. i + Lanes(). A tree of
+// pairwise steps: each halves the vectors, and brings two of them together.
+template <class Op, class Fetch>
+HWY_INLINE void ReduceBlocks(const Op& op, const Fetch& fetch, float* out) {
+  const ShaftD d;
+  constexpr size_t kLanes = hn::MaxLanes(ShaftD());
+  for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
+    ShaftV rows[kLanes];
+    for (size_t b = 0; b < kLanes; ++b) {
+      const size_t at = (first + b) * kShaftBlockRays;
+      rows[b] = fetch(at);
+      for (size_t i = kLanes; i < kShaftBlockRays; i += kLanes) rows[b] = op(rows[b], fetch(at + i));
+    }
+    for (size_t n = kLanes / 2; n > 0; n /= 2) {
+      for (size_t i = 0; i < n; ++i) {
+        rows[i] = op(hn::ConcatEven(d, rows[2 * i + 1], rows[2 * i]),
+                     hn::ConcatOdd(d, rows[2 * i + 1], rows[2 * i]));
+      }
+    }
+    hn::Store(rows[0], d, out + first);
+  }
+}
+
+// A plane with the shaft on its inner side: n·p >= local for p relative to the apex (or to R),
+// n·x >= world for a stored point x.
+struct ShaftSide {
+  float n[3];
+  float local, world;
+  int face[3];  // Rows of a node's bounds where n·x is largest.
+};
+
+// The rays of a set that are still asked about, block by block and together.
+struct ShaftBounds {
+  alignas(64) uint16_t open[kShaftBlocks];
+  uint32_t open_blocks;
+  // Rectangles of slopes or offsets: middle and half extent. 0 where a block has no open ray.
+  alignas(64) float mx[kShaftBlocks], my[kShaftBlocks], hx[kShaftBlocks], hy[kShaftBlocks];
+  // Depths. One origin: where the nearest and farthest rays end (far: or, for closest hits, where
+  // all have found a hit; +inf without an end). Parallel: of the origins.
+  alignas(64) float near[kShaftBlocks], far[kShaftBlocks];
+  float cx, cy, ex, ey;  // Of all: middle and half extent.
+  float all_near, all_far;
+  ShaftSide sides[6];  // Left, right, below, above; for any hit: the end (the start, if parallel)
+                       // and the receivers' cap.
+  int side_count;
+  float cap_most;  // Of the cap, margin included.
+};
+
+template <bool kAny, bool kParallel>
+class ShaftRays {
+ public:
+  using Packet = std::conditional_t<kParallel, ParallelPacket, RayPacket>;
+  static constexpr int kMaxRays = RayPacket::kMaxRays;
+  static_assert(kAny || !kParallel, "parallel rays are asked about any hit");
+
+  ShaftRays(const IndexedGeometry& scene, Packet& packet) : packet_(packet), scene_(scene) {}
+
+  // Finds the frame and places the rays in it. False: they do not fit one (they spread too far
+  // around the origin, or have no direction).
+  bool Prepare() {
+    const ShaftD d;
+    const size_t lanes = hn::Lanes(d);
+    const int count = packet_.count;
+    padded_ = (count + lanes - 1) / lanes * lanes;
+    for (size_t i = count; i < padded_; ++i) PadLane(i, count - 1);
+    if constexpr (kParallel) {
+      apex_ = packet_.origin(count / 2);
+      has_cap_ = true;
+    } else {
+      apex_ = packet_.origin;
+      has_cap_ = packet_.segments;
+    }
+    const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
+    Vec3V<ShaftV> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+    ShaftV widest = hn::Zero(d);
+    for (size_t i = 0; i < padded_; i += lanes) {
+      Vec3V<ShaftV> own = {hn::Load(d, row(0) + i), hn::Load(d, row(1) + i), hn::Load(d, row(2) + i)};
+      if (kParallel || segments()) own = SubV(own, o);
+      hn::Store(own.x, d, own_[0] + i);
+      hn::Store(own.y, d, own_[1] + i);
+      hn::Store(own.z, d, own_[2] + i);
+      if constexpr (kParallel) {
+        widest = hn::Max(widest, Norm1V(own));
+      } else {
+        const ShaftV inf = NormInfV(own);
+        hn::Store(inf, d, own_inf_ + i);
+        const ShaftV scale = hn::Div(hn::Set(d, 1.0f), inf);
+        sum.x = hn::MulAdd(own.x, scale, sum.x);
+        sum.y = hn::MulAdd(own.y, scale, sum.y);
+        sum.z = hn::MulAdd(own.z, scale, sum.z);
+      }
+    }
+    Vec3d axis;
+    if constexpr (kParallel) {
+      axis = ToDouble(packet_.direction);
+      spread_ = hn::GetLane(hn::MaxOfLanes(d, widest));
+    } else {
+      axis = {hn::GetLane(hn::SumOfLanes(d, sum.x)), hn::GetLane(hn::SumOfLanes(d, sum.y)),
+              hn::GetLane(hn::SumOfLanes(d, sum.z))};
+      spread_ = 0;
+    }
+    // Lanes 0 and 3 are neighbours in a row of a tile; points come as they come.
+    const Vec3d sideways = ToDouble(own(std::min(3, count - 1))) - ToDouble(own(0));
+    if (!MakeShaftFrame(axis, sideways, &frame_)) return false;
+    if (!Project()) return false;
+    std::fill_n(packet_.triangle, padded_, kNoTriangle);
+    for (int b = 0; b < kShaftBlocks; ++b) {
+      const int left = count - b * kShaftBlockRays;
+      active_.rays[b] = left >= kShaftBlockRays ? 0xFFFF
+                        : left > 0              ? static_cast<uint16_t>((1u << left) - 1)
+                                                : 0;
+    }
+    has_sources_ = false;
+    if (kParallel || segments()) {
+      const hn::RebindToUnsigned<ShaftD> du;
+      for (size_t i = 0; i < padded_ && !has_sources_; i += lanes) {
+        has_sources_ = !hn::AllTrue(
+            du, hn::Eq(hn::Load(du, sources() + i), hn::Set(du, kNoTriangle)));
+      }
+    }
+    float farthest = Norm1(apex_) + spread_;
+    for (int k = 0; k < 3; ++k) {
+      farthest += std::max(std::abs(scene_.bvh.bounds.lo[k]), std::abs(scene_.bvh.bounds.hi[k]));
+    }
+    if (has_cap_) {
+      MakeCap();
+      farthest += Norm1(cap_at_);
+    }
+    node_margin_ = kBoxMargin * farthest;
+    return true;
+  }
+
+  const RaySet& active() const { return active_; }
+  RaySet& active() { return active_; }
+  size_t padded() const { return padded_; }
+  const ShaftFrame& frame() const { return frame_; }
+  Vec3f apex() const { return apex_; }
+  float spread() const { return spread_; }  // Bounds |P - R|_1; 0 for rays with one origin.
+  float node_margin() const { return node_margin_; }
+  bool segments() const {
+    if constexpr (kParallel) {
+      return false;
+    } else {
+      return packet_.segments;
+    }
+  }
+  bool has_cap() const { return has_cap_; }
+  Vec3f cap_normal() const { return cap_normal_; }
+  Vec3f cap_at() const { return cap_at_; }
+  bool has_sources() const { return has_sources_; }
+  const uint32_t* sources() const {
+    if constexpr (kParallel) {
+      return packet_.origin_source;
+    } else {
+      return packet_.target_source;
+    }
+  }
+  uint32_t common_source() const {
+    if constexpr (kParallel) {
+      return packet_.direction_source;
+    } else {
+      return packet_.origin_source;
+    }
+  }
+  Packet& packet() { return packet_; }
+  Vec3V<ShaftV> Own(size_t at) const {
+    const ShaftD d;
+    return {hn::Load(d, own_[0] + at), hn::Load(d, own_[1] + at), hn::Load(d, own_[2] + at)};
+  }
+  ShaftV OwnInf(size_t at) const { return hn::Load(ShaftD(), own_inf_ + at); }
+  ShaftV InverseDepth(size_t at) const { return hn::Load(ShaftD(), inverse_z_ + at); }
+  ShaftV Target(int axis, size_t at) const { return hn::Load(ShaftD(), row(axis) + at); }
+
+  // Bounds the rays of `set` that are still asked about. Returns how many there are.
+  int Bound(const RaySet& set, ShaftBounds* out) const {
+    const ShaftD d;
+    const ShaftV infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+    const ShaftV minus_infinity = hn::Neg(infinity);
+    int count = 0;
+    out->open_blocks = 0;
+    for (int b = 0; b < kShaftBlocks; ++b) {
+      out->open[b] = set.rays[b] & active_.rays[b];
+      count += std::popcount(out->open[b]);
+      out->open_blocks |= (out->open[b] != 0 ? 1u : 0u) << b;
+    }
+    if (count == 0) return 0;
+    const auto least = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); };
+    const auto most = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); };
+    const auto from = [&](const float* values, ShaftV other) HWY_ATTR {
+      return [out, values, other](size_t at) HWY_ATTR {
+        const ShaftD d16;
+        return hn::IfThenElse(LanesOf(out->open, at), hn::Load(d16, values + at), other);
+      };
+    };
+    HWY_ALIGN float x0[kShaftBlocks], x1[kShaftBlocks], y0[kShaftBlocks], y1[kShaftBlocks];
+    ReduceBlocks(least, from(x_, infinity), x0);
+    ReduceBlocks(most, from(x_, minus_infinity), x1);
+    ReduceBlocks(least, from(y_, infinity), y0);
+    ReduceBlocks(most, from(y_, minus_infinity), y1);
+    if (kParallel || segments()) {
+      ReduceBlocks(least, from(z_, infinity), out->near);
+      ReduceBlocks(most, from(z_, minus_infinity), out->far);
+    } else {
+      std::fill_n(out->near, kShaftBlocks, 0.0f);
+      std::fill_n(out->far, kShaftBlocks, std::numeric_limits<float>::infinity());
+    }
+    const float widen = kParallel ? kBoxMargin * spread_ : kSlopeMargin;
+    const ShaftV margin = hn::Set(d, widen), half = hn::Set(d, 0.5f);
+    ShaftV ax0 = infinity, ax1 = minus_infinity, ay0 = infinity, ay1 = minus_infinity;
+    ShaftV az0 = infinity, az1 = minus_infinity;
+    for (size_t b = 0; b < kShaftBlocks; b += hn::Lanes(d)) {
+      const ShaftV bx0 = hn::Sub(hn::Load(d, x0 + b), margin);
+      const ShaftV bx1 = hn::Add(hn::Load(d, x1 + b), margin);
+      const ShaftV by0 = hn::Sub(hn::Load(d, y0 + b), margin);
+      const ShaftV by1 = hn::Add(hn::Load(d, y1 + b), margin);
+      const ShaftM used = hn::Le(bx0, bx1);
+      // Half extents are taken a little large, so that middle ± half holds the rectangle after
+      // rounding.
+      hn::Store(hn::IfThenElseZero(used, hn::Mul(half, hn::Add(bx0, bx1))), d, out->mx + b);
+      hn::Store(hn::IfThenElseZero(used, hn::Mul(half, hn::Add(by0, by1))), d, out->my + b);
+      hn::Store(hn::IfThenElseZero(used, hn::MulAdd(half, hn::Sub(bx1, bx0), margin)), d,
+                out->hx + b);
+      hn::Store(hn::IfThenElseZero(used, hn::MulAdd(half, hn::Sub(by1, by0), margin)), d,
+                out->hy + b);
+      const ShaftV z0 = hn::Load(d, out->near + b);
+      ShaftV z1 = hn::Load(d, out->far + b);
+      if constexpr (!kParallel) z1 = hn::Mul(z1, hn::Set(d, kDepthScale));
+      hn::Store(hn::IfThenElseZero(used, z0), d, out->near + b);
+      hn::Store(hn::IfThenElseZero(used, z1), d, out->far + b);
+      ax0 = hn::Min(ax0, bx0);
+      ax1 = hn::Max(ax1, bx1);
+      ay0 = hn::Min(ay0, by0);
+      ay1 = hn::Max(ay1, by1);
+      az0 = hn::Min(az0, hn::IfThenElse(used, z0, infinity));
+      az1 = hn::Max(az1, hn::IfThenElse(used, z1, minus_infinity));
+    }
+    const float left = hn::GetLane(hn::MinOfLanes(d, ax0));
+    const float right = hn::GetLane(hn::MaxOfLanes(d, ax1));
+    const float below = hn::GetLane(hn::MinOfLanes(d, ay0));
+    const float above = hn::GetLane(hn::MaxOfLanes(d, ay1));
+    out->all_near = hn::GetLane(hn::MinOfLanes(d, az0));
+    out->all_far = hn::GetLane(hn::MaxOfLanes(d, az1));
+    out->cx = 0.5f * (left + right);
+    out->cy = 0.5f * (below + above);
+    out->ex = 0.5f * (right - left) + widen;
+    out->ey = 0.5f * (above - below) + widen;
+    MakeSides(left, right, below, above, out);
+    return count;
+  }
+
+  // Parts the open rays at the middle of their widest extent. False: one side would be empty.
+  bool Split(const ShaftBounds& bounds, RaySet* halves) const {
+    float x0 = std::numeric_limits<float>::infinity(), x1 = -x0, y0 = x0, y1 = x1;
+    ForEachOpen(bounds, [&](int lane) {
+      x0 = std::min(x0, x_[lane]);
+      x1 = std::max(x1, x_[lane]);
+      y0 = std::min(y0, y_[lane]);
+      y1 = std::max(y1, y_[lane]);
+    });
+    const bool by_x = x1 - x0 >= y1 - y0;
+    const float* at = by_x ? x_ : y_;
+    const float middle = by_x ? 0.5f * (x0 + x1) : 0.5f * (y0 + y1);
+    halves[0] = halves[1] = RaySet{};
+    int counts[2] = {0, 0};
+    ForEachOpen(bounds, [&](int lane) {
+      const int half = at[lane] > middle;
+      ++counts[half];
+      halves[half].rays[lane / kShaftBlockRays] |=
+          static_cast<uint16_t>(1u << (lane % kShaftBlockRays));
+    });
+    return counts[0] > 0 && counts[1] > 0;
+  }
+
+ private:
+  static float Norm1(Vec3f v) { return std::abs(v.x) + std::abs(v.y) + std::abs(v.z); }
+  const float* row(int axis) const {
+    if constexpr (kParallel) {
+      return axis == 0 ? packet_.origin_x : axis == 1 ? packet_.origin_y : packet_.origin_z;
+    } else {
+      return axis == 0 ? packet_.target_x : axis == 1 ? packet_.target_y : packet_.target_z;
+    }
+  }
+  Vec3f point(int lane) const { return {row(0)[lane], row(1)[lane], row(2)[lane]}; }
+  Vec3f own(int lane) const { return {own_[0][lane], own_[1][lane], own_[2][lane]}; }
+
+  // Lanes out of use copy the last one in use, and are never active.
+  void PadLane(size_t lane, size_t last) {
+    if constexpr (kParallel) {
+      packet_.origin_x[lane] = packet_.origin_x[last];
+      packet_.origin_y[lane] = packet_.origin_y[last];
+      packet_.origin_z[lane] = packet_.origin_z[last];
+      packet_.origin_source[lane] = kNoTriangle;
+    } else {
+      packet_.target_x[lane] = packet_.target_x[last];
+      packet_.target_y[lane] = packet_.target_y[last];
+      packet_.target_z[lane] = packet_.target_z[last];
+      packet_.target_source[lane] = kNoTriangle;
+    }
+  }
+
+  bool Project() {
+    const ShaftD d;
+    const Vec3V<ShaftV> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
+    const Vec3V<ShaftV> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
+    const Vec3V<ShaftV> w = Broadcast(d, frame_.w.x, frame_.w.y, frame_.w.z);
+    const ShaftV share = hn::Set(d, kMinDepthShare * kMinDepthShare);
+    const ShaftV least = hn::Set(d, kLeastDepth);
+    bool fits = true;
+    for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
+      const Vec3V<ShaftV> own = Own(i);
+      const ShaftV x = DotV(u, own), y = DotV(v, own), z = DotV(w, own);
+      hn::Store(z, d, z_ + i);
+      if constexpr (kParallel) {
+        hn::Store(x, d, x_ + i);
+        hn::Store(y, d, y_ + i);
+      } else {
+        // A square that underflows or overflows fails the test, and the rays go another way.
+        const ShaftM good =
+            hn::And(hn::Ge(z, least), hn::Ge(hn::Mul(z, z), hn::Mul(share, DotV(own, own))));
+        fits = fits && hn::AllTrue(d, good);
+        const ShaftV inverse = hn::Div(hn::Set(d, 1.0f), z);
+        hn::Store(inverse, d, inverse_z_ + i);
+        hn::Store(hn::Mul(x, inverse), d, x_ + i);
+        hn::Store(hn::Mul(y, inverse), d, y_ + i);
+      }
+    }
+    return fits;
+  }
+
+  // The receivers' cap: along the mean of some of their sources' normals, so that it lies on their
+  // surface where that is flat; along the axis if no source is known.
+  void MakeCap() {
+    cap_at_ = point(packet_.count / 2);
+    Vec3d sum;
+    for (int k = 1; k < 8; k += 2) {
+      const int lane = packet_.count * k / 8;
+      const uint32_t source = sources()[lane];
+      if (source >= scene_.geometry.triangles.size()) continue;
+      const auto [a, b, c] = scene_.geometry.Corners(source);
+      const Vec3d ad = ToDouble(a);
+      const Vec3d n = Cross(ToDouble(b) - ad, ToDouble(c) - ad);
+      const double length = Length(n);
+      if (!(length > 0)) continue;
+      const Vec3d along = kParallel ? -ToDouble(Common()) : ToDouble(point(lane)) - ToDouble(apex_);
+      sum = sum + n * ((Dot(n, along) < 0 ? -1.0 : 1.0) / length);
+    }
+    const double length = Length(sum);
+    cap_normal_ = length > 0.125 ? ToFloat(sum * (1.0 / length)) : kParallel ? -frame_.w : frame_.w;
+    if constexpr (kParallel) {
+      // Rays must not climb out of the cap.
+      const Vec3d g = ToDouble(cap_normal_), d = ToDouble(Common());
+      const double size = MaxAbs(g) * MaxAbs(d);
+      if (!(Dot(g, d) < -0x1p-40 * size)) {
+        has_cap_ = false;
+        return;
+      }
+    }
+    const ShaftD d;
+    const Vec3V<ShaftV> g = Broadcast(d, cap_normal_.x, cap_normal_.y, cap_normal_.z);
+    const Vec3V<ShaftV> g_abs = {hn::Abs(g.x), hn::Abs(g.y), hn::Abs(g.z)};
+    const Vec3V<ShaftV> at = Broadcast(d, cap_at_.x, cap_at_.y, cap_at_.z);
+    const ShaftV margin = hn::Set(d, kCapMargin);
+    for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
+      const Vec3V<ShaftV> p =
+          SubV({hn::Load(d, row(0) + i), hn::Load(d, row(1) + i), hn::Load(d, row(2) + i)}, at);
+      const Vec3V<ShaftV> p_abs = {hn::Abs(p.x), hn::Abs(p.y), hn::Abs(p.z)};
+      hn::Store(hn::MulAdd(DotV(g_abs, p_abs), margin, DotV(g, p)), d, cap_ + i);
+    }
+    cap_of_apex_ = -std::numeric_limits<float>::infinity();
+    if constexpr (!kParallel) {
+      const Vec3f p = apex_ - cap_at_;
+      cap_of_apex_ = Dot(cap_normal_, p) +
+                     kCapMargin * (std::abs(cap_normal_.x * p.x) + std::abs(cap_normal_.y * p.y) +
+                                   std::abs(cap_normal_.z * p.z));
+    }
+  }
+
+  Vec3f Common() const {
+    if constexpr (kParallel) {
+      return packet_.direction;
+    } else {
+      return packet_.origin;
+    }
+  }
+
+  static void SetSide(Vec3f n, float local, Vec3f apex, ShaftSide* side) {
+    side->local = local;
+    double world = local;
+    for (int k = 0; k < 3; ++k) {
+      side->n[k] = n[k];
+      side->face[k] = n[k] >= 0 ? k + 3 : k;
+      world += static_cast<double>(n[k]) * apex[k];
+    }
+    side->world = static_cast<float>(world);
+  }
+
+  void MakeSides(float left, float right, float below, float above, ShaftBounds* out) const {
+    const Vec3f u = frame_.u, v = frame_.v, w = frame_.w;
+    if constexpr (kParallel) {
+      SetSide(u, left, apex_, &out->sides[0]);
+      SetSide(-u, -right, apex_, &out->sides[1]);
+      SetSide(v, below, apex_, &out->sides[2]);
+      SetSide(-v, -above, apex_, &out->sides[3]);
+      SetSide(w, out->all_near, apex_, &out->sides[4]);
+    } else {
+      SetSide(u - w * left, 0, apex_, &out->sides[0]);
+      SetSide(w * right - u, 0, apex_, &out->sides[1]);
+      SetSide(v - w * below, 0, apex_, &out->sides[2]);
+      SetSide(w * above - v, 0, apex_, &out->sides[3]);
+    }
+    out->side_count = kParallel ? 5 : 4;
+    out->cap_most = std::numeric_limits<float>::infinity();
+    if constexpr (!kParallel) {
+      if (kAny && segments()) SetSide(-w, -out->all_far, apex_, &out->sides[out->side_count++]);
+    }
+    if (has_cap_) {
+      const ShaftD d;
+      ShaftV most = hn::Set(d, cap_of_apex_);
+      for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
+        most = hn::IfThenElse(LanesOf(out->open, i), hn::Max(most, hn::Load(d, cap_ + i)), most);
+      }
+      out->cap_most = hn::GetLane(hn::MaxOfLanes(d, most));
+      const Vec3f from_apex = cap_at_ - apex_;
+      SetSide(-cap_normal_, -(out->cap_most + Dot(cap_normal_, from_apex)), apex_,
+              &out->sides[out->side_count]);
+      // A node is put to it as to any other side; triangles by their own, narrower margin.
+    }
+  }
+
+  template <class Fn>
+  static void ForEachOpen(const ShaftBounds& bounds, const Fn& fn) {
+    for (int b = 0; b < kShaftBlocks; ++b) {
+      for (uint32_t rest = bounds.open[b]; rest != 0; rest &= rest - 1) {
+        fn(b * kShaftBlockRays + std::countr_zero(rest));
+      }
+    }
+  }
+
+  Packet& packet_;
+  const IndexedGeometry& scene_;
+  ShaftFrame frame_;
+  Vec3f apex_;
+  float spread_ = 0;
+  float node_margin_ = 0;
+  size_t padded_ = 0;
+  bool has_cap_ = false, has_sources_ = false;
+  Vec3f cap_normal_, cap_at_;
+  float cap_of_apex_ = 0;
+  RaySet active_;  // Rays that no blocker has been found for.
+  alignas(64) float own_[3][kMaxRays];
+  alignas(64) float own_inf_[kMaxRays];                      // |D|_inf; one origin only.
+  alignas(64) float x_[kMaxRays], y_[kMaxRays], z_[kMaxRays];  // Slopes or offsets, and depths.
+  alignas(64) float inverse_z_[kMaxRays];  // One origin only.
+  alignas(64) float cap_[kMaxRays];        // G·(P - C), margin included.
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
