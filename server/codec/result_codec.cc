@@ -52,6 +52,13 @@ v1::SegmentOutputs WantedSegments(const v1::SegmentOutputs& outputs) {
   return wanted;
 }
 
+ShadowOutputs DecodeShadowOutputs(const v1::ShadowOutputs& wanted) {
+  return {.bits = wanted.lit_bits(),
+          .counts = wanted.lit_counts(),
+          .weighted_sums = wanted.weighted_sums(),
+          .blockers = wanted.first_blockers()};
+}
+
 uint64_t TileBytes(const v1::TileOutputs& wanted, uint64_t n) {
   return (wanted.hit_bits() ? BitBytes(n) : 0) + (wanted.object_ids() ? 4 * n : 0) +
          (wanted.triangle_ids() ? 4 * n : 0) + (wanted.depths() ? 4 * n : 0) +

@@ -27,6 +27,7 @@ namespace sightline {
 v1::TileOutputs WantedTile(const v1::TileOutputs& outputs, bool lights);
 v1::ShadowOutputs WantedShadows(const v1::ShadowOutputs& outputs);
 v1::SegmentOutputs WantedSegments(const v1::SegmentOutputs& outputs);
+ShadowOutputs DecodeShadowOutputs(const v1::ShadowOutputs& wanted);
 
 // The longest a result of n elements can get, in bytes.
 uint64_t TileBytes(const v1::TileOutputs& wanted, uint64_t n);

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <memory>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -62,14 +63,26 @@ absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t 
 template <typename Response>
 class ItemWork {
  public:
+  ItemWork(std::shared_ptr<const Scene> scene, std::vector<PartRange> parts)
+      : scene_(std::move(scene)), parts_(std::move(parts)) {}
+  ItemWork(const ItemWork&) = delete;
+  ItemWork& operator=(const ItemWork&) = delete;
   virtual ~ItemWork() = default;
-  virtual const std::vector<PartRange>& parts() const = 0;
-  virtual uint64_t revision() const = 0;
+
+  const std::vector<PartRange>& parts() const { return parts_; }
+  uint64_t revision() const { return scene_->revision; }
   // Fills everything of `reply` but its header. On an error the reply is not sent.
   virtual absl::Status RunPart(size_t part, const CancelToken& cancel, Response* reply,
                                QueryStats* stats) = 0;
   // Adds to the last reply what is true of the whole item.
   virtual void Complete(Response* reply) { (void)reply; }
+
+ protected:
+  const Scene& scene() const { return *scene_; }
+
+ private:
+  const std::shared_ptr<const Scene> scene_;
+  const std::vector<PartRange> parts_;
 };
 
 }  // namespace sightline

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stream/light_set.h"
 
+#include <span>
 #include <utility>
 
 #include "core/base/status_macros.h"
@@ -22,6 +23,14 @@ absl::StatusOr<std::shared_ptr<const SampleSet>> LightSet::For(
     scene_ = scene;
   }
   return samples_;
+}
+
+absl::Status ComputeShadows(const Scene& scene, const PointRange& points, const SampleSet& samples,
+                            const ShadowOptions& shadow, const ShadowOutputs& outputs,
+                            const QueryOptions& options, ShadowResult* result) {
+  std::span<const double> weights;
+  if (outputs.weighted_sums) weights = samples.weights;
+  return ComputeShadows(scene, points, samples.samples, weights, shadow, outputs, options, result);
 }
 
 }  // namespace sightline

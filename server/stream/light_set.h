@@ -15,8 +15,11 @@
 #include <cstdint>
 #include <memory>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/base/mutex.h"
+#include "core/query/options.h"
+#include "core/query/shadows.h"
 #include "core/scene/scene.h"
 #include "server/base/limits.h"
 #include "server/codec/geometry_codec.h"
@@ -42,6 +45,11 @@ class LightSet {
   std::weak_ptr<const Scene> scene_ ABSL_GUARDED_BY(mutex_);  // What `samples_` are for.
   std::shared_ptr<const SampleSet> samples_ ABSL_GUARDED_BY(mutex_);
 };
+
+// core's ComputeShadows for a set, whose weights it takes where their sums are wanted.
+absl::Status ComputeShadows(const Scene& scene, const PointRange& points, const SampleSet& samples,
+                            const ShadowOptions& shadow, const ShadowOutputs& outputs,
+                            const QueryOptions& options, ShadowResult* result);
 
 }  // namespace sightline
 

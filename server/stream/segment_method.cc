@@ -23,39 +23,31 @@ class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
  public:
   SegmentWork(const SegmentMethod& method, std::shared_ptr<const Scene> scene,
               std::vector<std::array<Vec3d, 2>> ends, std::vector<PartRange> parts)
-      : method_(method),
-        scene_(std::move(scene)),
-        ends_(std::move(ends)),
-        parts_(std::move(parts)) {}
-
-  const std::vector<PartRange>& parts() const override { return parts_; }
-  uint64_t revision() const override { return scene_->revision; }
+      : Work(std::move(scene), std::move(parts)), method_(method), ends_(std::move(ends)) {}
 
   absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
                        QueryStats* stats) override {
-    const PartRange range = parts_[part];
+    const PartRange range = parts()[part];
     PreparedSegments segments;
-    SL_RETURN_IF_ERROR(PrepareSegments(*scene_, std::span(ends_).subspan(range.offset, range.count),
+    SL_RETURN_IF_ERROR(PrepareSegments(scene(), std::span(ends_).subspan(range.offset, range.count),
                                        {}, {}, &segments));
     const v1::SegmentOutputs& wanted = method_.outputs_;
     QueryOptions options = method_.options_.query;
     options.cancel = &cancel;
     SegmentResult result;
     SL_RETURN_IF_ERROR(TestSegments(
-        *scene_, segments,
+        scene(), segments,
         SegmentOutputs{.bits = wanted.blocked_bits(), .first_hits = wanted.first_blockers()},
         options, &result));
     stats->Add(result.stats);
-    EncodeSegments(scene_->geometry, result, segments.valid, wanted,
+    EncodeSegments(scene().geometry, result, segments.valid, wanted,
                    response->mutable_reply()->mutable_segments());
     return absl::OkStatus();
   }
 
  private:
   const SegmentMethod& method_;
-  const std::shared_ptr<const Scene> scene_;
   const std::vector<std::array<Vec3d, 2>> ends_;
-  const std::vector<PartRange> parts_;
 };
 
 absl::StatusOr<std::unique_ptr<SegmentMethod>> SegmentMethod::Open(const Header& header,
@@ -63,9 +55,7 @@ absl::StatusOr<std::unique_ptr<SegmentMethod>> SegmentMethod::Open(const Header&
   std::unique_ptr<SegmentMethod> method(new SegmentMethod(env));
   SL_ASSIGN_OR_RETURN(method->options_, DecodeOptions(header.stream().options()));
   method->outputs_ = WantedSegments(header.outputs());
-  SL_ASSIGN_OR_RETURN(method->pin_, ScenePin::Open(header.stream(), env));
-  method->opened_revision_ = method->pin_->opened()->revision;
-  method->pin_->ReleaseOpened();
+  SL_RETURN_IF_ERROR(method->OpenScene(header.stream()));
   return method;
 }
 

@@ -11,15 +11,14 @@
 #include <memory>
 
 #include "absl/status/statusor.h"
-#include "server/codec/query_codec.h"
 #include "server/stream/item_work.h"
 #include "server/stream/query_environment.h"
-#include "server/stream/scene_pin.h"
+#include "server/stream/stream_method.h"
 #include "sightline/v1/visibility_service.pb.h"
 
 namespace sightline {
 
-class SegmentMethod {
+class SegmentMethod final : public StreamMethod {
  public:
   using Request = v1::TestSegmentsRequest;
   using Response = v1::TestSegmentsResponse;
@@ -33,19 +32,11 @@ class SegmentMethod {
   uint64_t Rays(const Item& item) const;
   absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel) const;
 
-  bool statistics() const { return options_.statistics; }
-  uint64_t opened_revision() const { return opened_revision_; }
-  uint64_t sample_count() const { return 0; }
-
  private:
   class SegmentWork;
-  explicit SegmentMethod(const QueryEnvironment& env) : env_(env) {}
+  explicit SegmentMethod(const QueryEnvironment& env) : StreamMethod(env) {}
 
-  const QueryEnvironment env_;
-  std::unique_ptr<ScenePin> pin_;
-  DecodedOptions options_;
   v1::SegmentOutputs outputs_;
-  uint64_t opened_revision_ = 0;
 };
 
 }  // namespace sightline

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stream/shadow_method.h"
 
-#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -25,36 +24,24 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
  public:
   ShadowWork(const ShadowMethod& method, std::shared_ptr<const Scene> scene,
              std::shared_ptr<const SampleSet> samples, Points points, std::vector<PartRange> parts)
-      : method_(method),
-        scene_(std::move(scene)),
+      : Work(std::move(scene), std::move(parts)),
+        method_(method),
         samples_(std::move(samples)),
-        points_(std::move(points)),
-        parts_(std::move(parts)) {}
-
-  const std::vector<PartRange>& parts() const override { return parts_; }
-  uint64_t revision() const override { return scene_->revision; }
+        points_(std::move(points)) {}
 
   absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
                        QueryStats* stats) override {
-    const PartRange range = parts_[part];
+    const PartRange range = parts()[part];
     const PointRange points =
         PointRange::Slice(*points_.points, points_.offset + range.offset, range.count);
     const v1::ShadowOutputs& wanted = method_.outputs_;
     QueryOptions options = method_.options_.query;
     options.cancel = &cancel;
     ShadowResult result;
-    SL_RETURN_IF_ERROR(ComputeShadows(*scene_, points, samples_->samples,
-                                      wanted.weighted_sums()
-                                          ? std::span<const double>(samples_->weights)
-                                          : std::span<const double>(),
-                                      method_.shadow_options_,
-                                      ShadowOutputs{.bits = wanted.lit_bits(),
-                                                    .counts = wanted.lit_counts(),
-                                                    .weighted_sums = wanted.weighted_sums(),
-                                                    .blockers = wanted.first_blockers()},
-                                      options, &result));
+    SL_RETURN_IF_ERROR(ComputeShadows(scene(), points, *samples_, method_.shadow_options_,
+                                      DecodeShadowOutputs(wanted), options, &result));
     stats->Add(result.stats);
-    EncodeShadows(scene_->geometry, result, points.valid, samples_->samples, wanted,
+    EncodeShadows(scene().geometry, result, points.valid, samples_->samples, wanted,
                   response->mutable_reply()->mutable_shadows());
     return absl::OkStatus();
   }
@@ -66,10 +53,8 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
 
  private:
   const ShadowMethod& method_;
-  const std::shared_ptr<const Scene> scene_;
   const std::shared_ptr<const SampleSet> samples_;
   const Points points_;
-  const std::vector<PartRange> parts_;
 };
 
 absl::StatusOr<std::unique_ptr<ShadowMethod>> ShadowMethod::Open(const Header& header,
@@ -86,19 +71,14 @@ absl::StatusOr<std::unique_ptr<ShadowMethod>> ShadowMethod::Open(const Header& h
   }
   method->shadow_options_.t_min = header.t_min();
   method->outputs_ = WantedShadows(header.outputs());
-  SL_ASSIGN_OR_RETURN(method->pin_, ScenePin::Open(header.stream(), env));
-  SL_RETURN_IF_ERROR(method->lights_->For(method->pin_->opened()).status());
-  method->opened_revision_ = method->pin_->opened()->revision;
-  method->pin_->ReleaseOpened();
+  SL_RETURN_IF_ERROR(method->OpenScene(header.stream()));
   return method;
 }
 
 uint64_t ShadowMethod::Rays(const Item& item) const {
-  const uint64_t points = item.has_point_set_range()
-                              ? item.point_set_range().count()
-                              : item.points().points().size() / sizeof(Vec3d);
-  constexpr uint64_t kMost = std::numeric_limits<uint64_t>::max();
-  return points > kMost / sample_count() ? kMost : points * sample_count();
+  return RayCount(item.has_point_set_range() ? item.point_set_range().count()
+                                             : item.points().points().size() / sizeof(Vec3d),
+                  sample_count());
 }
 
 absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(

@@ -13,16 +13,14 @@
 #include "absl/status/statusor.h"
 #include "core/query/points.h"
 #include "core/query/shadows.h"
-#include "server/codec/query_codec.h"
 #include "server/stream/item_work.h"
-#include "server/stream/light_set.h"
 #include "server/stream/query_environment.h"
-#include "server/stream/scene_pin.h"
+#include "server/stream/stream_method.h"
 #include "sightline/v1/visibility_service.pb.h"
 
 namespace sightline {
 
-class ShadowMethod {
+class ShadowMethod final : public StreamMethod {
  public:
   using Request = v1::ComputeShadowsRequest;
   using Response = v1::ComputeShadowsResponse;
@@ -36,26 +34,17 @@ class ShadowMethod {
   uint64_t Rays(const Item& item) const;
   absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel) const;
 
-  bool statistics() const { return options_.statistics; }
-  uint64_t opened_revision() const { return opened_revision_; }
-  uint64_t sample_count() const { return lights_->sample_count(); }
-
  private:
   class ShadowWork;
   struct Points;
-  explicit ShadowMethod(const QueryEnvironment& env) : env_(env) {}
+  explicit ShadowMethod(const QueryEnvironment& env) : StreamMethod(env) {}
 
   absl::StatusOr<Points> FindPoints(const Item& item, const std::shared_ptr<const Scene>& scene,
                                     const CancelToken& cancel) const;
 
-  const QueryEnvironment env_;
-  std::unique_ptr<ScenePin> pin_;
-  std::unique_ptr<LightSet> lights_;
-  DecodedOptions options_;
   PointOptions point_options_;
   ShadowOptions shadow_options_;
   v1::ShadowOutputs outputs_;
-  uint64_t opened_revision_ = 0;
 };
 
 }  // namespace sightline

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stream/tile_method.h"
 
-#include <limits>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -38,18 +37,14 @@ class TileMethod::TileWork final : public TileMethod::Work {
  public:
   TileWork(const TileMethod& method, std::shared_ptr<const Scene> scene,
            std::shared_ptr<const SampleSet> samples, TileRect tile, std::vector<PartRange> parts)
-      : method_(method),
-        scene_(std::move(scene)),
+      : Work(std::move(scene), std::move(parts)),
+        method_(method),
         samples_(std::move(samples)),
-        tile_(tile),
-        parts_(std::move(parts)) {}
-
-  const std::vector<PartRange>& parts() const override { return parts_; }
-  uint64_t revision() const override { return scene_->revision; }
+        tile_(tile) {}
 
   absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
                        QueryStats* stats) override {
-    const PartRange range = parts_[part];
+    const PartRange range = parts()[part];
     const TileRect band{tile_.x, tile_.y + static_cast<uint32_t>(range.offset / tile_.width),
                         tile_.width, static_cast<uint32_t>(range.count / tile_.width)};
     const v1::ShadowOutputs& wanted = method_.shadow_outputs_;
@@ -69,13 +64,13 @@ class TileMethod::TileWork final : public TileMethod::Work {
     QueryOptions options = method_.options_.query;
     options.cancel = &cancel;
     TileResult result;
-    SL_RETURN_IF_ERROR(TraceTile(*scene_, method_.camera_, band,
+    SL_RETURN_IF_ERROR(TraceTile(scene(), method_.camera_, band,
                                  outputs.lit ? std::span<const LightSample>(samples_->samples)
                                              : std::span<const LightSample>(),
                                  outputs, options, &result));
     stats->Add(result.primary);
     v1::TileReply* reply = response->mutable_reply();
-    EncodeTile(scene_->geometry, result, method_.outputs_, reply->mutable_tile());
+    EncodeTile(scene().geometry, result, method_.outputs_, reply->mutable_tile());
     if (!lights) return absl::OkStatus();
     ShadowResult shadows;
     if (bits_alone) {
@@ -87,7 +82,7 @@ class TileMethod::TileWork final : public TileMethod::Work {
     stats->Add(shadows.stats);
     std::vector<uint8_t> valid(range.count);
     for (size_t i = 0; i < valid.size(); ++i) valid[i] = (result.hit_bits[i / 8] >> (i % 8)) & 1;
-    EncodeShadows(scene_->geometry, shadows, valid, samples_->samples, wanted,
+    EncodeShadows(scene().geometry, shadows, valid, samples_->samples, wanted,
                   reply->mutable_shadows());
     return absl::OkStatus();
   }
@@ -95,17 +90,10 @@ class TileMethod::TileWork final : public TileMethod::Work {
  private:
   absl::Status ShadeHits(const TileResult& tile, size_t pixels, const QueryOptions& options,
                          ShadowResult* shadows) const {
-    const v1::ShadowOutputs& wanted = method_.shadow_outputs_;
-    const ShadowOutputs outputs{.bits = wanted.lit_bits(),
-                                .counts = wanted.lit_counts(),
-                                .weighted_sums = wanted.weighted_sums(),
-                                .blockers = wanted.first_blockers()};
+    const ShadowOutputs outputs = DecodeShadowOutputs(method_.shadow_outputs_);
     ShadowResult of_hits;
     if (tile.points.size() > 0) {
-      SL_RETURN_IF_ERROR(ComputeShadows(*scene_, PointRange::All(tile.points), samples_->samples,
-                                        outputs.weighted_sums
-                                            ? std::span<const double>(samples_->weights)
-                                            : std::span<const double>(),
+      SL_RETURN_IF_ERROR(ComputeShadows(scene(), PointRange::All(tile.points), *samples_,
                                         ShadowOptions{}, outputs, options, &of_hits));
     }
     *shadows =
@@ -114,10 +102,8 @@ class TileMethod::TileWork final : public TileMethod::Work {
   }
 
   const TileMethod& method_;
-  const std::shared_ptr<const Scene> scene_;
   const std::shared_ptr<const SampleSet> samples_;
   const TileRect tile_;
-  const std::vector<PartRange> parts_;
 };
 
 absl::StatusOr<std::unique_ptr<TileMethod>> TileMethod::Open(const Header& header,
@@ -129,18 +115,12 @@ absl::StatusOr<std::unique_ptr<TileMethod>> TileMethod::Open(const Header& heade
   SL_ASSIGN_OR_RETURN(method->lights_, LightSet::Open(header.lights(), env.limits));
   method->outputs_ = WantedTile(header.outputs(), method->sample_count() > 0);
   method->shadow_outputs_ = WantedShadows(header.shadow_outputs());
-  SL_ASSIGN_OR_RETURN(method->pin_, ScenePin::Open(header.stream(), env));
-  SL_RETURN_IF_ERROR(method->lights_->For(method->pin_->opened()).status());
-  method->opened_revision_ = method->pin_->opened()->revision;
-  method->pin_->ReleaseOpened();
+  SL_RETURN_IF_ERROR(method->OpenScene(header.stream()));
   return method;
 }
 
 uint64_t TileMethod::Rays(const Item& item) const {
-  const uint64_t pixels = uint64_t{item.width()} * item.height();
-  const uint64_t per_pixel = 1 + sample_count();
-  constexpr uint64_t kMost = std::numeric_limits<uint64_t>::max();
-  return pixels > kMost / per_pixel ? kMost : pixels * per_pixel;
+  return RayCount(uint64_t{item.width()} * item.height(), 1 + sample_count());
 }
 
 absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item& item,

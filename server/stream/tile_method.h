@@ -12,16 +12,14 @@
 
 #include "absl/status/statusor.h"
 #include "core/geometry/camera.h"
-#include "server/codec/query_codec.h"
 #include "server/stream/item_work.h"
-#include "server/stream/light_set.h"
 #include "server/stream/query_environment.h"
-#include "server/stream/scene_pin.h"
+#include "server/stream/stream_method.h"
 #include "sightline/v1/visibility_service.pb.h"
 
 namespace sightline {
 
-class TileMethod {
+class TileMethod final : public StreamMethod {
  public:
   using Request = v1::TraceTilesRequest;
   using Response = v1::TraceTilesResponse;
@@ -36,22 +34,13 @@ class TileMethod {
   uint64_t Rays(const Item& item) const;
   absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel) const;
 
-  bool statistics() const { return options_.statistics; }
-  uint64_t opened_revision() const { return opened_revision_; }
-  uint64_t sample_count() const { return lights_->sample_count(); }
-
  private:
   class TileWork;
-  explicit TileMethod(const QueryEnvironment& env) : env_(env) {}
+  explicit TileMethod(const QueryEnvironment& env) : StreamMethod(env) {}
 
-  const QueryEnvironment env_;
-  std::unique_ptr<ScenePin> pin_;
-  std::unique_ptr<LightSet> lights_;
-  DecodedOptions options_;
   Camera camera_;
   v1::TileOutputs outputs_;
   v1::ShadowOutputs shadow_outputs_;
-  uint64_t opened_revision_ = 0;
 };
 
 }  // namespace sightline

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the three methods of VisibilityService have in common: the scene, the lights and the options
+// that a stream's header names. See visibility_stream.h for what else a method has.
+//
+// Thread safety: constant once opened.
+//
+//   std::unique_ptr<TileMethod> method(new TileMethod(env));
+//   SL_ASSIGN_OR_RETURN(method->lights_, LightSet::Open(header.lights(), env.limits));
+//   SL_RETURN_IF_ERROR(method->OpenScene(header.stream()));
+#ifndef SIGHTLINE_SERVER_STREAM_STREAM_METHOD_H_
+#define SIGHTLINE_SERVER_STREAM_STREAM_METHOD_H_
+
+#include <cstdint>
+#include <memory>
+
+#include "absl/status/status.h"
+#include "server/codec/query_codec.h"
+#include "server/stream/light_set.h"
+#include "server/stream/query_environment.h"
+#include "server/stream/scene_pin.h"
+#include "sightline/v1/visibility_service.pb.h"
+
+namespace sightline {
+
+class StreamMethod {
+ public:
+  StreamMethod(const StreamMethod&) = delete;
+  StreamMethod& operator=(const StreamMethod&) = delete;
+
+  bool statistics() const { return options_.statistics; }
+  // The current revision when the stream was opened.
+  uint64_t opened_revision() const { return opened_revision_; }
+  // Of all lights together; 0 for a method without.
+  uint64_t sample_count() const { return lights_ == nullptr ? 0 : lights_->sample_count(); }
+
+ protected:
+  explicit StreamMethod(const QueryEnvironment& env) : env_(env) {}
+  ~StreamMethod() = default;
+
+  // The last step of opening: finds the scene, and sees whether the lights fit it.
+  absl::Status OpenScene(const v1::StreamHeader& header);
+
+  const QueryEnvironment env_;
+  DecodedOptions options_;
+  std::unique_ptr<LightSet> lights_;  // Null for a method without.
+  std::unique_ptr<ScenePin> pin_;
+
+ private:
+  uint64_t opened_revision_ = 0;
+};
+
+// How many rays so many elements ask for; saturating, since an item may say anything.
+// REQUIRES: rays_each > 0.
+uint64_t RayCount(uint64_t elements, uint64_t rays_each);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_STREAM_STREAM_METHOD_H_
