@@ -10,12 +10,13 @@
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
 #include "server/base/log.h"
+#include "server/base/request_log.h"
 #include "server/base/resource_name.h"
 #include "server/codec/scene_codec.h"
 #include "server/points/camera_points.h"
 #include "server/points/point_upload.h"
 #include "server/services/unary.h"
-#include "server/services/upload_reactor.h"
+#include "server/services/upload_job.h"
 
 namespace sightline {
 namespace {
@@ -33,31 +34,39 @@ void EncodePointSet(const PointSetView& view, v1::PointSet* out) {
   out->set_resident_bytes(set.MemoryBytes());
 }
 
-class CreateJob {
+absl::Status FindPointSet(const QueryEnvironment& env, const std::string& name,
+                          v1::PointSet* response) {
+  SL_ASSIGN_OR_RETURN(const PointSetName parsed, ParsePointSetName("name", name));
+  SL_ASSIGN_OR_RETURN(const PointSetView view,
+                      env.point_sets.Get(parsed.scene_id, parsed.point_set_id));
+  EncodePointSet(view, response);
+  return absl::OkStatus();
+}
+
+// See upload_job.h.
+class CreateSteps {
  public:
   using Request = v1::CreatePointSetRequest;
   using Response = v1::PointSet;
+  using Upload = PointUpload;
+  using Header = PointSetHeader;
 
-  explicit CreateJob(const QueryEnvironment& env) : env_(env), upload_(env.limits) {}
+  explicit CreateSteps(const QueryEnvironment& env) : env_(env) {}
 
-  absl::Status Add(const Request& message) {
-    const bool first = !upload_.header().has_value();
-    SL_RETURN_IF_ERROR(upload_.Add(message));
-    return first ? CheckHeader() : absl::OkStatus();
+  RequestLog& requests() const { return env_.point_sets.requests(); }
+
+  absl::Status CheckHeader(const Header& header) {
+    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
+                        env_.scenes.Pin(header.scene_id, header.revision));
+    // An edit during the upload makes the sources wrong: told at the end.
+    revision_ = scene->revision;
+    return env_.point_sets.CheckRoom(header.scene_id, header.point_set_id, header.point_count);
   }
 
-  bool answered() const { return claim_.repeated(); }
-
-  absl::Status Finish(const CancelToken& cancel, Response* response) {
-    if (claim_.repeated()) {
-      SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", claim_.resource()));
-      SL_ASSIGN_OR_RETURN(const PointSetView view,
-                          env_.point_sets.Get(name.scene_id, name.point_set_id));
-      EncodePointSet(view, response);
-      return absl::OkStatus();
-    }
-    SL_ASSIGN_OR_RETURN(const DecodedPoints uploaded, upload_.Finish());
-    const PointSetHeader& header = *upload_.header();
+  absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,
+                                   Response* response) const {
+    SL_ASSIGN_OR_RETURN(const DecodedPoints uploaded, upload.Finish());
+    const PointSetHeader& header = *upload.header();
     SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
                         env_.scenes.Pin(header.scene_id, revision_));
     PointSet set;
@@ -67,26 +76,17 @@ class CreateJob {
     set.scene = scene;
     SL_ASSIGN_OR_RETURN(set.points, MakePoints(header, uploaded, *scene, cancel));
     SL_ASSIGN_OR_RETURN(const PointSetView view, env_.point_sets.Add(std::move(set), header.lease));
-    claim_.Complete(view.set->name());
     Log(LogLevel::kInfo, "point_set_created",
         {{"point_set", view.set->name()}, {"points", absl::StrCat(view.set->points.size())}});
     EncodePointSet(view, response);
-    return absl::OkStatus();
+    return view.set->name();
+  }
+
+  absl::Status Find(const std::string& resource, Response* response) const {
+    return FindPointSet(env_, resource, response);
   }
 
  private:
-  absl::Status CheckHeader() {
-    const PointSetHeader& header = *upload_.header();
-    SL_ASSIGN_OR_RETURN(claim_,
-                        env_.point_sets.requests().Claim(header.request_id, header.fingerprint));
-    if (claim_.repeated()) return absl::OkStatus();
-    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
-                        env_.scenes.Pin(header.scene_id, header.revision));
-    revision_ =
-        scene->revision;  // An edit during the upload makes the sources wrong: told at the end.
-    return env_.point_sets.CheckRoom(header.scene_id, header.point_set_id, header.point_count);
-  }
-
   absl::StatusOr<PreparedPoints> MakePoints(const PointSetHeader& header,
                                             const DecodedPoints& uploaded, const Scene& scene,
                                             const CancelToken& cancel) const {
@@ -101,8 +101,6 @@ class CreateJob {
   }
 
   const QueryEnvironment env_;
-  PointUpload upload_;
-  RequestClaim claim_;
   uint64_t revision_ = 0;
 };
 
@@ -110,20 +108,13 @@ class CreateJob {
 
 grpc::ServerReadReactor<v1::CreatePointSetRequest>* PointSetService::CreatePointSet(
     grpc::CallbackServerContext*, v1::PointSet* response) {
-  return UploadReactor<CreateJob>::Start(response, env_.calls, slots_, env_.build_pool,
-                                         std::make_unique<CreateJob>(env_));
+  return StartUpload<CreateSteps>(response, env_, slots_);
 }
 
 grpc::ServerUnaryReactor* PointSetService::GetPointSet(grpc::CallbackServerContext* context,
                                                        const v1::GetPointSetRequest* request,
                                                        v1::PointSet* response) {
-  return Answer(context, [&]() -> absl::Status {
-    SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
-    SL_ASSIGN_OR_RETURN(const PointSetView view,
-                        env_.point_sets.Get(name.scene_id, name.point_set_id));
-    EncodePointSet(view, response);
-    return absl::OkStatus();
-  });
+  return Answer(context, [&] { return FindPointSet(env_, request->name(), response); });
 }
 
 grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerContext* context,
@@ -134,8 +125,7 @@ grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerCon
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
     SL_RETURN_IF_ERROR(env_.scenes.Get(scene_id).status());
     std::vector<PointSetView> views = env_.point_sets.List(scene_id, page.after, page.size + 1);
-    if (views.size() > page.size) {
-      views.pop_back();
+    if (CutToPage(page, &views)) {
       response->set_next_page_token(PageToken(views.back().set->point_set_id));
     }
     for (const PointSetView& view : views) EncodePointSet(view, response->add_point_sets());

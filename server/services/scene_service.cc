@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,12 +13,13 @@
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
 #include "server/base/log.h"
+#include "server/base/request_log.h"
 #include "server/base/resource_name.h"
 #include "server/codec/scene_codec.h"
 #include "server/scenes/scene_upload.h"
 #include "server/services/scene_watch.h"
 #include "server/services/unary.h"
-#include "server/services/upload_reactor.h"
+#include "server/services/upload_job.h"
 
 namespace sightline {
 namespace {
@@ -36,101 +36,79 @@ void LogScene(absl::string_view event, const SceneView& view) {
        {"bytes", absl::StrCat(scene.report.memory_bytes)}});
 }
 
-class CreateJob {
+absl::Status FindScene(const QueryEnvironment& env, const std::string& name, v1::Scene* response) {
+  SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", name));
+  SL_ASSIGN_OR_RETURN(const SceneView view, env.scenes.Get(scene_id));
+  EncodeScene(view, response);
+  return absl::OkStatus();
+}
+
+// What both of SceneService's uploads do alike; see upload_job.h.
+class SceneSteps {
  public:
-  using Request = v1::CreateSceneRequest;
   using Response = v1::Scene;
 
-  explicit CreateJob(const QueryEnvironment& env) : env_(env), upload_(env.limits) {}
+  explicit SceneSteps(const QueryEnvironment& env) : env_(env) {}
 
-  absl::Status Add(const Request& message) {
-    const bool first = !upload_.header().has_value();
-    SL_RETURN_IF_ERROR(upload_.Add(message));
-    return first ? CheckHeader() : absl::OkStatus();
+  RequestLog& requests() const { return env_.scenes.requests(); }
+  absl::Status Find(const std::string& resource, v1::Scene* response) const {
+    return FindScene(env_, resource, response);
   }
 
-  bool answered() const { return claim_.repeated(); }
+ protected:
+  const QueryEnvironment env_;
+};
 
-  absl::Status Finish(const CancelToken& cancel, Response* response) {
-    if (claim_.repeated()) {
-      SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", claim_.resource()));
-      SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Get(scene_id));
-      EncodeScene(view, response);
-      return absl::OkStatus();
-    }
-    std::vector<ObjectInput> objects;
-    if (upload_.header().has_value() && !upload_.header()->builtin.empty()) {
-      SL_ASSIGN_OR_RETURN(objects, env_.scenes.MakeBuiltinObjects(upload_.header()->builtin));
-    } else {
-      SL_ASSIGN_OR_RETURN(objects, upload_.Finish());
-    }
-    SceneCatalog::CreateOptions options = upload_.header()->create;
-    if (options.scene_id.empty()) options.scene_id = MakeId("scene");
-    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Create(options, objects, &cancel));
-    claim_.Complete(SceneName(options.scene_id));
-    LogScene("scene_created", view);
-    EncodeScene(view, response);
-    return absl::OkStatus();
-  }
+class CreateSteps : public SceneSteps {
+ public:
+  using Request = v1::CreateSceneRequest;
+  using Upload = SceneUpload;
+  using Header = SceneHeader;
+  using SceneSteps::SceneSteps;
 
- private:
-  absl::Status CheckHeader() {
-    const SceneHeader& header = *upload_.header();
-    SL_ASSIGN_OR_RETURN(claim_,
-                        env_.scenes.requests().Claim(header.request_id, header.fingerprint));
-    if (claim_.repeated()) return absl::OkStatus();
+  absl::Status CheckHeader(const Header& header) const {
     return env_.scenes.CheckRoom(header.create.scene_id, header.triangle_count,
                                  header.vertex_count);
   }
 
-  const QueryEnvironment env_;
-  SceneUpload upload_;
-  RequestClaim claim_;
+  absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,
+                                   Response* response) const {
+    std::vector<ObjectInput> objects;
+    if (upload.header().has_value() && !upload.header()->builtin.empty()) {
+      SL_ASSIGN_OR_RETURN(objects, env_.scenes.MakeBuiltinObjects(upload.header()->builtin));
+    } else {
+      SL_ASSIGN_OR_RETURN(objects, upload.Finish());
+    }
+    SceneCatalog::CreateOptions options = upload.header()->create;
+    if (options.scene_id.empty()) options.scene_id = MakeId("scene");
+    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Create(options, objects, &cancel));
+    LogScene("scene_created", view);
+    EncodeScene(view, response);
+    return SceneName(options.scene_id);
+  }
 };
 
-class UpdateJob {
+class UpdateSteps : public SceneSteps {
  public:
   using Request = v1::UpdateSceneRequest;
-  using Response = v1::Scene;
+  using Upload = SceneEditUpload;
+  using Header = EditHeader;
+  using SceneSteps::SceneSteps;
 
-  explicit UpdateJob(const QueryEnvironment& env) : env_(env), upload_(env.limits) {}
-
-  absl::Status Add(const Request& message) {
-    const bool first = !upload_.header().has_value();
-    SL_RETURN_IF_ERROR(upload_.Add(message));
-    return first ? CheckHeader() : absl::OkStatus();
-  }
-
-  bool answered() const { return claim_.repeated(); }
-
-  absl::Status Finish(const CancelToken& cancel, Response* response) {
-    if (!claim_.repeated()) {
-      SL_ASSIGN_OR_RETURN(const std::vector<SceneEdit> edits, upload_.Finish());
-      SL_ASSIGN_OR_RETURN(const SceneView view,
-                          env_.scenes.Edit(upload_.header()->edit, edits, &cancel));
-      claim_.Complete(SceneName(view.status.name));
-      LogScene("scene_updated", view);
-      EncodeScene(view, response);
-      return absl::OkStatus();
-    }
-    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Get(upload_.header()->edit.scene_id));
-    EncodeScene(view, response);
-    return absl::OkStatus();
-  }
-
- private:
-  absl::Status CheckHeader() {
-    const EditHeader& header = *upload_.header();
-    SL_ASSIGN_OR_RETURN(claim_,
-                        env_.scenes.requests().Claim(header.request_id, header.fingerprint));
-    if (claim_.repeated()) return absl::OkStatus();
+  absl::Status CheckHeader(const Header& header) const {
     // Told before the upload, where it can be: the edit checks again.
     return env_.scenes.Pin(header.edit.scene_id, header.edit.base_revision).status();
   }
 
-  const QueryEnvironment env_;
-  SceneEditUpload upload_;
-  RequestClaim claim_;
+  absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,
+                                   Response* response) const {
+    SL_ASSIGN_OR_RETURN(const std::vector<SceneEdit> edits, upload.Finish());
+    SL_ASSIGN_OR_RETURN(const SceneView view,
+                        env_.scenes.Edit(upload.header()->edit, edits, &cancel));
+    LogScene("scene_updated", view);
+    EncodeScene(view, response);
+    return SceneName(view.status.name);
+  }
 };
 
 // Objects have numbers for ids.
@@ -147,25 +125,18 @@ absl::StatusOr<size_t> ParseObjectToken(const std::string& token, size_t objects
 
 grpc::ServerReadReactor<v1::CreateSceneRequest>* SceneService::CreateScene(
     grpc::CallbackServerContext*, v1::Scene* response) {
-  return UploadReactor<CreateJob>::Start(response, env_.calls, slots_, env_.build_pool,
-                                         std::make_unique<CreateJob>(env_));
+  return StartUpload<CreateSteps>(response, env_, slots_);
 }
 
 grpc::ServerReadReactor<v1::UpdateSceneRequest>* SceneService::UpdateScene(
     grpc::CallbackServerContext*, v1::Scene* response) {
-  return UploadReactor<UpdateJob>::Start(response, env_.calls, slots_, env_.build_pool,
-                                         std::make_unique<UpdateJob>(env_));
+  return StartUpload<UpdateSteps>(response, env_, slots_);
 }
 
 grpc::ServerUnaryReactor* SceneService::GetScene(grpc::CallbackServerContext* context,
                                                  const v1::GetSceneRequest* request,
                                                  v1::Scene* response) {
-  return Answer(context, [&]() -> absl::Status {
-    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Get(scene_id));
-    EncodeScene(view, response);
-    return absl::OkStatus();
-  });
+  return Answer(context, [&] { return FindScene(env_, request->name(), response); });
 }
 
 grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext* context,
@@ -174,8 +145,7 @@ grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext* 
   return Answer(context, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
     std::vector<SceneView> views = env_.scenes.List(page.after, page.size + 1);
-    if (views.size() > page.size) {
-      views.pop_back();
+    if (CutToPage(page, &views)) {
       response->set_next_page_token(PageToken(views.back().status.name));
     }
     for (const SceneView& view : views) EncodeScene(view, response->add_scenes());

@@ -16,6 +16,7 @@
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -59,6 +60,15 @@ struct Page {
 // go. INVALID_ARGUMENT for a negative size or a token that is none.
 absl::StatusOr<Page> ParsePage(int32_t page_size, const std::string& page_token);
 std::string PageToken(const std::string& last_id);
+
+// Of page.size + 1 entries looked for: takes off the one beyond the page. Whether there was one, so
+// that there is a next page.
+template <typename Entry>
+bool CutToPage(const Page& page, std::vector<Entry>* entries) {
+  if (entries->size() <= page.size) return false;
+  entries->resize(page.size);
+  return true;
+}
 
 }  // namespace sightline
 

@@ -2,7 +2,7 @@
 //
 // The reactor behind the three client-streamed creations. An Upload (scene_upload.h,
 // point_upload.h) takes the messages; a Job says what to do before, when the header is known, and
-// after, when everything has arrived.
+// after, when everything has arrived (upload_job.h).
 //
 // Invariants: reactions never compute, decoding and building are tasks of the build pool; one
 // message is in memory beside what the upload holds; Finish is called exactly once, with no task

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the three client-streamed creations have in common: the header is checked as soon as it is
+// there, and a call whose request_id has been served before is answered at once with what the first
+// one made.
+//
+// Thread safety: one thread at a time.
+//
+//   return StartUpload<CreateSteps>(response, env_, slots_);
+#ifndef SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
+#define SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "core/base/cancel.h"
+#include "core/base/status_macros.h"
+#include "server/admission/upload_slots.h"
+#include "server/base/request_log.h"
+#include "server/services/upload_reactor.h"
+#include "server/stream/query_environment.h"
+
+namespace sightline {
+
+// A Job of UploadReactor. Steps is made from a QueryEnvironment and must have:
+//   using Request, Response;
+//   using Upload, Header;         // Such as SceneUpload and SceneHeader.
+//   RequestLog& requests() const;
+//   absl::Status CheckHeader(const Header&);  // Of a new request; told before the upload.
+//   // Makes what the upload describes, fills the response, and returns the resource's name.
+//   absl::StatusOr<std::string> Make(Upload&, const CancelToken&, Response*);
+//   absl::Status Find(const std::string& resource, Response*) const;  // Made by an earlier call.
+template <typename Steps>
+class UploadJob {
+ public:
+  using Request = typename Steps::Request;
+  using Response = typename Steps::Response;
+
+  explicit UploadJob(const QueryEnvironment& env) : steps_(env), upload_(env.limits) {}
+
+  absl::Status Add(const Request& message) {
+    const bool first = !upload_.header().has_value();
+    SL_RETURN_IF_ERROR(upload_.Add(message));
+    if (!first) return absl::OkStatus();
+    const typename Steps::Header& header = *upload_.header();
+    SL_ASSIGN_OR_RETURN(claim_, steps_.requests().Claim(header.request_id, header.fingerprint));
+    return claim_.repeated() ? absl::OkStatus() : steps_.CheckHeader(header);
+  }
+
+  bool answered() const { return claim_.repeated(); }
+
+  absl::Status Finish(const CancelToken& cancel, Response* response) {
+    if (claim_.repeated()) return steps_.Find(claim_.resource(), response);
+    SL_ASSIGN_OR_RETURN(const std::string name, steps_.Make(upload_, cancel, response));
+    claim_.Complete(name);
+    return absl::OkStatus();
+  }
+
+ private:
+  Steps steps_;
+  typename Steps::Upload upload_;
+  RequestClaim claim_;
+};
+
+// The reactor for a new call. It deletes itself.
+template <typename Steps>
+UploadReactor<UploadJob<Steps>>* StartUpload(typename Steps::Response* response,
+                                             const QueryEnvironment& env, UploadSlots& slots) {
+  return UploadReactor<UploadJob<Steps>>::Start(response, env.calls, slots, env.build_pool,
+                                                std::make_unique<UploadJob<Steps>>(env));
+}
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
