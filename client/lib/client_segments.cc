@@ -5,10 +5,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "client/lib/client.h"
 #include "client/lib/client_state.h"
 #include "client/lib/convert.h"
+#include "client/lib/query_run.h"
 #include "client/lib/query_support.h"
 #include "client/lib/stream_runner.h"
 #include "client/lib/upload.h"
@@ -21,11 +21,7 @@ void ResizeSegments(const SegmentQuery& query, uint64_t n, Segments* out) {
   out->segments = n;
   if (query.blocked) out->blocked.resize(n);
   out->valid.resize(n);
-  if (query.blockers) {
-    out->blocker_object.resize(n);
-    out->blocker_triangle.resize(n);
-    out->blocker_distance.resize(n);
-  }
+  if (query.blockers) ResizeBlockers(n, out);
 }
 
 absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t offset, uint64_t n,
@@ -45,14 +41,7 @@ absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t offs
             if (out.valid[i] == 0) out.blocked[i] = kInvalid;
           }
         }
-        if (query.blockers) {
-          s.Update(DecodeRows(r.blocker_objects(), "blocker_objects", 1, at, count, n,
-                              &out.blocker_object));
-          s.Update(DecodeRows(r.blocker_triangles(), "blocker_triangles", 1, at, count, n,
-                              &out.blocker_triangle));
-          s.Update(DecodeRows(r.blocker_distances(), "blocker_distances", 1, at, count, n,
-                              &out.blocker_distance));
-        }
+        if (query.blockers) s.Update(DecodeBlockers(r, 1, at, count, n, &out));
         return s;
       });
   if (!status.ok()) return status;
@@ -64,29 +53,22 @@ absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t offs
 absl::StatusOr<StreamSummary> Client::TestSegments(
     const SegmentQuery& query, const std::function<absl::Status(Segments)>& on_segments,
     const StreamOptions& options) const {
-  const absl::Time start = absl::Now();
-  const CallOptions call{.deadline = start + options.timeout, .cancellation = options.cancellation};
   if (query.segments.size() % 6 != 0) {
     return absl::InvalidArgumentError(
         absl::StrCat("segments has ", query.segments.size(), " numbers, which 6 does not divide"));
   }
   if (query.segments_per_item == 0) return absl::InvalidArgumentError("segments_per_item is 0");
-  absl::StatusOr<Capabilities> capabilities = GetCapabilities(call);
-  if (!capabilities.ok()) return capabilities.status();
-  const Limits& limits = capabilities->limits;
-  absl::StatusOr<int64_t> revision = PinnedRevision(query.scene, query.options.revision, call);
+  absl::StatusOr<QueryStart> start = StartQuery(*this, options);
+  if (!start.ok()) return start.status();
+  absl::StatusOr<int64_t> revision =
+      PinnedRevision(query.scene, query.options.revision, start->call);
   if (!revision.ok()) return revision.status();
-  const uint64_t n = query.segments.size() / 6;
   constexpr uint64_t kBytesPerSegment = 6 * 8;
-  const uint64_t per_item = std::max<uint64_t>(
-      1, std::min({uint64_t{query.segments_per_item},
-                   static_cast<uint64_t>(std::max<int64_t>(1, limits.max_item_rays)),
-                   ChunkBytes(limits.max_message_bytes) / kBytesPerSegment}));
-  const auto begin = [&](size_t i) { return i * per_item; };
-  const auto count = [&](size_t i) { return std::min(per_item, n - i * per_item); };
+  const ItemCut cut = CutIntoItems(query.segments.size() / 6, query.segments_per_item, 1,
+                                   kBytesPerSegment, start->limits);
 
   StreamJob<v1::TestSegmentsRequest, v1::TestSegmentsResponse> job;
-  job.item_count = static_cast<size_t>((n + per_item - 1) / per_item);
+  job.item_count = cut.items();
   v1::TestSegmentsHeader* header = job.header.mutable_header();
   FillHeader(query.scene, *revision, query.options, header->mutable_stream());
   header->mutable_outputs()->set_blocked_bits(query.blocked);
@@ -97,32 +79,15 @@ absl::StatusOr<StreamSummary> Client::TestSegments(
   job.make_item = [&](size_t i) {
     v1::TestSegmentsRequest request;
     FillItem(i, options, request.mutable_item()->mutable_item());
-    request.mutable_item()->set_segments(PackRows(query.segments, 6, begin(i), count(i)));
+    request.mutable_item()->set_segments(PackRows(query.segments, 6, cut.begin(i), cut.count(i)));
     return request;
   };
-  job.cost = [&](size_t i) { return static_cast<int64_t>(count(i)); };
-  StreamSummary summary;
-  job.deliver = [&](size_t i, std::vector<v1::SegmentReply> replies) -> absl::Status {
-    absl::StatusOr<Segments> part = DecodeSegments(query, begin(i), count(i), std::move(replies));
-    if (!part.ok()) return part.status();
-    summary.statistics.Add(part->statistics);
-    return on_segments(*std::move(part));
+  job.cost = [&](size_t i) { return static_cast<int64_t>(cut.count(i)); };
+  const auto decode = [&](size_t i, std::vector<v1::SegmentReply> replies) {
+    return DecodeSegments(query, cut.begin(i), cut.count(i), std::move(replies));
   };
-
-  RunTotals totals;
-  const absl::Status status = RunStreams(
-      job,
-      ToRunOptions(options, limits, shared_->connection->channel_count(), job.item_count, start),
-      &totals);
-  if (!status.ok()) return status;
-  summary.revision = *revision;
-  summary.items = job.item_count;
-  summary.rays = n;
-  summary.bytes_received = totals.bytes_received;
-  summary.bytes_sent = totals.bytes_sent;
-  summary.resent_items = totals.resent_items;
-  summary.elapsed = absl::Now() - start;
-  return summary;
+  return RunQuery(std::move(job), decode, on_segments, *start, options,
+                  shared_->connection->channel_count());
 }
 
 absl::StatusOr<Segments> Client::TestAllSegments(
@@ -137,9 +102,7 @@ absl::StatusOr<Segments> Client::TestAllSegments(
       [&](const Segments& part) {
         Place(part.blocked, 1, part.offset, n, &all.blocked);
         Place(part.valid, 1, part.offset, n, &all.valid);
-        Place(part.blocker_object, 1, part.offset, n, &all.blocker_object);
-        Place(part.blocker_triangle, 1, part.offset, n, &all.blocker_triangle);
-        Place(part.blocker_distance, 1, part.offset, n, &all.blocker_distance);
+        PlaceBlockers(part, 1, n, &all);
         done += part.segments;
         if (on_progress) on_progress(done);
         return absl::OkStatus();

@@ -5,10 +5,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "client/lib/client.h"
 #include "client/lib/client_state.h"
 #include "client/lib/convert.h"
+#include "client/lib/query_run.h"
 #include "client/lib/query_support.h"
 #include "client/lib/stream_runner.h"
 #include "client/lib/upload.h"
@@ -41,11 +41,7 @@ void ResizeShadows(const ShadowOutputs& want, uint64_t n, Shadows* out) {
   out->valid.resize(n);
   if (want.counts) out->counts.resize(n);
   if (want.weighted_sums) out->weighted_sums.resize(n);
-  if (want.blockers) {
-    out->blocker_object.resize(pairs);
-    out->blocker_triangle.resize(pairs);
-    out->blocker_distance.resize(pairs);
-  }
+  if (want.blockers) ResizeBlockers(pairs, out);
 }
 
 absl::StatusOr<Shadows> DecodeShadows(const ShadowOutputs& want, uint64_t samples, uint64_t offset,
@@ -73,14 +69,7 @@ absl::StatusOr<Shadows> DecodeShadows(const ShadowOutputs& want, uint64_t sample
           s.Update(
               DecodeRows(r.weighted_sums(), "weighted_sums", 1, at, count, n, &out.weighted_sums));
         }
-        if (want.blockers) {
-          s.Update(DecodeRows(r.blocker_objects(), "blocker_objects", samples, at, count, n,
-                              &out.blocker_object));
-          s.Update(DecodeRows(r.blocker_triangles(), "blocker_triangles", samples, at, count, n,
-                              &out.blocker_triangle));
-          s.Update(DecodeRows(r.blocker_distances(), "blocker_distances", samples, at, count, n,
-                              &out.blocker_distance));
-        }
+        if (want.blockers) s.Update(DecodeBlockers(r, samples, at, count, n, &out));
         return s;
       });
   if (!status.ok()) return status;
@@ -92,39 +81,31 @@ absl::StatusOr<Shadows> DecodeShadows(const ShadowOutputs& want, uint64_t sample
 absl::StatusOr<StreamSummary> Client::ComputeShadows(
     const ShadowQuery& query, const std::function<absl::Status(Shadows)>& on_shadows,
     const StreamOptions& options) const {
-  const absl::Time start = absl::Now();
-  const CallOptions call{.deadline = start + options.timeout, .cancellation = options.cancellation};
   if (absl::Status s = CheckPoints(query.points); !s.ok()) return s;
   if (query.points_per_item == 0) return absl::InvalidArgumentError("points_per_item is 0");
   if (query.lights.empty()) return absl::InvalidArgumentError("lights: at least one is needed");
-  absl::StatusOr<Capabilities> capabilities = GetCapabilities(call);
-  if (!capabilities.ok()) return capabilities.status();
-  const Limits& limits = capabilities->limits;
-  if (absl::Status s = CheckLights(query.lights, limits); !s.ok()) return s;
+  absl::StatusOr<QueryStart> start = StartQuery(*this, options);
+  if (!start.ok()) return start.status();
+  if (absl::Status s = CheckLights(query.lights, start->limits); !s.ok()) return s;
   const uint64_t samples = TotalSamples(query.lights);
   uint64_t n = query.points.positions.size() / 3;
   int64_t revision = query.options.revision;
   if (!query.point_set.empty()) {
-    absl::StatusOr<PointSet> set = GetPointSet(query.point_set, call);
+    absl::StatusOr<PointSet> set = GetPointSet(query.point_set, start->call);
     if (!set.ok()) return set.status();
     n = set->points;
     if (revision == 0) revision = set->revision;
   } else {
-    absl::StatusOr<int64_t> pinned = PinnedRevision(query.scene, revision, call);
+    absl::StatusOr<int64_t> pinned = PinnedRevision(query.scene, revision, start->call);
     if (!pinned.ok()) return pinned.status();
     revision = *pinned;
   }
   constexpr uint64_t kBytesPerPoint = 3 * 8 + 4 + 4 + 3 * 8;
-  const uint64_t per_item = std::max<uint64_t>(
-      1, std::min({uint64_t{query.points_per_item},
-                   static_cast<uint64_t>(std::max<int64_t>(1, limits.max_item_rays)) /
-                       std::max<uint64_t>(1, samples),
-                   ChunkBytes(limits.max_message_bytes) / kBytesPerPoint}));
-  const auto begin = [&](size_t i) { return i * per_item; };
-  const auto count = [&](size_t i) { return std::min(per_item, n - i * per_item); };
+  const ItemCut cut =
+      CutIntoItems(n, query.points_per_item, samples, kBytesPerPoint, start->limits);
 
   StreamJob<v1::ComputeShadowsRequest, v1::ComputeShadowsResponse> job;
-  job.item_count = static_cast<size_t>((n + per_item - 1) / per_item);
+  job.item_count = cut.items();
   v1::ComputeShadowsHeader* header = job.header.mutable_header();
   FillHeader(query.scene, revision, query.options, header->mutable_stream());
   for (const Light& light : query.lights) ToProto(light, header->add_lights());
@@ -143,37 +124,19 @@ absl::StatusOr<StreamSummary> Client::ComputeShadows(
     FillItem(i, options, item->mutable_item());
     if (!query.point_set.empty()) {
       item->mutable_point_set_range()->set_point_set(query.point_set);
-      item->mutable_point_set_range()->set_offset(begin(i));
-      item->mutable_point_set_range()->set_count(count(i));
+      item->mutable_point_set_range()->set_offset(cut.begin(i));
+      item->mutable_point_set_range()->set_count(cut.count(i));
     } else {
-      PackPoints(query.points, begin(i), count(i), item->mutable_points());
+      PackPoints(query.points, cut.begin(i), cut.count(i), item->mutable_points());
     }
     return request;
   };
-  job.cost = [&](size_t i) { return static_cast<int64_t>(count(i) * samples); };
-  StreamSummary summary;
-  job.deliver = [&](size_t i, std::vector<v1::ShadowReply> replies) -> absl::Status {
-    absl::StatusOr<Shadows> part =
-        DecodeShadows(query.outputs, samples, begin(i), count(i), std::move(replies));
-    if (!part.ok()) return part.status();
-    summary.statistics.Add(part->statistics);
-    return on_shadows(*std::move(part));
+  job.cost = [&](size_t i) { return static_cast<int64_t>(cut.count(i) * samples); };
+  const auto decode = [&](size_t i, std::vector<v1::ShadowReply> replies) {
+    return DecodeShadows(query.outputs, samples, cut.begin(i), cut.count(i), std::move(replies));
   };
-
-  RunTotals totals;
-  const absl::Status status = RunStreams(
-      job,
-      ToRunOptions(options, limits, shared_->connection->channel_count(), job.item_count, start),
-      &totals);
-  if (!status.ok()) return status;
-  summary.revision = revision;
-  summary.items = job.item_count;
-  summary.rays = n * samples;
-  summary.bytes_received = totals.bytes_received;
-  summary.bytes_sent = totals.bytes_sent;
-  summary.resent_items = totals.resent_items;
-  summary.elapsed = absl::Now() - start;
-  return summary;
+  return RunQuery(std::move(job), decode, on_shadows, *start, options,
+                  shared_->connection->channel_count());
 }
 
 absl::StatusOr<Shadows> Client::ComputeAllShadows(
@@ -197,9 +160,7 @@ absl::StatusOr<Shadows> Client::ComputeAllShadows(
         all.invalid_samples = part.invalid_samples;
         Place(part.counts, 1, part.offset, n, &all.counts);
         Place(part.weighted_sums, 1, part.offset, n, &all.weighted_sums);
-        Place(part.blocker_object, all.samples, part.offset, n, &all.blocker_object);
-        Place(part.blocker_triangle, all.samples, part.offset, n, &all.blocker_triangle);
-        Place(part.blocker_distance, all.samples, part.offset, n, &all.blocker_distance);
+        PlaceBlockers(part, all.samples, n, &all);
         all.near_surface_points += part.near_surface_points;
         done += part.points;
         if (on_progress) on_progress(done);

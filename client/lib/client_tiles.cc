@@ -5,27 +5,32 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "client/lib/client.h"
 #include "client/lib/client_state.h"
 #include "client/lib/convert.h"
+#include "client/lib/query_run.h"
 #include "client/lib/query_support.h"
 #include "client/lib/stream_runner.h"
-#include "client/lib/upload.h"
 
 namespace sightline::client {
 
 namespace {
 
+// Of a Tile or a TileImage.
+template <typename Pixels>
+void ResizePixels(const TileOutputs& want, uint64_t samples, uint64_t n, Pixels* out) {
+  if (want.hits) out->hit.resize(n);
+  if (want.ids) out->object.resize(n), out->triangle.resize(n);
+  if (want.depths) out->depth.resize(n);
+  if (want.barycentrics) out->u.resize(n), out->v.resize(n);
+  if (want.lit) out->lit.resize(samples * n);
+}
+
 absl::StatusOr<Tile> DecodeTile(const TileQuery& query, uint64_t samples,
                                 std::vector<v1::TileReply> replies, Tile tile) {
   const uint64_t n = uint64_t{tile.rect.width} * tile.rect.height;
   const TileOutputs& want = query.outputs;
-  if (want.hits) tile.hit.resize(n);
-  if (want.ids) tile.object.resize(n), tile.triangle.resize(n);
-  if (want.depths) tile.depth.resize(n);
-  if (want.barycentrics) tile.u.resize(n), tile.v.resize(n);
-  if (want.lit) tile.lit.resize(samples * n);
+  ResizePixels(want, samples, n, &tile);
   std::vector<uint8_t> valid(want.lit ? n : 0);
   const absl::Status status = DecodeReplies(
       std::move(replies), n, &tile.statistics,
@@ -74,21 +79,19 @@ absl::Status CheckImage(const TileQuery& query, const Limits& limits) {
 absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
                                                  const std::function<absl::Status(Tile)>& on_tile,
                                                  const StreamOptions& options) const {
-  const absl::Time start = absl::Now();
-  const CallOptions call{.deadline = start + options.timeout, .cancellation = options.cancellation};
-  absl::StatusOr<Capabilities> capabilities = GetCapabilities(call);
-  if (!capabilities.ok()) return capabilities.status();
-  const Limits& limits = capabilities->limits;
+  absl::StatusOr<QueryStart> start = StartQuery(*this, options);
+  if (!start.ok()) return start.status();
+  const Limits& limits = start->limits;
   if (absl::Status s = CheckImage(query, limits); !s.ok()) return s;
   if (absl::Status s = CheckLights(query.lights, limits); !s.ok()) return s;
-  absl::StatusOr<int64_t> revision = PinnedRevision(query.scene, query.options.revision, call);
+  absl::StatusOr<int64_t> revision =
+      PinnedRevision(query.scene, query.options.revision, start->call);
   if (!revision.ok()) return revision.status();
 
   const uint64_t samples = query.outputs.lit ? TotalSamples(query.lights) : 0;
   const uint64_t rays_per_pixel = 1 + samples;
   uint32_t side = std::min(query.tile_size, std::max(query.camera.width, query.camera.height));
-  while (side > 1 && uint64_t{side} * side * rays_per_pixel >
-                         static_cast<uint64_t>(std::max<int64_t>(1, limits.max_item_rays))) {
+  while (side > 1 && uint64_t{side} * side * rays_per_pixel > MaxItemRays(limits)) {
     side = (side + 1) / 2;
   }
   const uint32_t columns = (query.camera.width + side - 1) / side;
@@ -134,29 +137,11 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
     const TileRect r = rect(i);
     return static_cast<int64_t>(uint64_t{r.width} * r.height * rays_per_pixel);
   };
-  StreamSummary summary;
-  job.deliver = [&](size_t i, std::vector<v1::TileReply> replies) -> absl::Status {
-    absl::StatusOr<Tile> tile =
-        DecodeTile(query, samples, std::move(replies), Tile{.index = i, .rect = rect(i)});
-    if (!tile.ok()) return tile.status();
-    summary.statistics.Add(tile->statistics);
-    return on_tile(*std::move(tile));
+  const auto decode = [&](size_t i, std::vector<v1::TileReply> replies) {
+    return DecodeTile(query, samples, std::move(replies), Tile{.index = i, .rect = rect(i)});
   };
-
-  RunTotals totals;
-  const absl::Status status = RunStreams(
-      job,
-      ToRunOptions(options, limits, shared_->connection->channel_count(), job.item_count, start),
-      &totals);
-  if (!status.ok()) return status;
-  summary.revision = *revision;
-  summary.items = job.item_count;
-  summary.rays = uint64_t{query.camera.width} * query.camera.height * rays_per_pixel;
-  summary.bytes_received = totals.bytes_received;
-  summary.bytes_sent = totals.bytes_sent;
-  summary.resent_items = totals.resent_items;
-  summary.elapsed = absl::Now() - start;
-  return summary;
+  return RunQuery(std::move(job), decode, on_tile, *start, options,
+                  shared_->connection->channel_count());
 }
 
 absl::StatusOr<TileImage> Client::TraceImage(
@@ -169,14 +154,8 @@ absl::StatusOr<TileImage> Client::TraceImage(
   const uint64_t n = uint64_t{image.width} * image.height;
   uint64_t done = 0;
   const auto place = [&](const Tile& tile) {
-    if (done == 0) {  // Not before the first answer: until then the sizes may be absurd.
-      const TileOutputs& want = query.outputs;
-      if (want.hits) image.hit.resize(n);
-      if (want.ids) image.object.resize(n), image.triangle.resize(n);
-      if (want.depths) image.depth.resize(n);
-      if (want.barycentrics) image.u.resize(n), image.v.resize(n);
-      if (want.lit) image.lit.resize(image.samples * n);
-    }
+    // Not before the first answer: until then the sizes may be absurd.
+    if (done == 0) ResizePixels(query.outputs, image.samples, n, &image);
     const TileRect& r = tile.rect;
     const auto copy = [&](const auto& from, auto* to, uint64_t planes) {
       if (from.empty()) return;

@@ -20,7 +20,6 @@
 #include "absl/time/time.h"
 #include "client/lib/client.h"
 #include "client/lib/convert.h"
-#include "client/lib/stream_runner.h"
 #include "sightline/v1/visibility_service.pb.h"
 
 namespace sightline::client {
@@ -45,18 +44,6 @@ inline void FillHeader(const std::string& scene, int64_t revision, const QueryOp
   header->set_scene(scene);
   header->set_revision(revision);
   ToProto(options, header->mutable_options());
-}
-
-inline RunOptions ToRunOptions(const StreamOptions& options, const Limits& limits, int channels,
-                               size_t items, absl::Time start) {
-  RunOptions run;
-  const int lanes = options.streams > 0 ? options.streams : channels;
-  run.lanes = static_cast<int>(std::clamp<size_t>(items, 1, static_cast<size_t>(lanes)));
-  run.min_item_cost = limits.min_item_cost_rays;
-  run.deadline = start + options.timeout;
-  run.cancellation = options.cancellation;
-  run.retry = options.retry;
-  return run;
 }
 
 // Hands the replies of an item to `decode` in order of offset; together they must hold each of the
@@ -151,6 +138,33 @@ void Place(const std::vector<T>& part, uint64_t rows, uint64_t begin, uint64_t t
     std::copy_n(part.begin() + static_cast<ptrdiff_t>(r * columns), columns,
                 out->begin() + static_cast<ptrdiff_t>(r * total + begin));
   }
+}
+
+// First blockers, [rows, n] in Shadows and Segments alike.
+template <typename Part>
+void ResizeBlockers(uint64_t size, Part* out) {
+  out->blocker_object.resize(size);
+  out->blocker_triangle.resize(size);
+  out->blocker_distance.resize(size);
+}
+
+template <typename Result, typename Part>
+absl::Status DecodeBlockers(const Result& result, uint64_t rows, uint64_t begin, uint64_t count,
+                            uint64_t total, Part* out) {
+  absl::Status s = DecodeRows(result.blocker_objects(), "blocker_objects", rows, begin, count,
+                              total, &out->blocker_object);
+  s.Update(DecodeRows(result.blocker_triangles(), "blocker_triangles", rows, begin, count, total,
+                      &out->blocker_triangle));
+  s.Update(DecodeRows(result.blocker_distances(), "blocker_distances", rows, begin, count, total,
+                      &out->blocker_distance));
+  return s;
+}
+
+template <typename Part>
+void PlaceBlockers(const Part& part, uint64_t rows, uint64_t total, Part* all) {
+  Place(part.blocker_object, rows, part.offset, total, &all->blocker_object);
+  Place(part.blocker_triangle, rows, part.offset, total, &all->blocker_triangle);
+  Place(part.blocker_distance, rows, part.offset, total, &all->blocker_distance);
 }
 
 inline absl::Status CheckLights(const std::vector<Light>& lights, const Limits& limits) {

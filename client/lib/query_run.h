@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// How every streamed query goes: ask what the server allows, cut the query into items, run them,
+// decode what comes back and add up what it took. For the library's own files.
+//
+// Thread safety: free functions; callbacks come as StreamJob.deliver does (stream_runner.h).
+//
+//   absl::StatusOr<QueryStart> start = StartQuery(*this, options);
+//   const ItemCut cut = CutIntoItems(n, 16384, samples, kBytesPerPoint, start->limits);
+//   StreamJob<...> job; ...
+//   return RunQuery(std::move(job), decode, on_shadows, *start, options, channels);
+#ifndef SIGHTLINE_CLIENT_LIB_QUERY_RUN_H_
+#define SIGHTLINE_CLIENT_LIB_QUERY_RUN_H_
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "client/lib/client.h"
+#include "client/lib/stream_runner.h"
+#include "client/lib/types.h"
+#include "client/lib/upload.h"
+
+namespace sightline::client {
+
+// What a query knows when it begins.
+struct QueryStart {
+  absl::Time time;
+  CallOptions call;  // For its calls beside the streams.
+  Limits limits;
+};
+
+inline absl::StatusOr<QueryStart> StartQuery(const Client& client, const StreamOptions& options) {
+  QueryStart start{.time = absl::Now()};
+  start.call = {.deadline = start.time + options.timeout, .cancellation = options.cancellation};
+  absl::StatusOr<Capabilities> capabilities = client.GetCapabilities(start.call);
+  if (!capabilities.ok()) return capabilities.status();
+  start.limits = capabilities->limits;
+  return start;
+}
+
+inline uint64_t MaxItemRays(const Limits& limits) {
+  return static_cast<uint64_t>(std::max<int64_t>(1, limits.max_item_rays));
+}
+
+// Elements in a row cut into items of `per_item`; the last may have less.
+struct ItemCut {
+  uint64_t total = 0;
+  uint64_t per_item = 1;
+
+  size_t items() const { return static_cast<size_t>((total + per_item - 1) / per_item); }
+  uint64_t begin(size_t item) const { return item * per_item; }
+  uint64_t count(size_t item) const { return std::min(per_item, total - begin(item)); }
+};
+
+// As many elements per item as are wanted, unless the limits on an item's rays or a message's bytes
+// say less.
+inline ItemCut CutIntoItems(uint64_t total, uint64_t wanted_per_item, uint64_t rays_each,
+                            uint64_t bytes_each, const Limits& limits) {
+  const uint64_t most =
+      std::min({wanted_per_item, MaxItemRays(limits) / std::max<uint64_t>(1, rays_each),
+                ChunkBytes(limits.max_message_bytes) / bytes_each});
+  return {.total = total, .per_item = std::max<uint64_t>(1, most)};
+}
+
+// Runs `job`, all of which is set but `deliver`: `decode` makes a Part of an item's replies, which
+// goes to `on_part`.
+template <typename Request, typename Response, typename Decode, typename Part>
+absl::StatusOr<StreamSummary> RunQuery(StreamJob<Request, Response> job, const Decode& decode,
+                                       const std::function<absl::Status(Part)>& on_part,
+                                       const QueryStart& start, const StreamOptions& options,
+                                       int channels) {
+  using Reply = typename StreamJob<Request, Response>::Reply;
+  StreamSummary summary;
+  job.deliver = [&](size_t item, std::vector<Reply> replies) -> absl::Status {
+    absl::StatusOr<Part> part = decode(item, std::move(replies));
+    if (!part.ok()) return part.status();
+    summary.statistics.Add(part->statistics);
+    return on_part(*std::move(part));
+  };
+  const int lanes = options.streams > 0 ? options.streams : channels;
+  const RunOptions run{
+      .lanes = static_cast<int>(std::clamp<size_t>(job.item_count, 1, static_cast<size_t>(lanes))),
+      .min_item_cost = start.limits.min_item_cost_rays,
+      .deadline = start.call.deadline,
+      .cancellation = options.cancellation,
+      .retry = options.retry,
+  };
+  RunTotals totals;
+  const absl::Status status = RunStreams(job, run, &totals);
+  if (!status.ok()) return status;
+  summary.revision = job.header.header().stream().revision();
+  summary.items = job.item_count;
+  for (size_t i = 0; i < job.item_count; ++i) summary.rays += static_cast<uint64_t>(job.cost(i));
+  summary.bytes_received = totals.bytes_received;
+  summary.bytes_sent = totals.bytes_sent;
+  summary.resent_items = totals.resent_items;
+  summary.elapsed = absl::Now() - start.time;
+  return summary;
+}
+
+}  // namespace sightline::client
+
+#endif  // SIGHTLINE_CLIENT_LIB_QUERY_RUN_H_
