@@ -18,8 +18,8 @@
 
 namespace sightline::bvh_build {
 
-typedef float Float4 __attribute__((vector_size(16)));
-typedef int32_t Int4 __attribute__((vector_size(16)));
+using Float4 = float __attribute__((vector_size(16)));
+using Int4 = int32_t __attribute__((vector_size(16)));
 
 inline Float4 LoadFloat4(const void* p) {
   Float4 v;

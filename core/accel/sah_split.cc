@@ -16,7 +16,7 @@ static_assert(kMaxBins / kMinExtent < std::numeric_limits<float>::max());
 }  // namespace
 
 BinMapping::BinMapping(const Box4& centroids, int count, bool longest_axis_only)
-    : base_(ClearLast(centroids.lo)), scale_{}, count_(count) {
+    : base_(ClearLast(centroids.lo)), count_(count) {
   SIGHTLINE_DCHECK(count >= 2 && count <= kMaxBins);
   int longest = 0;
   const Float4 extent = centroids.hi - centroids.lo;

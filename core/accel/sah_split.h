@@ -38,13 +38,15 @@ struct SahCost {
   // leaf, 6.0, 3.2, 10.9, and nodes less full.
   static constexpr float kLeafVisit = 0.75f;
   float Leaf(uint32_t n) const {
-    return kLeafVisit + (1.0f - kLeafVisit) * 0.25f * static_cast<float>((n + 3) / 4);
+    const uint32_t units = (n + 3) / 4;
+    return kLeafVisit + (1.0f - kLeafVisit) * 0.25f * static_cast<float>(units);
   }
   // An estimate for many triangles: as many full leaves as hold them. So a plane that fills its
   // leaves is cheaper than one that leaves them half empty.
   float Many(uint32_t n) const {
     const uint32_t leaf = static_cast<uint32_t>(max_leaf_triangles);
-    return static_cast<float>((n + leaf - 1) / leaf);
+    const uint32_t leaves = (n + leaf - 1) / leaf;
+    return static_cast<float>(leaves);
   }
   float Subtree(uint32_t n) const {
     return n <= static_cast<uint32_t>(max_leaf_triangles) ? Leaf(n) : Many(n);
@@ -74,8 +76,8 @@ class BinMapping {
   }
 
  private:
-  Float4 base_;   // Last lane 0.
-  Float4 scale_;  // 0 where the axis cannot be split, and in the last lane.
+  Float4 base_;     // Last lane 0.
+  Float4 scale_{};  // 0 where the axis cannot be split, and in the last lane.
   int count_;
 };
 

@@ -43,7 +43,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
   SceneStatus status;
   {
     MutexLock lock(mutex_);
-    if (entries_.count(name) > 0) {
+    if (entries_.contains(name)) {
       return absl::AlreadyExistsError(absl::StrCat("there is a scene \"", name, "\" already"));
     }
     if (entries_.size() >= options_.max_scenes) {

@@ -94,7 +94,7 @@ TileResult TraceImage(const IndexedGeometry& scene, const Camera& camera,
     }
     for (size_t i = 0; i < part.point_pixel.size(); ++i) {
       point_of[whole(part.point_pixel[i])] = points.size();
-      points.push_back({t, i});
+      points.emplace_back(t, i);
     }
   }
   for (size_t p = 0; p < n; ++p) {

@@ -78,12 +78,13 @@ void AddHouse(MeshBuilder& mesh, const ShapePlacement& place, Vec3d size, const 
   const bool windows = glazing.panes > 0;
   const int panes = std::max(glazing.panes, 1);
   const auto bays = [&](double length, double pitch) {
-    return windows ? std::max(1, static_cast<int>(length / pitch + 0.5)) : 0;
+    return windows ? std::max(1, static_cast<int>(std::floor(length / pitch + 0.5))) : 0;
   };
   const Facade x{bays(2 * size.x, glazing.pitch), panes, 0.24, 0.76};
   const Facade y{bays(2 * size.y, glazing.pitch), panes, 0.24, 0.76};
-  const int floors =
-      glazing.plain && !windows ? 0 : std::max(1, static_cast<int>(size.z / glazing.storey + 0.5));
+  const int floors = glazing.plain && !windows
+                         ? 0
+                         : std::max(1, static_cast<int>(std::floor(size.z / glazing.storey + 0.5)));
   const Facade z{floors, panes, 0.28, 0.86};
   const int nx = windows ? x.cells() : 3, ny = windows ? y.cells() : 3, nz = z.cells();
   constexpr double kSunk = 0.28, kParapet = 0.9, kFoot = 3;

@@ -115,9 +115,10 @@ void MakeGrass(SceneBuilder& scene) {
       continue;
     }
     Prng rng(seed, "forest-grass", static_cast<uint64_t>(patch));
+    const int column = patch % 4, row = patch / 4;
     for (int i = 0; i < blades; ++i) {
-      const double x = -22 + 11 * (patch % 4) + rng.Uniform(0, 11);
-      const double y = -22 + 11 * (patch / 4) + rng.Uniform(0, 11);
+      const double x = -22 + 11 * column + rng.Uniform(0, 11);
+      const double y = -22 + 11 * row + rng.Uniform(0, 11);
       const SinCos sc = SinCosTurns(rng.Uniform());
       const double lean = rng.Uniform(0.1, 0.7);
       const double length = rng.Uniform(0.12, 0.4);

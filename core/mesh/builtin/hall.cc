@@ -112,8 +112,9 @@ void MakeVault(SceneBuilder& scene) {
 
 void MakeColumns(SceneBuilder& scene) {
   for (int i = 0; i < 2 * (kBays - 1); ++i) {
+    const int bay = 1 + i / 2;
     const double y = i % 2 == 0 ? -kNave : kNave;
-    const double x = -kHalfLength + kBay * (i / 2 + 1);
+    const double x = -kHalfLength + kBay * bay;
     MeshBuilder& mesh = scene.Object("column", i);
     const ShapePlacement foot({x, y, 0});
     AddBox(mesh, foot, {-0.55, -0.55, 0}, {0.55, 0.55, 0.25});
@@ -165,8 +166,9 @@ void MakeTables(SceneBuilder& scene) {
     AddTable(scene, scene.Object("table", t), ShapePlacement({x, y, 0}), {5, 1.1, 0.76});
     for (int c = 0; c < 12; ++c) {
       Prng rng(scene.seed(), "hall-chair", static_cast<uint64_t>(chairs));
+      const int place = c / 2;
       const double side = c % 2 == 0 ? -1.0 : 1.0;
-      const double cx = x - 2.1 + 0.84 * (c / 2) + rng.Uniform(-0.08, 0.08);
+      const double cx = x - 2.1 + 0.84 * place + rng.Uniform(-0.08, 0.08);
       const double cy = y + side * (0.62 + rng.Uniform(0, 0.3));
       const double yaw = (side < 0 ? 0.5 : 0.0) + rng.Uniform(-0.06, 0.06);
       AddChair(scene, scene.Object("chair", chairs++), ShapePlacement({cx, cy, 0}, yaw), rng);
@@ -259,7 +261,8 @@ void MakeHall(SceneBuilder& scene) {
   plan.Reserve(16.5, 6.6, 1.6);
   plan.Reserve(2.5, -7.2, 1.6);
   for (int i = 0; i < 2 * (kBays - 1); ++i) {
-    plan.Reserve(-kHalfLength + kBay * (i / 2 + 1), i % 2 == 0 ? -kNave : kNave, 0.8);
+    const int bay = 1 + i / 2;
+    plan.Reserve(-kHalfLength + kBay * bay, i % 2 == 0 ? -kNave : kNave, 0.8);
   }
   for (int t = 0; t < 3; ++t) {
     for (int k = -2; k <= 2; ++k)

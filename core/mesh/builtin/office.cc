@@ -196,7 +196,8 @@ void MakeOffice(SceneBuilder& scene) {
   MakeLuminaires(scene);
   // Pairs of rows, back to back along a partition.
   for (int r = 0; r < kRows; ++r) {
-    const double y = -4.2 + 2.9 * (r / 2) * 2 + (r % 2 == 0 ? -0.45 : 0.45) + 0.35;
+    const int pair = r / 2;
+    const double y = -4.2 + 2.9 * pair * 2 + (r % 2 == 0 ? -0.45 : 0.45) + 0.35;
     for (int c = 0; c < kColumns; ++c) {
       MakeDesk(scene, r * kColumns + c,
                ShapePlacement({-7.2 + 2.7 * c, y, 0}, r % 2 == 0 ? 0 : 0.5));

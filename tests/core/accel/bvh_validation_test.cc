@@ -69,6 +69,9 @@ class BvhValidationTest : public ::testing::Test {
              node.child[slot].leaf_count() > 1;
     });
   }
+  static float& Bound(Bvh& bvh, Slot at, int face) {
+    return bvh.nodes[at.node].bounds[face][at.slot];
+  }
   static float& Row(Bvh& bvh, Slot at, int row, uint32_t lane) {
     const ChildRef leaf = bvh.nodes[at.node].child[at.slot];
     return bvh.leaves[leaf.leaf_unit() * kUnitFloats + row * 4 * leaf.leaf_units() + lane];
@@ -168,7 +171,7 @@ TEST_F(BvhValidationTest, BoxesAreExact) {
     for (int face = 0; face < 6; ++face) {
       for (float to : {-10.0f, 10.0f}) {
         ExpectFault("has a box that is not", [&](Bvh& bvh) {
-          float& x = bvh.nodes[at.node].bounds[face][at.slot];
+          float& x = Bound(bvh, at, face);
           x = std::nextafter(x, to);
         });
       }

@@ -10,7 +10,6 @@ namespace sightline {
 namespace {
 
 using ::testing::HasSubstr;
-using ::testing::Not;
 
 constexpr CpuFeatures kAll = {true, true, true, true, true, true, true, true};
 

@@ -2,6 +2,7 @@
 #include "core/base/mutex.h"
 
 #include <chrono>
+#include <cstdint>
 #include <thread>
 #include <vector>
 
@@ -44,15 +45,16 @@ TEST(MutexTest, HandsValuesBetweenThreads) {
   constexpr int kThreads = 4, kEach = 500;
   Queue queue;
   std::vector<std::thread> threads;
+  threads.reserve(kThreads);
   for (int t = 0; t < kThreads; ++t) {
     threads.emplace_back([&queue] {
       for (int i = 1; i <= kEach; ++i) queue.Push(i);
     });
   }
-  long long sum = 0;
+  int64_t sum = 0;
   for (int i = 0; i < kThreads * kEach; ++i) sum += queue.Pop();
   for (std::thread& thread : threads) thread.join();
-  EXPECT_EQ(sum, 1LL * kThreads * kEach * (kEach + 1) / 2);
+  EXPECT_EQ(sum, int64_t{1} * kThreads * kEach * (kEach + 1) / 2);
 }
 
 TEST(MutexTest, AWaitEndsAtItsDeadline) {

@@ -19,7 +19,7 @@ absl::StatusOr<int> Quarter(int n) {
   return *half;
 }
 
-absl::Status Twice(int& calls, absl::Status first) {
+absl::Status Twice(int& calls, const absl::Status& first) {
   SL_RETURN_IF_ERROR((++calls, first));
   ++calls;
   return absl::OkStatus();

@@ -52,8 +52,9 @@ TEST(ExactSumTest, SignsAgreeWithIntegersThroughCancellation) {
   TestRng rng;
   constexpr int kTerms = 48;
   for (int64_t i = ScaledCount(30'000); i > 0; --i) {
-    std::vector<double> terms;
     const int n = 1 + static_cast<int>(rng.Below(kTerms / 2));
+    std::vector<double> terms;
+    terms.reserve(kTerms);
     const int spread = 1 + static_cast<int>(rng.Below(1000));
     for (int k = 0; k < n; ++k) {
       terms.push_back(
@@ -89,8 +90,8 @@ TEST(ExactSumTest, ProductsAreExact) {
     for (int k = 0; k < n; ++k) {
       const double ab = double{number()} * number();
       const double c = number();
-      products.push_back({ab, c});
-      if (rng.Chance(0.9)) products.push_back({-ab, c});
+      products.emplace_back(ab, c);
+      if (rng.Chance(0.9)) products.emplace_back(-ab, c);
     }
     for (size_t k = products.size(); k > 1; --k) std::swap(products[k - 1], products[rng.Below(k)]);
     for (const auto& [x, y] : products) {
