@@ -4,12 +4,12 @@
 # Installs what is missing of the named sets of deploy/packages.txt, with apt-get; does nothing, and needs
 # no rights, where nothing is missing.
 #
-#   deploy/install_packages.sh build [test] [lint]
+#   deploy/install_packages.sh build [test] [bench] [lint]
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 
 if [ $# -eq 0 ]; then
-  echo "usage: $0 build|test|lint ..." >&2
+  echo "usage: $0 build|test|bench|lint ..." >&2
   exit 2
 fi
 

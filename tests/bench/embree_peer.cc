@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/embree_peer.h"
+
+#include <cstring>
+#include <limits>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
+#include "core/mesh/rebase.h"
+
+namespace sightline::bench {
+namespace {
+
+absl::Status LastError(RTCDevice device, const char* what) {
+  const RTCError error = rtcGetDeviceError(device);
+  if (error == RTC_ERROR_NONE) return absl::OkStatus();
+  const absl::StatusCode code = error == RTC_ERROR_OUT_OF_MEMORY
+                                    ? absl::StatusCode::kResourceExhausted
+                                    : absl::StatusCode::kInternal;
+  return absl::Status(code, absl::StrCat("Embree: ", what, ": error ", static_cast<int>(error)));
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<EmbreeDevice>> EmbreeDevice::Open(int threads, SimdTarget simd) {
+  std::string config = absl::StrCat("threads=", threads);
+  // Left to itself Embree may avoid 512-bit code for the clock's sake; ours does not.
+  const bool wide = simd == SimdTarget::kAvx512 ||
+                    (simd == SimdTarget::kBest && BestSimdTarget() == SimdTarget::kAvx512);
+  absl::StrAppend(&config, wide ? ",isa=avx512,frequency_level=simd512" : ",isa=avx2");
+  auto device = std::unique_ptr<EmbreeDevice>(new EmbreeDevice);
+  device->device_ = rtcNewDevice(config.c_str());
+  if (device->device_ == nullptr) {
+    return absl::UnavailableError(absl::StrCat("Embree opens no device with \"", config,
+                                               "\": error ",
+                                               static_cast<int>(rtcGetDeviceError(nullptr))));
+  }
+  rtcSetDeviceMemoryMonitorFunction(device->device_, &EmbreeDevice::OnMemory, device.get());
+  return device;
+}
+
+EmbreeDevice::~EmbreeDevice() {
+  if (device_ != nullptr) rtcReleaseDevice(device_);
+}
+
+bool EmbreeDevice::OnMemory(void* self, ssize_t bytes, bool) {
+  static_cast<EmbreeDevice*>(self)->allocated_ += bytes;
+  return true;
+}
+
+std::string EmbreeDevice::Name() { return absl::StrCat("Embree ", RTC_VERSION_STRING); }
+
+absl::StatusOr<std::unique_ptr<EmbreeScene>> EmbreeScene::Build(const EmbreeDevice& device,
+                                                                const SceneGeometry& geometry,
+                                                                const EmbreeOptions& options) {
+  auto scene = std::unique_ptr<EmbreeScene>(new EmbreeScene);
+  scene->scene_ = rtcNewScene(device.get());
+  int flags = RTC_SCENE_FLAG_NONE;
+  if (options.robust) flags |= RTC_SCENE_FLAG_ROBUST;
+  if (options.compact) flags |= RTC_SCENE_FLAG_COMPACT;
+  if (options.dynamic) flags |= RTC_SCENE_FLAG_DYNAMIC;
+  rtcSetSceneFlags(scene->scene_, static_cast<RTCSceneFlags>(flags));
+  rtcSetSceneBuildQuality(scene->scene_, options.quality);
+  RTCGeometry mesh = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
+  rtcSetGeometryBuildQuality(mesh, options.quality);
+  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
+  void* vertices = rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                           sizeof(Vec3f), geometry.vertices.size());
+  void* indices = rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                          3 * sizeof(uint32_t), geometry.triangles.size());
+  if (vertices != nullptr && indices != nullptr) {
+    std::memcpy(vertices, geometry.vertices.data(), geometry.vertices.size() * sizeof(Vec3f));
+    std::memcpy(indices, geometry.triangles.data(),
+                geometry.triangles.size() * 3 * sizeof(uint32_t));
+    rtcCommitGeometry(mesh);
+    rtcAttachGeometry(scene->scene_, mesh);
+    rtcCommitScene(scene->scene_);
+  }
+  rtcReleaseGeometry(mesh);
+  if (absl::Status status = LastError(device.get(), "building the scene"); !status.ok()) {
+    return status;
+  }
+  return scene;
+}
+
+EmbreeScene::~EmbreeScene() {
+  if (scene_ != nullptr) rtcReleaseScene(scene_);
+}
+
+std::string PeerMode::Name() const {
+  std::string name = entry == Entry::kSingle   ? "single"
+                     : entry == Entry::kStream ? "stream"
+                                               : absl::StrCat("packet", static_cast<int>(entry));
+  if (coherent) absl::StrAppend(&name, " coherent");
+  absl::StrAppend(&name, start == Start::kEye     ? ""
+                         : start == Start::kLight ? " from light"
+                                                  : " from point");
+  return name;
+}
+
+std::vector<PeerMode> AllModes(std::span<const PeerMode::Start> starts) {
+  using Entry = PeerMode::Entry;
+  std::vector<PeerMode> modes;
+  for (const PeerMode::Start start : starts) {
+    for (const Entry entry :
+         {Entry::kSingle, Entry::kPacket4, Entry::kPacket8, Entry::kPacket16, Entry::kStream}) {
+      for (const bool coherent : {false, true}) modes.push_back({entry, coherent, start});
+    }
+  }
+  return modes;
+}
+
+void ImageArrays::Resize(size_t pixels) {
+  depth.resize(pixels);
+  u.resize(pixels);
+  v.resize(pixels);
+  triangle.resize(pixels);
+}
+
+CameraRays::CameraRays(const Camera& camera, Vec3d origin) {
+  SIGHTLINE_CHECK(Rebase(camera.eye, origin, &eye_)) << "the eye is out of range";
+  // The operations of PixelDirection, in its order.
+  const double w = camera.width, h = camera.height;
+  for (uint32_t x = 0; x < camera.width; ++x) {
+    const double sx = ((2.0 * (x + 0.5)) / w - 1.0) * (camera.tan_half_fov_y * (w / h));
+    const Vec3d column = camera.forward + camera.right * sx;
+    for (int axis = 0; axis < 3; ++axis) column_[axis].push_back(column[axis]);
+  }
+  for (uint32_t y = 0; y < camera.height; ++y) {
+    const double sy = (1.0 - (2.0 * (y + 0.5)) / h) * camera.tan_half_fov_y;
+    const Vec3d row = camera.up * sy;
+    for (int axis = 0; axis < 3; ++axis) row_[axis].push_back(row[axis]);
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    for (std::vector<double>* table : {&column_[axis], &row_[axis]}) {
+      if (table->size() % 2 != 0) table->push_back(table->back());
+    }
+  }
+}
+
+}  // namespace sightline::bench

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// How two sides are timed against each other: in one process, by turns.
+//
+// A pass takes the units of a workload (views, lights, shares of points) in turn, and each unit
+// each side in turn, so that no cache stays warm for one of them; the side that begins changes from
+// unit to unit. A repetition is as many passes as bring every side to kMinSeconds. The figure is
+// the median over the repetitions of the ratio of the sides' times.
+//
+// Thread safety: functions only; nothing else should run on the machine meanwhile.
+//
+//   const PeerMode mode = PickMode(*workload, peer);
+//   Timings timings = TimeByTurns(*workload, sides, /*repeats=*/5, progress);
+#ifndef SIGHTLINE_TESTS_BENCH_MEASURE_H_
+#define SIGHTLINE_TESTS_BENCH_MEASURE_H_
+
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include "tests/bench/embree_peer.h"
+#include "tests/bench/workload.h"
+
+namespace sightline::bench {
+
+// Steady seconds since some point in the past.
+double Now();
+
+// Median (the mean of the middle two of an even number), least and greatest. REQUIRES: not empty.
+struct Spread {
+  double median = 0, min = 0, max = 0;
+};
+Spread SpreadOf(std::vector<double> values);
+
+// The fastest of the workload's modes on a sample of the work. Modes are tried by turns, several
+// times, and each is judged by its best time.
+PeerMode PickMode(Workload& workload, const EmbreeScene& peer);
+
+// One of the things that are timed by turns.
+struct Side {
+  std::function<void(size_t unit)> run;
+};
+
+struct Timings {
+  std::vector<double> queries;               // Per repetition, of each side.
+  std::vector<std::vector<double>> seconds;  // By side, then by repetition.
+
+  // Queries per second of a side, and how many times side `a` is as fast as side `b`.
+  Spread Rate(size_t side) const;
+  Spread Ratio(size_t a, size_t b) const;
+};
+
+// Each side of each unit must have run before: nothing is warmed up here.
+inline constexpr double kMinSeconds = 0.3;
+Timings TimeByTurns(const Workload& workload, const std::vector<Side>& sides, size_t repeats,
+                    const std::function<void(size_t repetition)>& progress);
+
+}  // namespace sightline::bench
+
+#endif  // SIGHTLINE_TESTS_BENCH_MEASURE_H_

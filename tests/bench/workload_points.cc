@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// shadow, sun, area and points: lights × points, one bit each. Both sides get the same floats.
+//
+// A unit of shadow and sun is a view and one of its lights; of area a view, all samples of its
+// light together; of points a share of the points, against all lights.
+//
+// Unless the spec says otherwise our side is not told which triangle a point lies on, since the
+// peer cannot be told: both then answer the same question. The points are placed off their
+// surfaces, so that neither needs to know.
+#include <algorithm>
+#include <bit>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/query/shadows.h"
+#include "tests/bench/point_sets.h"
+#include "tests/bench/workload.h"
+
+namespace sightline::bench {
+namespace {
+
+constexpr uint32_t kAreaSamples = 16;
+constexpr int kBoxLights = 64;
+// Queries of one unit of `points`, at least: some tenths of a second of the slower side.
+constexpr uint64_t kUnitQueries = 16'000'000;
+
+struct Unit {
+  size_t set = 0;                      // Which points, ...
+  size_t first_range = 0, ranges = 0;  // ... and which of their ranges.
+  std::vector<LightSample> samples;
+};
+
+// A sample and a point of a range, and what we say of them.
+struct Pair {
+  size_t sample = 0, point = 0;
+  bool lit = false;
+};
+
+bool Bit(const uint8_t* bits, size_t i) { return bits[i / 8] >> (i % 8) & 1; }
+
+class PointWorkload : public Workload {
+ public:
+  PointWorkload(const WorkloadSpec& spec, const IndexedGeometry& scene, ThreadPool& pool,
+                std::vector<PointSet> sets, std::vector<Unit> units, size_t views)
+      : options_(spec.options),
+        scene_(scene),
+        pool_(pool),
+        sets_(std::move(sets)),
+        units_(std::move(units)),
+        views_(views) {
+    size_t most = 0;
+    for (const Unit& unit : units_) most = std::max(most, unit.ranges);
+    ours_.resize(most);
+    theirs_.resize(most);
+  }
+
+  size_t units() const override { return units_.size(); }
+  uint64_t queries(size_t unit) const override {
+    uint64_t points = 0;
+    for (size_t r = 0; r < units_[unit].ranges; ++r) points += RangeOf(unit, r).count;
+    return points * units_[unit].samples.size();
+  }
+  size_t views() const override { return views_; }
+  std::vector<PeerMode> peer_modes() const override {
+    using Start = PeerMode::Start;
+    const bool directional = units_.front().samples.front().directional;
+    if (directional) return AllModes(std::vector<Start>{Start::kPoint});
+    return AllModes(std::vector<Start>{Start::kLight, Start::kPoint});
+  }
+
+  void RunOurs(size_t unit) override {
+    pool_.ParallelFor(units_[unit].ranges, 1, [&](size_t begin, size_t end) {
+      for (size_t r = begin; r < end; ++r) {
+        const absl::Status status =
+            ComputeShadows(scene_, sets_[units_[unit].set].Slice(RangeOf(unit, r)),
+                           units_[unit].samples, {}, {}, {.bits = true}, options_, &ours_[r]);
+        SIGHTLINE_CHECK(status.ok()) << status;
+      }
+    });
+  }
+
+  void RunPeer(const EmbreeScene& peer, PeerMode mode, size_t unit, Share share) override {
+    const size_t step = share == Share::kAll ? 1 : kSampleStep;
+    const PointSet& set = sets_[units_[unit].set];
+    if (units_[unit].ranges >= step) {
+      pool_.ParallelFor((units_[unit].ranges + step - 1) / step, 1, [&](size_t begin, size_t end) {
+        for (size_t i = begin; i < end; ++i) {
+          PeerRange(peer, mode, unit, i * step, set.Positions(RangeOf(unit, i * step)));
+        }
+      });
+      return;
+    }
+    // Fewer ranges than that: a part of each.
+    pool_.ParallelFor(units_[unit].ranges, 1, [&](size_t begin, size_t end) {
+      for (size_t r = begin; r < end; ++r) {
+        const std::span<const Vec3f> all = set.Positions(RangeOf(unit, r));
+        PeerRange(peer, mode, unit, r, all.first((all.size() + step - 1) / step));
+      }
+    });
+  }
+
+  void Compare(size_t unit, Agreement* agreement) override {
+    for (size_t r = 0; r < units_[unit].ranges; ++r) {
+      const std::vector<Pair> differing = DifferingPairs(unit, r);
+      agreement->disagreements += differing.size();
+      if (!agreement->settle) continue;
+      // Many differences, and a sample of ranges whatever the peer says of them, are settled by
+      // tracing the whole range.
+      const size_t pairs = RangeOf(unit, r).count * units_[unit].samples.size();
+      const bool whole = r % kSampleStep == unit % kSampleStep || differing.size() > pairs / 16;
+      if (whole) CheckRange(unit, r, agreement);
+      for (const Pair& pair : differing) {
+        if (!whole) CheckPair(unit, r, pair, Strategy::kSingle, agreement);
+        if (agreement->CanAffordBruteForce(scene_)) {
+          CheckPair(unit, r, pair, Strategy::kBruteForce, agreement);
+        }
+      }
+    }
+    agreement->queries += queries(unit);
+  }
+
+ private:
+  const PointSet::Range& RangeOf(size_t unit, size_t r) const {
+    return sets_[units_[unit].set].ranges[units_[unit].first_range + r];
+  }
+
+  void PeerRange(const EmbreeScene& peer, PeerMode mode, size_t unit, size_t r,
+                 std::span<const Vec3f> positions) {
+    const size_t row = (positions.size() + 7) / 8;
+    const std::vector<LightSample>& samples = units_[unit].samples;
+    theirs_[r].resize(samples.size() * row);
+    for (size_t s = 0; s < samples.size(); ++s) {
+      TracePoints(peer, mode, positions, samples[s], &theirs_[r][s * row]);
+    }
+  }
+
+  // What the sides say differently of a range.
+  std::vector<Pair> DifferingPairs(size_t unit, size_t r) const {
+    std::vector<Pair> pairs;
+    const size_t row = (RangeOf(unit, r).count + 7) / 8;
+    for (size_t s = 0; s < units_[unit].samples.size(); ++s) {
+      for (size_t byte = 0; byte < row; ++byte) {
+        const uint8_t ours = ours_[r].lit_bits[s * row + byte];
+        uint32_t differing = ours ^ theirs_[r][s * row + byte];
+        for (; differing != 0; differing &= differing - 1) {
+          const int bit = std::countr_zero(differing);
+          pairs.push_back({s, byte * 8 + static_cast<size_t>(bit), (ours >> bit & 1) != 0});
+        }
+      }
+    }
+    return pairs;
+  }
+
+  void CheckPair(size_t unit, size_t r, const Pair& pair, Strategy strategy,
+                 Agreement* agreement) const {
+    ++(strategy == Strategy::kSingle ? agreement->by_single : agreement->by_brute_force);
+    ShadowResult truth;
+    const PointSet::Range one{RangeOf(unit, r).begin + pair.point, 1};
+    Compute(unit, one, std::span(units_[unit].samples).subspan(pair.sample, 1), strategy, &truth);
+    if (Bit(truth.lit_bits.data(), 0) != pair.lit)
+      AddDifference(unit, r, pair, strategy, agreement);
+  }
+
+  void CheckRange(size_t unit, size_t r, Agreement* agreement) const {
+    ShadowResult truth;
+    Compute(unit, RangeOf(unit, r), units_[unit].samples, Strategy::kSingle, &truth);
+    const size_t n = RangeOf(unit, r).count, row = (n + 7) / 8;
+    agreement->by_single += n * units_[unit].samples.size();
+    if (truth.lit_bits == ours_[r].lit_bits) return;
+    for (size_t s = 0; s < units_[unit].samples.size(); ++s) {
+      for (size_t i = 0; i < n; ++i) {
+        const Pair pair{s, i, Bit(&ours_[r].lit_bits[s * row], i)};
+        if (Bit(&truth.lit_bits[s * row], i) == pair.lit) continue;
+        AddDifference(unit, r, pair, Strategy::kSingle, agreement);
+      }
+    }
+  }
+
+  void Compute(size_t unit, const PointSet::Range& range, std::span<const LightSample> samples,
+               Strategy strategy, ShadowResult* result) const {
+    QueryOptions options = options_;
+    options.strategy = strategy;
+    const absl::Status status = ComputeShadows(scene_, sets_[units_[unit].set].Slice(range),
+                                               samples, {}, {}, {.bits = true}, options, result);
+    SIGHTLINE_CHECK(status.ok()) << status;
+  }
+
+  void AddDifference(size_t unit, size_t r, const Pair& pair, Strategy strategy,
+                     Agreement* agreement) const {
+    agreement->AddBeyondRounding(absl::StrCat(
+        "unit ", unit, ", sample ", pair.sample, ", point ", RangeOf(unit, r).begin + pair.point,
+        ": ", pair.lit ? "lit" : "not lit", ", but ", StrategyName(strategy), " says otherwise"));
+  }
+
+  const QueryOptions options_;
+  const IndexedGeometry& scene_;
+  ThreadPool& pool_;
+  const std::vector<PointSet> sets_;
+  const std::vector<Unit> units_;
+  const size_t views_;
+  std::vector<ShadowResult> ours_;            // One per range of the unit that ran last.
+  std::vector<std::vector<uint8_t>> theirs_;  // Likewise, rows as in ShadowResult.
+};
+
+absl::StatusOr<std::vector<LightSample>> ToSamples(const std::vector<Light>& lights,
+                                                   const SceneGeometry& geometry) {
+  std::vector<LightSample> samples;
+  for (size_t i = 0; i < lights.size(); ++i) {
+    SL_RETURN_IF_ERROR(
+        AppendSamples(lights[i], static_cast<uint32_t>(i), geometry.origin, &samples));
+  }
+  for (const LightSample& sample : samples) {
+    if (!sample.valid) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("light ", sample.light, " is not finite, or out of range"));
+    }
+  }
+  return samples;
+}
+
+// The lights of one view, each the lights of a unit.
+std::vector<Light> LightsOf(const WorkloadSpec& spec, const BuiltinView& view) {
+  std::vector<Light> lights;
+  if (spec.name == "shadow") {
+    for (const Vec3d at : view.lights) lights.push_back(Light::Point(at));
+  } else if (spec.name == "sun") {
+    for (const Vec3d toward : view.suns) lights.push_back(Light::Directional(toward));
+  } else {
+    lights.push_back({.kind = Light::Kind::kRectangle,
+                      .position = view.area.center,
+                      .half_u = view.area.u,
+                      .half_v = view.area.v,
+                      .sample_count = kAreaSamples});
+  }
+  return lights;
+}
+
+absl::StatusOr<std::unique_ptr<Workload>> MakeViewWorkload(const WorkloadSpec& spec,
+                                                           const SceneSource& source,
+                                                           const IndexedGeometry& scene,
+                                                           ThreadPool& pool) {
+  std::vector<PointSet> sets;
+  std::vector<Unit> units;
+  for (const BuiltinView& view : source.views) {
+    SL_ASSIGN_OR_RETURN(Camera camera, ViewCamera(spec, view));
+    SL_ASSIGN_OR_RETURN(PointSet set, ViewHits(scene, camera, spec.sources, pool));
+    if (set.size() == 0) continue;  // A view of nothing asks nothing.
+    for (const Light& light : LightsOf(spec, view)) {
+      SL_ASSIGN_OR_RETURN(std::vector<LightSample> samples, ToSamples({light}, scene.geometry));
+      units.push_back({sets.size(), 0, set.ranges.size(), std::move(samples)});
+    }
+    sets.push_back(std::move(set));
+  }
+  if (units.empty()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("no view of '", source.name, "' has both hits and lights"));
+  }
+  const size_t views = sets.size();
+  return std::make_unique<PointWorkload>(spec, scene, pool, std::move(sets), std::move(units),
+                                         views);
+}
+
+absl::StatusOr<std::unique_ptr<Workload>> MakeSurfaceWorkload(const WorkloadSpec& spec,
+                                                              const SceneSource& source,
+                                                              const IndexedGeometry& scene,
+                                                              ThreadPool& pool) {
+  SL_ASSIGN_OR_RETURN(PointSet set, SurfacePoints(scene,
+                                                  {.count = spec.points,
+                                                   .range = spec.range,
+                                                   .shuffled = spec.shuffled,
+                                                   .with_sources = spec.sources},
+                                                  pool));
+  const std::vector<Light> lights =
+      spec.lights == "sky" ? SkyLights(source.up) : BoxLights(scene.geometry, kBoxLights);
+  SL_ASSIGN_OR_RETURN(std::vector<LightSample> samples, ToSamples(lights, scene.geometry));
+  const uint64_t range_queries = std::max<uint64_t>(1, spec.range * samples.size());
+  const size_t step = static_cast<size_t>(std::max<uint64_t>(
+      static_cast<uint64_t>(pool.threads()), (kUnitQueries + range_queries - 1) / range_queries));
+  std::vector<Unit> units;
+  for (size_t first = 0; first < set.ranges.size(); first += step) {
+    units.push_back({0, first, std::min(step, set.ranges.size() - first), samples});
+  }
+  std::vector<PointSet> sets;
+  sets.push_back(std::move(set));
+  return std::make_unique<PointWorkload>(spec, scene, pool, std::move(sets), std::move(units),
+                                         /*views=*/0);
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Workload>> MakePointWorkload(const WorkloadSpec& spec,
+                                                            const SceneSource& source,
+                                                            const IndexedGeometry& scene,
+                                                            ThreadPool& pool) {
+  if (spec.name == "points") return MakeSurfaceWorkload(spec, source, scene, pool);
+  return MakeViewWorkload(spec, source, scene, pool);
+}
+
+}  // namespace sightline::bench
