@@ -29,6 +29,12 @@ inline constexpr bool kSanitizerBuild = false;
 inline constexpr bool kSanitizerBuild = false;
 #endif
 
+#if defined(__SANITIZE_THREAD__)
+inline constexpr bool kThreadSanitizerBuild = true;
+#else
+inline constexpr bool kThreadSanitizerBuild = false;
+#endif
+
 // `count` of a Release build, scaled; at least 1.
 inline int64_t ScaledCount(int64_t count, int64_t sanitizer_divisor = 20) {
   const char* const text = std::getenv("SIGHTLINE_TEST_SCALE");
