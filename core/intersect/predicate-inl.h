@@ -78,14 +78,20 @@ HWY_INLINE V NormInfV(const Vec3V<V>& a) {
   return hn::Max(hn::Max(hn::Abs(a.x), hn::Abs(a.y)), hn::Abs(a.z));
 }
 
-// Mask to integer, bit i for lane i.
+// Mask to integer, bit i for lane i. Only what StoreMaskBits wrote is read back, so that compilers
+// keep it in a register.
 template <class D, class M>
 HWY_INLINE uint32_t MaskBits(D d, M mask) {
-  uint8_t bytes[8] = {};
+  uint8_t bytes[8];
   hn::StoreMaskBits(d, mask, bytes);
-  uint32_t bits;
-  __builtin_memcpy(&bits, bytes, sizeof(bits));
-  return bits;
+  if constexpr (hn::MaxLanes(D()) <= 8) {
+    return bytes[0];
+  } else {
+    static_assert(hn::MaxLanes(D()) == 16);
+    uint16_t bits;
+    __builtin_memcpy(&bits, bytes, sizeof(bits));
+    return bits;
+  }
 }
 
 // What the float stage needs of a vector of triangles, relative to one origin: linear forms in D

@@ -7,9 +7,13 @@
 // Rays with a common origin O
 //
 // Slopes (kSlopeMargin). s = fl((u·D)/(w·D)). The numerator errs by at most 3.1u|D|_1 <= 5.4u|D|,
-// so does the denominator, which is at least 0.4|D|; with |s| <= 2.3 the quotient errs by 5.4u(1
-// + 2.3)/0.4 + u·2.3 < 47u. Every rectangle of slopes is widened by 64u, and so holds its rays'
+// so does the denominator, which is at least 0.4|D|; with |s| <= 2.3 the quotient (a product with
+// the reciprocal) errs by 5.4u(1 + 2.3)/0.4 + 2u·2.3 < 50u. Every rectangle of slopes is widened by 64u, and so holds its rays'
 // true slopes.
+//
+// Slopes of corners (kCornerMargin). p = fl(A - O) errs by u, its products with the axes by 3.1u:
+// 4.1u|p|_1 each. With w·p >= 0.25|p|_1 (kMinCornerShare; farther out, no slope is taken) the
+// quotient is below 4 and errs by 16.4u(1 + 4) + 2u·4 < 90u: the margin is 128u.
 //
 // Points against a plane through O with normal n = u - s·w (or its like): |n|_inf <= 1 + 2.3. n
 // itself errs by 2u·3.3 per component, p - o by u, a chain of three fused multiply-adds by 3u: at
@@ -70,6 +74,8 @@
 namespace sightline {
 
 inline constexpr float kSlopeMargin = 64 * 0x1p-24f;
+inline constexpr float kCornerMargin = 128 * 0x1p-24f;
+inline constexpr float kMinCornerShare = 0.25f;
 inline constexpr float kBoxMargin = 32 * 0x1p-24f;
 inline constexpr float kDepthScale = 1 + 16 * 0x1p-24f;
 inline constexpr float kEdgeMargin = 128 * 0x1p-24f;

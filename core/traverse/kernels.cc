@@ -59,7 +59,7 @@ absl::string_view SimdTargetName(SimdTarget target) {
 }
 
 bool SimdTargetAvailable(SimdTarget target) {
-  const auto supported = hwy::SupportedTargets();
+  static const auto supported = hwy::SupportedTargets();  // Asks the CPU, which takes its time.
   switch (target) {
     case SimdTarget::kBest:
     case SimdTarget::kAvx2:

@@ -68,8 +68,12 @@ class ShaftWalk {
     if (!scene_.bvh.empty()) {
       ShaftLeaf<kAny, kParallel> leaf(scene_, rays_);
       leaf_ = &leaf;
-      Pending stack[kBvhStackSize];
-      stack[0] = {-kInfinity, ChildRef::Inner(0).bits()};
+      Pending stack[kBvhStackSize + kBvhWidth];  // A vector of children is stored at its end.
+      if constexpr (kAny) {
+        stack[0] = {ChildRef::Inner(0).bits()};
+      } else {
+        stack[0] = {-kInfinity, ChildRef::Inner(0).bits()};
+      }
       if (!Walk(rays_.active(), stack, 1)) return false;
     }
     if constexpr (!kAny) FinishHits(scene_.geometry, packet_);
@@ -81,11 +85,21 @@ class ShaftWalk {
   using M = ShaftM;
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
+  // A triangle and a block it may touch: block | triangle << shift, and whether it covers the block.
+  static constexpr uint32_t kTriangleShift = 4, kCovered = 0x100;
 
-  struct Pending {  // Trivial: the stack is not initialized.
-    float depth;    // Nothing in it is nearer; kept for closest hits only.
-    uint32_t ref_bits;
+  // A child to visit. For closest hits with the depth that nothing in it comes before. Trivial: the
+  // stack is not initialized.
+  struct PendingAny {
+    uint32_t bits;
+    uint32_t ref_bits() const { return bits; }
   };
+  struct PendingClosest {
+    float depth;
+    uint32_t bits;
+    uint32_t ref_bits() const { return bits; }
+  };
+  using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
 
   // Returns false if cancelled.
   bool Walk(const RaySet& set, Pending* stack, int depth) {
@@ -96,10 +110,12 @@ class ShaftWalk {
     uint64_t visited = 0;
     while (depth > 0) {
       const Pending pending = stack[--depth];
-      if (!kAny && pending.depth > bounds_.all_far) continue;
+      if constexpr (!kAny) {
+        if (pending.depth > bounds_.all_far) continue;
+      }
       if (++visited % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
         return false;
-      const ChildRef ref = ChildRef::FromBits(pending.ref_bits);
+      const ChildRef ref = ChildRef::FromBits(pending.ref_bits());
       if (ref.is_leaf()) {
         work += 2 + VisitLeaf(ref);
         if (bounds_.open_blocks == 0) return true;
@@ -113,7 +129,7 @@ class ShaftWalk {
           work = 0;  // All rays in one place: nothing to gain by parting them.
           continue;
         }
-        Pending copy[kBvhStackSize];
+        Pending copy[kBvhStackSize + kBvhWidth];
         std::copy_n(stack, depth, copy);
         return Walk(halves[0], copy, depth) && Walk(halves[1], stack, depth);
       }
@@ -139,12 +155,14 @@ class ShaftWalk {
       least = hn::Min(least, hn::Sub(product(side.n, side.face), hn::Set(d8, side.world)));
     }
     auto met = hn::Ge(least, hn::Set(d8, -rays_.node_margin()));
-    const uint32_t in_use = (1u << node.child_count) - 1;
     if constexpr (kAny) {
-      for (uint32_t bits = MaskBits(d8, met) & in_use; bits != 0; bits &= bits - 1) {
-        stack[depth++] = {0.0f, node.child[std::countr_zero(bits)].bits()};
-      }
-      return depth;
+      const hn::CappedTag<uint32_t, kBvhWidth> du8;
+      static_assert(sizeof(Pending) == sizeof(uint32_t) && sizeof(ChildRef) == sizeof(uint32_t));
+      const auto used = hn::RebindMask(
+          du8, hn::And(met, hn::FirstN(d8, node.child_count)));
+      const auto children = hn::Load(du8, reinterpret_cast<const uint32_t*>(node.child));
+      hn::StoreU(hn::Compress(children, used), du8, reinterpret_cast<uint32_t*>(stack + depth));
+      return depth + static_cast<int>(hn::CountTrue(du8, used));
     } else {
       const Vec3f w = rays_.frame().w;
       const float axis[3] = {w.x, w.y, w.z};
@@ -154,7 +172,7 @@ class ShaftWalk {
       HWY_ALIGN float depths[kBvhWidth];
       hn::Store(nearest, d8, depths);
       const int base = depth;
-      for (uint32_t bits = MaskBits(d8, met) & in_use; bits != 0; bits &= bits - 1) {
+      for (uint32_t bits = MaskBits(d8, met) & ((1u << node.child_count) - 1); bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
         int at = depth++;
         while (at > base && stack[at - 1].depth < depths[i]) {
@@ -173,9 +191,12 @@ class ShaftWalk {
     const LeafView leaf(scene_.bvh, ref);
     const uint32_t relevant = leaf_->Prepare(leaf, bounds_, bounds_.all_far);
     found_ = false;
-    for (uint32_t left = relevant; left != 0 && bounds_.open_blocks != 0; left &= left - 1) {
-      TestBlocks(leaf, std::countr_zero(left));
+    HWY_ALIGN uint32_t pairs[kMaxLeafTriangles * kShaftBlocks + kShaftBlocks];
+    size_t count = 0;
+    for (uint32_t left = relevant; left != 0; left &= left - 1) {
+      count += ListBlocks(std::countr_zero(left), pairs + count);
     }
+    for (size_t k = 0; k < count; ++k) TestBlock(leaf, pairs[k]);
     if constexpr (!kAny) {
       if (found_) UpdateFar();
     }
@@ -194,11 +215,13 @@ class ShaftWalk {
                                     hn::Set(d, form.margin[i])));
   }
 
-  // One relevant triangle against all blocks; then against the rays of those it may touch.
-  HWY_INLINE void TestBlocks(const LeafView& leaf, uint32_t i) {
+  // One relevant triangle against all blocks. Lists those it may touch, as pairs of triangle and
+  // block, and returns how many.
+  HWY_INLINE size_t ListBlocks(uint32_t i, uint32_t* pairs) {
     const ShaftD d;
+    const hn::RebindToUnsigned<ShaftD> du;
     const LeafForms& forms = leaf_->forms();
-    uint32_t touched = 0, covered = 0;
+    size_t count = 0;
     for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
       V most = hn::Set(d, kInfinity), least = most;  // Over the edges: of largest, least values.
       V middle, radius;
@@ -207,7 +230,12 @@ class ShaftWalk {
         most = hn::Min(most, hn::Add(middle, radius));
         least = hn::Min(least, hn::Sub(middle, radius));
       }
-      M in = hn::Ge(most, hn::Zero(d));
+      M in = hn::And(
+          hn::Ge(most, hn::Zero(d)),
+          hn::And(hn::And(hn::Le(hn::Load(d, bounds_.x0 + first), hn::Set(d, forms.x1[i])),
+                          hn::Ge(hn::Load(d, bounds_.x1 + first), hn::Set(d, forms.x0[i]))),
+                  hn::And(hn::Le(hn::Load(d, bounds_.y0 + first), hn::Set(d, forms.y1[i])),
+                          hn::Ge(hn::Load(d, bounds_.y1 + first), hn::Set(d, forms.y0[i])))));
       M cover = hn::Gt(least, hn::Zero(d));
       Range(forms.plane_form, i, first, &middle, &radius);
       if constexpr (kParallel) {
@@ -244,22 +272,25 @@ class ShaftWalk {
           if (rays_.segments()) cover = hn::FirstN(d, 0);
         }
       }
-      touched |= MaskBits(d, in) << first;
-      covered |= MaskBits(d, hn::And(in, cover)) << first;
+      const uint8_t* open = reinterpret_cast<const uint8_t*>(&bounds_.open_blocks) + first / 8;
+      in = hn::And(in, hn::LoadMaskBits(d, open));
+      const auto covered = hn::IfThenElseZero(hn::RebindMask(du, cover), hn::Set(du, kCovered));
+      const auto pair = hn::Add(hn::Iota(du, i << kTriangleShift | static_cast<uint32_t>(first)),
+                                covered);
+      // Compressed in a register: a compressing store is microcode.
+      hn::StoreU(hn::Compress(pair, hn::RebindMask(du, in)), du, pairs + count);
+      count += hn::CountTrue(d, in);
     }
-    touched &= bounds_.open_blocks;
-    const uint32_t id = leaf.id(i);
-    for (; touched != 0; touched &= touched - 1) {
-      const uint32_t b = std::countr_zero(touched);
-      TestBlock(leaf, i, id, b, (covered >> b & 1) != 0);
-    }
+    return count;
   }
 
   // The rays of one block that are still asked about.
-  HWY_INLINE void TestBlock(const LeafView& leaf, uint32_t i, uint32_t id, uint32_t b,
-                            bool covered) {
+  HWY_INLINE void TestBlock(const LeafView& leaf, uint32_t pair) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
+    const uint32_t b = pair % kShaftBlocks, i = pair >> kTriangleShift & (kMaxLeafTriangles - 1);
+    const bool covered = (pair & kCovered) != 0;
+    const uint32_t id = leaf.id(i);
     for (size_t at = size_t{b} * kShaftBlockRays; at < (size_t{b} + 1) * kShaftBlockRays;
          at += kLanes) {
       M asked = LanesOf(bounds_.open, at);
@@ -267,20 +298,16 @@ class ShaftWalk {
         asked = hn::AndNot(
             hn::RebindMask(d, hn::Eq(hn::Load(du, rays_.sources() + at), hn::Set(du, id))), asked);
       }
-      if (hn::AllFalse(d, asked)) continue;
-      M hit = asked;
-      if (!covered) {
-        hit = TestRays(leaf, i, at, asked);
-        if (hn::AllFalse(d, hit)) continue;
-      }
+      const M hit = covered ? asked : TestRays(leaf, i, at, asked);
       if constexpr (kAny) {
+        // Without a branch: whether a ray is hit cannot be foretold.
         uint32_t* out = packet_.triangle + at;
         hn::Store(hn::IfThenElse(hn::RebindMask(du, hit), hn::Set(du, id), hn::Load(du, out)), du,
                   out);
         const uint32_t done = MaskBits(d, hit) << (at % kShaftBlockRays);
         bounds_.open[b] &= static_cast<uint16_t>(~done);
         rays_.active().rays[b] &= static_cast<uint16_t>(~done);
-        if (bounds_.open[b] == 0) bounds_.open_blocks &= ~(1u << b);
+        bounds_.open_blocks &= ~(static_cast<uint32_t>(bounds_.open[b] == 0) << b);
       } else {
         KeepCloser(i, id, at, hit);
       }
@@ -303,7 +330,6 @@ class ShaftWalk {
     const auto along = [&](const float (&rows)[3][kMaxLeafTriangles], const Vec3V<V>& q) HWY_ATTR {
       return DotV(Broadcast(d, rows[0][i], rows[1][i], rows[2][i]), q);
     };
-    // The plane first: most of what segments are put to lies just behind their ends.
     if constexpr (kParallel) {
       form(hn::Sub(hn::Set(d, forms.depth[i]), along(forms.normal, own)),
            hn::Set(d, forms.depth_bound[i]));
@@ -312,9 +338,6 @@ class ShaftWalk {
       const Vec3V<V> ap = SubV(p, Broadcast(d, forms.a[0][i], forms.a[1][i], forms.a[2][i]));
       form(along(forms.normal, ap),
            hn::MulAdd(hn::Set(d, forms.normal_bound[i]), NormInfV(ap), underflow));
-    }
-    if ((kParallel || rays_.segments()) && hn::AllFalse(d, hn::And(asked, hn::Ge(most, zero)))) {
-      return hn::FirstN(d, 0);
     }
     for (int e = 0; e < 3; ++e) {
       const V value = along(forms.edge[e], own);

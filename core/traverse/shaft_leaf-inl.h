@@ -41,7 +41,9 @@ struct LeafForms {
                                                      // whole plane form per ray.
   alignas(64) float inverse_lo[kMaxLeafTriangles];   // Closest: bounds of 1 / (normal·(A-O)).
   alignas(64) float inverse_hi[kMaxLeafTriangles];   // +inf where it cannot be trusted.
-  // Against a block of rays.
+  // Against a block of rays: forms, and the triangle's own rectangle of slopes or offsets.
+  alignas(64) float x0[kMaxLeafTriangles], x1[kMaxLeafTriangles];
+  alignas(64) float y0[kMaxLeafTriangles], y1[kMaxLeafTriangles];
   FrameForm edge_form[3], plane_form;
 };
 
@@ -207,6 +209,7 @@ class ShaftLeaf {
     relevant = MaskBits(d, met);
     if (relevant == 0) return 0;
 
+    PutRectangle(first, corner_of, corner_1, margin);
     const V3 n = turned(normal);
     depth = hn::Xor(depth, flip);
     for (int e = 0; e < 3; ++e) {
@@ -247,6 +250,34 @@ class ShaftLeaf {
       }
     }
     return relevant;
+  }
+
+  // Where the triangle is seen from the apex. A corner that a frame could not hold opens it wide.
+  void PutRectangle(uint32_t first, const V3* const (&corner_of)[3], const V* const (&corner_1)[3],
+                    V margin) {
+    const ShaftD d;
+    const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+    V x0 = infinity, y0 = infinity, x1 = hn::Neg(infinity), y1 = x1;
+    ShaftM held = hn::FirstN(d, hn::Lanes(d));
+    for (int k = 0; k < 3; ++k) {
+      V x = Along(axes_[0], *corner_of[k]), y = Along(axes_[1], *corner_of[k]);
+      if constexpr (!kParallel) {
+        const V z = Along(axes_[2], *corner_of[k]);
+        held = hn::And(held, hn::Ge(z, hn::Mul(*corner_1[k], hn::Set(d, kMinCornerShare))));
+        const V inverse = hn::Div(hn::Set(d, 1.0f), z);
+        x = hn::Mul(x, inverse);
+        y = hn::Mul(y, inverse);
+      }
+      x0 = hn::Min(x0, x);
+      x1 = hn::Max(x1, x);
+      y0 = hn::Min(y0, y);
+      y1 = hn::Max(y1, y);
+    }
+    const V widen = kParallel ? margin : hn::Set(d, kCornerMargin);
+    Put(hn::IfThenElse(held, hn::Sub(x0, widen), hn::Neg(infinity)), first, forms_.x0);
+    Put(hn::IfThenElse(held, hn::Add(x1, widen), infinity), first, forms_.x1);
+    Put(hn::IfThenElse(held, hn::Sub(y0, widen), hn::Neg(infinity)), first, forms_.y0);
+    Put(hn::IfThenElse(held, hn::Add(y1, widen), infinity), first, forms_.y1);
   }
 
   // Some corner on the inner side of the receivers' cap.

@@ -87,7 +87,9 @@ struct ShaftSide {
 struct ShaftBounds {
   alignas(64) uint16_t open[kShaftBlocks];
   uint32_t open_blocks;
-  // Rectangles of slopes or offsets: middle and half extent. 0 where a block has no open ray.
+  // Rectangles of slopes or offsets: ends (inverted where a block has no open ray), middle and half
+  // extent (0 there).
+  alignas(64) float x0[kShaftBlocks], x1[kShaftBlocks], y0[kShaftBlocks], y1[kShaftBlocks];
   alignas(64) float mx[kShaftBlocks], my[kShaftBlocks], hx[kShaftBlocks], hy[kShaftBlocks];
   // Depths. One origin: where the nearest and farthest rays end (far: or, for closest hits, where
   // all have found a hit; +inf without an end). Parallel: of the origins.
@@ -246,11 +248,10 @@ class ShaftRays {
         return hn::IfThenElse(LanesOf(out->open, at), hn::Load(d16, values + at), other);
       };
     };
-    HWY_ALIGN float x0[kShaftBlocks], x1[kShaftBlocks], y0[kShaftBlocks], y1[kShaftBlocks];
-    ReduceBlocks(least, from(x_, infinity), x0);
-    ReduceBlocks(most, from(x_, minus_infinity), x1);
-    ReduceBlocks(least, from(y_, infinity), y0);
-    ReduceBlocks(most, from(y_, minus_infinity), y1);
+    ReduceBlocks(least, from(x_, infinity), out->x0);
+    ReduceBlocks(most, from(x_, minus_infinity), out->x1);
+    ReduceBlocks(least, from(y_, infinity), out->y0);
+    ReduceBlocks(most, from(y_, minus_infinity), out->y1);
     if (kParallel || segments()) {
       ReduceBlocks(least, from(z_, infinity), out->near);
       ReduceBlocks(most, from(z_, minus_infinity), out->far);
@@ -263,11 +264,15 @@ class ShaftRays {
     ShaftV ax0 = infinity, ax1 = minus_infinity, ay0 = infinity, ay1 = minus_infinity;
     ShaftV az0 = infinity, az1 = minus_infinity;
     for (size_t b = 0; b < kShaftBlocks; b += hn::Lanes(d)) {
-      const ShaftV bx0 = hn::Sub(hn::Load(d, x0 + b), margin);
-      const ShaftV bx1 = hn::Add(hn::Load(d, x1 + b), margin);
-      const ShaftV by0 = hn::Sub(hn::Load(d, y0 + b), margin);
-      const ShaftV by1 = hn::Add(hn::Load(d, y1 + b), margin);
+      const ShaftV bx0 = hn::Sub(hn::Load(d, out->x0 + b), margin);
+      const ShaftV bx1 = hn::Add(hn::Load(d, out->x1 + b), margin);
+      const ShaftV by0 = hn::Sub(hn::Load(d, out->y0 + b), margin);
+      const ShaftV by1 = hn::Add(hn::Load(d, out->y1 + b), margin);
       const ShaftM used = hn::Le(bx0, bx1);
+      hn::Store(bx0, d, out->x0 + b);
+      hn::Store(bx1, d, out->x1 + b);
+      hn::Store(by0, d, out->y0 + b);
+      hn::Store(by1, d, out->y1 + b);
       // Half extents are taken a little large, so that middle ± half holds the rectangle after
       // rounding.
       hn::Store(hn::IfThenElseZero(used, hn::Mul(half, hn::Add(bx0, bx1))), d, out->mx + b);
