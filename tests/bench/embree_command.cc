@@ -165,11 +165,11 @@ absl::StatusOr<Row> RunWorkload(const Bench& bench, const std::string& name, Con
     sides.push_back(
         {[&](size_t unit) { workload->RunPeer(*bench.fast, fast_mode, unit, Share::kAll); }});
   }
-  const Timings timings =
-      TimeByTurns(*workload, sides, bench.options.repeats, [&](size_t repetition) {
-        context.err << title << ": repetition " << repetition + 1 << " of " << bench.options.repeats
-                    << std::endl;
-      });
+  const Units units{workload->units(), [&](size_t unit) { return workload->queries(unit); }};
+  const Timings timings = TimeByTurns(units, sides, bench.options.repeats, [&](size_t repetition) {
+    context.err << title << ": repetition " << repetition + 1 << " of " << bench.options.repeats
+                << std::endl;
+  });
 
   const Spread ratio = timings.Ratio(0, 1);
   Row row = {{"workload", Describe(spec)},
@@ -219,10 +219,11 @@ absl::Status RunScene(const Options& options, const std::string& name, Context& 
   ThreadPool pool(threads);
   SL_ASSIGN_OR_RETURN(const IndexedGeometry scene, IndexScene(source, {}, pool));
   SL_ASSIGN_OR_RETURN(const auto device, EmbreeDevice::Open(threads, simd));
-  SL_ASSIGN_OR_RETURN(const auto robust, EmbreeScene::Build(*device, scene.geometry, {}));
+  const PeerMesh mesh(scene.geometry);
+  SL_ASSIGN_OR_RETURN(const auto robust, EmbreeScene::Build(*device, mesh, {}));
   std::unique_ptr<EmbreeScene> fast;
   if (options.fast_peer) {
-    SL_ASSIGN_OR_RETURN(fast, EmbreeScene::Build(*device, scene.geometry, {.robust = false}));
+    SL_ASSIGN_OR_RETURN(fast, EmbreeScene::Build(*device, mesh, {.robust = false}));
   }
   const Bench bench{options, source, scene, *robust, fast.get(), threads, simd, pool};
   for (const std::string& workload : options.workloads) {

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/bench/embree_peer.h"
 
-#include <cstring>
-#include <limits>
-
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
@@ -19,6 +16,19 @@ absl::Status LastError(RTCDevice device, const char* what) {
                                     ? absl::StatusCode::kResourceExhausted
                                     : absl::StatusCode::kInternal;
   return absl::Status(code, absl::StrCat("Embree: ", what, ": error ", static_cast<int>(error)));
+}
+
+RTCBuildQuality SceneQuality(EmbreeOptions::Quality quality) {
+  switch (quality) {
+    case EmbreeOptions::Quality::kMedium:
+      return RTC_BUILD_QUALITY_MEDIUM;
+    case EmbreeOptions::Quality::kHigh:
+      return RTC_BUILD_QUALITY_HIGH;
+    case EmbreeOptions::Quality::kLow:
+    case EmbreeOptions::Quality::kRefit:
+      break;
+  }
+  return RTC_BUILD_QUALITY_LOW;
 }
 
 }  // namespace
@@ -51,33 +61,43 @@ bool EmbreeDevice::OnMemory(void* self, ssize_t bytes, bool) {
 
 std::string EmbreeDevice::Name() { return absl::StrCat("Embree ", RTC_VERSION_STRING); }
 
+PeerMesh::PeerMesh(const SceneGeometry& geometry)
+    : vertices_(geometry.vertices), triangles_(geometry.triangles) {
+  vertices_.push_back({});
+  triangles_.push_back({});
+}
+
+size_t PeerMesh::bytes() const {
+  return vertex_count() * sizeof(vertices_[0]) + triangle_count() * sizeof(triangles_[0]);
+}
+
 absl::StatusOr<std::unique_ptr<EmbreeScene>> EmbreeScene::Build(const EmbreeDevice& device,
-                                                                const SceneGeometry& geometry,
+                                                                const PeerMesh& mesh,
                                                                 const EmbreeOptions& options) {
+  using Quality = EmbreeOptions::Quality;
+  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
+  const bool dynamic = options.quality == Quality::kLow || options.quality == Quality::kRefit;
   auto scene = std::unique_ptr<EmbreeScene>(new EmbreeScene);
   scene->scene_ = rtcNewScene(device.get());
   int flags = RTC_SCENE_FLAG_NONE;
   if (options.robust) flags |= RTC_SCENE_FLAG_ROBUST;
   if (options.compact) flags |= RTC_SCENE_FLAG_COMPACT;
-  if (options.dynamic) flags |= RTC_SCENE_FLAG_DYNAMIC;
+  if (dynamic) flags |= RTC_SCENE_FLAG_DYNAMIC;
   rtcSetSceneFlags(scene->scene_, static_cast<RTCSceneFlags>(flags));
-  rtcSetSceneBuildQuality(scene->scene_, options.quality);
-  RTCGeometry mesh = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
-  rtcSetGeometryBuildQuality(mesh, options.quality);
-  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
-  void* vertices = rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                           sizeof(Vec3f), geometry.vertices.size());
-  void* indices = rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                          3 * sizeof(uint32_t), geometry.triangles.size());
-  if (vertices != nullptr && indices != nullptr) {
-    std::memcpy(vertices, geometry.vertices.data(), geometry.vertices.size() * sizeof(Vec3f));
-    std::memcpy(indices, geometry.triangles.data(),
-                geometry.triangles.size() * 3 * sizeof(uint32_t));
-    rtcCommitGeometry(mesh);
-    rtcAttachGeometry(scene->scene_, mesh);
-    rtcCommitScene(scene->scene_);
-  }
-  rtcReleaseGeometry(mesh);
+  rtcSetSceneBuildQuality(scene->scene_, SceneQuality(options.quality));
+  scene->geometry_ = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
+  RTCGeometry geometry = scene->geometry_;
+  rtcSetGeometryBuildQuality(geometry, options.quality == Quality::kRefit
+                                           ? RTC_BUILD_QUALITY_REFIT
+                                           : SceneQuality(options.quality));
+  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                             mesh.vertices().data(), 0, sizeof(Vec3f), mesh.vertex_count());
+  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                             mesh.triangles().data(), 0, 3 * sizeof(uint32_t),
+                             mesh.triangle_count());
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometry(scene->scene_, geometry);
+  rtcCommitScene(scene->scene_);
   if (absl::Status status = LastError(device.get(), "building the scene"); !status.ok()) {
     return status;
   }
@@ -85,7 +105,14 @@ absl::StatusOr<std::unique_ptr<EmbreeScene>> EmbreeScene::Build(const EmbreeDevi
 }
 
 EmbreeScene::~EmbreeScene() {
+  if (geometry_ != nullptr) rtcReleaseGeometry(geometry_);
   if (scene_ != nullptr) rtcReleaseScene(scene_);
+}
+
+void EmbreeScene::CommitMovedVertices() {
+  rtcUpdateGeometryBuffer(geometry_, RTC_BUFFER_TYPE_VERTEX, 0);
+  rtcCommitGeometry(geometry_);
+  rtcCommitScene(scene_);
 }
 
 std::string PeerMode::Name() const {

@@ -11,7 +11,7 @@
 // Segments are handed over as they are: from one end to the other, tnear = 0, tfar = 1. Embree
 // knows no source triangles; the points it gets are placed off their surfaces already. Rays that
 // run to the light and rays that come from it are both tried. Those that come from it often find
-// their own receiver just before their end, some few per cent of them, since Embree rounds the
+// their own receiver just before their end, 2 to 17 % of them, since Embree rounds the
 // distance: wrong, but after the whole way has been walked, so that it costs as much as the right
 // answer. An epsilon at that end (tfar < 1) was tried: it lets light through single sheets instead,
 // on up to 15 % of the rays of a terrain.
@@ -23,7 +23,8 @@
 // own threads, as many as the device was opened with.
 //
 //   SL_ASSIGN_OR_RETURN(auto device, EmbreeDevice::Open(2, SimdTarget::kBest));
-//   SL_ASSIGN_OR_RETURN(auto scene, EmbreeScene::Build(*device, geometry, {}));
+//   PeerMesh mesh(geometry);
+//   SL_ASSIGN_OR_RETURN(auto scene, EmbreeScene::Build(*device, mesh, {}));
 //   TracePoints(*scene, mode, positions, sample, lit_bits);
 #ifndef SIGHTLINE_TESTS_BENCH_EMBREE_PEER_H_
 #define SIGHTLINE_TESTS_BENCH_EMBREE_PEER_H_
@@ -31,6 +32,7 @@
 #include <embree3/rtcore.h>
 #include <immintrin.h>
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -69,28 +71,50 @@ class EmbreeDevice {
 };
 
 struct EmbreeOptions {
-  RTCBuildQuality quality = RTC_BUILD_QUALITY_HIGH;
+  // Of scene and geometry alike. kLow and kRefit are what Embree offers for dynamic scenes: a scene
+  // of quality LOW, flagged as dynamic, with its geometry of quality LOW or REFIT.
+  enum class Quality : uint8_t { kLow, kMedium, kHigh, kRefit };
+  Quality quality = Quality::kHigh;
   bool robust = true;
   bool compact = false;
-  bool dynamic = false;
+};
+
+// A geometry's floats and indices as Embree wants to share them: with something readable behind the
+// last vertex, since it loads four floats at a time.
+class PeerMesh {
+ public:
+  explicit PeerMesh(const SceneGeometry& geometry);
+  const std::vector<Vec3f>& vertices() const { return vertices_; }
+  const std::vector<std::array<uint32_t, 3>>& triangles() const { return triangles_; }
+  size_t vertex_count() const { return vertices_.size() - 1; }
+  size_t triangle_count() const { return triangles_.size() - 1; }
+  // Of both buffers, without what stands behind the last element.
+  size_t bytes() const;
+
+ private:
+  std::vector<Vec3f> vertices_;
+  std::vector<std::array<uint32_t, 3>> triangles_;
 };
 
 class EmbreeScene {
  public:
-  // Copies vertices and indices, then builds. Inert triangles go along.
-  // REQUIRES: `device` outlives it.
+  // From arrays to ready to be traced. The buffers are shared, not copied; triangles that are inert
+  // to us go along. REQUIRES: `device` and `mesh` outlive the scene.
   static absl::StatusOr<std::unique_ptr<EmbreeScene>> Build(const EmbreeDevice& device,
-                                                            const SceneGeometry& geometry,
+                                                            const PeerMesh& mesh,
                                                             const EmbreeOptions& options);
   ~EmbreeScene();
   EmbreeScene(const EmbreeScene&) = delete;
   EmbreeScene& operator=(const EmbreeScene&) = delete;
 
+  // As after vertices moved. With kRefit the structure is fitted to them, else built anew.
+  void CommitMovedVertices();
   RTCScene get() const { return scene_; }
 
  private:
   EmbreeScene() = default;
   RTCScene scene_ = nullptr;
+  RTCGeometry geometry_ = nullptr;
 };
 
 struct PeerMode {

@@ -23,6 +23,8 @@ struct Entry {
 
 constexpr Entry kCommands[] = {
     {"embree", "rays per second against Embree, by workload and scene", EmbreeCommand},
+    {"build", "build times, build and one picture, bytes per triangle against Embree",
+     BuildCommand},
 };
 
 std::string GeneralHelp() {

@@ -58,7 +58,7 @@ Spread Timings::Ratio(size_t a, size_t b) const {
   return SpreadOf(std::move(ratios));
 }
 
-Timings TimeByTurns(const Workload& workload, const std::vector<Side>& sides, size_t repeats,
+Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
                     const std::function<void(size_t repetition)>& progress) {
   Timings timings;
   timings.seconds.resize(sides.size());
@@ -68,14 +68,15 @@ Timings TimeByTurns(const Workload& workload, const std::vector<Side>& sides, si
     std::vector<double> spent(sides.size(), 0.0);
     double queries = 0;
     do {
-      for (size_t unit = 0; unit < workload.units(); ++unit, ++turn) {
+      for (size_t unit = 0; unit < units.count; ++unit, ++turn) {
         for (size_t k = 0; k < sides.size(); ++k) {
           const size_t side = (turn + k) % sides.size();
           const double begin = Now();
           sides[side].run(unit);
           spent[side] += Now() - begin;
+          if (sides[side].clean_up != nullptr) sides[side].clean_up();
         }
-        queries += static_cast<double>(workload.queries(unit));
+        queries += static_cast<double>(units.queries(unit));
       }
     } while (*std::min_element(spent.begin(), spent.end()) < kMinSeconds);
     timings.queries.push_back(queries);

@@ -10,11 +10,12 @@
 // Thread safety: functions only; nothing else should run on the machine meanwhile.
 //
 //   const PeerMode mode = PickMode(*workload, peer);
-//   Timings timings = TimeByTurns(*workload, sides, /*repeats=*/5, progress);
+//   Timings timings = TimeByTurns(units, sides, /*repeats=*/5, progress);
 #ifndef SIGHTLINE_TESTS_BENCH_MEASURE_H_
 #define SIGHTLINE_TESTS_BENCH_MEASURE_H_
 
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <vector>
 
@@ -39,6 +40,14 @@ PeerMode PickMode(Workload& workload, const EmbreeScene& peer);
 // One of the things that are timed by turns.
 struct Side {
   std::function<void(size_t unit)> run;
+  // Called after it, outside the timing; may be null.
+  std::function<void()> clean_up = nullptr;
+};
+
+// What they all do: units, and how much there is to do in each (queries, triangles, frames).
+struct Units {
+  size_t count = 0;
+  std::function<uint64_t(size_t unit)> queries;
 };
 
 struct Timings {
@@ -50,9 +59,9 @@ struct Timings {
   Spread Ratio(size_t a, size_t b) const;
 };
 
-// Each side of each unit must have run before: nothing is warmed up here.
+// Nothing is warmed up here: what is to be warm must have run before.
 inline constexpr double kMinSeconds = 0.3;
-Timings TimeByTurns(const Workload& workload, const std::vector<Side>& sides, size_t repeats,
+Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
                     const std::function<void(size_t repetition)>& progress);
 
 }  // namespace sightline::bench

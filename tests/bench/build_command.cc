@@ -1,0 +1,371 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// sightline-bench build: how long a scene takes to be ready, how long build and one picture take
+// together, and what a triangle costs in memory, against Embree's builders.
+//
+// A build runs from stored floats and indices to ready-to-trace, on both sides: BuildBvh from a
+// compiled geometry, Embree from shared buffers. What comes before it on our side, CompileScene
+// (doubles to floats, checks, duplicates), has no counterpart in Embree; its time is given beside.
+#include <algorithm>
+#include <array>
+#include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cli/exit_code.h"
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "tests/bench/bench_scene.h"
+#include "tests/bench/command.h"
+#include "tests/bench/embree_peer.h"
+#include "tests/bench/frame.h"
+#include "tests/bench/measure.h"
+#include "tests/bench/report.h"
+#include "tests/bench/workload.h"
+
+namespace sightline::bench {
+namespace {
+
+using Quality = EmbreeOptions::Quality;
+
+struct Options {
+  std::vector<std::string> scenes;
+  std::string views, isa = "best";
+  uint64_t width = 1920, height = 1080, threads = 0, repeats = 5;
+  bool high = true, json = false;
+};
+
+cli::FlagSet Flags(Options* o) {
+  cli::FlagSet flags(
+      "sightline-bench build --scene SCENE [flags]",
+      "Times building against Embree's builders, building and drawing one picture with shadows, "
+      "and counts bytes per triangle. The picture's points are placed by each side in its own "
+      "way.");
+  flags.Texts("scene", "SCENE", "a mesh file or a built-in scene", &o->scenes);
+  flags.Text("views", "FILE", "views by scene, instead of views.json beside the scene file",
+             &o->views);
+  flags.Count("width", "PIXELS", "of the picture", &o->width, 1, kMaxImageSide);
+  flags.Count("height", "PIXELS", "of the picture", &o->height, 1, kMaxImageSide);
+  RegisterThreads(&flags, &o->threads);
+  RegisterIsa(&flags, &o->isa);
+  flags.Count("repeats", "N", "repetitions, of whose ratios the median is given", &o->repeats, 1,
+              1000);
+  flags.Switch("high", "also build with Embree's quality HIGH", &o->high);
+  flags.Switch("json", "one JSON object per line, instead of a table", &o->json);
+  return flags;
+}
+
+// The presets of the service (BuildPreset in scene_service.proto).
+BvhBuildOptions StaticPreset() { return {}; }
+BvhBuildOptions DynamicPreset() { return {.bins = 8, .longest_axis_only = true}; }
+
+const char* QualityName(Quality quality) {
+  switch (quality) {
+    case Quality::kLow:
+      return "LOW";
+    case Quality::kMedium:
+      return "MEDIUM";
+    case Quality::kHigh:
+      return "HIGH";
+    case Quality::kRefit:
+      return "REFIT";
+  }
+  return "";
+}
+
+// One scene, and what all its rows share.
+struct Bench {
+  const Options& options;
+  const SceneSource& source;
+  IndexedGeometry scene;  // Built with the static preset.
+  const PeerMesh mesh;
+  const EmbreeDevice& device;
+  const int threads;
+  const SimdTarget simd;
+  ThreadPool& pool;
+  Context& context;
+};
+
+Row CommonRow(const Bench& bench, const std::string& workload, const std::string& preset) {
+  return {{"workload", workload},
+          {"scene", bench.source.name},
+          {"triangles", bench.scene.geometry.triangles.size()},
+          {"views", 0},
+          {"queries", bench.scene.geometry.triangles.size()},
+          {"threads", bench.threads},
+          {"isa", std::string(SimdTargetName(bench.simd))},
+          {"strategy", preset}};
+}
+
+void AddTimes(const Timings& timings, size_t ours, size_t peer, const std::string& unit,
+              const std::string& peer_mode, Row* row) {
+  const Spread ratio = timings.Ratio(ours, peer);
+  (*row)["unit"] = unit;
+  (*row)["rate_per_s"] = timings.Rate(ours).median;
+  (*row)["peer"] = absl::StrCat(EmbreeDevice::Name(), " robust");
+  (*row)["peer_mode"] = peer_mode;
+  (*row)["peer_rate_per_s"] = timings.Rate(peer).median;
+  (*row)["ratio"] = ratio.median;
+  (*row)["ratio_min"] = ratio.min;
+  (*row)["ratio_max"] = ratio.max;
+  // Builds and pictures with points of their own answer no common question.
+  (*row)["disagreements"] = nullptr;
+  (*row)["disagreements_beyond_rounding"] = nullptr;
+}
+
+std::unique_ptr<EmbreeScene> BuildPeer(const Bench& bench, EmbreeOptions options) {
+  auto scene = EmbreeScene::Build(bench.device, bench.mesh, options);
+  SIGHTLINE_CHECK(scene.ok()) << scene.status();
+  return *std::move(scene);
+}
+
+Bvh BuildOurs(const Bench& bench, const BvhBuildOptions& options) {
+  absl::StatusOr<Bvh> bvh = BuildBvh(bench.scene.geometry, options, bench.pool);
+  SIGHTLINE_CHECK(bvh.ok()) << bvh.status();
+  return *std::move(bvh);
+}
+
+void Say(const Bench& bench, const std::string& what) {
+  bench.context.err << bench.source.name << ": " << what << std::endl;
+}
+
+std::function<void(size_t)> SayRepetition(const Bench& bench, const std::string& what) {
+  return [&bench, what](size_t repetition) {
+    Say(bench, absl::StrCat(what, ", repetition ", repetition + 1, " of ", bench.options.repeats));
+  };
+}
+
+// ---- Builds
+
+void TimeBuilds(const Bench& bench, Report* report) {
+  Bvh ours;
+  absl::StatusOr<SceneGeometry> compiled = absl::UnknownError("not compiled");
+  std::unique_ptr<EmbreeScene> peer;
+  std::vector<Side> sides;
+  for (const BvhBuildOptions& preset : {StaticPreset(), DynamicPreset()}) {
+    sides.push_back(
+        {[&, preset](size_t) { ours = BuildOurs(bench, preset); }, [&] { ours = Bvh(); }});
+  }
+  std::vector<Quality> qualities = {Quality::kMedium, Quality::kLow};
+  if (bench.options.high) qualities.push_back(Quality::kHigh);
+  for (const Quality quality : qualities) {
+    sides.push_back({[&, quality](size_t) { peer = BuildPeer(bench, {.quality = quality}); },
+                     [&] { peer.reset(); }});
+  }
+  const size_t compile = sides.size();
+  sides.push_back({[&](size_t) {
+                     bench.pool.ParallelFor(1, 1, [&](size_t, size_t) {
+                       compiled = CompileScene(bench.source.objects, std::nullopt, MeshLimits{});
+                     });
+                     SIGHTLINE_CHECK(compiled.ok()) << compiled.status();
+                   },
+                   [&] { compiled = absl::UnknownError("not compiled"); }});
+  Say(bench, "warming up");
+  for (Side& side : sides) {
+    side.run(0);
+    side.clean_up();
+  }
+  const size_t triangles = bench.scene.geometry.triangles.size();
+  const Timings timings = TimeByTurns({1, [&](size_t) { return triangles; }}, sides,
+                                      bench.options.repeats, SayRepetition(bench, "builds"));
+  const auto add = [&](const std::string& workload, const std::string& preset, size_t our_side,
+                       size_t peer_side) {
+    Row row = CommonRow(bench, workload, preset);
+    AddTimes(timings, our_side, peer_side, "triangles/s", QualityName(qualities[peer_side - 2]),
+             &row);
+    row["compile_seconds"] = static_cast<double>(triangles) / timings.Rate(compile).median;
+    row["seconds"] = static_cast<double>(triangles) / timings.Rate(our_side).median;
+    row["peer_seconds"] = static_cast<double>(triangles) / timings.Rate(peer_side).median;
+    report->Add(std::move(row));
+  };
+  add("build-static", "STATIC", 0, 2);
+  add("build-dynamic", "DYNAMIC", 1, 3);
+  if (bench.options.high) add("build-static", "STATIC", 0, 4);
+}
+
+// ---- Build and one picture
+
+// The peer's best modes for the view's camera rays and shadows.
+absl::StatusOr<std::array<PeerMode, 2>> PickFrameModes(const Bench& bench) {
+  const auto peer = BuildPeer(bench, {.quality = Quality::kMedium});
+  std::array<PeerMode, 2> modes;
+  size_t next = 0;
+  for (const char* name : {"primary", "shadow"}) {
+    WorkloadSpec spec;
+    spec.name = name;
+    spec.width = static_cast<uint32_t>(bench.options.width);
+    spec.height = static_cast<uint32_t>(bench.options.height);
+    SL_ASSIGN_OR_RETURN(const auto workload,
+                        MakeWorkload(spec, bench.source, bench.scene, bench.pool));
+    modes[next++] = PickMode(*workload, *peer);
+  }
+  return modes;
+}
+
+absl::Status TimeFrames(const Bench& bench, Report* report) {
+  Say(bench, "Embree's best modes");
+  SL_ASSIGN_OR_RETURN(const auto modes, PickFrameModes(bench));
+  std::vector<Frame> frames;
+  for (const BuiltinView& view : bench.source.views) {
+    SL_ASSIGN_OR_RETURN(Frame frame, Frame::Make(view, static_cast<uint32_t>(bench.options.width),
+                                                 static_cast<uint32_t>(bench.options.height),
+                                                 bench.scene.geometry, bench.pool));
+    frames.push_back(std::move(frame));
+  }
+  IndexedGeometry ours;
+  ours.geometry = bench.scene.geometry;
+  const QueryOptions options{.simd = bench.simd};
+  std::unique_ptr<EmbreeScene> peer;
+  const auto refitted = BuildPeer(bench, {.quality = Quality::kRefit});
+  std::vector<Side> sides;
+  sides.push_back({[&](size_t view) {
+                     ours.bvh = BuildOurs(bench, DynamicPreset());
+                     frames[view].DrawOurs(ours, options);
+                   },
+                   [&] { ours.bvh = Bvh(); }});
+  for (const Quality quality : {Quality::kLow, Quality::kMedium}) {
+    sides.push_back({[&, quality](size_t view) {
+                       peer = BuildPeer(bench, {.quality = quality});
+                       frames[view].DrawPeer(*peer, modes[0], modes[1]);
+                     },
+                     [&] { peer.reset(); }});
+  }
+  // The vertices have not moved, so the refitted structure is as good as a built one.
+  sides.push_back({[&](size_t view) {
+    refitted->CommitMovedVertices();
+    frames[view].DrawPeer(*refitted, modes[0], modes[1]);
+  }});
+  uint64_t our_lit = 0, peer_lit = 0;
+  for (size_t view = 0; view < frames.size(); ++view) {  // A round to warm up.
+    for (Side& side : sides) {
+      side.run(view);
+      if (side.clean_up != nullptr) side.clean_up();
+    }
+    our_lit += frames[view].our_lit();
+    peer_lit += frames[view].peer_lit();
+  }
+  const Timings timings = TimeByTurns({frames.size(), [](size_t) { return uint64_t{1}; }}, sides,
+                                      bench.options.repeats, SayRepetition(bench, "pictures"));
+  size_t best = 1;
+  for (size_t side = 2; side < sides.size(); ++side) {
+    if (timings.Rate(side).median > timings.Rate(best).median) best = side;
+  }
+  constexpr const char* kNames[] = {"", "LOW", "MEDIUM", "REFIT"};
+  Row row = CommonRow(bench, "build-and-picture", "DYNAMIC");
+  row["views"] = frames.size();
+  row["queries"] = frames.size();
+  AddTimes(timings, 0, best, "pictures/s",
+           absl::StrCat(kNames[best], ", ", modes[0].Name(), ", ", modes[1].Name()), &row);
+  for (size_t side = 1; side < sides.size(); ++side) {
+    row[absl::StrCat("ratio_to_", kNames[side])] = timings.Ratio(0, side).median;
+  }
+  row["lit"] = our_lit;
+  row["peer_lit"] = peer_lit;
+  row["width"] = bench.options.width;
+  row["height"] = bench.options.height;
+  report->Add(std::move(row));
+  return absl::OkStatus();
+}
+
+// ---- Bytes
+
+absl::Status CountBytes(const Bench& bench, Report* report) {
+  const double triangles = static_cast<double>(bench.scene.geometry.triangles.size());
+  const double ours = static_cast<double>(bench.scene.MemoryBytes()) / triangles;
+  for (const bool compact : {false, true}) {
+    const int64_t before = bench.device.allocated_bytes();
+    const auto peer = BuildPeer(bench, {.quality = Quality::kMedium, .compact = compact});
+    const int64_t structure = bench.device.allocated_bytes() - before;
+    const double theirs =
+        static_cast<double>(structure + static_cast<int64_t>(bench.mesh.bytes())) / triangles;
+    Row row = CommonRow(bench, "bytes-per-triangle", "STATIC");
+    row["unit"] = "bytes/triangle";
+    row["rate_per_s"] = nullptr;
+    row["peer"] = absl::StrCat(EmbreeDevice::Name(), " robust");
+    row["peer_mode"] = compact ? "MEDIUM compact" : "MEDIUM";
+    row["peer_rate_per_s"] = nullptr;
+    row["bytes_per_triangle"] = ours;
+    row["peer_bytes_per_triangle"] = theirs;
+    row["ratio"] = ours / theirs;  // Of memory: less is better.
+    row["ratio_min"] = ours / theirs;
+    row["ratio_max"] = ours / theirs;
+    row["disagreements"] = nullptr;
+    row["disagreements_beyond_rounding"] = nullptr;
+    report->Add(std::move(row));
+  }
+  return absl::OkStatus();
+}
+
+// ---- The table
+
+// A rate or an amount, in its row's unit.
+std::function<std::string(const Row&)> Amount(const std::string& rate, const std::string& bytes) {
+  return [rate, bytes](const Row& row) {
+    const std::string unit = row.at("unit");
+    if (unit == "bytes/triangle") {
+      return absl::StrFormat("%.1f B/triangle", row.at(bytes).get<double>());
+    }
+    if (unit == "triangles/s") {
+      return absl::StrFormat("%.2f M triangles/s", row.at(rate).get<double>() * 1e-6);
+    }
+    return absl::StrFormat("%.2f %s", row.at(rate).get<double>(), unit);
+  };
+}
+
+std::vector<Column> Columns() {
+  return {TextColumn("workload", "workload"),
+          TextColumn("scene", "scene"),
+          CountColumn("triangles", "triangles"),
+          TextColumn("preset", "strategy"),
+          {"ours", Amount("rate_per_s", "bytes_per_triangle")},
+          {"Embree", Amount("peer_rate_per_s", "peer_bytes_per_triangle")},
+          SpreadColumn("ratio", "ratio"),
+          TextColumn("Embree's mode", "peer_mode")};
+}
+
+absl::Status RunScene(const Options& options, const std::string& name, Context& context,
+                      Report* report) {
+  SL_ASSIGN_OR_RETURN(const SimdTarget simd, ResolveIsa(options.isa));
+  const int threads = ResolveThreads(options.threads);
+  context.err << name << ": reading" << std::endl;
+  SL_ASSIGN_OR_RETURN(const SceneSource source, ReadScene(name, options.views));
+  ThreadPool pool(threads);
+  SL_ASSIGN_OR_RETURN(IndexedGeometry scene, IndexScene(source, StaticPreset(), pool));
+  if (scene.bvh.empty()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", source.name, "' has no triangle that can be hit"));
+  }
+  SL_ASSIGN_OR_RETURN(const auto device, EmbreeDevice::Open(threads, simd));
+  PeerMesh mesh(scene.geometry);
+  const Bench bench{options, source, std::move(scene), std::move(mesh), *device, threads,
+                    simd,    pool,   context};
+  SL_RETURN_IF_ERROR(CountBytes(bench, report));
+  TimeBuilds(bench, report);
+  if (!source.views.empty()) return TimeFrames(bench, report);
+  Say(bench, "no views, hence no picture");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<bool> BuildCommand(std::span<const std::string> args, Context& context) {
+  Options options;
+  cli::FlagSet flags = Flags(&options);
+  SL_ASSIGN_OR_RETURN(const bool go_on, ParseOrHelp(&flags, args, context));
+  if (!go_on) return true;
+  if (options.scenes.empty()) return cli::UsageError("wants --scene");
+  Report report(Columns(), options.json, context.out);
+  for (const std::string& scene : options.scenes) {
+    if (absl::Status status = RunScene(options, scene, context, &report); !status.ok()) {
+      report.Finish();
+      return status;
+    }
+  }
+  report.Finish();
+  return true;
+}
+
+}  // namespace sightline::bench

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/frame.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <utility>
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "tests/bench/workload.h"
+
+namespace sightline::bench {
+namespace {
+
+constexpr TileOutputs kOutputs = {.hits = false, .ids = true, .depth = true, .lit = true};
+
+uint64_t CountBits(const std::vector<uint8_t>& bits) {
+  uint64_t count = 0;
+  for (const uint8_t byte : bits) count += static_cast<uint64_t>(std::popcount(byte));
+  return count;
+}
+
+}  // namespace
+
+absl::StatusOr<Frame> Frame::Make(const BuiltinView& view, uint32_t width, uint32_t height,
+                                  const SceneGeometry& geometry, ThreadPool& pool) {
+  SL_ASSIGN_OR_RETURN(const Camera camera,
+                      LookAt(view.eye, view.at, view.up, view.fov_y_degrees, width, height));
+  std::vector<LightSample> samples;
+  for (size_t i = 0; i < view.lights.size(); ++i) {
+    SL_RETURN_IF_ERROR(AppendSamples(Light::Point(view.lights[i]), static_cast<uint32_t>(i),
+                                     geometry.origin, &samples));
+  }
+  return Frame(camera, std::move(samples), geometry.origin, pool);
+}
+
+Frame::Frame(const Camera& camera, std::vector<LightSample> samples, Vec3d origin, ThreadPool& pool)
+    : camera_(camera),
+      samples_(std::move(samples)),
+      rays_(camera, origin),
+      pool_(&pool),
+      tiles_(CutImage(camera.width, camera.height)),
+      ours_(tiles_.size()),
+      peer_(tiles_.size()) {
+  image_.Resize(size_t{camera.width} * camera.height);
+}
+
+void Frame::DrawOurs(const IndexedGeometry& scene, const QueryOptions& options) {
+  pool_->ParallelFor(tiles_.size(), 1, [&](size_t begin, size_t end) {
+    for (size_t t = begin; t < end; ++t) {
+      const absl::Status status =
+          TraceTile(scene, camera_, tiles_[t], samples_, kOutputs, options, &ours_[t]);
+      SIGHTLINE_CHECK(status.ok()) << status;
+    }
+  });
+}
+
+void Frame::DrawPeer(const EmbreeScene& peer, PeerMode camera_mode, PeerMode shadow_mode) {
+  pool_->ParallelFor(tiles_.size(), 1, [&](size_t begin, size_t end) {
+    for (size_t t = begin; t < end; ++t) DrawPeerTile(peer, camera_mode, shadow_mode, t);
+  });
+}
+
+void Frame::DrawPeerTile(const EmbreeScene& peer, PeerMode camera_mode, PeerMode shadow_mode,
+                         size_t t) {
+  const TileRect& tile = tiles_[t];
+  TraceCameraTile(peer, camera_mode, rays_, tile, camera_.width, &image_);
+  PeerTile& out = peer_[t];
+  out.points.clear();
+  const Vec3f eye = rays_.eye();
+  // By 4×4 pixels, and by 2×2 in those, as packets like it.
+  for (uint32_t y4 = 0; y4 < tile.height; y4 += 4) {
+    for (uint32_t x4 = 0; x4 < tile.width; x4 += 4) {
+      for (uint32_t quad = 0; quad < 4; ++quad) {
+        const uint32_t x0 = x4 + quad % 2 * 2, y0 = y4 + quad / 2 * 2;
+        if (x0 >= tile.width || y0 >= tile.height) continue;
+        float dx[4], dy[4], dz[4];
+        rays_.Directions(tile.x + x0, tile.y + y0, dx, dy, dz);
+        for (uint32_t i = 0; i < 4; ++i) {
+          const uint32_t x = x0 + i % 2, y = y0 + i / 2;
+          if (x >= tile.width || y >= tile.height) continue;
+          const float depth = image_.depth[size_t{tile.y + y} * camera_.width + tile.x + x];
+          if (std::isinf(depth)) continue;
+          out.points.push_back(eye + Vec3f{dx[i], dy[i], dz[i]} * (depth * (1 - kPeerStepBack)));
+        }
+      }
+    }
+  }
+  const size_t row = (out.points.size() + 7) / 8;
+  out.lit_bits.resize(samples_.size() * row);
+  for (size_t s = 0; s < samples_.size(); ++s) {
+    TracePoints(peer, shadow_mode, out.points, samples_[s], out.lit_bits.data() + s * row);
+  }
+}
+
+uint64_t Frame::our_lit() const {
+  uint64_t lit = 0;
+  for (const TileResult& tile : ours_) lit += CountBits(tile.lit_bits);
+  return lit;
+}
+
+uint64_t Frame::peer_lit() const {
+  uint64_t lit = 0;
+  for (const PeerTile& tile : peer_) lit += CountBits(tile.lit_bits);
+  return lit;
+}
+
+}  // namespace sightline::bench
