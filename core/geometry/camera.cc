@@ -99,11 +99,20 @@ absl::StatusOr<Camera> LookAt(Vec3d eye, Vec3d at, Vec3d up, double fov_y_degree
   return camera;
 }
 
-Vec3f PixelDirection(const Camera& camera, uint32_t x, uint32_t y) {
+Vec3d PixelColumn(const Camera& camera, uint32_t x) {
   const double w = camera.width, h = camera.height;
   const double sx = ((2.0 * (x + 0.5)) / w - 1.0) * (camera.tan_half_fov_y * (w / h));
+  return camera.forward + camera.right * sx;
+}
+
+Vec3d PixelRow(const Camera& camera, uint32_t y) {
+  const double h = camera.height;
   const double sy = (1.0 - (2.0 * (y + 0.5)) / h) * camera.tan_half_fov_y;
-  return ToFloat((camera.forward + camera.right * sx) + camera.up * sy);
+  return camera.up * sy;
+}
+
+Vec3f PixelDirection(const Camera& camera, uint32_t x, uint32_t y) {
+  return ToFloat(PixelColumn(camera, x) + PixelRow(camera, y));
 }
 
 }  // namespace sightline

@@ -50,6 +50,10 @@ absl::StatusOr<Camera> LookAt(Vec3d eye, Vec3d at, Vec3d up, double fov_y_degree
 // sy = (1 − 2(y+½)/height)·tan, in double in this order, each component rounded once.
 Vec3f PixelDirection(const Camera& camera, uint32_t x, uint32_t y);
 
+// Its two terms, for many pixels at a time: the same bits as ToFloat(column(x) + row(y)).
+Vec3d PixelColumn(const Camera& camera, uint32_t x);  // forward + right·sx.
+Vec3d PixelRow(const Camera& camera, uint32_t y);     // up·sy.
+
 }  // namespace sightline
 
 #endif  // SIGHTLINE_CORE_GEOMETRY_CAMERA_H_

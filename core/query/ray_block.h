@@ -13,7 +13,6 @@
 
 #include "absl/status/status.h"
 #include "core/accel/indexed_geometry.h"
-#include "core/light/light.h"
 #include "core/query/query_run.h"
 #include "core/traverse/trace_ray.h"
 
@@ -22,6 +21,13 @@ namespace sightline {
 inline constexpr int kBlockRays = RayPacket::kMaxRays;
 
 enum class HitKind : uint8_t { kAny, kClosest };
+
+// What the rays of a block have in common.
+enum class RayForm : uint8_t { kFree, kOneOrigin, kParallel };
+
+// What is used where `asked` was asked for: what AUTO chooses, and what stands in for a strategy
+// that such rays have no walk of.
+Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, int rays);
 
 // Any rays. With kAny a hit's triangle is some blocker's id; its t is meaningless.
 absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
@@ -33,13 +39,9 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                               Strategy strategy, RayPacket* packet, QueryStats* stats);
 
-// One light sample against up to kBlockRays points, all valid: hits[i] for positions[i]. A sample
-// that is a point starts the segments, one that is a direction is what rays from the points run
-// toward. REQUIRES: sample.valid.
-absl::Status TraceSampleBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
-                              const LightSample& sample, std::span<const Vec3f> positions,
-                              std::span<const uint32_t> sources, double t_min, std::span<Hit> hits,
-                              QueryStats* stats);
+// Up to kBlockRays rays with one direction, any hit, as one shaft.
+absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
+                                ParallelPacket* packet, QueryStats* stats);
 
 }  // namespace sightline
 

@@ -3,12 +3,15 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <cstring>
 #include <limits>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 #include "core/query/ray_block.h"
+#include "core/query/sample_tracer.h"
 
 namespace sightline {
 namespace {
@@ -56,9 +59,10 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::array<Vec3f, kBlockRays> positions;
   std::array<uint32_t, kBlockRays> sources;
   std::array<size_t, kBlockRays> index;
-  std::array<Hit, kBlockRays> hits;
+  SampleTracer tracer(scene, run, kind, shadow.t_min, &out.stats);
   for (size_t next = 0; next < n;) {
     // A block of valid points, put to every sample in turn, so that sums run in sample order.
+    const size_t first = next;
     size_t count = 0;
     for (; next < n && count < kBlockRays; ++next) {
       if (!points.valid[next]) continue;
@@ -66,22 +70,39 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       sources[count] = points.sources[next];
       index[count++] = next;
     }
+    // Whole bytes of bits are stored where the block's points follow one another.
+    const bool dense = next - first == count && first % 8 == 0;
+    tracer.SetPoints(std::span<const Vec3f>(positions.data(), count),
+                     std::span<const uint32_t>(sources.data(), count));
     for (size_t s = 0; s < samples.size(); ++s) {
       if (!samples[s].valid) continue;
-      SL_RETURN_IF_ERROR(TraceSampleBlock(
-          scene, run, kind, samples[s], std::span<const Vec3f>(positions.data(), count),
-          std::span<const uint32_t>(sources.data(), count), shadow.t_min, hits, &out.stats));
+      SL_RETURN_IF_ERROR(tracer.Trace(samples[s]));
+      if (outputs.bits) {
+        uint8_t* row = out.lit_bits.data() + s * row_bytes;
+        for (size_t w = 0; 64 * w < count; ++w) {
+          uint64_t lit = tracer.LitBits(w);
+          if (dense) {
+            std::memcpy(row + first / 8 + 8 * w, &lit,
+                        std::min<size_t>(8, (count - 64 * w + 7) / 8));
+            continue;
+          }
+          for (; lit != 0; lit &= lit - 1) {
+            const size_t p = index[64 * w + static_cast<size_t>(std::countr_zero(lit))];
+            row[p / 8] |= uint8_t(1u << (p % 8));
+          }
+        }
+      }
+      if (!(outputs.counts || outputs.weighted_sums || outputs.blockers)) continue;
       for (size_t i = 0; i < count; ++i) {
         const size_t p = index[i];
-        if (hits[i].triangle != kNoTriangle) {
+        if (tracer.triangle(i) != kNoTriangle) {
           if (outputs.blockers) {
-            out.blocker[s * n + p] = hits[i].triangle;
+            out.blocker[s * n + p] = tracer.triangle(i);
             out.blocker_t[s * n + p] =
-                samples[s].directional ? hits[i].t : std::min(hits[i].t, 1.0f);
+                samples[s].directional ? tracer.t(i) : std::min(tracer.t(i), 1.0f);
           }
           continue;
         }
-        if (outputs.bits) out.lit_bits[s * row_bytes + p / 8] |= uint8_t(1u << (p % 8));
         if (outputs.counts) ++out.lit_counts[p];
         if (outputs.weighted_sums) out.weighted_sums[p] += weights[s];
       }

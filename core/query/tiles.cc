@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <limits>
 
 #include "absl/strings/str_cat.h"
@@ -11,6 +12,8 @@
 #include "core/intersect/hit.h"
 #include "core/mesh/rebase.h"
 #include "core/query/ray_block.h"
+#include "core/query/sample_tracer.h"
+#include "hwy/highway.h"
 
 namespace sightline {
 namespace {
@@ -20,6 +23,11 @@ namespace {
 constexpr uint32_t kBlockSide = 16;
 constexpr uint32_t kGroupSide = 4;
 static_assert(kBlockSide * kBlockSide == kBlockRays);
+
+// AVX2, the floor, is enough to lay rays out: four doubles.
+namespace hn = hwy::HWY_NAMESPACE;
+using Four = hn::CappedTag<double, kGroupSide>;
+static_assert(hn::MaxLanes(Four()) == kGroupSide, "x86-64-v3 holds four doubles in a vector");
 
 absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
   const auto check = [](const char* field, uint64_t begin, uint64_t extent, const char* side,
@@ -44,14 +52,14 @@ class TileTrace {
             std::span<const LightSample> samples, const TileOutputs& outputs,
             const QueryOptions& options, TileResult* out)
       : scene_(scene),
-        camera_(camera),
         tile_(tile),
         samples_(samples),
         outputs_(outputs),
         run_(options),
         pixels_(size_t{tile.width} * tile.height),
         row_bytes_((pixels_ + 7) / 8),
-        out_(*out) {
+        out_(*out),
+        tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, &out->shadow) {
     packet_.origin = eye;
     packet_.segments = false;
     packet_.mask = options.mask;
@@ -64,6 +72,13 @@ class TileTrace {
       out_.v.assign(pixels_, 0);
     }
     if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
+    for (int axis = 0; axis < 3; ++axis) columns_[axis].resize(tile.width);
+    for (uint32_t x = 0; x < tile.width; ++x) {
+      const Vec3d column = PixelColumn(camera, tile.x + x);
+      for (int axis = 0; axis < 3; ++axis) columns_[axis][x] = column[axis];
+    }
+    rows_.resize(tile.height);
+    for (uint32_t y = 0; y < tile.height; ++y) rows_[y] = PixelRow(camera, tile.y + y);
   }
 
   absl::Status Run() {
@@ -83,15 +98,10 @@ class TileTrace {
     int count = 0;
     for (uint32_t gy = 0; gy < height; gy += kGroupSide) {
       for (uint32_t gx = 0; gx < width; gx += kGroupSide) {
+        const uint32_t columns = std::min(kGroupSide, width - gx);
         for (uint32_t y = gy; y < std::min(gy + kGroupSide, height); ++y) {
-          for (uint32_t x = gx; x < std::min(gx + kGroupSide, width); ++x) {
-            const Vec3f d = PixelDirection(camera_, tile_.x + x0 + x, tile_.y + y0 + y);
-            packet_.target_x[count] = d.x;
-            packet_.target_y[count] = d.y;
-            packet_.target_z[count] = d.z;
-            packet_.target_source[count] = kNoTriangle;
-            pixel_[count++] = (y0 + y) * tile_.width + (x0 + x);
-          }
+          PlaceRays(x0 + gx, y0 + y, columns, count);
+          count += static_cast<int>(columns);
         }
       }
     }
@@ -102,16 +112,62 @@ class TileTrace {
     SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_,
                                         need_first ? HitKind::kClosest : HitKind::kAny,
                                         run_.options().strategy, &packet_, &out_.primary));
-    for (int i = 0; i < count; ++i) {
-      if (packet_.triangle[i] != kNoTriangle) WriteHit(i);
+    if (width % kGroupSide == 0) {
+      for (int i = 0; i < count; i += kGroupSide) WriteGroup(i);
+    } else {
+      for (int i = 0; i < count; ++i) WriteHit(i);
     }
     if (outputs_.lit || outputs_.points) return ShadeBlock(count);
     return absl::OkStatus();
   }
 
+  // Lanes `lane` .. for `columns` pixels in a row from (x, y) of the tile.
+  void PlaceRays(uint32_t x, uint32_t y, uint32_t columns, int lane) {
+    const Vec3d& row = rows_[y];
+    const uint32_t pixel = y * tile_.width + x;
+    for (uint32_t k = 0; k < columns; ++k) {
+      pixel_[lane + k] = pixel + k;
+      packet_.target_source[lane + k] = kNoTriangle;
+    }
+    float* const rows[3] = {packet_.target_x, packet_.target_y, packet_.target_z};
+    if (columns == kGroupSide) {
+      const Four d;
+      const hn::Rebind<float, Four> df;
+      for (int axis = 0; axis < 3; ++axis) {
+        const auto column = hn::LoadU(d, columns_[axis].data() + x);
+        hn::StoreU(hn::DemoteTo(df, hn::Add(column, hn::Set(d, row[axis]))), df,
+                   rows[axis] + lane);
+      }
+      return;
+    }
+    for (uint32_t k = 0; k < columns; ++k) {
+      for (int axis = 0; axis < 3; ++axis) {
+        rows[axis][lane + k] = static_cast<float>(columns_[axis][x + k] + row[axis]);
+      }
+    }
+  }
+
+  // Four lanes that are four pixels in a row.
+  void WriteGroup(int i) {
+    const uint32_t pixel = pixel_[i];
+    constexpr size_t kBytes = kGroupSide * sizeof(float);
+    if (outputs_.hits) {
+      for (uint32_t k = 0; k < kGroupSide; ++k) {
+        const uint8_t hit = packet_.triangle[i + k] != kNoTriangle;
+        out_.hit_bits[(pixel + k) / 8] |= static_cast<uint8_t>(hit << ((pixel + k) % 8));
+      }
+    }
+    if (outputs_.ids) std::memcpy(&out_.triangle[pixel], packet_.triangle + i, kBytes);
+    if (outputs_.depth) std::memcpy(&out_.depth[pixel], packet_.t + i, kBytes);
+    if (outputs_.uv) {
+      std::memcpy(&out_.u[pixel], packet_.u + i, kBytes);
+      std::memcpy(&out_.v[pixel], packet_.v + i, kBytes);
+    }
+  }
+
   void WriteHit(int i) {
     const uint32_t pixel = pixel_[i];
-    if (outputs_.hits) SetBit(out_.hit_bits.data(), pixel);
+    if (outputs_.hits && packet_.triangle[i] != kNoTriangle) SetBit(out_.hit_bits.data(), pixel);
     if (outputs_.ids) out_.triangle[pixel] = packet_.triangle[i];
     if (outputs_.depth) out_.depth[pixel] = packet_.t[i];
     if (outputs_.uv) {
@@ -143,15 +199,14 @@ class TileTrace {
                               point_pixel_.begin() + points);
     }
     if (!outputs_.lit) return absl::OkStatus();
+    tracer_.SetPoints(std::span<const Vec3f>(positions_.data(), points),
+                      std::span<const uint32_t>(sources_.data(), points));
     for (size_t s = 0; s < samples_.size(); ++s) {
       if (!samples_[s].valid) continue;
-      SL_RETURN_IF_ERROR(TraceSampleBlock(scene_, run_, HitKind::kAny, samples_[s],
-                                          std::span<const Vec3f>(positions_.data(), points),
-                                          std::span<const uint32_t>(sources_.data(), points),
-                                          /*t_min=*/0, shadow_hits_, &out_.shadow));
+      SL_RETURN_IF_ERROR(tracer_.Trace(samples_[s]));
       uint8_t* row = out_.lit_bits.data() + s * row_bytes_;
       for (int i = 0; i < points; ++i) {
-        if (shadow_hits_[i].triangle == kNoTriangle) SetBit(row, point_pixel_[i]);
+        if (tracer_.triangle(i) == kNoTriangle) SetBit(row, point_pixel_[i]);
       }
     }
     return absl::OkStatus();
@@ -179,7 +234,6 @@ class TileTrace {
   static void SetBit(uint8_t* row, uint32_t pixel) { row[pixel / 8] |= uint8_t(1u << (pixel % 8)); }
 
   const IndexedGeometry& scene_;
-  const Camera& camera_;
   const TileRect tile_;
   const std::span<const LightSample> samples_;
   const TileOutputs& outputs_;
@@ -189,7 +243,9 @@ class TileTrace {
   RayPacket packet_;
   std::array<uint32_t, kBlockRays> pixel_, point_pixel_, sources_;
   std::array<Vec3f, kBlockRays> positions_;
-  std::array<Hit, kBlockRays> shadow_hits_;
+  std::vector<double> columns_[3];  // PixelColumn of each column, by axis.
+  std::vector<Vec3d> rows_;         // PixelRow of each row.
+  SampleTracer tracer_;
 };
 
 }  // namespace

@@ -22,6 +22,9 @@
 // and (6.6 + 3.3)u|o|_1, and kBoxMargin is taken of |p|_1 + |o|_1, for the scene's farthest corner:
 // one margin for all boxes.
 //
+// Products that underflow lose up to 2^-149 each: kFloatUnderflow (predicate-inl.h) is added to the
+// margins of planes. Slopes are taken at depths of at least kLeastDepth, where it cannot matter.
+//
 // Depths. w·(p - o) errs by the same reasoning by less than 5u|p - o|_1: kBoxMargin serves, too. A
 // hit's distance is held between its triangle's slab entry and exit, each good to 4.1u relative, so
 // the point it names lies in the box up to 5u|far corner - o|_1; kDepthScale on the other side

@@ -32,6 +32,7 @@
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
+#include "hwy/cache_control.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
@@ -115,6 +116,7 @@ class ShaftWalk {
       }
       if (++visited % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
         return false;
+      if (depth > 0) Prefetch(ChildRef::FromBits(stack[depth - 1].ref_bits()));
       const ChildRef ref = ChildRef::FromBits(pending.ref_bits());
       if (ref.is_leaf()) {
         work += 2 + VisitLeaf(ref);
@@ -135,6 +137,22 @@ class ShaftWalk {
       }
     }
     return true;
+  }
+
+  // What is visited next is fetched while the present node or leaf is worked on.
+  HWY_INLINE void Prefetch(ChildRef ref) const {
+    constexpr size_t kLine = 64;
+    const char* at;
+    size_t bytes;
+    if (ref.is_leaf()) {
+      at = reinterpret_cast<const char*>(scene_.bvh.leaves.data() +
+                                         size_t{ref.leaf_unit()} * kUnitFloats);
+      bytes = ref.leaf_units() * kUnitFloats * sizeof(float);
+    } else {
+      at = reinterpret_cast<const char*>(&scene_.bvh.nodes[ref.node()]);
+      bytes = sizeof(BvhNode);
+    }
+    for (size_t i = 0; i < bytes; i += kLine) hwy::Prefetch(at + i);
   }
 
   // Pushes the boxes that the shaft may meet, for closest hits the nearest on top. Returns the new
@@ -203,8 +221,8 @@ class ShaftWalk {
     return static_cast<uint32_t>(std::popcount(relevant));
   }
 
-  // Range of a form over the blocks first .. first + kLanes: middle ± radius, margin included.
-  HWY_INLINE void Range(const FrameForm& form, uint32_t i, size_t first, V* middle,
+  // Range of a form over the blocks first .. first + kLanes: middle ± (radius + `margin`).
+  HWY_INLINE void Range(const FrameForm& form, uint32_t i, size_t first, V margin, V* middle,
                         V* radius) const {
     const ShaftD d;
     const V f0 = hn::Set(d, form.f[0][i]), f1 = hn::Set(d, form.f[1][i]);
@@ -212,7 +230,7 @@ class ShaftWalk {
                          hn::MulAdd(f1, hn::Load(d, bounds_.my + first), hn::Set(d, form.f[2][i])));
     *radius = hn::MulAdd(hn::Abs(f0), hn::Load(d, bounds_.hx + first),
                          hn::MulAdd(hn::Abs(f1), hn::Load(d, bounds_.hy + first),
-                                    hn::Set(d, form.margin[i])));
+                                    margin));
   }
 
   // One relevant triangle against all blocks. Lists those it may touch, as pairs of triangle and
@@ -226,7 +244,7 @@ class ShaftWalk {
       V most = hn::Set(d, kInfinity), least = most;  // Over the edges: of largest, least values.
       V middle, radius;
       for (const FrameForm& form : forms.edge_form) {
-        Range(form, i, first, &middle, &radius);
+        Range(form, i, first, hn::Set(d, forms.edge_margin[i]), &middle, &radius);
         most = hn::Min(most, hn::Add(middle, radius));
         least = hn::Min(least, hn::Sub(middle, radius));
       }
@@ -237,7 +255,7 @@ class ShaftWalk {
                   hn::And(hn::Le(hn::Load(d, bounds_.y0 + first), hn::Set(d, forms.y1[i])),
                           hn::Ge(hn::Load(d, bounds_.y1 + first), hn::Set(d, forms.y0[i])))));
       M cover = hn::Gt(least, hn::Zero(d));
-      Range(forms.plane_form, i, first, &middle, &radius);
+      Range(forms.plane_form, i, first, hn::Set(d, forms.plane_margin[i]), &middle, &radius);
       if constexpr (kParallel) {
         // N·(A-P): some origin must lie behind the triangle; all must for a cover.
         const V z0 = hn::Load(d, bounds_.near + first), z1 = hn::Load(d, bounds_.far + first);
@@ -321,32 +339,33 @@ class ShaftWalk {
     const V underflow = hn::Set(d, kFloatUnderflow), zero = hn::Zero(d);
     const Vec3V<V> own = rays_.Own(at);
     stats_->triangle_tests += hn::CountTrue(d, asked);
-    // `most` < 0: some form is certainly negative. `least` > 0: all are certainly positive.
-    V most = hn::Set(d, kInfinity), least = most;
-    const auto form = [&](V value, V bound) HWY_ATTR {
-      most = hn::Min(most, hn::Add(value, bound));
-      least = hn::Min(least, hn::Sub(value, bound));
+    const auto along = [&](const float (&rows)[3][kMaxLeafTriangles]) HWY_ATTR {
+      return DotV(Broadcast(d, rows[0][i], rows[1][i], rows[2][i]), own);
     };
-    const auto along = [&](const float (&rows)[3][kMaxLeafTriangles], const Vec3V<V>& q) HWY_ATTR {
-      return DotV(Broadcast(d, rows[0][i], rows[1][i], rows[2][i]), q);
-    };
-    if constexpr (kParallel) {
-      form(hn::Sub(hn::Set(d, forms.depth[i]), along(forms.normal, own)),
-           hn::Set(d, forms.depth_bound[i]));
-    } else if (rays_.segments()) {
-      const Vec3V<V> p = {rays_.Target(0, at), rays_.Target(1, at), rays_.Target(2, at)};
-      const Vec3V<V> ap = SubV(p, Broadcast(d, forms.a[0][i], forms.a[1][i], forms.a[2][i]));
-      form(along(forms.normal, ap),
-           hn::MulAdd(hn::Set(d, forms.normal_bound[i]), NormInfV(ap), underflow));
-    }
+    V edge[3], bound = hn::Set(d, forms.edge_bound[i]);
     for (int e = 0; e < 3; ++e) {
-      const V value = along(forms.edge[e], own);
+      edge[e] = along(forms.edge[e]);
+      if constexpr (kParallel) edge[e] = hn::Sub(hn::Set(d, forms.edge_offset[e][i]), edge[e]);
+    }
+    if constexpr (!kParallel) bound = hn::MulAdd(bound, rays_.OwnInf(at), underflow);
+    const V inner = hn::Min(hn::Min(edge[0], edge[1]), edge[2]);
+    // `most` < 0: some form is certainly negative. `least` > 0: all are certainly positive.
+    V most = hn::Add(inner, bound), least = hn::Sub(inner, bound);
+    if (kParallel || rays_.segments()) {
+      // N·(A-P) of a parallel ray; N·(P-A) = N·D - N·(A-O) of a segment.
+      V plane, off;
       if constexpr (kParallel) {
-        form(hn::Sub(hn::Set(d, forms.edge_offset[e][i]), value),
-             hn::Set(d, forms.edge_bound[e][i]));
+        plane = hn::Sub(hn::Set(d, forms.depth[i]), along(forms.normal));
+        off = hn::Set(d, forms.depth_bound[i]);
       } else {
-        form(value, hn::MulAdd(hn::Set(d, forms.edge_bound[e][i]), rays_.OwnInf(at), underflow));
+        plane = hn::Sub(along(forms.normal), hn::Set(d, forms.depth[i]));
+        off = hn::MulAdd(hn::Set(d, forms.normal_bound[i]), rays_.OwnInf(at),
+                         hn::Set(d, forms.depth_bound[i]));
+        // The difference itself rounds by u of its value.
+        off = hn::MulAdd(hn::Abs(plane), hn::Set(d, 0x1p-23f), off);
       }
+      most = hn::Min(most, hn::Add(plane, off));
+      least = hn::Min(least, hn::Sub(plane, off));
     }
     const M open = hn::And(asked, hn::Ge(most, zero));
     M hit = hn::And(open, hn::Gt(least, zero));

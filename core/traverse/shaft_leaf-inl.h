@@ -20,10 +20,9 @@ namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // A linear form over the frame: f[0]·x + f[1]·y + f[2] at slopes or offsets (x, y) (for the plane
-// of parallel rays + f[3]·depth), good to `margin` over a block.
+// of parallel rays + f[3]·depth).
 struct FrameForm {
   alignas(64) float f[4][kMaxLeafTriangles];
-  alignas(64) float margin[kMaxLeafTriangles];
 };
 
 // Row i is the leaf's triangle i, turned so that its forms are positive where it is hit: the origin
@@ -32,19 +31,19 @@ struct LeafForms {
   // Against a ray's own vector q (D, or P - R).
   alignas(64) float edge[3][3][kMaxLeafTriangles];
   alignas(64) float edge_offset[3][kMaxLeafTriangles];  // Parallel: e = offset - edge·q.
-  alignas(64) float edge_bound[3][kMaxLeafTriangles];   // One origin: times |D|_inf.
+  alignas(64) float edge_bound[kMaxLeafTriangles];      // Of all three. One origin: times |D|_inf.
   alignas(64) float normal[3][kMaxLeafTriangles];
-  alignas(64) float normal_bound[kMaxLeafTriangles];  // One origin: times |P-A|_inf or |D|_inf.
-  alignas(64) float a[3][kMaxLeafTriangles];
+  alignas(64) float normal_bound[kMaxLeafTriangles];  // One origin: times |D|_inf.
   alignas(64) float depth[kMaxLeafTriangles];        // normal·(A-O), or normal·(A-R).
   alignas(64) float depth_bound[kMaxLeafTriangles];  // One origin: its error. Parallel: of the
                                                      // whole plane form per ray.
   alignas(64) float inverse_lo[kMaxLeafTriangles];   // Closest: bounds of 1 / (normal·(A-O)).
   alignas(64) float inverse_hi[kMaxLeafTriangles];   // +inf where it cannot be trusted.
-  // Against a block of rays: forms, and the triangle's own rectangle of slopes or offsets.
+  // Against a block of rays: forms, good to their margins, and the triangle's own rectangle of slopes or offsets.
   alignas(64) float x0[kMaxLeafTriangles], x1[kMaxLeafTriangles];
   alignas(64) float y0[kMaxLeafTriangles], y1[kMaxLeafTriangles];
   FrameForm edge_form[3], plane_form;
+  alignas(64) float edge_margin[kMaxLeafTriangles], plane_margin[kMaxLeafTriangles];
 };
 
 // Where the float stage's relative error of normal·(A-O) is below this, bounds of its reciprocal
@@ -100,8 +99,8 @@ class ShaftLeaf {
     const V3 oa = SubV(a, o), ob = SubV(b, o), oc = SubV(c, o);
     const V oa1 = Norm1V(oa), ob1 = Norm1V(ob), oc1 = Norm1V(oc);
     const V reach = hn::Max(hn::Max(oa1, ob1), oc1);
-    const V margin =
-        hn::Mul(hn::Add(reach, hn::Set(d, rays_.spread())), hn::Set(d, kBoxMargin));
+    const V margin = hn::MulAdd(hn::Add(reach, hn::Set(d, rays_.spread())),
+                                hn::Set(d, kBoxMargin), hn::Set(d, kFloatUnderflow));
     V least = hn::Set(d, std::numeric_limits<float>::infinity());
     for (int i = 0; i < bounds.side_count; ++i) {
       const ShaftSide& side = bounds.sides[i];
@@ -124,7 +123,8 @@ class ShaftLeaf {
       axis(axes_[2][0], oa.x, ob.x, oc.x);
       axis(axes_[2][1], oa.y, ob.y, oc.y);
       axis(axes_[2][2], oa.z, ob.z, oc.z);
-      nearest = hn::NegMulAdd(corner_reach, hn::Set(d, kBoxMargin), nearest);
+      nearest = hn::Sub(hn::NegMulAdd(corner_reach, hn::Set(d, kBoxMargin), nearest),
+                        hn::Set(d, kFloatUnderflow));
       in = hn::And(in, hn::Le(nearest, hn::Set(d, far)));
     }
     if (rays_.has_cap()) in = hn::And(in, WithinCap(a, b, c, bounds.cap_most));
@@ -171,39 +171,39 @@ class ShaftLeaf {
 
     // Forms, and all of them against the whole shaft's rectangle: positive somewhere in it?
     V3 edge[3];
-    V edge_offset[3], edge_bound[3], edge_margin[3];
+    V edge_offset[3];
     const V3* corner_of[3] = {&oa, &ob, &oc};
     const V* corner_1[3] = {&oa1, &ob1, &oc1};
     const V3* along[3] = {&ab, &bc, &ca};
-    const V* along_1[3] = {&ab1, &bc1, &ca1};
+    // One bound for the three, of the farthest corner and the longest edge.
+    V edge_k = hn::Max(hn::Max(ab1, bc1), ca1);
+    if constexpr (kParallel) {
+      edge_k = hn::Mul(hn::Mul(edge_k, hn::Set(d, MaxAbs(rays_.packet().direction))),
+                       hn::Add(reach, hn::Set(d, rays_.spread())));
+    } else {
+      edge_k = hn::Mul(edge_k, reach);
+    }
     const V edge_units = hn::Set(d, kEdgeMargin), edge_underflow = hn::Set(d, kEdgeUnderflow);
+    const V edge_margin = hn::MulAdd(edge_units, edge_k, edge_underflow);
     const V cx = hn::Set(d, bounds.cx), cy = hn::Set(d, bounds.cy);
     const V ex = hn::Set(d, bounds.ex), ey = hn::Set(d, bounds.ey);
     ShaftM met = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&relevant));
     V frame[3][4];
     for (int e = 0; e < 3; ++e) {
       if constexpr (kParallel) {
-        const float d_inf = MaxAbs(rays_.packet().direction);
         edge[e] = turned(CrossV(*along[e], common));
         edge_offset[e] = DotV(edge[e], *corner_of[e]);
-        const V k = hn::Mul(hn::Mul(*along_1[e], hn::Set(d, d_inf)),
-                            hn::Add(*corner_1[e], hn::Set(d, rays_.spread())));
-        edge_bound[e] = hn::MulAdd(hn::Set(d, kParallelUnits), k, underflow);
-        edge_margin[e] = hn::MulAdd(edge_units, k, edge_underflow);
         frame[e][0] = hn::Neg(Along(axes_[0], edge[e]));
         frame[e][1] = hn::Neg(Along(axes_[1], edge[e]));
         frame[e][2] = edge_offset[e];
       } else {
         edge[e] = turned(CrossV(*corner_of[e], *along[e]));
-        const V k = hn::Mul(*corner_1[e], *along_1[e]);
-        edge_bound[e] = hn::MulAdd(units, k, underflow);
-        edge_margin[e] = hn::MulAdd(edge_units, k, edge_underflow);
         for (int j = 0; j < 3; ++j) frame[e][j] = Along(axes_[j], edge[e]);
       }
       const V middle =
           hn::MulAdd(frame[e][0], cx, hn::MulAdd(frame[e][1], cy, frame[e][2]));
       const V radius = hn::MulAdd(hn::Abs(frame[e][0]), ex,
-                                  hn::MulAdd(hn::Abs(frame[e][1]), ey, edge_margin[e]));
+                                  hn::MulAdd(hn::Abs(frame[e][1]), ey, edge_margin));
       met = hn::And(met, hn::Ge(hn::Add(middle, radius), hn::Zero(d)));
     }
     relevant = MaskBits(d, met);
@@ -214,11 +214,12 @@ class ShaftLeaf {
     depth = hn::Xor(depth, flip);
     for (int e = 0; e < 3; ++e) {
       Put(edge[e], first, forms_.edge[e]);
-      Put(edge_bound[e], first, forms_.edge_bound[e]);
       if constexpr (kParallel) Put(edge_offset[e], first, forms_.edge_offset[e]);
       for (int j = 0; j < 3; ++j) Put(frame[e][j], first, forms_.edge_form[e].f[j]);
-      Put(edge_margin[e], first, forms_.edge_form[e].margin);
     }
+    Put(hn::MulAdd(kParallel ? hn::Set(d, kParallelUnits) : units, edge_k, underflow), first,
+        forms_.edge_bound);
+    Put(edge_margin, first, forms_.edge_margin);
     Put(n, first, forms_.normal);
     Put(depth, first, forms_.depth);
     if constexpr (kParallel) {
@@ -228,13 +229,12 @@ class ShaftLeaf {
       Put(hn::Neg(Along(axes_[1], n)), first, forms_.plane_form.f[1]);
       Put(depth, first, forms_.plane_form.f[2]);
       Put(hn::Neg(Along(axes_[2], n)), first, forms_.plane_form.f[3]);
-      Put(hn::MulAdd(edge_units, k, edge_underflow), first, forms_.plane_form.margin);
+      Put(hn::MulAdd(edge_units, k, edge_underflow), first, forms_.plane_margin);
     } else {
-      Put(a, first, forms_.a);
       Put(normal_bound, first, forms_.normal_bound);
       Put(turn_bound, first, forms_.depth_bound);
       for (int j = 0; j < 3; ++j) Put(Along(axes_[j], n), first, forms_.plane_form.f[j]);
-      Put(hn::MulAdd(edge_units, normal_k, edge_underflow), first, forms_.plane_form.margin);
+      Put(hn::MulAdd(edge_units, normal_k, edge_underflow), first, forms_.plane_margin);
       if constexpr (!kAny) {
         const V inverse = hn::Div(hn::Set(d, 1.0f), depth);
         const V share = hn::Mul(turn_bound, inverse);
@@ -263,7 +263,8 @@ class ShaftLeaf {
       V x = Along(axes_[0], *corner_of[k]), y = Along(axes_[1], *corner_of[k]);
       if constexpr (!kParallel) {
         const V z = Along(axes_[2], *corner_of[k]);
-        held = hn::And(held, hn::Ge(z, hn::Mul(*corner_1[k], hn::Set(d, kMinCornerShare))));
+        held = hn::And(held, hn::Ge(z, hn::Max(hn::Mul(*corner_1[k], hn::Set(d, kMinCornerShare)),
+                                               hn::Set(d, kLeastDepth))));
         const V inverse = hn::Div(hn::Set(d, 1.0f), z);
         x = hn::Mul(x, inverse);
         y = hn::Mul(y, inverse);
@@ -292,7 +293,7 @@ class ShaftLeaf {
       const V3 p_abs = {hn::Abs(p.x), hn::Abs(p.y), hn::Abs(p.z)};
       return hn::NegMulAdd(DotV(n_abs, p_abs), margin, DotV(n, p));
     };
-    return hn::Le(hn::Min(hn::Min(low(a), low(b)), low(c)), hn::Set(d, most));
+    return hn::Le(hn::Min(hn::Min(low(a), low(b)), low(c)), hn::Set(d, most + kFloatUnderflow));
   }
 
   // Settles the turn of those that floats leave open, and drops what blocks nothing: triangles

@@ -182,7 +182,7 @@ class ShaftRays {
       MakeCap();
       farthest += Norm1(cap_at_);
     }
-    node_margin_ = kBoxMargin * farthest;
+    node_margin_ = kBoxMargin * farthest + kFloatUnderflow;
     return true;
   }
 
