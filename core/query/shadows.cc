@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
+#include "core/query/point_order.h"
 #include "core/query/ray_block.h"
 #include "core/query/sample_tracer.h"
 
@@ -60,18 +61,23 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::array<uint32_t, kBlockRays> sources;
   std::array<size_t, kBlockRays> index;
   SampleTracer tracer(scene, run, kind, shadow.t_min, &out.stats);
-  for (size_t next = 0; next < n;) {
+  std::vector<uint32_t> order;
+  const bool ordered = IsScattered(points.positions, points.valid);
+  if (ordered) order = MortonOrder(points.positions, points.valid);
+  const size_t end = ordered ? order.size() : n;
+  for (size_t next = 0; next < end;) {
     // A block of valid points, put to every sample in turn, so that sums run in sample order.
     const size_t first = next;
     size_t count = 0;
-    for (; next < n && count < kBlockRays; ++next) {
-      if (!points.valid[next]) continue;
-      positions[count] = points.positions[next];
-      sources[count] = points.sources[next];
-      index[count++] = next;
+    for (; next < end && count < kBlockRays; ++next) {
+      const size_t p = ordered ? order[next] : next;
+      if (!points.valid[p]) continue;
+      positions[count] = points.positions[p];
+      sources[count] = points.sources[p];
+      index[count++] = p;
     }
     // Whole bytes of bits are stored where the block's points follow one another.
-    const bool dense = next - first == count && first % 8 == 0;
+    const bool dense = !ordered && next - first == count && first % 8 == 0;
     tracer.SetPoints(std::span<const Vec3f>(positions.data(), count),
                      std::span<const uint32_t>(sources.data(), count));
     for (size_t s = 0; s < samples.size(); ++s) {
