@@ -367,24 +367,54 @@ class ShaftWalk {
       most = hn::Min(most, hn::Add(plane, off));
       least = hn::Min(least, hn::Sub(plane, off));
     }
-    const M open = hn::And(asked, hn::Ge(most, zero));
+    M open = hn::And(asked, hn::Ge(most, zero));
     M hit = hn::And(open, hn::Gt(least, zero));
-    const M in_doubt = hn::AndNot(hit, open);
-    if (HWY_UNLIKELY(!hn::AllFalse(d, in_doubt))) {
-      uint32_t bits[8] = {MaskBits(d, hit)};
-      for (uint32_t doubt = MaskBits(d, in_doubt); doubt != 0; doubt &= doubt - 1) {
-        const uint32_t bit = std::countr_zero(doubt);
-        PredicateStage stage;
-        if (Blocks(packet_.ray(static_cast<int>(at + bit)), leaf.corner(0, i), leaf.corner(1, i),
-                   leaf.corner(2, i), &stage)) {
-          bits[0] |= 1u << bit;
-        }
-        ++stats_->doubt_double;
-        stats_->doubt_exact += stage == PredicateStage::kExact;
+    if (HWY_UNLIKELY(!hn::AllFalse(d, hn::AndNot(hit, open)))) {
+      if (kParallel || rays_.segments()) {
+        const V plane = PlaneFromCorner(leaf, i, at), off = CornerBound(leaf, i, at);
+        open = hn::And(open, hn::Ge(hn::Add(plane, off), zero));
+        hit = hn::And(open, hn::Gt(hn::Min(hn::Sub(inner, bound), hn::Sub(plane, off)), zero));
       }
-      hit = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(bits));
+      hit = Decide(leaf, i, at, hit, hn::AndNot(hit, open));
     }
     return hit;
+  }
+
+  // A point's vector from corner A: its side of the plane by this is good to the triangle's own
+  // size, not to its distance from the apex. It settles points that lie near the triangle.
+  HWY_INLINE Vec3V<V> FromCorner(const LeafView& leaf, uint32_t i, size_t at) const {
+    const Vec3f a = leaf.corner(0, i);
+    return SubV({rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)},
+                Broadcast(ShaftD(), a.x, a.y, a.z));
+  }
+  HWY_INLINE V PlaneFromCorner(const LeafView& leaf, uint32_t i, size_t at) const {
+    const LeafForms& forms = leaf_->forms();
+    const V side = DotV(Broadcast(ShaftD(), forms.normal[0][i], forms.normal[1][i],
+                                  forms.normal[2][i]),
+                        FromCorner(leaf, i, at));
+    return kParallel ? hn::Neg(side) : side;
+  }
+  HWY_INLINE V CornerBound(const LeafView& leaf, uint32_t i, size_t at) const {
+    const ShaftD d;
+    return hn::MulAdd(hn::Set(d, leaf_->forms().normal_bound[i]),
+                      NormInfV(FromCorner(leaf, i, at)), hn::Set(d, kFloatUnderflow));
+  }
+
+  // What floats leave in doubt.
+  HWY_NOINLINE M Decide(const LeafView& leaf, uint32_t i, size_t at, M hit, M in_doubt) {
+    const ShaftD d;
+    uint32_t bits[2] = {MaskBits(d, hit)};
+    for (uint32_t doubt = MaskBits(d, in_doubt); doubt != 0; doubt &= doubt - 1) {
+      const uint32_t bit = std::countr_zero(doubt);
+      PredicateStage stage;
+      if (Blocks(packet_.ray(static_cast<int>(at + bit)), leaf.corner(0, i), leaf.corner(1, i),
+                 leaf.corner(2, i), &stage)) {
+        bits[0] |= 1u << bit;
+      }
+      ++stats_->doubt_double;
+      stats_->doubt_exact += stage == PredicateStage::kExact;
+    }
+    return hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(bits));
   }
 
   // Keeps the least hit by (t, id) in the lanes of `hit`. Bounds of 1/t decide where they do not

@@ -33,7 +33,7 @@ struct LeafForms {
   alignas(64) float edge_offset[3][kMaxLeafTriangles];  // Parallel: e = offset - edge·q.
   alignas(64) float edge_bound[kMaxLeafTriangles];      // Of all three. One origin: times |D|_inf.
   alignas(64) float normal[3][kMaxLeafTriangles];
-  alignas(64) float normal_bound[kMaxLeafTriangles];  // One origin: times |D|_inf.
+  alignas(64) float normal_bound[kMaxLeafTriangles];  // Times |D|_inf, or |P-A|_inf.
   alignas(64) float depth[kMaxLeafTriangles];        // normal·(A-O), or normal·(A-R).
   alignas(64) float depth_bound[kMaxLeafTriangles];  // One origin: its error. Parallel: of the
                                                      // whole plane form per ray.
@@ -222,6 +222,7 @@ class ShaftLeaf {
     Put(edge_margin, first, forms_.edge_margin);
     Put(n, first, forms_.normal);
     Put(depth, first, forms_.depth);
+    Put(normal_bound, first, forms_.normal_bound);
     if constexpr (kParallel) {
       const V k = hn::Mul(normal_k, hn::Add(oa1, hn::Set(d, rays_.spread())));
       Put(hn::MulAdd(hn::Set(d, kParallelUnits), k, underflow), first, forms_.depth_bound);
@@ -231,7 +232,6 @@ class ShaftLeaf {
       Put(hn::Neg(Along(axes_[2], n)), first, forms_.plane_form.f[3]);
       Put(hn::MulAdd(edge_units, k, edge_underflow), first, forms_.plane_margin);
     } else {
-      Put(normal_bound, first, forms_.normal_bound);
       Put(turn_bound, first, forms_.depth_bound);
       for (int j = 0; j < 3; ++j) Put(Along(axes_[j], n), first, forms_.plane_form.f[j]);
       Put(hn::MulAdd(edge_units, normal_k, edge_underflow), first, forms_.plane_margin);

@@ -225,7 +225,8 @@ class ShaftRays {
   }
   ShaftV OwnInf(size_t at) const { return hn::Load(ShaftD(), own_inf_ + at); }
   ShaftV InverseDepth(size_t at) const { return hn::Load(ShaftD(), inverse_z_ + at); }
-  ShaftV Target(int axis, size_t at) const { return hn::Load(ShaftD(), row(axis) + at); }
+  // Ends of segments, origins of parallel rays.
+  ShaftV Point(int axis, size_t at) const { return hn::Load(ShaftD(), row(axis) + at); }
 
   // Bounds the rays of `set` that are still asked about. Returns how many there are.
   int Bound(const RaySet& set, ShaftBounds* out) const {
