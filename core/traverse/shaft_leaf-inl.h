@@ -34,6 +34,7 @@ struct LeafForms {
   alignas(64) float edge_bound[kMaxLeafTriangles];      // Of all three. One origin: times |D|_inf.
   alignas(64) float normal[3][kMaxLeafTriangles];
   alignas(64) float normal_bound[kMaxLeafTriangles];  // Times |D|_inf, or |P-A|_inf.
+  alignas(64) float turn[kMaxLeafTriangles];           // -1 where it was turned round, else 1.
   alignas(64) float depth[kMaxLeafTriangles];        // normal·(A-O), or normal·(A-R).
   alignas(64) float depth_bound[kMaxLeafTriangles];  // One origin: its error. Parallel: of the
                                                      // whole plane form per ray.
@@ -223,6 +224,7 @@ class ShaftLeaf {
     Put(n, first, forms_.normal);
     Put(depth, first, forms_.depth);
     Put(normal_bound, first, forms_.normal_bound);
+    Put(hn::Xor(hn::Set(d, 1.0f), flip), first, forms_.turn);
     if constexpr (kParallel) {
       const V k = hn::Mul(normal_k, hn::Add(oa1, hn::Set(d, rays_.spread())));
       Put(hn::MulAdd(hn::Set(d, kParallelUnits), k, underflow), first, forms_.depth_bound);
