@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -24,7 +25,7 @@ class EmbeddedSession final : public Session {
 
 // Scenes may take three quarters of the machine's memory: nobody else uses this server.
 uint64_t SceneBudget(uint64_t least) {
-  const long pages = ::sysconf(_SC_PHYS_PAGES), page = ::sysconf(_SC_PAGESIZE);
+  const int64_t pages = ::sysconf(_SC_PHYS_PAGES), page = ::sysconf(_SC_PAGESIZE);
   if (pages <= 0 || page <= 0) return least;
   return std::max(least, static_cast<uint64_t>(pages) * static_cast<uint64_t>(page) / 4 * 3);
 }

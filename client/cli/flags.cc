@@ -108,8 +108,9 @@ void FlagSet::Points(std::string name, std::string help, std::vector<Vec3d>* tar
 
 void FlagSet::Choice(std::string name, std::vector<std::string> choices, std::string help,
                      std::string* target) {
-  Custom(std::move(name), absl::StrJoin(choices, "|"), std::move(help), *target,
-         [target, choices](const std::string& text) -> absl::Status {
+  std::string value = absl::StrJoin(choices, "|");
+  Custom(std::move(name), std::move(value), std::move(help), *target,
+         [target, choices = std::move(choices)](const std::string& text) -> absl::Status {
            for (const std::string& choice : choices) {
              if (absl::AsciiStrToLower(choice) == absl::AsciiStrToLower(text)) {
                *target = choice;

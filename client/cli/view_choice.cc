@@ -199,6 +199,7 @@ absl::StatusOr<std::optional<ViewChoice>> LookInside(const Session& session,
   // Where to look: level, the way that is free farthest over the width of a picture.
   constexpr int kTurns = 72;
   std::vector<Vec3d> turns;
+  turns.reserve(kTurns);
   for (int i = 0; i < kTurns; ++i) turns.push_back(frame.Direction(360.0 * i / kTurns, -4));
   SL_ASSIGN_OR_RETURN(Surroundings level,
                       LookAround(session, scene, {places[best_place]}, turns, reach));

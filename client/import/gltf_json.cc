@@ -102,7 +102,7 @@ class Filter {
       : options_(options), format_(format) {}
 
   absl::StatusOr<json> Run(const json& in);
-  std::vector<std::string> TakeWarnings();
+  std::vector<std::string> Warnings() const;
 
  private:
   void Fail(std::string_view where, std::string_view what) {
@@ -354,14 +354,14 @@ absl::StatusOr<json> Filter::Run(const json& in) {
   return out;
 }
 
-std::vector<std::string> Filter::TakeWarnings() {
+std::vector<std::string> Filter::Warnings() const {
   std::vector<std::string> warnings;
   if (skins_or_targets_) {
-    warnings.push_back(
+    warnings.emplace_back(
         "skins and morph targets are not applied: the mesh stands as it was modelled");
   }
   if (instancing_)
-    warnings.push_back("EXT_mesh_gpu_instancing is not applied: one instance stands");
+    warnings.emplace_back("EXT_mesh_gpu_instancing is not applied: one instance stands");
   return warnings;
 }
 
@@ -380,7 +380,7 @@ absl::StatusOr<GltfSource> PrepareGltf(std::string_view bytes, MeshFormat format
   } catch (const json::exception& e) {  // The one boundary for the JSON library.
     return absl::InvalidArgumentError(absl::StrCat("its JSON is malformed: ", Quoted(e.what())));
   }
-  source.warnings = filter.TakeWarnings();
+  source.warnings = filter.Warnings();
   return source;
 }
 

@@ -41,7 +41,7 @@ void CountDefects(std::span<const ObjectInput> objects, ImportReport* report) {
   uint64_t vertices = 0;
   for (const ObjectInput& object : objects) vertices += object.vertices.size();
   if (vertices >= kMaxVertices) {
-    report->warnings.push_back("too many vertices to look for flat and duplicate triangles");
+    report->warnings.emplace_back("too many vertices to look for flat and duplicate triangles");
     return;
   }
 

@@ -65,7 +65,7 @@ absl::Status OffFileReader::TakeKeyword(std::string_view* line) {
       return absl::InvalidArgumentError(
           absl::StrCat("is no OFF file: it begins with ", Quoted(*line)));
     }
-    scene_.report.warnings.push_back("the keyword OFF is missing");
+    scene_.report.warnings.emplace_back("the keyword OFF is missing");
     return absl::OkStatus();
   }
   if (prefix.find_first_of("4n") != std::string_view::npos) {

@@ -36,7 +36,7 @@ struct PlyElement {
   std::vector<PlyProperty> properties;
 
   // The number of the property with this name, -1 where there is none.
-  int Find(std::string_view name) const;
+  int Find(std::string_view wanted) const;
   // The fewest bytes that one element can take: its scalars and its lists' counts.
   size_t MinBinarySize() const;
 };

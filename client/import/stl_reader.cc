@@ -95,7 +95,7 @@ class AsciiReader {
       if (!keyword.empty()) SL_RETURN_IF_ERROR(Statement(keyword, line));
     }
     if (in_facet_) return absl::DataLossError("ends inside a facet");
-    if (in_solid_) scene_.report.warnings.push_back("the last solid has no endsolid");
+    if (in_solid_) scene_.report.warnings.emplace_back("the last solid has no endsolid");
     solid_.Finish(name_, &scene_);
     if (not_understood_ > 0) {
       scene_.report.warnings.push_back(absl::StrCat(not_understood_, " lines were not understood"));

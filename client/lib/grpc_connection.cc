@@ -12,6 +12,7 @@
 #include <grpcpp/support/proto_buffer_reader.h>
 #include <grpcpp/support/sync_stream.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <memory>
 #include <string>
@@ -296,8 +297,10 @@ std::shared_ptr<Connection> MakeConnection(std::vector<std::shared_ptr<grpc::Cha
 
 std::shared_ptr<Connection> MakeConnection(const std::string& target,
                                            const ConnectionOptions& options) {
+  const int count = std::max(1, options.channels);
   std::vector<std::shared_ptr<grpc::Channel>> channels;
-  for (int i = 0; i < (options.channels < 1 ? 1 : options.channels); ++i) {
+  channels.reserve(static_cast<size_t>(count));
+  for (int i = 0; i < count; ++i) {
     channels.push_back(grpc::CreateCustomChannel(target, grpc::InsecureChannelCredentials(),
                                                  DefaultChannelArguments()));
   }

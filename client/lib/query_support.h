@@ -121,8 +121,8 @@ absl::Status DecodeRows(absl::string_view bytes, absl::string_view field, uint64
     return Unpack<T>(bytes, rows * count, field, nullptr);
   }
   for (uint64_t r = 0; r < rows; ++r) {
-    const absl::Status s = Unpack<T>(bytes.substr(r * count * sizeof(T), count * sizeof(T)), count,
-                                     field, out->data() + r * total + begin);
+    absl::Status s = Unpack<T>(bytes.substr(r * count * sizeof(T), count * sizeof(T)), count, field,
+                               out->data() + r * total + begin);
     if (!s.ok()) return s;
   }
   return absl::OkStatus();

@@ -109,7 +109,7 @@ class RetryingConnection final : public Connection {
   }
 
  private:
-  static absl::Status GoneIsDone(int attempt, absl::Status status) {
+  static absl::Status GoneIsDone(int attempt, const absl::Status& status) {
     return attempt > 0 && absl::IsNotFound(status) ? absl::OkStatus() : status;
   }
 

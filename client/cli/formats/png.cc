@@ -65,7 +65,7 @@ uint8_t EncodeSrgb(float linear) {
   if (linear >= 1.0f) return 255;
   const double x = linear;
   const double encoded = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1.0 / 2.4) - 0.055;
-  return static_cast<uint8_t>(encoded * 255.0 + 0.5);
+  return static_cast<uint8_t>(std::floor(encoded * 255.0 + 0.5));
 }
 
 absl::StatusOr<std::string> FormatPng(const Image& image) {
