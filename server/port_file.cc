@@ -28,7 +28,7 @@ absl::Status WritePortFile(const std::string& path, int port) {
   if (written && closed && std::rename(temporary.c_str(), path.c_str()) == 0) {
     return absl::OkStatus();
   }
-  const absl::Status failure = Failure(path);
+  absl::Status failure = Failure(path);
   std::remove(temporary.c_str());
   return failure;
 }

@@ -327,10 +327,10 @@ class VisibilityStream final
   }
 
   // Ends an item early: what waits is dropped, what runs sees the token.
-  void Stop(const ItemPtr& item, absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  void Stop(const ItemPtr& item, const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (item->closed) return;
     item->token.Cancel();
-    if (item->status.ok()) item->status = std::move(status);
+    if (item->status.ok()) item->status = status;
     DropWaiting(item);
     if (item->tasks_left == 0) Close(item);
   }
@@ -395,7 +395,7 @@ class VisibilityStream final
     {
       MutexLock lock(mutex_);
       if (!failure_.ok()) return;
-      if (!status.ok() || !item->status.ok()) return FinishTask(item, std::move(status));
+      if (!status.ok() || !item->status.ok()) return FinishTask(item, status);
       item->work = std::move(work);
       const size_t parts = item->work->parts().size();
       item->tasks_left = parts;
@@ -429,13 +429,14 @@ class VisibilityStream final
         return Close(item, std::move(response));
       }
     }
-    FinishTask(item, std::move(status));
+    FinishTask(item, status);
   }
 
-  void FinishTask(const ItemPtr& item, absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  void FinishTask(const ItemPtr& item, const absl::Status& status)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     --item->tasks_left;
     if (!status.ok() && item->status.ok()) {
-      item->status = std::move(status);
+      item->status = status;
       item->token.Cancel();  // The other parts are void.
       DropWaiting(item);
     }
