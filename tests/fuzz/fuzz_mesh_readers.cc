@@ -76,10 +76,8 @@ void ReadMesh(std::string_view bytes, MeshFormat format) {
 }
 
 }  // namespace
-}  // namespace sightline
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  using namespace sightline;
   if (size == 0) return 0;
   const std::string_view bytes(reinterpret_cast<const char*>(data) + 1, size - 1);
   switch (static_cast<uint8_t>(data[0] - '0') % 9) {
@@ -122,3 +120,5 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   }
   return 0;
 }
+
+}  // namespace sightline

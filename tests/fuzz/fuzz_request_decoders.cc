@@ -171,10 +171,8 @@ void FuzzStream(absl::string_view bytes) {
 }
 
 }  // namespace
-}  // namespace sightline
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  using namespace sightline;
   // Protobuf says on stderr whatever does not parse.
   [[maybe_unused]] static const auto old_handler = google::protobuf::SetLogHandler(nullptr);
   if (size == 0) return 0;
@@ -203,3 +201,5 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   }
   return 0;
 }
+
+}  // namespace sightline

@@ -64,7 +64,8 @@ class ServerHarness {
     request.mutable_header()->mutable_builtin()->set_spec(spec);
     return CreateScene({request}, scene);
   }
-  grpc::Status CreateScene(const std::vector<v1::CreateSceneRequest>& messages, v1::Scene* scene) {
+  grpc::Status CreateScene(const std::vector<v1::CreateSceneRequest>& messages,
+                           v1::Scene* scene) const {
     grpc::ClientContext context;
     auto writer = scenes->CreateScene(&context, scene);
     for (const auto& message : messages) {
@@ -73,7 +74,8 @@ class ServerHarness {
     writer->WritesDone();
     return writer->Finish();
   }
-  grpc::Status UpdateScene(const std::vector<v1::UpdateSceneRequest>& messages, v1::Scene* scene) {
+  grpc::Status UpdateScene(const std::vector<v1::UpdateSceneRequest>& messages,
+                           v1::Scene* scene) const {
     grpc::ClientContext context;
     auto writer = scenes->UpdateScene(&context, scene);
     for (const auto& message : messages) {
@@ -83,7 +85,7 @@ class ServerHarness {
     return writer->Finish();
   }
   grpc::Status CreatePointSet(const std::vector<v1::CreatePointSetRequest>& messages,
-                              v1::PointSet* set) {
+                              v1::PointSet* set) const {
     grpc::ClientContext context;
     auto writer = point_sets->CreatePointSet(&context, set);
     for (const auto& message : messages) {

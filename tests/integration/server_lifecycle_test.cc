@@ -2,7 +2,7 @@
 //
 // Starting, being found, being healthy, and stopping; the last as a process.
 #include <grpcpp/generic/generic_stub.h>
-#include <signal.h>
+#include <signal.h>  // NOLINT(modernize-deprecated-headers): kill is POSIX, not in <csignal>.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -173,6 +173,7 @@ class Process {
     EXPECT_EQ(pipe(ends), 0);
     arguments.insert(arguments.begin(), SIGHTLINED_BINARY);
     std::vector<char*> argv;
+    argv.reserve(arguments.size() + 1);
     for (std::string& argument : arguments) argv.push_back(argument.data());
     argv.push_back(nullptr);
     pid_ = fork();
@@ -204,7 +205,7 @@ class Process {
     }
     return all;
   }
-  void Signal(int signal) { kill(pid_, signal); }
+  void Signal(int signal) const { kill(pid_, signal); }
   int Wait() {
     int status = 0;
     waitpid(pid_, &status, 0);

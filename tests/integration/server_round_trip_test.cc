@@ -86,6 +86,7 @@ class RoundTripTest : public testing::Test {
 TEST_F(RoundTripTest, TilesAreTheEnginesByEveryStrategy) {
   const std::vector<TileRect> tiles = {{0, 0, 32, 32}, {32, 0, 64, 64}, {3, 33, 29, 31}};
   std::vector<TileResult> expected;
+  expected.reserve(tiles.size());
   for (const TileRect& tile : tiles) expected.push_back(Engine(tile));
   for (const Strategy strategy : AvailableStrategies()) {
     TileStream stream(harness_, TileHeader(strategy));
@@ -181,10 +182,8 @@ TEST_F(RoundTripTest, PartsMakeTheWhole) {
 
 TEST_F(RoundTripTest, PointShadowsAreTheEngines) {
   testing_support::TestRng rng;
-  std::vector<Vec3d> points;
-  for (int i = 0; i < 1001; ++i) {
-    points.push_back({rng.Uniform(-3, 3), rng.Uniform(-3, 3), rng.Uniform(0, 3)});
-  }
+  std::vector<Vec3d> points(1001);
+  for (Vec3d& p : points) p = {rng.Uniform(-3, 3), rng.Uniform(-3, 3), rng.Uniform(0, 3)};
   points[5].x = std::nan("");
   points[6].y = 1e300;
   v1::ComputeShadowsRequest request;

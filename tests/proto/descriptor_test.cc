@@ -111,8 +111,8 @@ template <typename Element>
 void ExpectCommented(const Element& element) {
   const std::string comment = Comment(element);
   EXPECT_GT(comment.size(), 10u) << element.full_name() << " has no comment";
-  const bool sentence = absl::EndsWith(comment, ".") || absl::EndsWith(comment, "?") ||
-                        absl::EndsWith(comment, ".)");
+  const bool sentence =
+      absl::EndsWith(comment, ".") || absl::EndsWith(comment, "?") || absl::EndsWith(comment, ".)");
   EXPECT_TRUE(sentence) << element.full_name() << ": \"" << comment << "\" is no sentence";
   for (const absl::string_view mark : {"TODO", "FIXME", "XXX"}) {
     EXPECT_FALSE(absl::StrContains(comment, mark)) << element.full_name();
@@ -212,7 +212,7 @@ TEST_F(DescriptorTest, EnumsStartUnspecified) {
 TEST_F(DescriptorTest, StandardMethodsHaveStandardShapes) {
   std::set<std::string> seen;
   ForEachMethod([&](const MethodDescriptor& method) {
-    const std::string name(method.name());
+    const std::string& name = method.name();
     const Descriptor& request = *method.input_type();
     EXPECT_EQ(request.name(), absl::StrCat(name, "Request")) << method.full_name();
     if (absl::StartsWith(name, "Get") && name != "GetCapabilities") {

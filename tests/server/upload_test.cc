@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -171,7 +172,11 @@ TEST(SceneUploadTest, ObjectHeadersAreChecked) {
   EXPECT_FALSE(with([](H* h) { h->set_object_name(std::string(2000, 'x')); }).ok());
   EXPECT_TRUE(absl::StrContains(with([](H* h) { h->add_transform(1); }).message(), "1 numbers"));
   EXPECT_TRUE(absl::StrContains(with([](H* h) {
-                                  for (int i = 0; i < 12; ++i) h->add_transform(i == 7 ? 1e400 : 0);
+                                  constexpr double kInfinity =
+                                      std::numeric_limits<double>::infinity();
+                                  for (int i = 0; i < 12; ++i) {
+                                    h->add_transform(i == 7 ? kInfinity : 0);
+                                  }
                                 }).message(),
                                 "transform[7]"));
   ExpectReason(with([](H* h) { h->set_culling(static_cast<v1::Culling>(9)); }),

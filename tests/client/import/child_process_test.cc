@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/import/child_process.h"
 
-#include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <csignal>
 #include <new>
 #include <stdexcept>
 #include <string>
@@ -17,7 +17,7 @@ namespace sightline {
 namespace {
 
 TEST(ChildProcessTest, HandsBackWhatTheWorkReturns) {
-  const std::string large(5'000'000, 'x');
+  std::string large(5'000'000, 'x');
   EXPECT_EQ(RunInChild([&] { return large; }, {}).value_or("error"), large);
   EXPECT_EQ(RunInChild([] { return std::string(); }, {}).value_or("error"), "");
 }
@@ -25,7 +25,7 @@ TEST(ChildProcessTest, HandsBackWhatTheWorkReturns) {
 TEST(ChildProcessTest, TurnsACrashIntoAnError) {
   EXPECT_IMPORT_ERROR(RunInChild(
                           []() -> std::string {
-                            raise(SIGSEGV);
+                            std::raise(SIGSEGV);
                             return "survived";
                           },
                           {})

@@ -374,7 +374,8 @@ TEST(GltfTest, RefusesNestingAndNumbersThatNoParserShouldSee) {
   const std::string deep = "{\"extras\":" + std::string(1'000'000, '[');
   EXPECT_IMPORT_ERROR(ImportError(deep, MeshFormat::kGltf), kResourceExhausted,
                       "nested deeper than 64");
-  const std::string wide = "{\"extras\":[" + std::string(20'000'000, ',');
+  std::string wide = "{\"extras\":[";
+  wide.append(20'000'000, ',');
   EXPECT_IMPORT_ERROR(ImportError(wide, MeshFormat::kGltf), kResourceExhausted, "16777216 values");
   EXPECT_IMPORT_ERROR(ImportError("{\"asset\":1e999}", MeshFormat::kGltf), kInvalidArgument,
                       "JSON");

@@ -103,7 +103,7 @@ inline bool SameBits(const ImportedScene& a, const ImportedScene& b) {
     const ObjectInput& q = b.objects[i];
     if (p.name != q.name || p.indices != q.indices || p.vertices.size() != q.vertices.size() ||
         std::memcmp(p.vertices.data(), q.vertices.data(), p.vertices.size() * sizeof(Vec3d)) != 0 ||
-        std::memcmp(&p.transform, &q.transform, sizeof(p.transform)) != 0) {
+        std::memcmp(p.transform.m.data(), q.transform.m.data(), sizeof(p.transform.m)) != 0) {
       return false;
     }
   }

@@ -35,6 +35,7 @@ TEST(FinishNamesTest, MakesNamesUniqueWithoutTakingAnothers) {
   for (int i = 0; i < 6; ++i) objects[i].name = raw[i];
   FinishNames("chair", &objects);
   std::vector<std::string> names;
+  names.reserve(objects.size());
   for (const ObjectInput& object : objects) names.push_back(object.name);
   EXPECT_THAT(names, ElementsAre("leg", "leg (3)", "leg (2)", "chair", "leg (4)", "chair (2)"));
 }

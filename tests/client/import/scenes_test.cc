@@ -13,7 +13,6 @@
 namespace sightline {
 namespace {
 
-using import_testing::MustImport;
 using import_testing::SameBits;
 using import_testing::WorldBox;
 

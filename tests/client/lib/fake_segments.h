@@ -72,7 +72,7 @@ class FakeSegmentStream final : public Connection::SegmentStream {
     const uint64_t n = request.item().segments().size() / 48;
     ++server_->items;
     ++server_->sent[id];
-    if (credit_ <= 0 || open_.count(id) != 0) ++server_->violations;
+    if (credit_ <= 0 || open_.contains(id)) ++server_->violations;
     const int64_t cost = std::max(static_cast<int64_t>(n), server_->min_cost);
     if (draining_) {
       ready_.push_back(Failure(id, 14, v1::ERROR_REASON_DRAINING));

@@ -168,6 +168,7 @@ TEST_F(CliTest, SegmentsGiveTheSameBytesEveryWay) {
   const std::string obj = Write("small.obj", kSmallObj);
   TestRng rng;
   std::vector<double> segments;
+  segments.reserve(6 * 2000);
   for (int i = 0; i < 6 * 2000; ++i) segments.push_back(rng.Uniform(-1, 11));
   segments[6 * 7 + 2] = std::numeric_limits<double>::quiet_NaN();
   const std::string s = WriteDoubles("S.npy", segments, 6);

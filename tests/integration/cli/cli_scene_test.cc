@@ -11,7 +11,6 @@ namespace sightline::cli {
 namespace {
 
 using ::testing::HasSubstr;
-using ::testing::Not;
 
 TEST_F(CliTest, ScenesComeAndGo) {
   const std::unique_ptr<Server> server = StartServer();
@@ -92,7 +91,7 @@ TEST_F(CliTest, HelpListsCommandsAndFlags) {
     EXPECT_THAT(own, HasSubstr("Usage: sightline " + command));
     EXPECT_THAT(own, HasSubstr("Exit codes"));
     args.erase(args.begin());
-    args.push_back("--help");
+    args.emplace_back("--help");
     EXPECT_EQ(Good(args).out, own);
   }
   const std::string view = Good({"view", "--help"}).out;

@@ -69,7 +69,7 @@ class CliTest : public testing::Test {
   }
   // Runs a command that must work.
   RunResult Good(const std::vector<std::string>& args) {
-    const RunResult result = RunCommand(args);
+    RunResult result = RunCommand(args);
     EXPECT_EQ(result.code, 0) << result.err;
     return result;
   }

@@ -32,9 +32,7 @@ std::string Error(const std::string& text) {
 TEST(CsvTest, EverySeparator) {
   for (const char* text :
        {"1,2,3\n4,5,6\n", "1;2;3\n4;5;6", "1 2 3\n4 5 6\n", "1\t2\t3\r\n4\t5\t6\r\n",
-        " 1 ,\t2, 3 \n4 , 5,6", "  1   2\t 3\n\n\n4 5 6\n\n",
-        "\xEF\xBB\xBF"
-        "1,2,3\n4,5,6\n"}) {
+        " 1 ,\t2, 3 \n4 , 5,6", "  1   2\t 3\n\n\n4 5 6\n\n", "\uFEFF1,2,3\n4,5,6\n"}) {
     const CsvTable table = Parse(text);
     EXPECT_EQ(table.rows, 2u) << text;
     EXPECT_EQ(table.columns, 3u) << text;

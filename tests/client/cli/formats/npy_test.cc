@@ -17,7 +17,6 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using testing_support::TempDir;
 using testing_support::TestRng;
 
 // A file as NumPy writes it, with the header given word for word.
