@@ -89,17 +89,7 @@ class ShaftWalk {
   // A triangle and a block it may touch: block | triangle << shift, and whether it covers the block.
   static constexpr uint32_t kTriangleShift = 4, kCovered = 0x100;
 
-  // A child to visit. For closest hits with the depth that nothing in it comes before. Trivial: the
-  // stack is not initialized.
-  struct PendingAny {
-    uint32_t bits;
-    uint32_t ref_bits() const { return bits; }
-  };
-  struct PendingClosest {
-    float depth;
-    uint32_t bits;
-    uint32_t ref_bits() const { return bits; }
-  };
+  // For closest hits `entry` is the depth that nothing in the child comes before.
   using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
 
   // Returns false if cancelled.
@@ -111,13 +101,11 @@ class ShaftWalk {
     uint64_t visited = 0;
     while (depth > 0) {
       const Pending pending = stack[--depth];
-      if constexpr (!kAny) {
-        if (pending.depth > bounds_.all_far) continue;
-      }
+      if (pending.after(bounds_.all_far)) continue;
       if (++visited % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
         return false;
-      if (depth > 0) Prefetch(ChildRef::FromBits(stack[depth - 1].ref_bits()));
-      const ChildRef ref = ChildRef::FromBits(pending.ref_bits());
+      if (depth > 0) Prefetch(ChildRef::FromBits(stack[depth - 1].ref_bits));
+      const ChildRef ref = ChildRef::FromBits(pending.ref_bits);
       if (ref.is_leaf()) {
         work += 2 + VisitLeaf(ref);
         if (bounds_.open_blocks == 0) return true;
@@ -174,13 +162,7 @@ class ShaftWalk {
     }
     auto met = hn::Ge(least, hn::Set(d8, -rays_.node_margin()));
     if constexpr (kAny) {
-      const hn::CappedTag<uint32_t, kBvhWidth> du8;
-      static_assert(sizeof(Pending) == sizeof(uint32_t) && sizeof(ChildRef) == sizeof(uint32_t));
-      const auto used = hn::RebindMask(
-          du8, hn::And(met, hn::FirstN(d8, node.child_count)));
-      const auto children = hn::Load(du8, reinterpret_cast<const uint32_t*>(node.child));
-      hn::StoreU(hn::Compress(children, used), du8, reinterpret_cast<uint32_t*>(stack + depth));
-      return depth + static_cast<int>(hn::CountTrue(du8, used));
+      return depth + PushChildren(d8, node, met, stack + depth);
     } else {
       const Vec3f w = rays_.frame().w;
       const float axis[3] = {w.x, w.y, w.z};
@@ -193,7 +175,7 @@ class ShaftWalk {
       for (uint32_t bits = MaskBits(d8, met) & ((1u << node.child_count) - 1); bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
         int at = depth++;
-        while (at > base && stack[at - 1].depth < depths[i]) {
+        while (at > base && stack[at - 1].entry < depths[i]) {
           stack[at] = stack[at - 1];
           --at;
         }

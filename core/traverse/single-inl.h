@@ -16,6 +16,7 @@
 #include <cmath>
 #include <limits>
 #include <span>
+#include <type_traits>
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
@@ -121,14 +122,37 @@ HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const PredicateR
   if (hit < *best) *best = hit;
 }
 
-struct PendingNode {  // Trivial: a walk's stack is not initialized.
+// A child to visit; for closest hits with its entry, so that those behind a hit are passed over.
+// Trivial: a walk's stack is not initialized.
+struct PendingAny {
+  uint32_t ref_bits;
+
+  ChildRef ref() const { return ChildRef::FromBits(ref_bits); }
+  bool after(float) const { return false; }
+};
+struct PendingClosest {
   float entry;
   uint32_t ref_bits;
 
   ChildRef ref() const { return ChildRef::FromBits(ref_bits); }
+  bool after(float limit) const { return entry > limit; }
 };
 
-// A depth-first walk, nearer children first. With kAny it stops at the first blocker.
+// Pushes the children `met`, in no particular order, without a branch. Writes kBvhWidth entries
+// from `end` on; returns how many count.
+template <class D, class M>
+HWY_INLINE int PushChildren(D d, const BvhNode& node, M met, PendingAny* end) {
+  const hn::RebindToUnsigned<D> du;
+  static_assert(sizeof(PendingAny) == sizeof(uint32_t) && sizeof(ChildRef) == sizeof(uint32_t));
+  const auto used = hn::RebindMask(du, hn::And(met, hn::FirstN(d, node.child_count)));
+  const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node.child));
+  // Compressed in a register: a compressing store is microcode.
+  hn::StoreU(hn::Compress(children, used), du, reinterpret_cast<uint32_t*>(end));
+  return static_cast<int>(hn::CountTrue(du, used));
+}
+
+// A depth-first walk, for closest hits nearer children first. With kAny it stops at the first
+// blocker.
 template <bool kAny>
 HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, WalkStats* stats) {
   const hn::CappedTag<float, kBvhWidth> d;
@@ -151,12 +175,16 @@ HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, W
   // Nodes entered after this hold no hit that counts.
   float limit = ray.segment ? kSegmentEnd : std::numeric_limits<float>::infinity();
 
-  PendingNode stack[kBvhStackSize];
+  std::conditional_t<kAny, PendingAny, PendingClosest> stack[kBvhStackSize + kBvhWidth];
   int depth = 0;
-  stack[depth++] = {0.0f, ChildRef::Inner(0).bits()};
+  if constexpr (kAny) {
+    stack[depth++] = {ChildRef::Inner(0).bits()};
+  } else {
+    stack[depth++] = {0.0f, ChildRef::Inner(0).bits()};
+  }
   while (depth > 0) {
-    const PendingNode pending = stack[--depth];
-    if (pending.entry > limit) continue;
+    const auto pending = stack[--depth];
+    if (pending.after(limit)) continue;
     if (pending.ref().is_leaf()) {
       ++stats->leaves;
       const LeafView leaf(bvh, pending.ref());
@@ -186,19 +214,22 @@ HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, W
     exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[fz]), oz), iz), exit);
     const auto met = hn::And(hn::Le(hn::Max(entry, hn::Zero(d)), hn::MulAdd(exit, scale, shift)),
                              hn::Le(entry, hn::Set(d, limit)));
-    uint32_t bits = MaskBits(d, met) & ((1u << node.child_count) - 1);
-    HWY_ALIGN float entries[kBvhWidth];
-    hn::Store(entry, d, entries);
-    // Pushed so that the nearest is on top: insertion from the far end, few children are met.
-    const int base = depth;
-    for (; bits != 0; bits &= bits - 1) {
-      const int i = std::countr_zero(bits);
-      int at = depth++;
-      while (at > base && stack[at - 1].entry < entries[i]) {
-        stack[at] = stack[at - 1];
-        --at;
+    if constexpr (kAny) depth += PushChildren(d, node, met, stack + depth);
+    if constexpr (!kAny) {
+      uint32_t bits = MaskBits(d, met) & ((1u << node.child_count) - 1);
+      HWY_ALIGN float entries[kBvhWidth];
+      hn::Store(entry, d, entries);
+      // Pushed so that the nearest is on top: insertion from the far end, few children are met.
+      const int base = depth;
+      for (; bits != 0; bits &= bits - 1) {
+        const int i = std::countr_zero(bits);
+        int at = depth++;
+        while (at > base && stack[at - 1].entry < entries[i]) {
+          stack[at] = stack[at - 1];
+          --at;
+        }
+        stack[at] = {entries[i], node.child[i].bits()};
       }
-      stack[at] = {entries[i], node.child[i].bits()};
     }
   }
   return best;
