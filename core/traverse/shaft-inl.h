@@ -32,7 +32,6 @@
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
-#include "hwy/cache_control.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
@@ -104,8 +103,8 @@ class ShaftWalk {
       if (pending.after(bounds_.all_far)) continue;
       if (++visited % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
         return false;
-      if (depth > 0) Prefetch(ChildRef::FromBits(stack[depth - 1].ref_bits));
-      const ChildRef ref = ChildRef::FromBits(pending.ref_bits);
+      if (depth > 0) PrefetchChild(scene_.bvh, stack[depth - 1].ref());
+      const ChildRef ref = pending.ref();
       if (ref.is_leaf()) {
         work += 2 + VisitLeaf(ref);
         if (bounds_.open_blocks == 0) return true;
@@ -125,22 +124,6 @@ class ShaftWalk {
       }
     }
     return true;
-  }
-
-  // What is visited next is fetched while the present node or leaf is worked on.
-  HWY_INLINE void Prefetch(ChildRef ref) const {
-    constexpr size_t kLine = 64;
-    const char* at;
-    size_t bytes;
-    if (ref.is_leaf()) {
-      at = reinterpret_cast<const char*>(scene_.bvh.leaves.data() +
-                                         size_t{ref.leaf_unit()} * kUnitFloats);
-      bytes = ref.leaf_units() * kUnitFloats * sizeof(float);
-    } else {
-      at = reinterpret_cast<const char*>(&scene_.bvh.nodes[ref.node()]);
-      bytes = sizeof(BvhNode);
-    }
-    for (size_t i = 0; i < bytes; i += kLine) hwy::Prefetch(at + i);
   }
 
   // Pushes the boxes that the shaft may meet, for closest hits the nearest on top. Returns the new

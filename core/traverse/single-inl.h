@@ -24,6 +24,7 @@
 #include "core/intersect/predicate-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/trace_ray.h"
+#include "hwy/cache_control.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -122,6 +123,21 @@ HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const PredicateR
   if (hit < *best) *best = hit;
 }
 
+// What is visited next is fetched while the present node or leaf is worked on.
+HWY_INLINE void PrefetchChild(const Bvh& bvh, ChildRef ref) {
+  constexpr size_t kLine = 64;
+  const char* at;
+  size_t bytes;
+  if (ref.is_leaf()) {
+    at = reinterpret_cast<const char*>(bvh.leaves.data() + size_t{ref.leaf_unit()} * kUnitFloats);
+    bytes = ref.leaf_units() * kUnitFloats * sizeof(float);
+  } else {
+    at = reinterpret_cast<const char*>(&bvh.nodes[ref.node()]);
+    bytes = sizeof(BvhNode);
+  }
+  for (size_t i = 0; i < bytes; i += kLine) hwy::Prefetch(at + i);
+}
+
 // A child to visit; for closest hits with its entry, so that those behind a hit are passed over.
 // Trivial: a walk's stack is not initialized.
 struct PendingAny {
@@ -185,6 +201,7 @@ HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, W
   while (depth > 0) {
     const auto pending = stack[--depth];
     if (pending.after(limit)) continue;
+    if (depth > 0) PrefetchChild(bvh, stack[depth - 1].ref());
     if (pending.ref().is_leaf()) {
       ++stats->leaves;
       const LeafView leaf(bvh, pending.ref());
