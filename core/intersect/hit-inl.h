@@ -121,8 +121,8 @@ HWY_INLINE V HitDistances(D d, const TriangleDistance& t, Vec3f origin, bool seg
     const auto share = [&](Vec3d form) HWY_ATTR {
       const auto one = hn::Set(dd, 1.0), zero = hn::Zero(dd);
       const auto held = [&](auto s) HWY_ATTR {
-        return hn::DemoteTo(half, hn::IfThenElse(hn::Gt(s, zero),
-                                                 hn::IfThenElse(hn::Lt(s, one), s, one), zero));
+        return hn::DemoteTo(
+            half, hn::IfThenElse(hn::Gt(s, zero), hn::IfThenElse(hn::Lt(s, one), s, one), zero));
       };
       return hn::Combine(d, held(hn::Mul(DotInDoubles(dd, form, high_d), high)),
                          held(hn::Mul(DotInDoubles(dd, form, low_d), low)));

@@ -10,8 +10,8 @@
 namespace sightline {
 namespace {
 
-// AUTO's rule for rays that belong together: a shaft of one to three rays costs more than the single
-// walk, which tests eight boxes and sixteen triangles a step whatever the number of rays.
+// AUTO's rule for rays that belong together: a shaft of one to three rays costs more than the
+// single walk, which tests eight boxes and sixteen triangles a step whatever the number of rays.
 constexpr int kMinShaftRays = 4;
 
 }  // namespace

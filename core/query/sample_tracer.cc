@@ -75,11 +75,10 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
   for (size_t i = 0; i < n; ++i) {
-    rays[i] = {
-        .ray = PredicateRay::Ray(packet_.target(static_cast<int>(i)), sample.value),
-        .mask = mask,
-        .from_source = sources_[i],
-        .to_source = sample.source_triangle};
+    rays[i] = {.ray = PredicateRay::Ray(packet_.target(static_cast<int>(i)), sample.value),
+               .mask = mask,
+               .from_source = sources_[i],
+               .to_source = sample.source_triangle};
   }
   SL_RETURN_IF_ERROR(TraceRayBlock(scene_, run_, kind_, run_.options().strategy,
                                    std::span<const TraceRay>(rays.data(), n), hits, stats_));

@@ -135,8 +135,7 @@ class TileTrace {
       const hn::Rebind<float, Four> df;
       for (int axis = 0; axis < 3; ++axis) {
         const auto column = hn::LoadU(d, columns_[axis].data() + x);
-        hn::StoreU(hn::DemoteTo(df, hn::Add(column, hn::Set(d, row[axis]))), df,
-                   rows[axis] + lane);
+        hn::StoreU(hn::DemoteTo(df, hn::Add(column, hn::Set(d, row[axis]))), df, rows[axis] + lane);
       }
       return;
     }

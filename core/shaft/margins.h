@@ -8,8 +8,8 @@
 //
 // Slopes (kSlopeMargin). s = fl((u·D)/(w·D)). The numerator errs by at most 3.1u|D|_1 <= 5.4u|D|,
 // so does the denominator, which is at least 0.4|D|; with |s| <= 2.3 the quotient (a product with
-// the reciprocal) errs by 5.4u(1 + 2.3)/0.4 + 2u·2.3 < 50u. Every rectangle of slopes is widened by 64u, and so holds its rays'
-// true slopes.
+// the reciprocal) errs by 5.4u(1 + 2.3)/0.4 + 2u·2.3 < 50u. Every rectangle of slopes is widened by
+// 64u, and so holds its rays' true slopes.
 //
 // Slopes of corners (kCornerMargin). p = fl(A - O) errs by u, its products with the axes by 3.1u:
 // 4.1u|p|_1 each. With w·p >= 0.25|p|_1 (kMinCornerShare; farther out, no slope is taken) the
@@ -42,9 +42,9 @@
 // N·(A-O) errs by 9u·K|A-O|_inf.
 //
 // Inverse distances of hits (kInverseMargin). 1/t = N·D / N·(A-O) is taken from the float stage's
-// N·D ± its bound b and N·(A-O) ± its own. Where N·D > 2b the double quotient of HitDistance is good
-// to 2^-28 relative, its rounding adds u, the hold between slab entry and exit at most 4.1u, the
-// products here 4u: below 10u + 2^-28. kInverseMargin is 16u, on either side.
+// N·D ± its bound b and N·(A-O) ± its own. Where N·D > 2b the double quotient of HitDistance is
+// good to 2^-28 relative, its rounding adds u, the hold between slab entry and exit at most 4.1u,
+// the products here 4u: below 10u + 2^-28. kInverseMargin is 16u, on either side.
 //
 // Parallel rays, from origins P along D
 //
@@ -58,9 +58,10 @@
 // product of differences, good to 8u of its permanent (predicate-inl.h); the chain that subtracts
 // them rounds (A-R)·m three times more: 11u·K(|A-R|_1 + r) < 12u. Over a block (kEdgeMargin), -m·u
 // and -m·v are coefficients: (A-R)·m errs by 7u·K|A-R|_1, m·u and m·v by 10.5u·K each, times r; the
-// basis by 28u·K·r and m·w, which should be zero, by 7u·K·r; offsets by 7u·K·r each; centre ± radius
-// by 4u(K|A-R|_1 + 3.5K·r): together 11u·K|A-R|_1 + 84u·K·r. The plane form N·(A-R) - N·(P-R)
-// likewise with K = |B-A|_1|C-B|_1 and one more coefficient: + 21u·K·r. kEdgeMargin is 128u.
+// basis by 28u·K·r and m·w, which should be zero, by 7u·K·r; offsets by 7u·K·r each; centre ±
+// radius by 4u(K|A-R|_1 + 3.5K·r): together 11u·K|A-R|_1 + 84u·K·r. The plane form N·(A-R) -
+// N·(P-R) likewise with K = |B-A|_1|C-B|_1 and one more coefficient: + 21u·K·r. kEdgeMargin is
+// 128u.
 //
 // Receivers' cap (kCapMargin)
 //

@@ -85,7 +85,8 @@ class ShaftWalk {
   using M = ShaftM;
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-  // A triangle and a block it may touch: block | triangle << shift, and whether it covers the block.
+  // A triangle and a block it may touch: block | triangle << shift, and whether it covers the
+  // block.
   static constexpr uint32_t kTriangleShift = 4, kCovered = 0x100;
 
   // For closest hits `entry` is the depth that nothing in the child comes before.
@@ -155,7 +156,8 @@ class ShaftWalk {
       HWY_ALIGN float depths[kBvhWidth];
       hn::Store(nearest, d8, depths);
       const int base = depth;
-      for (uint32_t bits = MaskBits(d8, met) & ((1u << node.child_count) - 1); bits != 0; bits &= bits - 1) {
+      for (uint32_t bits = MaskBits(d8, met) & ((1u << node.child_count) - 1); bits != 0;
+           bits &= bits - 1) {
         const int i = std::countr_zero(bits);
         int at = depth++;
         while (at > base && stack[at - 1].entry < depths[i]) {
@@ -194,8 +196,7 @@ class ShaftWalk {
     *middle = hn::MulAdd(f0, hn::Load(d, bounds_.mx + first),
                          hn::MulAdd(f1, hn::Load(d, bounds_.my + first), hn::Set(d, form.f[2][i])));
     *radius = hn::MulAdd(hn::Abs(f0), hn::Load(d, bounds_.hx + first),
-                         hn::MulAdd(hn::Abs(f1), hn::Load(d, bounds_.hy + first),
-                                    margin));
+                         hn::MulAdd(hn::Abs(f1), hn::Load(d, bounds_.hy + first), margin));
   }
 
   // One relevant triangle against all blocks. Lists those it may touch, as pairs of triangle and
@@ -238,8 +239,8 @@ class ShaftWalk {
         if constexpr (kAny) {
           if (rays_.segments()) {
             // Some ray must reach the plane; all must pass it for a cover.
-            in = hn::And(in, hn::And(hn::Gt(fastest, hn::Zero(d)),
-                                     hn::Ge(hn::Mul(far, fastest), plane_lo)));
+            in = hn::And(
+                in, hn::And(hn::Gt(fastest, hn::Zero(d)), hn::Ge(hn::Mul(far, fastest), plane_lo)));
             const V near =
                 hn::Mul(hn::Load(d, bounds_.near + first), hn::Set(d, 2.0f - kDepthScale));
             const V plane_hi = hn::Mul(hn::Add(depth, bound), hn::Set(d, kDepthScale));
@@ -258,8 +259,8 @@ class ShaftWalk {
       const uint8_t* open = reinterpret_cast<const uint8_t*>(&bounds_.open_blocks) + first / 8;
       in = hn::And(in, hn::LoadMaskBits(d, open));
       const auto covered = hn::IfThenElseZero(hn::RebindMask(du, cover), hn::Set(du, kCovered));
-      const auto pair = hn::Add(hn::Iota(du, i << kTriangleShift | static_cast<uint32_t>(first)),
-                                covered);
+      const auto pair =
+          hn::Add(hn::Iota(du, i << kTriangleShift | static_cast<uint32_t>(first)), covered);
       // Compressed in a register: a compressing store is microcode.
       hn::StoreU(hn::Compress(pair, hn::RebindMask(du, in)), du, pairs + count);
       count += hn::CountTrue(d, in);
@@ -304,7 +305,7 @@ class ShaftWalk {
     const V underflow = hn::Set(d, kFloatUnderflow), zero = hn::Zero(d);
     const Vec3V<V> own = rays_.Own(at);
     stats_->triangle_tests += hn::CountTrue(d, asked);
-    const auto along = [&](const float (&rows)[3][kMaxLeafTriangles]) HWY_ATTR {
+    const auto along = [&](const float(&rows)[3][kMaxLeafTriangles]) HWY_ATTR {
       return DotV(Broadcast(d, rows[0][i], rows[1][i], rows[2][i]), own);
     };
     V edge[3], bound = hn::Set(d, forms.edge_bound[i]);
@@ -361,15 +362,15 @@ class ShaftWalk {
   }
   HWY_INLINE V PlaneFromCorner(const LeafView& leaf, uint32_t i, size_t at) const {
     const LeafForms& forms = leaf_->forms();
-    const V side = DotV(Broadcast(ShaftD(), forms.normal[0][i], forms.normal[1][i],
-                                  forms.normal[2][i]),
-                        FromCorner(leaf, i, at));
+    const V side =
+        DotV(Broadcast(ShaftD(), forms.normal[0][i], forms.normal[1][i], forms.normal[2][i]),
+             FromCorner(leaf, i, at));
     return kParallel ? hn::Neg(side) : side;
   }
   HWY_INLINE V CornerBound(const LeafView& leaf, uint32_t i, size_t at) const {
     const ShaftD d;
-    return hn::MulAdd(hn::Set(d, leaf_->forms().normal_bound[i]),
-                      NormInfV(FromCorner(leaf, i, at)), hn::Set(d, kFloatUnderflow));
+    return hn::MulAdd(hn::Set(d, leaf_->forms().normal_bound[i]), NormInfV(FromCorner(leaf, i, at)),
+                      hn::Set(d, kFloatUnderflow));
   }
 
   // The side of the triangle's plane in doubles: 1 where it is hit, -1, or 0 where doubles cannot
@@ -431,8 +432,8 @@ class ShaftWalk {
                                hn::Set(d, kFloatUnderflow));
     const V lo = hn::Mul(hn::Sub(rate, bound), hn::Set(d, forms.inverse_lo[i]));
     const V hi = hn::Mul(hn::Add(rate, bound), hn::Set(d, forms.inverse_hi[i]));
-    const M sound = hn::And(hn::Gt(rate, hn::Add(bound, bound)),
-                            hn::Lt(hi, hn::Set(d, kLargestInverse)));
+    const M sound =
+        hn::And(hn::Gt(rate, hn::Add(bound, bound)), hn::Lt(hi, hn::Set(d, kLargestInverse)));
     const V best_lo = hn::Load(d, best_lo_ + at), best_hi = hn::Load(d, best_hi_ + at);
     const M closer = hn::And(hn::And(hit, sound), hn::Gt(lo, best_hi));
     const M farther = hn::And(sound, hn::Lt(hi, best_lo));
@@ -470,8 +471,8 @@ class ShaftWalk {
     const V no_hit = hn::Set(d, rays_.segments() ? kEndInverse : 0.0f);
     ReduceBlocks([](V a, V b) HWY_ATTR { return hn::Min(a, b); },
                  [&](size_t at) HWY_ATTR {
-                   const V q = hn::Mul(hn::Max(hn::Load(d, best_lo_ + at), no_hit),
-                                       rays_.InverseDepth(at));
+                   const V q =
+                       hn::Mul(hn::Max(hn::Load(d, best_lo_ + at), no_hit), rays_.InverseDepth(at));
                    return hn::IfThenElse(LanesOf(bounds_.open, at), q, hn::Set(d, kInfinity));
                  },
                  least);
@@ -492,9 +493,9 @@ class ShaftWalk {
   ShaftRays<kAny, kParallel> rays_;
   ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
   const CancelToken* cancel_ = nullptr;
-  ShaftBounds bounds_;          // Of the set being walked.
-  float depth_of_apex_ = 0;     // w·O, with the margin of a node's depth.
-  bool found_ = false;          // A hit in the leaf being visited.
+  ShaftBounds bounds_;       // Of the set being walked.
+  float depth_of_apex_ = 0;  // w·O, with the margin of a node's depth.
+  bool found_ = false;       // A hit in the leaf being visited.
   // Closest hits: bounds of 1/t of the nearest triangle so far; -inf before there is one.
   alignas(64) float best_lo_[RayPacket::kMaxRays], best_hi_[RayPacket::kMaxRays];
 };

@@ -34,13 +34,14 @@ struct LeafForms {
   alignas(64) float edge_bound[kMaxLeafTriangles];      // Of all three. One origin: times |D|_inf.
   alignas(64) float normal[3][kMaxLeafTriangles];
   alignas(64) float normal_bound[kMaxLeafTriangles];  // Times |D|_inf, or |P-A|_inf.
-  alignas(64) float turn[kMaxLeafTriangles];           // -1 where it was turned round, else 1.
-  alignas(64) float depth[kMaxLeafTriangles];        // normal·(A-O), or normal·(A-R).
-  alignas(64) float depth_bound[kMaxLeafTriangles];  // One origin: its error. Parallel: of the
-                                                     // whole plane form per ray.
-  alignas(64) float inverse_lo[kMaxLeafTriangles];   // Closest: bounds of 1 / (normal·(A-O)).
-  alignas(64) float inverse_hi[kMaxLeafTriangles];   // +inf where it cannot be trusted.
-  // Against a block of rays: forms, good to their margins, and the triangle's own rectangle of slopes or offsets.
+  alignas(64) float turn[kMaxLeafTriangles];          // -1 where it was turned round, else 1.
+  alignas(64) float depth[kMaxLeafTriangles];         // normal·(A-O), or normal·(A-R).
+  alignas(64) float depth_bound[kMaxLeafTriangles];   // One origin: its error. Parallel: of the
+                                                      // whole plane form per ray.
+  alignas(64) float inverse_lo[kMaxLeafTriangles];    // Closest: bounds of 1 / (normal·(A-O)).
+  alignas(64) float inverse_hi[kMaxLeafTriangles];    // +inf where it cannot be trusted.
+  // Against a block of rays: forms, good to their margins, and the triangle's own rectangle of
+  // slopes or offsets.
   alignas(64) float x0[kMaxLeafTriangles], x1[kMaxLeafTriangles];
   alignas(64) float y0[kMaxLeafTriangles], y1[kMaxLeafTriangles];
   FrameForm edge_form[3], plane_form;
@@ -100,18 +101,16 @@ class ShaftLeaf {
     const V3 oa = SubV(a, o), ob = SubV(b, o), oc = SubV(c, o);
     const V oa1 = Norm1V(oa), ob1 = Norm1V(ob), oc1 = Norm1V(oc);
     const V reach = hn::Max(hn::Max(oa1, ob1), oc1);
-    const V margin = hn::MulAdd(hn::Add(reach, hn::Set(d, rays_.spread())),
-                                hn::Set(d, kBoxMargin), hn::Set(d, kFloatUnderflow));
+    const V margin = hn::MulAdd(hn::Add(reach, hn::Set(d, rays_.spread())), hn::Set(d, kBoxMargin),
+                                hn::Set(d, kFloatUnderflow));
     V least = hn::Set(d, std::numeric_limits<float>::infinity());
     for (int i = 0; i < bounds.side_count; ++i) {
       const ShaftSide& side = bounds.sides[i];
-      const V most =
-          hn::Max(hn::Max(Along(side.n, oa), Along(side.n, ob)), Along(side.n, oc));
+      const V most = hn::Max(hn::Max(Along(side.n, oa), Along(side.n, ob)), Along(side.n, oc));
       least = hn::Min(least, hn::Sub(most, hn::Set(d, side.local)));
     }
-    const uint32_t in_use =
-        leaf.count - first >= hn::Lanes(d) ? (1u << hn::Lanes(d)) - 1
-                                           : (1u << (leaf.count - first)) - 1;
+    const uint32_t in_use = leaf.count - first >= hn::Lanes(d) ? (1u << hn::Lanes(d)) - 1
+                                                               : (1u << (leaf.count - first)) - 1;
     ShaftM in = hn::Ge(hn::Add(least, margin), hn::Zero(d));
     if constexpr (!kAny) {
       // A closest hit's distance may leave an ill-conditioned triangle, but not its box (hit.h).
@@ -153,8 +152,8 @@ class ShaftLeaf {
     }
     const hn::RebindToUnsigned<ShaftD> du;
     if (rays_.common_source() != kNoTriangle) {
-      const auto ids = hn::LoadU(du, reinterpret_cast<const uint32_t*>(
-                                         leaf.rows + 9 * leaf.stride + first));
+      const auto ids =
+          hn::LoadU(du, reinterpret_cast<const uint32_t*>(leaf.rows + 9 * leaf.stride + first));
       relevant &= ~MaskBits(du, hn::Eq(ids, hn::Set(du, rays_.common_source())));
     }
     const uint32_t unsure = relevant & MaskBits(d, hn::Le(hn::Abs(turn), turn_bound));
@@ -201,10 +200,9 @@ class ShaftLeaf {
         edge[e] = turned(CrossV(*corner_of[e], *along[e]));
         for (int j = 0; j < 3; ++j) frame[e][j] = Along(axes_[j], edge[e]);
       }
-      const V middle =
-          hn::MulAdd(frame[e][0], cx, hn::MulAdd(frame[e][1], cy, frame[e][2]));
-      const V radius = hn::MulAdd(hn::Abs(frame[e][0]), ex,
-                                  hn::MulAdd(hn::Abs(frame[e][1]), ey, edge_margin));
+      const V middle = hn::MulAdd(frame[e][0], cx, hn::MulAdd(frame[e][1], cy, frame[e][2]));
+      const V radius =
+          hn::MulAdd(hn::Abs(frame[e][0]), ex, hn::MulAdd(hn::Abs(frame[e][1]), ey, edge_margin));
       met = hn::And(met, hn::Ge(hn::Add(middle, radius), hn::Zero(d)));
     }
     relevant = MaskBits(d, met);
@@ -315,8 +313,8 @@ class ShaftLeaf {
         }
         turns[i] = static_cast<float>(turn);
       }
-      if (turn == 0 || (!scene_.geometry.uniform &&
-                        !ObjectBlocks(scene_.geometry, leaf.id(lane), rays_.packet().mask, -turn))) {
+      if (turn == 0 || (!scene_.geometry.uniform && !ObjectBlocks(scene_.geometry, leaf.id(lane),
+                                                                  rays_.packet().mask, -turn))) {
         kept &= ~(1u << i);
       }
     }

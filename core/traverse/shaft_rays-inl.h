@@ -63,7 +63,8 @@ HWY_INLINE void ReduceBlocks(const Op& op, const Fetch& fetch, float* out) {
     for (size_t b = 0; b < kLanes; ++b) {
       const size_t at = (first + b) * kShaftBlockRays;
       rows[b] = fetch(at);
-      for (size_t i = kLanes; i < kShaftBlockRays; i += kLanes) rows[b] = op(rows[b], fetch(at + i));
+      for (size_t i = kLanes; i < kShaftBlockRays; i += kLanes)
+        rows[b] = op(rows[b], fetch(at + i));
     }
     for (size_t n = kLanes / 2; n > 0; n /= 2) {
       for (size_t i = 0; i < n; ++i) {
@@ -130,7 +131,8 @@ class ShaftRays {
     Vec3V<ShaftV> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     ShaftV widest = hn::Zero(d);
     for (size_t i = 0; i < padded_; i += lanes) {
-      Vec3V<ShaftV> own = {hn::Load(d, row(0) + i), hn::Load(d, row(1) + i), hn::Load(d, row(2) + i)};
+      Vec3V<ShaftV> own = {hn::Load(d, row(0) + i), hn::Load(d, row(1) + i),
+                           hn::Load(d, row(2) + i)};
       if (kParallel || segments()) own = SubV(own, o);
       hn::Store(own.x, d, own_[0] + i);
       hn::Store(own.y, d, own_[1] + i);
@@ -170,8 +172,8 @@ class ShaftRays {
     if (kParallel || segments()) {
       const hn::RebindToUnsigned<ShaftD> du;
       for (size_t i = 0; i < padded_ && !has_sources_; i += lanes) {
-        has_sources_ = !hn::AllTrue(
-            du, hn::Eq(hn::Load(du, sources() + i), hn::Set(du, kNoTriangle)));
+        has_sources_ =
+            !hn::AllTrue(du, hn::Eq(hn::Load(du, sources() + i), hn::Set(du, kNoTriangle)));
       }
     }
     float farthest = Norm1(apex_) + spread_;
@@ -508,10 +510,10 @@ class ShaftRays {
   float cap_of_apex_ = 0;
   RaySet active_;  // Rays that no blocker has been found for.
   alignas(64) float own_[3][kMaxRays];
-  alignas(64) float own_inf_[kMaxRays];                      // |D|_inf; one origin only.
+  alignas(64) float own_inf_[kMaxRays];                        // |D|_inf; one origin only.
   alignas(64) float x_[kMaxRays], y_[kMaxRays], z_[kMaxRays];  // Slopes or offsets, and depths.
-  alignas(64) float inverse_z_[kMaxRays];  // One origin only.
-  alignas(64) float cap_[kMaxRays];        // G·(P - C), margin included.
+  alignas(64) float inverse_z_[kMaxRays];                      // One origin only.
+  alignas(64) float cap_[kMaxRays];                            // G·(P - C), margin included.
 };
 
 }  // namespace HWY_NAMESPACE

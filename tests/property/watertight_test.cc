@@ -168,8 +168,8 @@ TEST(WatertightTest, NoRayLeavesAClosedMeshThroughAVertexOrAnEdge) {
         const bool any = block % 2 == 0;
         ASSERT_TRUE((any ? kernels.occluded_packet : kernels.closest_packet)(mesh.indexed, *packet,
                                                                              nullptr, &stats));
-        ASSERT_NO_FATAL_FAILURE(expect_hits(
-            "packet", simd, [&](size_t i) { return packet->triangle[i]; }));
+        ASSERT_NO_FATAL_FAILURE(
+            expect_hits("packet", simd, [&](size_t i) { return packet->triangle[i]; }));
         ASSERT_TRUE((any ? kernels.occluded_single : kernels.closest_single)(
             mesh.indexed, rays, hits, nullptr, &stats));
         ASSERT_NO_FATAL_FAILURE(expect_hits("single", simd, of_single));

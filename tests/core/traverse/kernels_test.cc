@@ -232,8 +232,7 @@ TEST_P(KernelsTest, ParallelPacketsGiveBruteForcesBits) {
       const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
       std::fill_n(packet->triangle, ParallelPacket::kMaxRays, 12345u);
       WalkStats stats;
-      ASSERT_TRUE(
-          kernels().occluded_parallel_shaft(scene.indexed, *packet, nullptr, &stats));
+      ASSERT_TRUE(kernels().occluded_parallel_shaft(scene.indexed, *packet, nullptr, &stats));
       for (int lane = 0; lane < count; ++lane) {
         const Hit hit = {0.0f, packet->triangle[lane]};
         ASSERT_EQ(hit.triangle != kNoTriangle, truth[lane].triangle != kNoTriangle)
