@@ -257,7 +257,7 @@ CameraCase MakeCamera(const IndexedGeometry& scene, Placer& placer, Random& rand
     result.camera = *camera;
     TileRect& tile = result.tile;
     const bool small = random.Chance(0.3);
-    const uint32_t largest = eye.extreme ? 8 : 64;
+    const uint32_t largest = eye.extreme ? 8 : random.Chance(0.15) ? 256 : 64;
     const auto side = [&] {
       return small ? 1 + static_cast<uint32_t>(random.Below(largest)) : largest;
     };
@@ -275,6 +275,8 @@ CameraCase MakeCamera(const IndexedGeometry& scene, Placer& placer, Random& rand
 
 PreparedPoints MakeVerifyPoints(const IndexedGeometry& scene, Placer& placer, Random& random) {
   const uint64_t triangles = scene.geometry.triangles.size();
+  // Points a million units away among the others make fat shafts: now and then.
+  const bool outliers = random.Chance(0.05);
   const size_t count = static_cast<size_t>(LogUniform(1, 1500, random));
   const uint64_t first = placer.Triangle(), neighbours = 1 + random.Below(64);
   PreparedPoints points;
@@ -283,7 +285,11 @@ PreparedPoints MakeVerifyPoints(const IndexedGeometry& scene, Placer& placer, Ra
     const uint32_t id = static_cast<uint32_t>((first + random.Below(neighbours)) % triangles);
     const Vec3f on_surface = placer.OnTriangle(id);
     Place place{.kind = PlaceKind::kOnFace, .at = on_surface, .triangle = id};
-    if (!IsFinite(on_surface) || random.Chance(0.1)) place = placer.Anything();
+    if (!IsFinite(on_surface) || random.Chance(0.1)) {
+      do {
+        place = placer.Anything();
+      } while (place.extreme && !outliers);
+    }
     points.positions.push_back(valid ? place.at : Vec3f{});
     points.sources.push_back(random.Chance(0.5) ? place.triangle : kNoTriangle);
     points.valid.push_back(valid);

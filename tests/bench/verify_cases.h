@@ -82,7 +82,7 @@ class Placer {
 
 struct CameraCase {
   Camera camera;
-  TileRect tile;  // Up to 64×64 pixels; 8×8 from an extreme place.
+  TileRect tile;  // Up to 256×256 pixels; 8×8 from an extreme place.
   PlaceKind eye = PlaceKind::kAnywhere;
 };
 // Looks from a place at a place on a surface, along an axis at times; images of 8 to 16384 pixels a
