@@ -62,15 +62,15 @@ Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t r
                     const std::function<void(size_t repetition)>& progress) {
   Timings timings;
   timings.seconds.resize(sides.size());
-  size_t turn = 0;
+  size_t pass = 0;
   for (size_t repetition = 0; repetition < repeats; ++repetition) {
     progress(repetition);
     std::vector<double> spent(sides.size(), 0.0);
     double queries = 0;
     do {
-      for (size_t unit = 0; unit < units.count; ++unit, ++turn) {
+      for (size_t unit = 0; unit < units.count; ++unit) {
         for (size_t k = 0; k < sides.size(); ++k) {
-          const size_t side = (turn + k) % sides.size();
+          const size_t side = (unit + pass + k) % sides.size();
           const double begin = Now();
           sides[side].run(unit);
           spent[side] += Now() - begin;
@@ -78,6 +78,7 @@ Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t r
         }
         queries += static_cast<double>(units.queries(unit));
       }
+      ++pass;
     } while (*std::min_element(spent.begin(), spent.end()) < kMinSeconds);
     timings.queries.push_back(queries);
     for (size_t side = 0; side < sides.size(); ++side) {

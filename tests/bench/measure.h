@@ -4,8 +4,8 @@
 //
 // A pass takes the units of a workload (views, lights, shares of points) in turn, and each unit
 // each side in turn, so that no cache stays warm for one of them; the side that begins changes from
-// unit to unit. A repetition is as many passes as bring every side to kMinSeconds. The figure is
-// the median over the repetitions of the ratio of the sides' times.
+// unit to unit and from pass to pass. A repetition is as many passes as bring every side to
+// kMinSeconds. The figure is the median over the repetitions of the ratio of the sides' times.
 //
 // Thread safety: functions only; nothing else should run on the machine meanwhile.
 //
