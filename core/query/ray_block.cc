@@ -49,18 +49,21 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
 }
 
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
-                              Strategy strategy, RayPacket* packet, QueryStats* stats) {
+                              Strategy strategy, RayPacket* packet, QueryStats* stats,
+                              const ShaftCut* cut) {
   SIGHTLINE_CHECK_LE(packet->count, kBlockRays);
   if (packet->count == 0) return absl::OkStatus();
   strategy = ChooseStrategy(strategy, RayForm::kOneOrigin, kind, packet->count);
   if (strategy == Strategy::kPacket || strategy == Strategy::kShaft) {
     StatsScope scope(stats, strategy, static_cast<uint64_t>(packet->count));
     const Kernels& kernels = run.kernels();
-    const bool shaft = strategy == Strategy::kShaft;
-    const TracePacketFn trace = kind == HitKind::kAny
-                                    ? (shaft ? kernels.occluded_shaft : kernels.occluded_packet)
-                                    : (shaft ? kernels.closest_shaft : kernels.closest_packet);
-    return trace(scene, *packet, run.cancel(), scope.walk()) ? absl::OkStatus() : run.Stopped();
+    const bool any = kind == HitKind::kAny;
+    const bool done = strategy == Strategy::kShaft
+                          ? (any ? kernels.occluded_shaft : kernels.closest_shaft)(
+                                scene, *packet, cut, run.cancel(), scope.walk())
+                          : (any ? kernels.occluded_packet : kernels.closest_packet)(
+                                scene, *packet, run.cancel(), scope.walk());
+    return done ? absl::OkStatus() : run.Stopped();
   }
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
@@ -86,11 +89,11 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
 }
 
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
-                                ParallelPacket* packet, QueryStats* stats) {
+                                ParallelPacket* packet, QueryStats* stats, const ShaftCut* cut) {
   SIGHTLINE_CHECK_LE(packet->count, kBlockRays);
   if (packet->count == 0) return absl::OkStatus();
   StatsScope scope(stats, Strategy::kShaft, static_cast<uint64_t>(packet->count));
-  return run.kernels().occluded_parallel_shaft(scene, *packet, run.cancel(), scope.walk())
+  return run.kernels().occluded_parallel_shaft(scene, *packet, cut, run.cancel(), scope.walk())
              ? absl::OkStatus()
              : run.Stopped();
 }

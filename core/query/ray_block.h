@@ -19,6 +19,9 @@
 namespace sightline {
 
 inline constexpr int kBlockRays = RayPacket::kMaxRays;
+// Neighbouring blocks that begin their walks at a common cut.
+inline constexpr int kGroupBlocks = 16;
+inline constexpr int kGroupRays = kGroupBlocks * kBlockRays;
 
 enum class HitKind : uint8_t { kAny, kClosest };
 
@@ -34,14 +37,16 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
                            Strategy strategy, std::span<const TraceRay> rays, std::span<Hit> hits,
                            QueryStats* stats);
 
-// Up to kBlockRays rays with one origin. packet.origin … target_source are read, packet.hit is
-// written; the mask is taken from the packet.
+// Up to kBlockRays rays with one origin. packet.origin … want_barycentrics are read, its results
+// written; the mask is taken from the packet. `cut` as in kernels.h, used by shafts alone.
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
-                              Strategy strategy, RayPacket* packet, QueryStats* stats);
+                              Strategy strategy, RayPacket* packet, QueryStats* stats,
+                              const ShaftCut* cut = nullptr);
 
 // Up to kBlockRays rays with one direction, any hit, as one shaft.
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
-                                ParallelPacket* packet, QueryStats* stats);
+                                ParallelPacket* packet, QueryStats* stats,
+                                const ShaftCut* cut = nullptr);
 
 }  // namespace sightline
 

@@ -9,21 +9,33 @@
 #include "hwy/highway.h"
 
 namespace sightline {
+namespace {
+
+template <typename Packet>
+void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
+  if (*size >= count) return;
+  *packets = std::make_unique_for_overwrite<Packet[]>(count);
+  *size = count;
+}
+
+}  // namespace
 
 void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources) {
-  SIGHTLINE_CHECK_LE(positions.size(), static_cast<size_t>(kBlockRays));
+  SIGHTLINE_CHECK_LE(positions.size(), static_cast<size_t>(kGroupRays));
   SIGHTLINE_CHECK_EQ(positions.size(), sources.size());
   positions_ = positions;
   sources_ = sources;
-  packet_ready_ = parallel_ready_ = false;
+  packets_ready_ = parallel_ready_ = false;
 }
 
 // A segment's point end is moved toward the light by t_min, in double, rounded once.
-void SampleTracer::LayOut(const LightSample& sample, float* x, float* y, float* z,
-                          uint32_t* sources) {
+int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
+                         uint32_t* sources) const {
+  const size_t first = block * kBlockRays;
+  const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
   const Vec3d toward = ToDouble(sample.value);
-  for (size_t i = 0; i < positions_.size(); ++i) {
-    Vec3f p = positions_[i];
+  for (size_t i = 0; i < count; ++i) {
+    Vec3f p = positions_[first + i];
     if (t_min_ != 0) {
       const Vec3d d = ToDouble(p);
       p = ToFloat(d + (sample.directional ? toward : toward - d) * t_min_);
@@ -32,61 +44,107 @@ void SampleTracer::LayOut(const LightSample& sample, float* x, float* y, float* 
     y[i] = p.y;
     z[i] = p.z;
   }
-  std::copy(sources_.begin(), sources_.end(), sources);
+  std::copy_n(sources_.data() + first, count, sources);
+  return static_cast<int>(count);
 }
 
-absl::Status SampleTracer::Trace(const LightSample& sample) {
+absl::Status SampleTracer::Trace(const LightSample& sample, size_t ordinal) {
   SIGHTLINE_CHECK(sample.valid);
-  const int n = static_cast<int>(positions_.size());
+  if (ordinal >= first_leaves_.size()) first_leaves_.resize(ordinal + 1, RayPacket::kNoLeaf);
+  uint32_t* const first_leaf = &first_leaves_[ordinal];
   const uint32_t mask = run_.options().mask & sample.mask;
-  if (!sample.directional) {
-    packet_.origin = sample.value;
-    packet_.segments = true;
-    packet_.mask = mask;
-    packet_.origin_source = sample.source_triangle;
-    packet_.count = n;
-    if (!packet_ready_) {
-      LayOut(sample, packet_.target_x, packet_.target_y, packet_.target_z, packet_.target_source);
-      packet_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
+  if (!sample.directional) return TraceSegments(sample, mask, first_leaf);
+  const Strategy strategy = ChooseStrategy(run_.options().strategy, RayForm::kParallel, kind_,
+                                           static_cast<int>(positions_.size()));
+  return strategy == Strategy::kShaft ? TraceParallel(sample, mask, first_leaf)
+                                      : TraceOneByOne(sample, mask);
+}
+
+absl::Status SampleTracer::TraceSegments(const LightSample& sample, uint32_t mask,
+                                         uint32_t* first_leaf) {
+  parallel_traced_ = false;
+  Reserve(blocks(), &packets_, &packets_size_);
+  for (size_t b = 0; b < blocks(); ++b) {
+    RayPacket& packet = packets_[b];
+    packet.origin = sample.value;
+    packet.segments = true;
+    packet.mask = mask;
+    packet.origin_source = sample.source_triangle;
+    if (!packets_ready_) {
+      packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
+                            packet.target_source);
     }
-    triangles_ = packet_.triangle;
-    return TracePacketBlock(scene_, run_, kind_, run_.options().strategy, &packet_, stats_);
   }
-  if (ChooseStrategy(run_.options().strategy, RayForm::kParallel, kind_, n) != Strategy::kShaft) {
-    return TraceOneByOne(sample, mask);
+  packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
+  const ShaftCut* cut = nullptr;
+  const Strategy strategy = run_.options().strategy;
+  if (blocks() > 1 &&
+      ChooseStrategy(strategy, RayForm::kOneOrigin, kind_, kBlockRays) == Strategy::kShaft &&
+      run_.kernels().cut_shaft(scene_, std::span<const RayPacket>(packets_.get(), blocks()),
+                               &cut_)) {
+    cut = &cut_;
   }
-  parallel_.direction = sample.value;
-  parallel_.mask = mask;
-  parallel_.direction_source = sample.source_triangle;
-  parallel_.count = n;
-  if (!parallel_ready_) {
-    LayOut(sample, parallel_.origin_x, parallel_.origin_y, parallel_.origin_z,
-           parallel_.origin_source);
-    parallel_ready_ = t_min_ == 0;
+  for (size_t b = 0; b < blocks(); ++b) {
+    packets_[b].first_leaf = *first_leaf;
+    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, strategy, &packets_[b], stats_, cut));
+    *first_leaf = packets_[b].first_leaf;
   }
-  triangles_ = parallel_.triangle;
-  return TraceParallelBlock(scene_, run_, &parallel_, stats_);
+  return absl::OkStatus();
+}
+
+absl::Status SampleTracer::TraceParallel(const LightSample& sample, uint32_t mask,
+                                         uint32_t* first_leaf) {
+  parallel_traced_ = true;
+  Reserve(blocks(), &parallel_, &parallel_size_);
+  for (size_t b = 0; b < blocks(); ++b) {
+    ParallelPacket& packet = parallel_[b];
+    packet.direction = sample.value;
+    packet.mask = mask;
+    packet.direction_source = sample.source_triangle;
+    if (!parallel_ready_) {
+      packet.count = LayOut(sample, b, packet.origin_x, packet.origin_y, packet.origin_z,
+                            packet.origin_source);
+    }
+  }
+  parallel_ready_ = t_min_ == 0;
+  const ShaftCut* cut = nullptr;
+  if (blocks() > 1 &&
+      run_.kernels().cut_parallel_shaft(
+          scene_, std::span<const ParallelPacket>(parallel_.get(), blocks()), &cut_)) {
+    cut = &cut_;
+  }
+  for (size_t b = 0; b < blocks(); ++b) {
+    parallel_[b].first_leaf = *first_leaf;
+    SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, &parallel_[b], stats_, cut));
+    *first_leaf = parallel_[b].first_leaf;
+  }
+  return absl::OkStatus();
 }
 
 absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mask) {
-  packet_ready_ = false;
-  LayOut(sample, packet_.target_x, packet_.target_y, packet_.target_z, packet_.target_source);
-  const size_t n = positions_.size();
+  parallel_traced_ = false;
+  packets_ready_ = false;
+  Reserve(blocks(), &packets_, &packets_size_);
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
-  for (size_t i = 0; i < n; ++i) {
-    rays[i] = {.ray = PredicateRay::Ray(packet_.target(static_cast<int>(i)), sample.value),
-               .mask = mask,
-               .from_source = sources_[i],
-               .to_source = sample.source_triangle};
+  for (size_t b = 0; b < blocks(); ++b) {
+    RayPacket& packet = packets_[b];
+    packet.count =
+        LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z, packet.target_source);
+    for (int i = 0; i < packet.count; ++i) {
+      rays[i] = {.ray = PredicateRay::Ray(packet.target(i), sample.value),
+                 .mask = mask,
+                 .from_source = packet.target_source[i],
+                 .to_source = sample.source_triangle};
+    }
+    SL_RETURN_IF_ERROR(TraceRayBlock(scene_, run_, kind_, run_.options().strategy,
+                                     std::span<const TraceRay>(rays.data(), packet.count), hits,
+                                     stats_));
+    for (int i = 0; i < packet.count; ++i) {
+      packet.t[i] = hits[i].t;
+      packet.triangle[i] = hits[i].triangle;
+    }
   }
-  SL_RETURN_IF_ERROR(TraceRayBlock(scene_, run_, kind_, run_.options().strategy,
-                                   std::span<const TraceRay>(rays.data(), n), hits, stats_));
-  for (size_t i = 0; i < n; ++i) {
-    packet_.t[i] = hits[i].t;
-    packet_.triangle[i] = hits[i].triangle;
-  }
-  triangles_ = packet_.triangle;
   return absl::OkStatus();
 }
 
@@ -94,11 +152,12 @@ uint64_t SampleTracer::LitBits(size_t word) const {
   namespace hn = hwy::HWY_NAMESPACE;
   const hn::CappedTag<uint32_t, 8> d;
   static_assert(hn::MaxLanes(decltype(d)()) == 8, "x86-64-v3 holds eight words in a vector");
-  const size_t first = 64 * word;
-  const size_t count = std::min<size_t>(64, positions_.size() - first);
+  constexpr size_t kBlockWords = kBlockRays / 64;
+  const uint32_t* ids = triangles(word / kBlockWords) + 64 * (word % kBlockWords);
+  const size_t count = std::min<size_t>(64, positions_.size() - 64 * word);
   uint64_t lit = 0;
   for (size_t i = 0; i < count; i += 8) {
-    const auto none = hn::Eq(hn::Load(d, triangles_ + first + i), hn::Set(d, kNoTriangle));
+    const auto none = hn::Eq(hn::Load(d, ids + i), hn::Set(d, kNoTriangle));
     uint8_t bits[8];
     hn::StoreMaskBits(d, none, bits);
     lit |= uint64_t{bits[0]} << i;

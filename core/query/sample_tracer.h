@@ -1,19 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A block of points, put to one light sample after another: what ComputeShadows and the lit outputs
-// of tiles share. The points are laid out once for all samples. Internal to core/query.
+// A group of points, put to one light sample after another: what ComputeShadows and the lit outputs
+// of tiles share. The points are laid out once for all samples, in blocks that walk as one; the
+// blocks of a group begin their walks together. Internal to core/query.
 //
 // Thread safety: belongs to one thread.
 //
 //   SampleTracer tracer(scene, run, HitKind::kAny, /*t_min=*/0, &stats);
 //   tracer.SetPoints(positions, sources);
-//   SL_RETURN_IF_ERROR(tracer.Trace(sample));
+//   SL_RETURN_IF_ERROR(tracer.Trace(sample, ordinal));
 //   ... tracer.triangle(i) == kNoTriangle: point i is lit.
 #ifndef SIGHTLINE_CORE_QUERY_SAMPLE_TRACER_H_
 #define SIGHTLINE_CORE_QUERY_SAMPLE_TRACER_H_
 
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "core/accel/indexed_geometry.h"
@@ -31,23 +34,32 @@ class SampleTracer {
                QueryStats* stats)
       : scene_(scene), run_(run), kind_(kind), t_min_(t_min), stats_(stats) {}
 
-  // At most kBlockRays points, all valid; kept by reference until the next call.
+  // At most kGroupRays points, all valid; kept by reference until the next call.
   void SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources);
 
   // A sample that is a point starts the segments, one that is a direction is what rays from the
-  // points run toward. REQUIRES: sample.valid. On success triangle(i) is the first or, for kAny,
-  // some blocker of point i.
-  absl::Status Trace(const LightSample& sample);
+  // points run toward. `ordinal` tells samples apart, from group to group. REQUIRES: sample.valid.
+  // On success triangle(i) is the first or, for kAny, some blocker of point i.
+  absl::Status Trace(const LightSample& sample, size_t ordinal);
 
   size_t count() const { return positions_.size(); }
-  uint32_t triangle(size_t i) const { return triangles_[i]; }
-  float t(size_t i) const { return packet_.t[i]; }  // kClosest only.
+  uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }
+  // kClosest only.
+  float t(size_t i) const { return packets_[i / kBlockRays].t[i % kBlockRays]; }
   // 64 points from 64·word: bit i set where point i is lit. Bits past the last point are 0.
   uint64_t LitBits(size_t word) const;
 
  private:
+  size_t blocks() const { return (positions_.size() + kBlockRays - 1) / kBlockRays; }
+  const uint32_t* triangles(size_t block) const {
+    return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
+  }
+  absl::Status TraceSegments(const LightSample& sample, uint32_t mask, uint32_t* first_leaf);
+  absl::Status TraceParallel(const LightSample& sample, uint32_t mask, uint32_t* first_leaf);
   absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask);
-  void LayOut(const LightSample& sample, float* x, float* y, float* z, uint32_t* sources);
+  // The points of a block as the ends of segments, or origins of rays, of `sample`.
+  int LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
+             uint32_t* sources) const;
 
   const IndexedGeometry& scene_;
   const QueryRun& run_;
@@ -56,10 +68,15 @@ class SampleTracer {
   QueryStats* const stats_;
   std::span<const Vec3f> positions_;
   std::span<const uint32_t> sources_;
-  bool packet_ready_ = false, parallel_ready_ = false;  // Rows hold the points.
-  const uint32_t* triangles_ = nullptr;
-  RayPacket packet_;
-  ParallelPacket parallel_;
+  // Rows hold the points of this group.
+  bool packets_ready_ = false, parallel_ready_ = false;
+  bool parallel_traced_ = false;  // Where the last results are.
+  // By block; made when first needed, and not initialized.
+  size_t packets_size_ = 0, parallel_size_ = 0;
+  std::unique_ptr<RayPacket[]> packets_;
+  std::unique_ptr<ParallelPacket[]> parallel_;
+  ShaftCut cut_;
+  std::vector<uint32_t> first_leaves_;  // By sample: RayPacket::first_leaf for its next packet.
 };
 
 }  // namespace sightline

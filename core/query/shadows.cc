@@ -2,10 +2,10 @@
 #include "core/query/shadows.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cstring>
 #include <limits>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
@@ -57,32 +57,33 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   }
   const HitKind kind = outputs.blockers ? HitKind::kClosest : HitKind::kAny;
 
-  std::array<Vec3f, kBlockRays> positions;
-  std::array<uint32_t, kBlockRays> sources;
-  std::array<size_t, kBlockRays> index;
+  const size_t group = std::min<size_t>(kGroupRays, n);
+  std::vector<Vec3f> positions(group);
+  std::vector<uint32_t> sources(group);
+  std::vector<size_t> index(group);
   SampleTracer tracer(scene, run, kind, shadow.t_min, &out.stats);
   std::vector<uint32_t> order;
   const bool ordered = IsScattered(points.positions, points.valid);
   if (ordered) order = MortonOrder(points.positions, points.valid);
   const size_t end = ordered ? order.size() : n;
   for (size_t next = 0; next < end;) {
-    // A block of valid points, put to every sample in turn, so that sums run in sample order.
+    // A group of valid points, put to every sample in turn, so that sums run in sample order.
     const size_t first = next;
     size_t count = 0;
-    for (; next < end && count < kBlockRays; ++next) {
+    for (; next < end && count < kGroupRays; ++next) {
       const size_t p = ordered ? order[next] : next;
       if (!points.valid[p]) continue;
       positions[count] = points.positions[p];
       sources[count] = points.sources[p];
       index[count++] = p;
     }
-    // Whole bytes of bits are stored where the block's points follow one another.
+    // Whole bytes of bits are stored where the group's points follow one another.
     const bool dense = !ordered && next - first == count && first % 8 == 0;
     tracer.SetPoints(std::span<const Vec3f>(positions.data(), count),
                      std::span<const uint32_t>(sources.data(), count));
     for (size_t s = 0; s < samples.size(); ++s) {
       if (!samples[s].valid) continue;
-      SL_RETURN_IF_ERROR(tracer.Trace(samples[s]));
+      SL_RETURN_IF_ERROR(tracer.Trace(samples[s], s));
       if (outputs.bits) {
         uint8_t* row = out.lit_bits.data() + s * row_bytes;
         for (size_t w = 0; 64 * w < count; ++w) {

@@ -5,6 +5,8 @@
 #include <array>
 #include <cstring>
 #include <limits>
+#include <memory>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
@@ -19,15 +21,17 @@ namespace sightline {
 namespace {
 
 // A block is a square of pixels whose rays walk together; its lanes run through smaller squares, so
-// that the lanes of one SIMD vector are neighbours in both directions.
+// that the lanes of one SIMD vector are neighbours in both directions. Their rows are runs of
+// pixels. A group is a square of blocks that begin their walks together.
 constexpr uint32_t kBlockSide = 16;
+constexpr uint32_t kRunPixels = 4;
 constexpr uint32_t kGroupSide = 4;
-static_assert(kBlockSide * kBlockSide == kBlockRays);
+static_assert(kBlockSide * kBlockSide == kBlockRays && kGroupSide * kGroupSide == kGroupBlocks);
 
 // AVX2, the floor, is enough to lay rays out: four doubles.
 namespace hn = hwy::HWY_NAMESPACE;
-using Four = hn::CappedTag<double, kGroupSide>;
-static_assert(hn::MaxLanes(Four()) == kGroupSide, "x86-64-v3 holds four doubles in a vector");
+using Four = hn::CappedTag<double, kRunPixels>;
+static_assert(hn::MaxLanes(Four()) == kRunPixels, "x86-64-v3 holds four doubles in a vector");
 
 absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
   const auto check = [](const char* field, uint64_t begin, uint64_t extent, const char* side,
@@ -60,10 +64,24 @@ class TileTrace {
         row_bytes_((pixels_ + 7) / 8),
         out_(*out),
         tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, &out->shadow) {
-    packet_.origin = eye;
-    packet_.segments = false;
-    packet_.mask = options.mask;
-    packet_.want_barycentrics = outputs.uv;
+    // As many blocks as the tile fills, at most a group.
+    const auto blocks = [](uint32_t side) { return (side + kBlockSide - 1) / kBlockSide; };
+    const size_t most = size_t{std::min(blocks(tile.width), kGroupSide)} *
+                        std::min(blocks(tile.height), kGroupSide);
+    packets_ = std::make_unique_for_overwrite<RayPacket[]>(most);
+    pixels_of_.resize(most);
+    columns_of_.resize(most);
+    for (size_t b = 0; b < most; ++b) {
+      packets_[b].origin = eye;
+      packets_[b].segments = false;
+      packets_[b].mask = options.mask;
+      packets_[b].want_barycentrics = outputs.uv;
+    }
+    if (outputs.lit || outputs.points) {
+      positions_.resize(most * kBlockRays);
+      sources_.resize(most * kBlockRays);
+      point_pixel_.resize(most * kBlockRays);
+    }
     if (outputs.hits) out_.hit_bits.assign(row_bytes_, 0);
     if (outputs.ids) out_.triangle.assign(pixels_, kNoTriangle);
     if (outputs.depth) out_.depth.assign(pixels_, std::numeric_limits<float>::infinity());
@@ -82,9 +100,10 @@ class TileTrace {
   }
 
   absl::Status Run() {
-    for (uint32_t y = 0; y < tile_.height; y += kBlockSide) {
-      for (uint32_t x = 0; x < tile_.width; x += kBlockSide) {
-        SL_RETURN_IF_ERROR(TraceBlock(x, y));
+    constexpr uint32_t kSide = kGroupSide * kBlockSide;
+    for (uint32_t y = 0; y < tile_.height; y += kSide) {
+      for (uint32_t x = 0; x < tile_.width; x += kSide) {
+        SL_RETURN_IF_ERROR(TraceGroup(x, y));
       }
     }
     if (outputs_.points) SortPoints();
@@ -92,45 +111,73 @@ class TileTrace {
   }
 
  private:
-  absl::Status TraceBlock(uint32_t x0, uint32_t y0) {
+  // The blocks of a group, from a common cut.
+  absl::Status TraceGroup(uint32_t x0, uint32_t y0) {
+    size_t count = 0;
+    for (uint32_t y = y0; y < std::min(y0 + kGroupSide * kBlockSide, tile_.height);
+         y += kBlockSide) {
+      for (uint32_t x = x0; x < std::min(x0 + kGroupSide * kBlockSide, tile_.width);
+           x += kBlockSide) {
+        PlaceBlock(count++, x, y);
+      }
+    }
+    // Which pixels are hit is answered by any hit; all else needs the first.
+    const bool need_first =
+        outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
+    const HitKind kind = need_first ? HitKind::kClosest : HitKind::kAny;
+    const Strategy strategy = run_.options().strategy;
+    const ShaftCut* cut = nullptr;
+    {
+      const StatsScope scope(&out_.primary, strategy, /*rays=*/0);
+      if (count > 1 &&
+          ChooseStrategy(strategy, RayForm::kOneOrigin, kind, kBlockRays) == Strategy::kShaft &&
+          run_.kernels().cut_shaft(scene_, std::span<const RayPacket>(packets_.get(), count),
+                                   &cut_)) {
+        cut = &cut_;
+      }
+    }
+    for (size_t b = 0; b < count; ++b) {
+      SL_RETURN_IF_ERROR(
+          TracePacketBlock(scene_, run_, kind, strategy, &packets_[b], &out_.primary, cut));
+      if (columns_of_[b] % kRunPixels == 0) {
+        for (int i = 0; i < packets_[b].count; i += kRunPixels) WriteRun(b, i);
+      } else {
+        for (int i = 0; i < packets_[b].count; ++i) WriteHit(b, i);
+      }
+    }
+    if (outputs_.lit || outputs_.points) return ShadeGroup(count);
+    return absl::OkStatus();
+  }
+
+  // Block b: the pixels from (x0, y0) of the tile.
+  void PlaceBlock(size_t b, uint32_t x0, uint32_t y0) {
     const uint32_t width = std::min(kBlockSide, tile_.width - x0);
     const uint32_t height = std::min(kBlockSide, tile_.height - y0);
     int count = 0;
-    for (uint32_t gy = 0; gy < height; gy += kGroupSide) {
-      for (uint32_t gx = 0; gx < width; gx += kGroupSide) {
-        const uint32_t columns = std::min(kGroupSide, width - gx);
-        for (uint32_t y = gy; y < std::min(gy + kGroupSide, height); ++y) {
-          PlaceRays(x0 + gx, y0 + y, columns, count);
+    for (uint32_t gy = 0; gy < height; gy += kRunPixels) {
+      for (uint32_t gx = 0; gx < width; gx += kRunPixels) {
+        const uint32_t columns = std::min(kRunPixels, width - gx);
+        for (uint32_t y = gy; y < std::min(gy + kRunPixels, height); ++y) {
+          PlaceRays(b, x0 + gx, y0 + y, columns, count);
           count += static_cast<int>(columns);
         }
       }
     }
-    packet_.count = count;
-    // Which pixels are hit is answered by any hit; all else needs the first.
-    const bool need_first =
-        outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
-    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_,
-                                        need_first ? HitKind::kClosest : HitKind::kAny,
-                                        run_.options().strategy, &packet_, &out_.primary));
-    if (width % kGroupSide == 0) {
-      for (int i = 0; i < count; i += kGroupSide) WriteGroup(i);
-    } else {
-      for (int i = 0; i < count; ++i) WriteHit(i);
-    }
-    if (outputs_.lit || outputs_.points) return ShadeBlock(count);
-    return absl::OkStatus();
+    packets_[b].count = count;
+    columns_of_[b] = width;
   }
 
   // Lanes `lane` .. for `columns` pixels in a row from (x, y) of the tile.
-  void PlaceRays(uint32_t x, uint32_t y, uint32_t columns, int lane) {
+  void PlaceRays(size_t b, uint32_t x, uint32_t y, uint32_t columns, int lane) {
+    RayPacket& packet = packets_[b];
     const Vec3d& row = rows_[y];
     const uint32_t pixel = y * tile_.width + x;
     for (uint32_t k = 0; k < columns; ++k) {
-      pixel_[lane + k] = pixel + k;
-      packet_.target_source[lane + k] = kNoTriangle;
+      pixels_of_[b][lane + k] = pixel + k;
+      packet.target_source[lane + k] = kNoTriangle;
     }
-    float* const rows[3] = {packet_.target_x, packet_.target_y, packet_.target_z};
-    if (columns == kGroupSide) {
+    float* const rows[3] = {packet.target_x, packet.target_y, packet.target_z};
+    if (columns == kRunPixels) {
       const Four d;
       const hn::Rebind<float, Four> df;
       for (int axis = 0; axis < 3; ++axis) {
@@ -147,64 +194,69 @@ class TileTrace {
   }
 
   // Four lanes that are four pixels in a row.
-  void WriteGroup(int i) {
-    const uint32_t pixel = pixel_[i];
-    constexpr size_t kBytes = kGroupSide * sizeof(float);
+  void WriteRun(size_t b, int i) {
+    const RayPacket& packet = packets_[b];
+    const uint32_t pixel = pixels_of_[b][i];
+    constexpr size_t kBytes = kRunPixels * sizeof(float);
     if (outputs_.hits) {
-      for (uint32_t k = 0; k < kGroupSide; ++k) {
-        const uint8_t hit = packet_.triangle[i + k] != kNoTriangle;
+      for (uint32_t k = 0; k < kRunPixels; ++k) {
+        const uint8_t hit = packet.triangle[i + k] != kNoTriangle;
         out_.hit_bits[(pixel + k) / 8] |= static_cast<uint8_t>(hit << ((pixel + k) % 8));
       }
     }
-    if (outputs_.ids) std::memcpy(&out_.triangle[pixel], packet_.triangle + i, kBytes);
-    if (outputs_.depth) std::memcpy(&out_.depth[pixel], packet_.t + i, kBytes);
+    if (outputs_.ids) std::memcpy(&out_.triangle[pixel], packet.triangle + i, kBytes);
+    if (outputs_.depth) std::memcpy(&out_.depth[pixel], packet.t + i, kBytes);
     if (outputs_.uv) {
-      std::memcpy(&out_.u[pixel], packet_.u + i, kBytes);
-      std::memcpy(&out_.v[pixel], packet_.v + i, kBytes);
+      std::memcpy(&out_.u[pixel], packet.u + i, kBytes);
+      std::memcpy(&out_.v[pixel], packet.v + i, kBytes);
     }
   }
 
-  void WriteHit(int i) {
-    const uint32_t pixel = pixel_[i];
-    if (outputs_.hits && packet_.triangle[i] != kNoTriangle) SetBit(out_.hit_bits.data(), pixel);
-    if (outputs_.ids) out_.triangle[pixel] = packet_.triangle[i];
-    if (outputs_.depth) out_.depth[pixel] = packet_.t[i];
+  void WriteHit(size_t b, int i) {
+    const RayPacket& packet = packets_[b];
+    const uint32_t pixel = pixels_of_[b][i];
+    if (outputs_.hits && packet.triangle[i] != kNoTriangle) SetBit(out_.hit_bits.data(), pixel);
+    if (outputs_.ids) out_.triangle[pixel] = packet.triangle[i];
+    if (outputs_.depth) out_.depth[pixel] = packet.t[i];
     if (outputs_.uv) {
-      out_.u[pixel] = packet_.u[i];
-      out_.v[pixel] = packet_.v[i];
+      out_.u[pixel] = packet.u[i];
+      out_.v[pixel] = packet.v[i];
     }
   }
 
-  absl::Status ShadeBlock(int count) {
-    int points = 0;
+  absl::Status ShadeGroup(size_t blocks) {
+    size_t points = 0;
     {
       // Placing belongs to the shadows' cost, though it asks about no ray.
       const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
-      for (int i = 0; i < count; ++i) {
-        const Hit hit = packet_.hit(i);
-        if (hit.triangle == kNoTriangle) continue;
-        positions_[points] =
-            PlaceHit(scene_, packet_.origin, packet_.target(i), hit.t, hit.triangle);
-        sources_[points] = hit.triangle;
-        point_pixel_[points++] = pixel_[i];
+      for (size_t b = 0; b < blocks; ++b) {
+        const RayPacket& packet = packets_[b];
+        for (int i = 0; i < packet.count; ++i) {
+          const Hit hit = packet.hit(i);
+          if (hit.triangle == kNoTriangle) continue;
+          positions_[points] =
+              PlaceHit(scene_, packet.origin, packet.target(i), hit.t, hit.triangle);
+          sources_[points] = hit.triangle;
+          point_pixel_[points++] = pixels_of_[b][i];
+        }
       }
     }
     if (outputs_.points) {
       out_.points.positions.insert(out_.points.positions.end(), positions_.begin(),
-                                   positions_.begin() + points);
+                                   positions_.begin() + static_cast<ptrdiff_t>(points));
       out_.points.sources.insert(out_.points.sources.end(), sources_.begin(),
-                                 sources_.begin() + points);
+                                 sources_.begin() + static_cast<ptrdiff_t>(points));
       out_.point_pixel.insert(out_.point_pixel.end(), point_pixel_.begin(),
-                              point_pixel_.begin() + points);
+                              point_pixel_.begin() + static_cast<ptrdiff_t>(points));
     }
     if (!outputs_.lit) return absl::OkStatus();
     tracer_.SetPoints(std::span<const Vec3f>(positions_.data(), points),
                       std::span<const uint32_t>(sources_.data(), points));
     for (size_t s = 0; s < samples_.size(); ++s) {
       if (!samples_[s].valid) continue;
-      SL_RETURN_IF_ERROR(tracer_.Trace(samples_[s]));
+      SL_RETURN_IF_ERROR(tracer_.Trace(samples_[s], s));
       uint8_t* row = out_.lit_bits.data() + s * row_bytes_;
-      for (int i = 0; i < points; ++i) {
+      for (size_t i = 0; i < points; ++i) {
         if (tracer_.triangle(i) == kNoTriangle) SetBit(row, point_pixel_[i]);
       }
     }
@@ -239,9 +291,14 @@ class TileTrace {
   const QueryRun run_;
   const size_t pixels_, row_bytes_;
   TileResult& out_;
-  RayPacket packet_;
-  std::array<uint32_t, kBlockRays> pixel_, point_pixel_, sources_;
-  std::array<Vec3f, kBlockRays> positions_;
+  // Of the group being traced, by block: rays, their pixels, and the block's width.
+  std::unique_ptr<RayPacket[]> packets_;
+  std::vector<std::array<uint32_t, kBlockRays>> pixels_of_;
+  std::vector<uint32_t> columns_of_;
+  ShaftCut cut_;
+  // Its points.
+  std::vector<Vec3f> positions_;
+  std::vector<uint32_t> sources_, point_pixel_;
   std::vector<double> columns_[3];  // PixelColumn of each column, by axis.
   std::vector<Vec3d> rows_;         // PixelRow of each row.
   SampleTracer tracer_;

@@ -35,6 +35,8 @@ const Kernels& TargetKernels() {
       .occluded_shaft = &TraceShaft<true>,
       .closest_shaft = &TraceShaft<false>,
       .occluded_parallel_shaft = &TraceParallelShaft,
+      .cut_shaft = &CutShaft<false>,
+      .cut_parallel_shaft = &CutShaft<true>,
   };
   return kKernels;
 }

@@ -16,6 +16,7 @@
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
+#include "core/traverse/shaft_cut.h"
 #include "core/traverse/simd_target.h"
 #include "core/traverse/trace_ray.h"
 
@@ -27,15 +28,26 @@ using TraceRaysFn = bool (*)(const IndexedGeometry& scene, std::span<const Trace
                              std::span<Hit> hits, const CancelToken* cancel, WalkStats* stats);
 using TracePacketFn = bool (*)(const IndexedGeometry& scene, RayPacket& packet,
                                const CancelToken* cancel, WalkStats* stats);
+// From `cut`, made for this packet among others, or from the root if it is null.
+using TraceShaftFn = bool (*)(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut* cut,
+                              const CancelToken* cancel, WalkStats* stats);
 using TraceParallelFn = bool (*)(const IndexedGeometry& scene, ParallelPacket& packet,
-                                 const CancelToken* cancel, WalkStats* stats);
+                                 const ShaftCut* cut, const CancelToken* cancel, WalkStats* stats);
+// A cut for packets with one origin (and all or none `segments`), or one direction. False: there is
+// none, and each starts at the root.
+using CutShaftFn = bool (*)(const IndexedGeometry& scene, std::span<const RayPacket> packets,
+                            ShaftCut* cut);
+using CutParallelFn = bool (*)(const IndexedGeometry& scene,
+                               std::span<const ParallelPacket> packets, ShaftCut* cut);
 
 struct Kernels {
   TraceRaysFn occluded_single, closest_single;    // Depth-first over the BVH, one ray at a time.
   TraceRaysFn occluded_brute, closest_brute;      // Every triangle of the geometry; no structure.
   TracePacketFn occluded_packet, closest_packet;  // Depth-first, rays together.
-  TracePacketFn occluded_shaft, closest_shaft;    // Depth-first, all rays as one convex shaft.
+  TraceShaftFn occluded_shaft, closest_shaft;     // Depth-first, all rays as one convex shaft.
   TraceParallelFn occluded_parallel_shaft;
+  CutShaftFn cut_shaft;
+  CutParallelFn cut_parallel_shaft;
 };
 
 // REQUIRES: SimdTargetAvailable(target).

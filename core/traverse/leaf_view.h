@@ -34,9 +34,15 @@ struct LeafView {
   }
 };
 
+// Whether hits must be put to ObjectBlocks at all. An empty mask sees nothing, not even a uniform
+// scene.
+inline bool MustAskObjects(const SceneGeometry& geometry, uint32_t mask) {
+  return !geometry.uniform || mask == 0;
+}
+
 // Whether the object that owns triangle `id` is seen by `mask` and, if it culls, shows its other
 // side to the origin. `side_of_origin` is SideOfPlane's answer for the origin. Only asked where
-// !geometry.uniform.
+// MustAskObjects.
 inline bool ObjectBlocks(const SceneGeometry& geometry, uint32_t id, uint32_t mask,
                          int side_of_origin) {
   const ObjectRecord& object = geometry.objects[geometry.ObjectOf(id)];

@@ -125,7 +125,8 @@ class PacketLanes {
                           packet_.origin);
       if (turn == 0) return 0;  // The origin lies in its plane.
     }
-    if (!scene_.geometry.uniform && !ObjectBlocks(scene_.geometry, id, packet_.mask, -turn)) {
+    if (MustAskObjects(scene_.geometry, packet_.mask) &&
+        !ObjectBlocks(scene_.geometry, id, packet_.mask, -turn)) {
       return 0;
     }
     return turn;

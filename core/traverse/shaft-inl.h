@@ -30,6 +30,7 @@
 #include "core/intersect/hit.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/packet-inl.h"
+#include "core/traverse/shaft_cut-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 
@@ -42,6 +43,9 @@ namespace hn = hwy::HWY_NAMESPACE;
 constexpr uint32_t kSplitBudget = 100;
 // Sets this small are not split: their walk costs about what two halves would.
 constexpr int kLeastSplitRays = 16;
+// Work per ray after which the rays of a small set are traced one by one: they are spread too far,
+// or too far from their reference, for a shaft to cull anything.
+constexpr uint32_t kSingleWork = 16;
 // Inverse distances above this are compared exactly: their products might overflow.
 constexpr float kLargestInverse = 0x1p100f;
 // A segment's hit is not beyond its end: the inverse of kSegmentEnd, rounding included.
@@ -58,8 +62,9 @@ class ShaftWalk {
   // False: the rays fit no frame.
   bool Prepare() { return rays_.Prepare(); }
 
-  // Returns false if `cancel` fired. REQUIRES: Prepare() was true.
-  bool Run(const CancelToken* cancel) {
+  // From `cut`, or from the root if it is null. Returns false if `cancel` fired. REQUIRES:
+  // Prepare() was true.
+  bool Run(const ShaftCut* cut, const CancelToken* cancel) {
     cancel_ = cancel;
     if constexpr (!kAny) {
       std::fill_n(best_lo_, rays_.padded(), -kInfinity);
@@ -68,13 +73,8 @@ class ShaftWalk {
     if (!scene_.bvh.empty()) {
       ShaftLeaf<kAny, kParallel> leaf(scene_, rays_);
       leaf_ = &leaf;
-      Pending stack[kBvhStackSize + kBvhWidth];  // A vector of children is stored at its end.
-      if constexpr (kAny) {
-        stack[0] = {ChildRef::Inner(0).bits()};
-      } else {
-        stack[0] = {-kInfinity, ChildRef::Inner(0).bits()};
-      }
-      if (!Walk(rays_.active(), stack, 1)) return false;
+      Pending stack[kStackSize];
+      if (!Walk(rays_.active(), cut, stack, 0)) return false;
     }
     if constexpr (!kAny) FinishHits(scene_.geometry, packet_);
     return true;
@@ -85,6 +85,8 @@ class ShaftWalk {
   using M = ShaftM;
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
+  // What a walk can have pending, from a cut on; a whole vector of children is stored at its end.
+  static constexpr size_t kStackSize = kBvhStackSize + ShaftCut::kMaxChildren + kBvhWidth;
   // A triangle and a block it may touch: block | triangle << shift, and whether it covers the
   // block.
   static constexpr uint32_t kTriangleShift = 4, kCovered = 0x100;
@@ -92,12 +94,26 @@ class ShaftWalk {
   // For closest hits `entry` is the depth that nothing in the child comes before.
   using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
 
-  // Returns false if cancelled.
-  bool Walk(const RaySet& set, Pending* stack, int depth) {
+  // `depth` entries are on the stack; if there are none, begins at `cut` or the root. Returns false
+  // if cancelled.
+  bool Walk(const RaySet& set, const ShaftCut* cut, Pending* stack, int depth) {
     const int rays = rays_.Bound(set, &bounds_);
     if (rays == 0) return true;
     if constexpr (!kAny) UpdateFar();
-    uint32_t work = 0;
+    if (depth == 0) {
+      if constexpr (kAny) {
+        if (packet_.first_leaf != RayPacket::kNoLeaf) {
+          VisitLeaf(ChildRef::FromBits(packet_.first_leaf));
+          if (bounds_.open_blocks == 0) return true;
+          packet_.first_leaf = RayPacket::kNoLeaf;
+        }
+      }
+      if (cut == nullptr) depth = VisitNode(scene_.bvh.nodes[0], stack, depth);
+      for (uint32_t i = cut == nullptr ? 0 : cut->node_count; i > 0; --i) {
+        depth = VisitNode(cut->nodes[i - 1], stack, depth);
+      }
+    }
+    uint32_t work = 0, limit = kSplitBudget;
     uint64_t visited = 0;
     while (depth > 0) {
       const Pending pending = stack[--depth];
@@ -108,22 +124,55 @@ class ShaftWalk {
       const ChildRef ref = pending.ref();
       if (ref.is_leaf()) {
         work += 2 + VisitLeaf(ref);
-        if (bounds_.open_blocks == 0) return true;
+        if (bounds_.open_blocks == 0) {
+          if constexpr (kAny) packet_.first_leaf = ref.bits();
+          return true;
+        }
       } else {
         ++work;
         depth = VisitNode(scene_.bvh.nodes[ref.node()], stack, depth);
       }
-      if (kAny && work > kSplitBudget && rays >= 2 * kLeastSplitRays && depth > 0) {
+      if (kAny && work > limit && depth > 0) {
         RaySet halves[2];
-        if (!rays_.Split(bounds_, halves)) {
-          work = 0;  // All rays in one place: nothing to gain by parting them.
-          continue;
+        // Where all are in one place, parting them gains nothing.
+        if (rays < 2 * kLeastSplitRays || !rays_.Split(bounds_, halves)) {
+          if (limit == kSplitBudget) {
+            limit = std::max<uint32_t>(kSplitBudget, kSingleWork * rays) + 1;
+            continue;
+          }
+          return TraceOneByOne();
         }
-        Pending copy[kBvhStackSize + kBvhWidth];
+        Pending copy[kStackSize];
         std::copy_n(stack, depth, copy);
-        return Walk(halves[0], copy, depth) && Walk(halves[1], stack, depth);
+        if (!Walk(halves[0], nullptr, copy, depth)) return false;
+        packet_.first_leaf = RayPacket::kNoLeaf;  // Only what ends the last set is left behind.
+        return Walk(halves[1], nullptr, stack, depth);
       }
     }
+    return true;
+  }
+
+  // The rays of the present set that are still asked about, each from the root. Returns false if
+  // cancelled.
+  HWY_NOINLINE bool TraceOneByOne() {
+    if (cancel_ != nullptr && cancel_->cancelled()) return false;
+    for (uint32_t b = 0; b < kShaftBlocks; ++b) {
+      for (uint32_t rest = bounds_.open[b]; rest != 0; rest &= rest - 1) {
+        const uint32_t r = std::countr_zero(rest), lane = b * kShaftBlockRays + r;
+        packet_.triangle[lane] =
+            WalkSingle<kAny>(
+                scene_,
+                {.ray = packet_.ray(static_cast<int>(lane)),
+                 .mask = packet_.mask,
+                 .from_source = rays_.common_source(),
+                 .to_source = rays_.has_sources() ? rays_.sources()[lane] : kNoTriangle},
+                stats_)
+                .triangle;
+        rays_.active().rays[b] &= static_cast<uint16_t>(~(1u << r));
+      }
+      bounds_.open[b] = 0;
+    }
+    bounds_.open_blocks = 0;
     return true;
   }
 
@@ -133,25 +182,17 @@ class ShaftWalk {
     ++stats_->nodes;
     const hn::CappedTag<float, kBvhWidth> d8;
     using V8 = hn::Vec<decltype(d8)>;
-    const auto product = [&](const float* n, const int* face) HWY_ATTR -> V8 {
-      V8 value = hn::Mul(hn::Set(d8, n[0]), hn::Load(d8, node.bounds[face[0]]));
-      value = hn::MulAdd(hn::Set(d8, n[1]), hn::Load(d8, node.bounds[face[1]]), value);
-      return hn::MulAdd(hn::Set(d8, n[2]), hn::Load(d8, node.bounds[face[2]]), value);
-    };
-    V8 least = hn::Set(d8, kInfinity);  // Over the sides, of the box's largest value.
-    const int sides = bounds_.side_count + (rays_.has_cap() ? 1 : 0);
-    for (int i = 0; i < sides; ++i) {
-      const ShaftSide& side = bounds_.sides[i];
-      least = hn::Min(least, hn::Sub(product(side.n, side.face), hn::Set(d8, side.world)));
-    }
-    auto met = hn::Ge(least, hn::Set(d8, -rays_.node_margin()));
+    auto met = MeetsSides(node, bounds_.sides, bounds_.side_count + (rays_.has_cap() ? 1 : 0),
+                          rays_.node_margin());
     if constexpr (kAny) {
       return depth + PushChildren(d8, node, met, stack + depth);
     } else {
       const Vec3f w = rays_.frame().w;
-      const float axis[3] = {w.x, w.y, w.z};
-      const int face[3] = {w.x >= 0 ? 0 : 3, w.y >= 0 ? 1 : 4, w.z >= 0 ? 2 : 5};
-      const V8 nearest = hn::Sub(product(axis, face), hn::Set(d8, depth_of_apex_));
+      V8 nearest = hn::Set(d8, -depth_of_apex_);
+      for (int k = 0; k < 3; ++k) {
+        nearest = hn::MulAdd(hn::Set(d8, w[k]), hn::Load(d8, node.bounds[w[k] >= 0 ? k : k + 3]),
+                             nearest);
+      }
       met = hn::And(met, hn::Le(nearest, hn::Set(d8, bounds_.all_far)));
       HWY_ALIGN float depths[kBvhWidth];
       hn::Store(nearest, d8, depths);
@@ -502,20 +543,20 @@ class ShaftWalk {
 
 // Rays that no frame holds walk as a packet.
 template <bool kAny>
-bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const CancelToken* cancel,
-                WalkStats* stats) {
+bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut* cut,
+                const CancelToken* cancel, WalkStats* stats) {
   if (packet.count == 0) return true;
   ShaftWalk<kAny, false> walk(scene, packet, stats);
   if (!walk.Prepare()) return TracePacket<kAny>(scene, packet, cancel, stats);
-  return walk.Run(cancel);
+  return walk.Run(cut, cancel);
 }
 
 // Rays that no frame holds walk one by one.
 inline bool TraceParallelShaft(const IndexedGeometry& scene, ParallelPacket& packet,
-                               const CancelToken* cancel, WalkStats* stats) {
+                               const ShaftCut* cut, const CancelToken* cancel, WalkStats* stats) {
   if (packet.count == 0) return true;
   ShaftWalk<true, true> walk(scene, packet, stats);
-  if (walk.Prepare()) return walk.Run(cancel);
+  if (walk.Prepare()) return walk.Run(cut, cancel);
   for (int i = 0; i < packet.count; ++i) {
     if (i % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
     packet.triangle[i] = WalkSingle<true>(scene,

@@ -157,10 +157,11 @@ class ShaftLeaf {
       relevant &= ~MaskBits(du, hn::Eq(ids, hn::Set(du, rays_.common_source())));
     }
     const uint32_t unsure = relevant & MaskBits(d, hn::Le(hn::Abs(turn), turn_bound));
-    if (unsure != 0 || !scene_.geometry.uniform) {
+    const bool ask = MustAskObjects(scene_.geometry, rays_.packet().mask);
+    if (unsure != 0 || ask) {
       HWY_ALIGN float turns[kMaxLeafTriangles];
       hn::Store(turn, d, turns);
-      relevant = TurnExactly(leaf, first, relevant, unsure, turns);
+      relevant = TurnExactly(leaf, first, relevant, unsure, ask, turns);
       turn = hn::Load(d, turns);
     }
     if (relevant == 0) return 0;
@@ -299,9 +300,9 @@ class ShaftLeaf {
   // Settles the turn of those that floats leave open, and drops what blocks nothing: triangles
   // whose plane holds the origin (or D), and those whose object hides from these rays.
   uint32_t TurnExactly(const LeafView& leaf, uint32_t first, uint32_t relevant, uint32_t unsure,
-                       float* turns) const {
+                       bool ask, float* turns) const {
     uint32_t kept = relevant;
-    for (uint32_t left = scene_.geometry.uniform ? unsure : relevant; left != 0; left &= left - 1) {
+    for (uint32_t left = ask ? relevant : unsure; left != 0; left &= left - 1) {
       const uint32_t i = std::countr_zero(left), lane = first + i;
       int turn = turns[i] > 0 ? 1 : -1;
       if ((unsure >> i & 1) != 0) {
@@ -313,8 +314,8 @@ class ShaftLeaf {
         }
         turns[i] = static_cast<float>(turn);
       }
-      if (turn == 0 || (!scene_.geometry.uniform && !ObjectBlocks(scene_.geometry, leaf.id(lane),
-                                                                  rays_.packet().mask, -turn))) {
+      if (turn == 0 ||
+          (ask && !ObjectBlocks(scene_.geometry, leaf.id(lane), rays_.packet().mask, -turn))) {
         kept &= ~(1u << i);
       }
     }

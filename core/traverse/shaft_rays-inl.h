@@ -84,6 +84,74 @@ struct ShaftSide {
   int face[3];  // Rows of a node's bounds where n·x is largest.
 };
 
+inline float Norm1(Vec3f v) { return std::abs(v.x) + std::abs(v.y) + std::abs(v.z); }
+
+// Bounds |x|_1 over a box.
+inline float FarthestNorm1(const Box3f& box) {
+  float sum = 0;
+  for (int k = 0; k < 3; ++k) sum += std::max(std::abs(box.lo[k]), std::abs(box.hi[k]));
+  return sum;
+}
+
+inline void SetSide(Vec3f n, float local, Vec3f apex, ShaftSide* side) {
+  side->local = local;
+  double world = local;
+  for (int k = 0; k < 3; ++k) {
+    side->n[k] = n[k];
+    side->face[k] = n[k] >= 0 ? k + 3 : k;
+    world += static_cast<double>(n[k]) * apex[k];
+  }
+  side->world = static_cast<float>(world);
+}
+
+// The sides of a rectangle of slopes or offsets, the start of parallel rays at `near`, and the end
+// of segments at `far`, if given. Returns how many.
+template <bool kParallel>
+int MakeShaftSides(const ShaftFrame& frame, Vec3f apex, float left, float right, float below,
+                   float above, float near, const float* far, ShaftSide* sides) {
+  const Vec3f u = frame.u, v = frame.v, w = frame.w;
+  int count = 4;
+  if constexpr (kParallel) {
+    SetSide(u, left, apex, &sides[0]);
+    SetSide(-u, -right, apex, &sides[1]);
+    SetSide(v, below, apex, &sides[2]);
+    SetSide(-v, -above, apex, &sides[3]);
+    SetSide(w, near, apex, &sides[count++]);
+  } else {
+    SetSide(u - w * left, 0, apex, &sides[0]);
+    SetSide(w * right - u, 0, apex, &sides[1]);
+    SetSide(v - w * below, 0, apex, &sides[2]);
+    SetSide(w * above - v, 0, apex, &sides[3]);
+    if (far != nullptr) SetSide(-w, -*far, apex, &sides[count++]);
+  }
+  return count;
+}
+
+// A node's eight boxes against the sides: those that are not wholly beyond one of them.
+HWY_INLINE hn::Mask<hn::CappedTag<float, kBvhWidth>> MeetsSides(const BvhNode& node,
+                                                                const ShaftSide* sides, int count,
+                                                                float margin) {
+  const hn::CappedTag<float, kBvhWidth> d8;
+  auto least = hn::Set(d8, std::numeric_limits<float>::infinity());  // Of each box's largest value.
+  for (int i = 0; i < count; ++i) {
+    const ShaftSide& side = sides[i];
+    auto value = hn::Mul(hn::Set(d8, side.n[0]), hn::Load(d8, node.bounds[side.face[0]]));
+    value = hn::MulAdd(hn::Set(d8, side.n[1]), hn::Load(d8, node.bounds[side.face[1]]), value);
+    value = hn::MulAdd(hn::Set(d8, side.n[2]), hn::Load(d8, node.bounds[side.face[2]]), value);
+    least = hn::Min(least, hn::Sub(value, hn::Set(d8, side.world)));
+  }
+  return hn::Ge(least, hn::Set(d8, -margin));
+}
+
+// Rays that a frame can hold. A square that underflows or overflows fails the test, and the rays go
+// another way.
+HWY_INLINE ShaftM FitsFrame(const Vec3V<ShaftV>& direction, ShaftV depth) {
+  const ShaftD d;
+  return hn::And(hn::Ge(depth, hn::Set(d, kLeastDepth)),
+                 hn::Ge(hn::Mul(depth, depth), hn::Mul(hn::Set(d, kMinDepthShare * kMinDepthShare),
+                                                       DotV(direction, direction))));
+}
+
 // The rays of a set that are still asked about, block by block and together.
 struct ShaftBounds {
   alignas(64) uint16_t open[kShaftBlocks];
@@ -176,10 +244,7 @@ class ShaftRays {
             !hn::AllTrue(du, hn::Eq(hn::Load(du, sources() + i), hn::Set(du, kNoTriangle)));
       }
     }
-    float farthest = Norm1(apex_) + spread_;
-    for (int k = 0; k < 3; ++k) {
-      farthest += std::max(std::abs(scene_.bvh.bounds.lo[k]), std::abs(scene_.bvh.bounds.hi[k]));
-    }
+    float farthest = FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread_;
     if (has_cap_) {
       MakeCap();
       farthest += Norm1(cap_at_);
@@ -334,7 +399,6 @@ class ShaftRays {
   }
 
  private:
-  static float Norm1(Vec3f v) { return std::abs(v.x) + std::abs(v.y) + std::abs(v.z); }
   const float* row(int axis) const {
     if constexpr (kParallel) {
       return axis == 0 ? packet_.origin_x : axis == 1 ? packet_.origin_y : packet_.origin_z;
@@ -365,8 +429,6 @@ class ShaftRays {
     const Vec3V<ShaftV> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
     const Vec3V<ShaftV> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
     const Vec3V<ShaftV> w = Broadcast(d, frame_.w.x, frame_.w.y, frame_.w.z);
-    const ShaftV share = hn::Set(d, kMinDepthShare * kMinDepthShare);
-    const ShaftV least = hn::Set(d, kLeastDepth);
     bool fits = true;
     for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
       const Vec3V<ShaftV> own = Own(i);
@@ -376,10 +438,7 @@ class ShaftRays {
         hn::Store(x, d, x_ + i);
         hn::Store(y, d, y_ + i);
       } else {
-        // A square that underflows or overflows fails the test, and the rays go another way.
-        const ShaftM good =
-            hn::And(hn::Ge(z, least), hn::Ge(hn::Mul(z, z), hn::Mul(share, DotV(own, own))));
-        fits = fits && hn::AllTrue(d, good);
+        fits = fits && hn::AllTrue(d, FitsFrame(own, z));
         const ShaftV inverse = hn::Div(hn::Set(d, 1.0f), z);
         hn::Store(inverse, d, inverse_z_ + i);
         hn::Store(hn::Mul(x, inverse), d, x_ + i);
@@ -445,36 +504,12 @@ class ShaftRays {
     }
   }
 
-  static void SetSide(Vec3f n, float local, Vec3f apex, ShaftSide* side) {
-    side->local = local;
-    double world = local;
-    for (int k = 0; k < 3; ++k) {
-      side->n[k] = n[k];
-      side->face[k] = n[k] >= 0 ? k + 3 : k;
-      world += static_cast<double>(n[k]) * apex[k];
-    }
-    side->world = static_cast<float>(world);
-  }
-
   void MakeSides(float left, float right, float below, float above, ShaftBounds* out) const {
-    const Vec3f u = frame_.u, v = frame_.v, w = frame_.w;
-    if constexpr (kParallel) {
-      SetSide(u, left, apex_, &out->sides[0]);
-      SetSide(-u, -right, apex_, &out->sides[1]);
-      SetSide(v, below, apex_, &out->sides[2]);
-      SetSide(-v, -above, apex_, &out->sides[3]);
-      SetSide(w, out->all_near, apex_, &out->sides[4]);
-    } else {
-      SetSide(u - w * left, 0, apex_, &out->sides[0]);
-      SetSide(w * right - u, 0, apex_, &out->sides[1]);
-      SetSide(v - w * below, 0, apex_, &out->sides[2]);
-      SetSide(w * above - v, 0, apex_, &out->sides[3]);
-    }
-    out->side_count = kParallel ? 5 : 4;
+    const bool ends = kAny && segments();
+    out->side_count =
+        MakeShaftSides<kParallel>(frame_, apex_, left, right, below, above, out->all_near,
+                                  ends ? &out->all_far : nullptr, out->sides);
     out->cap_most = std::numeric_limits<float>::infinity();
-    if constexpr (!kParallel) {
-      if (kAny && segments()) SetSide(-w, -out->all_far, apex_, &out->sides[out->side_count++]);
-    }
     if (has_cap_) {
       const ShaftD d;
       ShaftV most = hn::Set(d, cap_of_apex_);

@@ -105,7 +105,7 @@ HWY_INLINE bool TestLeaf(const LeafView& leaf, const TraceRay& query, const Scen
         stats->doubt_exact += stage == PredicateStage::kExact;
         if (!blocks) continue;
       }
-      if (!geometry.uniform &&
+      if (MustAskObjects(geometry, query.mask) &&
           !ObjectBlocks(geometry, id, query.mask, SideOfPlane(a, b, c, ray.origin))) {
         continue;
       }

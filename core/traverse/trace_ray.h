@@ -26,12 +26,17 @@ struct TraceRay {
 // are.
 struct alignas(64) RayPacket {
   static constexpr int kMaxRays = 256;
+  static constexpr uint32_t kNoLeaf = 0xFFFFFFFFu;
 
   Vec3f origin;
   bool segments = true;
   uint32_t mask = 0xFFFFFFFFu;
   uint32_t origin_source = kNoTriangle;
   int count = 0;
+  // Any hit, as a shaft: a leaf to try first (ChildRef bits), of the same scene. The walk leaves
+  // the one behind that blocked the last ray, or kNoLeaf: what darkens one packet may darken the
+  // next.
+  uint32_t first_leaf = kNoLeaf;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
   // Whether u and v are wanted beside a closest hit's t and triangle.
@@ -55,6 +60,7 @@ struct alignas(64) ParallelPacket {
   uint32_t mask = 0xFFFFFFFFu;
   uint32_t direction_source = kNoTriangle;  // What the light itself lies on; it does not block.
   int count = 0;
+  uint32_t first_leaf = RayPacket::kNoLeaf;  // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
   alignas(64) uint32_t triangle[kMaxRays];       // Result: some blocker's id, or kNoTriangle.

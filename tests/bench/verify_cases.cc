@@ -275,8 +275,8 @@ CameraCase MakeCamera(const IndexedGeometry& scene, Placer& placer, Random& rand
 
 PreparedPoints MakeVerifyPoints(const IndexedGeometry& scene, Placer& placer, Random& random) {
   const uint64_t triangles = scene.geometry.triangles.size();
-  // Points a million units away among the others make fat shafts: now and then.
-  const bool outliers = random.Chance(0.05);
+  // Points a million units away among the others make fat shafts.
+  const bool outliers = random.Chance(0.5);
   const size_t count = static_cast<size_t>(LogUniform(1, 1500, random));
   const uint64_t first = placer.Triangle(), neighbours = 1 + random.Below(64);
   PreparedPoints points;

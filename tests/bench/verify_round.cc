@@ -75,15 +75,6 @@ bool VerifyRound::BruteForceAllowed() const {
   return scene_.indexed.geometry.triangles.size() <= options_.max_brute_force_triangles;
 }
 
-// Where every object has the full mask, the engine looks at no mask, an empty one included; nothing
-// is asked there with a mask that the query and the light do not share.
-void VerifyRound::KeepMasksCommon(std::vector<LightSample>& samples) const {
-  if (!scene_.indexed.geometry.uniform) return;
-  for (LightSample& sample : samples) {
-    if ((sample.mask & mask_) == 0) sample.mask = mask_;
-  }
-}
-
 uint64_t VerifyRound::BruteForceRays() const {
   const uint64_t triangles = scene_.indexed.geometry.triangles.size();
   return std::clamp<uint64_t>(options_.brute_force_tests / triangles, 1, 1024);
@@ -125,7 +116,6 @@ void VerifyRound::RunTiles() {
     one.positions = {placer.OnTriangle(placer.Triangle())};
     one.valid = {1};
     lights = MakeVerifyLights(scene_.indexed, one, placer, random_);
-    KeepMasksCommon(lights.samples);
     if (lights.extreme && pixels > kExtremeRays) lights = {};
   }
   const bool lit = !lights.samples.empty(), points = !large && !lit && random_.Chance(0.5);
@@ -229,7 +219,6 @@ void VerifyRound::CheckPixels(const CameraCase& camera, const Way& way, const Ti
 void VerifyRound::RunShadows(PreparedPoints points) {
   Placer placer(scene_.indexed, random_);
   LightCase lights = MakeVerifyLights(scene_.indexed, points, placer, random_);
-  KeepMasksCommon(lights.samples);
   if (lights.extreme && points.size() > kExtremeRays) {
     points.positions.resize(kExtremeRays);
     points.sources.resize(kExtremeRays);

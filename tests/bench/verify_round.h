@@ -46,7 +46,6 @@ class VerifyRound {
   QueryOptions Ask(const Way& way) const;
   void Compare(absl::string_view kind, const Way& way, absl::string_view reference, size_t count,
                const Same& same);
-  void KeepMasksCommon(std::vector<LightSample>& samples) const;
   bool BruteForceAllowed() const;
   uint64_t BruteForceRays() const;  // That a round can afford; at least 1.
 

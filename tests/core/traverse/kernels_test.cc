@@ -116,6 +116,7 @@ TEST_P(KernelsTest, SingleRaysGiveBruteForcesBits) {
 
 TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
   TestRng rng;
+  int64_t cuts = 0;
   const auto packet = std::make_unique<RayPacket>();
   for (const NastyScene& scene : MakeNastyScenes(rng)) {
     SCOPED_TRACE(scene.name);
@@ -153,19 +154,39 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
              .to_source = packet->segments ? packet->target_source[lane] : kNoTriangle});
       }
       const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
+      // A cut of this packet alone, and one that another packet shares.
+      std::vector<RayPacket> pair(2, *packet);
+      pair[1].count = 1 + static_cast<int>(rng.Below(count));
+      ShaftCut alone, shared;
+      const bool cut_alone =
+          kernels().cut_shaft(scene.indexed, std::span<const RayPacket>(packet.get(), 1), &alone);
+      const bool cut_shared = kernels().cut_shaft(scene.indexed, pair, &shared);
+      cuts += cut_alone + cut_shared;
       const struct {
         const char* walk;
-        bool any;
-        TracePacketFn trace;
-      } kWalks[] = {{"packet", false, kernels().closest_packet},
-                    {"packet", true, kernels().occluded_packet},
-                    {"shaft", false, kernels().closest_shaft},
-                    {"shaft", true, kernels().occluded_shaft}};
-      for (const auto& [walk, any, trace] : kWalks) {
+        bool any, shaft;
+        const ShaftCut* cut;
+      } kWalks[] = {{"packet", false, false, nullptr},
+                    {"packet", true, false, nullptr},
+                    {"shaft", false, true, nullptr},
+                    {"shaft", true, true, nullptr},
+                    {"shaft from a cut", false, true, cut_alone ? &alone : nullptr},
+                    {"shaft from a cut", true, true, cut_alone ? &alone : nullptr},
+                    {"shaft from a shared cut", false, true, cut_shared ? &shared : nullptr},
+                    {"shaft from a shared cut", true, true, cut_shared ? &shared : nullptr}};
+      packet->first_leaf = RayPacket::kNoLeaf;
+      int walk_index = 1;
+      for (const auto& [walk, any, shaft, cut] : kWalks) {
         SCOPED_TRACE(walk);
         std::fill_n(packet->triangle, RayPacket::kMaxRays, 12345u);
+        // Now and then the leaf that the walk before this one ended in.
+        if (walk_index++ % 4 == 0) packet->first_leaf = RayPacket::kNoLeaf;
         WalkStats stats;
-        ASSERT_TRUE(trace(scene.indexed, *packet, nullptr, &stats));
+        const bool done = shaft ? (any ? kernels().occluded_shaft : kernels().closest_shaft)(
+                                      scene.indexed, *packet, cut, nullptr, &stats)
+                                : (any ? kernels().occluded_packet : kernels().closest_packet)(
+                                      scene.indexed, *packet, nullptr, &stats);
+        ASSERT_TRUE(done);
         for (int lane = 0; lane < count; ++lane) {
           const Hit hit = packet->hit(lane);
           if (any) {
@@ -193,6 +214,7 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
       }
     }
   }
+  EXPECT_GT(cuts, 0);
 }
 
 TEST_P(KernelsTest, ParallelPacketsGiveBruteForcesBits) {
@@ -231,8 +253,13 @@ TEST_P(KernelsTest, ParallelPacketsGiveBruteForcesBits) {
       }
       const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
       std::fill_n(packet->triangle, ParallelPacket::kMaxRays, 12345u);
+      packet->first_leaf = RayPacket::kNoLeaf;
       WalkStats stats;
-      ASSERT_TRUE(kernels().occluded_parallel_shaft(scene.indexed, *packet, nullptr, &stats));
+      ShaftCut cut;
+      const bool has_cut = kernels().cut_parallel_shaft(
+          scene.indexed, std::span<const ParallelPacket>(packet.get(), 1), &cut);
+      ASSERT_TRUE(kernels().occluded_parallel_shaft(
+          scene.indexed, *packet, has_cut && i % 2 == 0 ? &cut : nullptr, nullptr, &stats));
       for (int lane = 0; lane < count; ++lane) {
         const Hit hit = {0.0f, packet->triangle[lane]};
         ASSERT_EQ(hit.triangle != kNoTriangle, truth[lane].triangle != kNoTriangle)
@@ -254,7 +281,7 @@ TEST_P(KernelsTest, AnEmptyPacketAndNoRaysAreNothing) {
   const auto packet = std::make_unique<RayPacket>();
   WalkStats stats;
   EXPECT_TRUE(kernels().closest_packet(scene, *packet, nullptr, &stats));
-  EXPECT_TRUE(kernels().occluded_shaft(scene, *packet, nullptr, &stats));
+  EXPECT_TRUE(kernels().occluded_shaft(scene, *packet, nullptr, nullptr, &stats));
   EXPECT_TRUE(kernels().closest_single(scene, {}, {}, nullptr, &stats));
   EXPECT_TRUE(kernels().occluded_brute(scene, {}, {}, nullptr, &stats));
   EXPECT_EQ(stats.triangle_tests, 0u);

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Makes a ShaftCut for packets with one origin, or one direction, together: opens the largest boxes
+// that their common shaft meets until there are as many as a cut holds.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_
+#endif
+
+#include <algorithm>
+#include <span>
+
+#include "core/traverse/shaft_cut.h"
+#include "core/traverse/shaft_rays-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+template <bool kParallel>
+class CutMaker {
+ public:
+  using Packet = std::conditional_t<kParallel, ParallelPacket, RayPacket>;
+
+  CutMaker(const IndexedGeometry& scene, std::span<const Packet> packets)
+      : scene_(scene), packets_(packets) {}
+
+  // False: the rays fit no frame together.
+  bool Make(ShaftCut* cut) {
+    if (!MakeFrame() || !Bound()) return false;
+    Open(scene_.bvh.nodes[0]);
+    while (count_ + kBvhWidth <= ShaftCut::kMaxChildren) {
+      uint32_t largest = count_;
+      float area = -1;
+      for (uint32_t i = 0; i < count_; ++i) {
+        if (ChildRef::FromBits(children_[i].ref_bits).is_inner() && children_[i].area > area) {
+          largest = i;
+          area = children_[i].area;
+        }
+      }
+      if (largest == count_) break;
+      const uint32_t node = ChildRef::FromBits(children_[largest].ref_bits).node();
+      children_[largest] = children_[--count_];
+      Open(scene_.bvh.nodes[node]);
+    }
+    // Near before far; for any hit what is nearest to the light first, which blocks the most.
+    std::sort(children_, children_ + count_, [](const Child& a, const Child& b) {
+      return kParallel ? a.depth > b.depth : a.depth < b.depth;
+    });
+    Pack(cut);
+    return true;
+  }
+
+ private:
+  using V = ShaftV;
+
+  struct Child {
+    float depth, area;
+    uint32_t ref_bits;
+    float bounds[6];
+  };
+
+  bool Segments() const {
+    if constexpr (kParallel) {
+      return false;
+    } else {
+      return packets_[0].segments;
+    }
+  }
+  const float* Row(const Packet& packet, int axis) const {
+    if constexpr (kParallel) {
+      return axis == 0 ? packet.origin_x : axis == 1 ? packet.origin_y : packet.origin_z;
+    } else {
+      return axis == 0 ? packet.target_x : axis == 1 ? packet.target_y : packet.target_z;
+    }
+  }
+  // As `own` of shaft_rays-inl.h.
+  Vec3d Own(const Packet& packet, int lane) const {
+    Vec3f own = {Row(packet, 0)[lane], Row(packet, 1)[lane], Row(packet, 2)[lane]};
+    if (kParallel || Segments()) own = own - apex_;
+    return ToDouble(own);
+  }
+
+  bool MakeFrame() {
+    const Packet& first = packets_[0];
+    Vec3d axis;
+    if constexpr (kParallel) {
+      apex_ = first.origin(0);
+      axis = ToDouble(first.direction);
+    } else {
+      apex_ = first.origin;
+      for (const Packet& packet : packets_) {
+        for (const int lane : {0, packet.count / 2, packet.count - 1}) {
+          const Vec3d own = Own(packet, lane);
+          const double size = MaxAbs(own);
+          if (size > 0) axis = axis + own * (1.0 / size);
+        }
+      }
+    }
+    const Vec3d sideways = Own(first, std::min(3, first.count - 1)) - Own(first, 0);
+    return MakeShaftFrame(axis, sideways, &frame_);
+  }
+
+  bool Bound() {
+    const ShaftD d;
+    const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+    const Vec3V<V> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
+    const Vec3V<V> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
+    const Vec3V<V> w = Broadcast(d, frame_.w.x, frame_.w.y, frame_.w.z);
+    const Vec3V<V> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
+    V x0 = infinity, x1 = hn::Neg(infinity), y0 = x0, y1 = x1, z0 = x0, z1 = x1;
+    V widest = hn::Zero(d);
+    bool fits = true;
+    for (const Packet& packet : packets_) {
+      for (size_t i = 0; i < static_cast<size_t>(packet.count); i += hn::Lanes(d)) {
+        const ShaftM in = hn::FirstN(d, static_cast<size_t>(packet.count) - i);
+        Vec3V<V> own = {hn::Load(d, Row(packet, 0) + i), hn::Load(d, Row(packet, 1) + i),
+                        hn::Load(d, Row(packet, 2) + i)};
+        if (kParallel || Segments()) own = SubV(own, o);
+        V x = DotV(u, own), y = DotV(v, own);
+        const V z = DotV(w, own);
+        if constexpr (kParallel) {
+          widest = hn::Max(widest, hn::IfThenElseZero(in, Norm1V(own)));
+        } else {
+          fits = fits && hn::AllTrue(d, hn::Or(hn::Not(in), FitsFrame(own, z)));
+          const V inverse = hn::Div(hn::Set(d, 1.0f), z);
+          x = hn::Mul(x, inverse);
+          y = hn::Mul(y, inverse);
+        }
+        x0 = hn::Min(x0, hn::IfThenElse(in, x, infinity));
+        x1 = hn::Max(x1, hn::IfThenElse(in, x, hn::Neg(infinity)));
+        y0 = hn::Min(y0, hn::IfThenElse(in, y, infinity));
+        y1 = hn::Max(y1, hn::IfThenElse(in, y, hn::Neg(infinity)));
+        z0 = hn::Min(z0, hn::IfThenElse(in, z, infinity));
+        z1 = hn::Max(z1, hn::IfThenElse(in, z, hn::Neg(infinity)));
+      }
+    }
+    if (!fits) return false;
+    const float spread = hn::GetLane(hn::MaxOfLanes(d, widest));
+    const float widen = kParallel ? kBoxMargin * spread : kSlopeMargin;
+    const float near = hn::GetLane(hn::MinOfLanes(d, z0));
+    const float far = hn::GetLane(hn::MaxOfLanes(d, z1)) * kDepthScale;
+    side_count_ = MakeShaftSides<kParallel>(
+        frame_, apex_, hn::GetLane(hn::MinOfLanes(d, x0)) - widen,
+        hn::GetLane(hn::MaxOfLanes(d, x1)) + widen, hn::GetLane(hn::MinOfLanes(d, y0)) - widen,
+        hn::GetLane(hn::MaxOfLanes(d, y1)) + widen, near, Segments() ? &far : nullptr, sides_);
+    margin_ =
+        kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread) + kFloatUnderflow;
+    return true;
+  }
+
+  // Takes the node's children that the shaft may meet.
+  void Open(const BvhNode& node) {
+    const hn::CappedTag<float, kBvhWidth> d8;
+    uint32_t bits = MaskBits(d8, MeetsSides(node, sides_, side_count_, margin_)) &
+                    ((1u << node.child_count) - 1);
+    for (; bits != 0; bits &= bits - 1) {
+      const int i = std::countr_zero(bits);
+      Child& child = children_[count_++];
+      child.ref_bits = node.child[i].bits();
+      child.depth = 0;
+      float size[3];
+      for (int k = 0; k < 3; ++k) {
+        child.bounds[k] = node.bounds[k][i];
+        child.bounds[k + 3] = node.bounds[k + 3][i];
+        size[k] = node.bounds[k + 3][i] - node.bounds[k][i];
+        child.depth += frame_.w[k] * (frame_.w[k] >= 0 ? child.bounds[k] : child.bounds[k + 3]);
+      }
+      child.area = size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
+    }
+  }
+
+  void Pack(ShaftCut* cut) const {
+    cut->node_count = (count_ + kBvhWidth - 1) / kBvhWidth;
+    for (uint32_t i = 0; i < cut->node_count * kBvhWidth; ++i) {
+      BvhNode& node = cut->nodes[i / kBvhWidth];
+      const uint32_t slot = i % kBvhWidth;
+      const bool used = i < count_;
+      for (int k = 0; k < 6; ++k) {
+        node.bounds[k][slot] = used    ? children_[i].bounds[k]
+                               : k < 3 ? std::numeric_limits<float>::infinity()
+                                       : -std::numeric_limits<float>::infinity();
+      }
+      node.child[slot] = used ? ChildRef::FromBits(children_[i].ref_bits) : ChildRef::Empty();
+      if (used) node.child_count = slot + 1;
+    }
+  }
+
+  const IndexedGeometry& scene_;
+  std::span<const Packet> packets_;
+  ShaftFrame frame_;
+  Vec3f apex_;
+  ShaftSide sides_[6];
+  int side_count_ = 0;
+  float margin_ = 0;
+  uint32_t count_ = 0;
+  Child children_[ShaftCut::kMaxChildren];
+};
+
+template <bool kParallel>
+bool CutShaft(const IndexedGeometry& scene,
+              std::span<const typename CutMaker<kParallel>::Packet> packets, ShaftCut* cut) {
+  if (packets.empty() || scene.bvh.empty()) return false;
+  return CutMaker<kParallel>(scene, packets).Make(cut);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
