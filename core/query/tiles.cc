@@ -90,7 +90,7 @@ class TileTrace {
       out_.v.assign(pixels_, 0);
     }
     if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
-    for (int axis = 0; axis < 3; ++axis) columns_[axis].resize(tile.width);
+    for (std::vector<double>& column : columns_) column.resize(tile.width);
     for (uint32_t x = 0; x < tile.width; ++x) {
       const Vec3d column = PixelColumn(camera, tile.x + x);
       for (int axis = 0; axis < 3; ++axis) columns_[axis][x] = column[axis];

@@ -29,9 +29,9 @@ struct Points {
 Points MakeRows(int side) {
   Points points;
   for (int i = 0; i < side * side; ++i) {
-    points.positions.push_back({static_cast<float>(i % side) / static_cast<float>(side) - 0.5f,
-                                static_cast<float>(i / side) / static_cast<float>(side) - 0.5f,
-                                1.5f});
+    const int column = i % side, row = i / side;
+    points.positions.push_back({static_cast<float>(column) / static_cast<float>(side) - 0.5f,
+                                static_cast<float>(row) / static_cast<float>(side) - 0.5f, 1.5f});
     points.valid.push_back(i % 10 != 3);
     points.sources.push_back(kNoTriangle);
   }
@@ -75,6 +75,7 @@ TEST(PointOrderTest, TheOrderHoldsEachValidPointOnceAndNeighboursTogether) {
   for (uint32_t i : order) ++seen[i];
   for (size_t i = 0; i < seen.size(); ++i) EXPECT_EQ(seen[i], mixed.valid[i] ? 1 : 0) << i;
   std::vector<Vec3f> walked;
+  walked.reserve(order.size());
   for (uint32_t i : order) walked.push_back(mixed.positions[i]);
   EXPECT_FALSE(IsScattered(walked, std::vector<uint8_t>(walked.size(), 1)));
 }
