@@ -83,7 +83,7 @@ struct Placed {
 // twice the most that rounding can move it along the unit normal n, plus `slack`, the error of the
 // distance in doubles. Rounding moves a coordinate x by at most 2^-24·|x|, a subnormal one by
 // 2^-150; together 2^-24·(|n.x P.x| + |n.y P.y| + |n.z P.z|) + √3·2^-150.
-double PlacementOffset(Vec3d unit_normal, Vec3d p, double slack);
+double PlacementOffset(Vec3d n, Vec3d p, double slack);
 
 // REQUIRES: the source is not inert.
 Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch);

@@ -53,7 +53,7 @@ TEST(VerifyTest, ADamagedTreeIsNoticed) {
   std::vector<VerifyScene> scenes;
   scenes.push_back({"sphere", {*std::move(geometry), *std::move(bvh)}});
   BvhNode& root = scenes[0].indexed.bvh.nodes[0];
-  for (int axis = 0; axis < 6; ++axis) root.bounds[axis][0] = root.bounds[axis][1];
+  for (auto& faces : root.bounds) faces[0] = faces[1];
   const VerifyReport report =
       Verify(scenes, {.seed = 1, .batches = 1, .rounds_per_batch = 40, .threads = 2});
   EXPECT_GT(report.different, 0u);
