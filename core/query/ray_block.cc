@@ -48,6 +48,23 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
   return trace(scene, rays, hits, run.cancel(), scope.walk()) ? absl::OkStatus() : run.Stopped();
 }
 
+const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
+                         Strategy strategy, std::span<const RayPacket> packets, ShaftCut* cut,
+                         QueryStats* stats) {
+  strategy = ChooseStrategy(strategy, RayForm::kOneOrigin, kind, kBlockRays);
+  if (packets.size() < 2 || strategy != Strategy::kShaft) return nullptr;
+  const StatsScope scope(stats, strategy, /*rays=*/0);
+  return run.kernels().cut_shaft(scene, packets, cut) ? cut : nullptr;
+}
+
+const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
+                         std::span<const ParallelPacket> packets, ShaftCut* cut,
+                         QueryStats* stats) {
+  if (packets.size() < 2) return nullptr;
+  const StatsScope scope(stats, Strategy::kShaft, /*rays=*/0);
+  return run.kernels().cut_parallel_shaft(scene, packets, cut) ? cut : nullptr;
+}
+
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                               Strategy strategy, RayPacket* packet, QueryStats* stats,
                               const ShaftCut* cut) {

@@ -37,6 +37,14 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
                            Strategy strategy, std::span<const TraceRay> rays, std::span<Hit> hits,
                            QueryStats* stats);
 
+// Where the packets of a group begin their walks: made into *cut, or null (from the root) where
+// they do not walk as shafts or fit none together.
+const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
+                         Strategy strategy, std::span<const RayPacket> packets, ShaftCut* cut,
+                         QueryStats* stats);
+const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
+                         std::span<const ParallelPacket> packets, ShaftCut* cut, QueryStats* stats);
+
 // Up to kBlockRays rays with one origin. packet.origin … want_barycentrics are read, its results
 // written; the mask is taken from the packet. `cut` as in kernels.h, used by shafts alone.
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,

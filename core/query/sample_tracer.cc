@@ -76,14 +76,10 @@ absl::Status SampleTracer::TraceSegments(const LightSample& sample, uint32_t mas
     }
   }
   packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
-  const ShaftCut* cut = nullptr;
   const Strategy strategy = run_.options().strategy;
-  if (blocks() > 1 &&
-      ChooseStrategy(strategy, RayForm::kOneOrigin, kind_, kBlockRays) == Strategy::kShaft &&
-      run_.kernels().cut_shaft(scene_, std::span<const RayPacket>(packets_.get(), blocks()),
-                               &cut_)) {
-    cut = &cut_;
-  }
+  const ShaftCut* cut =
+      CutGroup(scene_, run_, kind_, strategy, std::span<const RayPacket>(packets_.get(), blocks()),
+               &cut_, stats_);
   for (size_t b = 0; b < blocks(); ++b) {
     packets_[b].first_leaf = *first_leaf;
     SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, strategy, &packets_[b], stats_, cut));
@@ -107,12 +103,8 @@ absl::Status SampleTracer::TraceParallel(const LightSample& sample, uint32_t mas
     }
   }
   parallel_ready_ = t_min_ == 0;
-  const ShaftCut* cut = nullptr;
-  if (blocks() > 1 &&
-      run_.kernels().cut_parallel_shaft(
-          scene_, std::span<const ParallelPacket>(parallel_.get(), blocks()), &cut_)) {
-    cut = &cut_;
-  }
+  const ShaftCut* cut = CutGroup(
+      scene_, run_, std::span<const ParallelPacket>(parallel_.get(), blocks()), &cut_, stats_);
   for (size_t b = 0; b < blocks(); ++b) {
     parallel_[b].first_leaf = *first_leaf;
     SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, &parallel_[b], stats_, cut));

@@ -126,16 +126,9 @@ class TileTrace {
         outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
     const HitKind kind = need_first ? HitKind::kClosest : HitKind::kAny;
     const Strategy strategy = run_.options().strategy;
-    const ShaftCut* cut = nullptr;
-    {
-      const StatsScope scope(&out_.primary, strategy, /*rays=*/0);
-      if (count > 1 &&
-          ChooseStrategy(strategy, RayForm::kOneOrigin, kind, kBlockRays) == Strategy::kShaft &&
-          run_.kernels().cut_shaft(scene_, std::span<const RayPacket>(packets_.get(), count),
-                                   &cut_)) {
-        cut = &cut_;
-      }
-    }
+    const ShaftCut* cut =
+        CutGroup(scene_, run_, kind, strategy, std::span<const RayPacket>(packets_.get(), count),
+                 &cut_, &out_.primary);
     for (size_t b = 0; b < count; ++b) {
       SL_RETURN_IF_ERROR(
           TracePacketBlock(scene_, run_, kind, strategy, &packets_[b], &out_.primary, cut));

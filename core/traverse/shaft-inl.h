@@ -196,18 +196,7 @@ class ShaftWalk {
       met = hn::And(met, hn::Le(nearest, hn::Set(d8, bounds_.all_far)));
       HWY_ALIGN float depths[kBvhWidth];
       hn::Store(nearest, d8, depths);
-      const int base = depth;
-      for (uint32_t bits = MaskBits(d8, met) & ((1u << node.child_count) - 1); bits != 0;
-           bits &= bits - 1) {
-        const int i = std::countr_zero(bits);
-        int at = depth++;
-        while (at > base && stack[at - 1].entry < depths[i]) {
-          stack[at] = stack[at - 1];
-          --at;
-        }
-        stack[at] = {depths[i], node.child[i].bits()};
-      }
-      return depth;
+      return PushNearestOnTop(node, MaskBits(d8, met), depths, stack, depth);
     }
   }
 

@@ -167,6 +167,23 @@ HWY_INLINE int PushChildren(D d, const BvhNode& node, M met, PendingAny* end) {
   return static_cast<int>(hn::CountTrue(du, used));
 }
 
+// Pushes the children `met` (bit i for child i) so that the nearest is on top: insertion from the
+// far end, since few are met. Returns the new depth.
+HWY_INLINE int PushNearestOnTop(const BvhNode& node, uint32_t met, const float* entries,
+                                PendingClosest* stack, int depth) {
+  const int base = depth;
+  for (uint32_t bits = met & ((1u << node.child_count) - 1); bits != 0; bits &= bits - 1) {
+    const int i = std::countr_zero(bits);
+    int at = depth++;
+    while (at > base && stack[at - 1].entry < entries[i]) {
+      stack[at] = stack[at - 1];
+      --at;
+    }
+    stack[at] = {entries[i], node.child[i].bits()};
+  }
+  return depth;
+}
+
 // A depth-first walk, for closest hits nearer children first. With kAny it stops at the first
 // blocker.
 template <bool kAny>
@@ -233,20 +250,9 @@ HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, W
                              hn::Le(entry, hn::Set(d, limit)));
     if constexpr (kAny) depth += PushChildren(d, node, met, stack + depth);
     if constexpr (!kAny) {
-      uint32_t bits = MaskBits(d, met) & ((1u << node.child_count) - 1);
       HWY_ALIGN float entries[kBvhWidth];
       hn::Store(entry, d, entries);
-      // Pushed so that the nearest is on top: insertion from the far end, few children are met.
-      const int base = depth;
-      for (; bits != 0; bits &= bits - 1) {
-        const int i = std::countr_zero(bits);
-        int at = depth++;
-        while (at > base && stack[at - 1].entry < entries[i]) {
-          stack[at] = stack[at - 1];
-          --at;
-        }
-        stack[at] = {entries[i], node.child[i].bits()};
-      }
+      depth = PushNearestOnTop(node, MaskBits(d, met), entries, stack, depth);
     }
   }
   return best;
