@@ -27,8 +27,9 @@
 //
 // Depths. w·(p - o) errs by the same reasoning by less than 5u|p - o|_1: kBoxMargin serves, too. A
 // hit's distance is held between its triangle's slab entry and exit, each good to 4.1u relative, so
-// the point it names lies in the box up to 5u|far corner - o|_1; kDepthScale on the other side
-// covers the product of distance and depth.
+// the point it names lies in the box up to 5u|far corner - o|_1. On the other side stands a
+// distance times a ray's depth: the depth is good to 5.4u|D| / 0.4|D| = 13.5u, its reciprocal,
+// products and quotient add 4u: kDepthScale is 32u.
 //
 // Edge forms over a block of rays (kEdgeMargin). The form c = (A-O)×(B-A) as computed errs by 9u·K,
 // K = |A-O|_1·|B-A|_1, per unit of |D|_inf (predicate-inl.h). Divided by the depth w·D >= 0.4|D|,
@@ -81,7 +82,7 @@ inline constexpr float kSlopeMargin = 64 * 0x1p-24f;
 inline constexpr float kCornerMargin = 128 * 0x1p-24f;
 inline constexpr float kMinCornerShare = 0.25f;
 inline constexpr float kBoxMargin = 32 * 0x1p-24f;
-inline constexpr float kDepthScale = 1 + 16 * 0x1p-24f;
+inline constexpr float kDepthScale = 1 + 32 * 0x1p-24f;
 inline constexpr float kEdgeMargin = 128 * 0x1p-24f;
 inline constexpr float kEdgeUnderflow = 0x1p-80f;
 inline constexpr float kLeastDepth = 0x1p-60f;
