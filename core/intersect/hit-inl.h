@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// HitDistance and HitBarycentrics (hit.h) for many rays with one origin against one triangle: the
-// same operations in the same order on each lane, hence the same bits. Nothing here may use a fused
-// multiply-add.
+// HitDistance and HitBarycentrics (hit.h) for many rays with one origin, each against a triangle:
+// the same operations in the same order on each lane, hence the same bits. Nothing here may use a
+// fused multiply-add.
 //
 // Thread safety: pure functions.
 
@@ -82,71 +82,186 @@ HWY_INLINE Vec3V<hn::Vec<DD>> DirectionInDoubles(DH, Vec3f origin, bool segments
   return d;
 }
 
-// (x·x' + y·y') + z·z', as Dot() of vec3.h.
-template <class DD, class V = hn::Vec<DD>>
-HWY_INLINE V DotInDoubles(DD dd, Vec3d a, const Vec3V<V>& b) {
-  const V xy = hn::Add(hn::Mul(hn::Set(dd, a.x), b.x), hn::Mul(hn::Set(dd, a.y), b.y));
-  return hn::Add(xy, hn::Mul(hn::Set(dd, a.z), b.z));
+// Dot() and Cross() of vec3.h, lane by lane: predicate-inl.h's own are fused.
+template <class V>
+HWY_INLINE V UnfusedDot(const Vec3V<V>& a, const Vec3V<V>& b) {
+  return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
+}
+template <class V>
+HWY_INLINE Vec3V<V> UnfusedCross(const Vec3V<V>& a, const Vec3V<V>& b) {
+  return {hn::Sub(hn::Mul(a.y, b.z), hn::Mul(a.z, b.y)),
+          hn::Sub(hn::Mul(a.z, b.x), hn::Mul(a.x, b.z)),
+          hn::Sub(hn::Mul(a.x, b.y), hn::Mul(a.y, b.x))};
 }
 
-template <class DH, class VH, class DD = hn::Rebind<double, DH>>
-HWY_INLINE hn::Vec<DD> PlaneReciprocal(DH half, const TriangleDistance& t, Vec3f origin,
-                                       bool segments, VH x, VH y, VH z,
-                                       Vec3V<hn::Vec<DD>>* direction) {
-  const DD dd;
-  *direction = DirectionInDoubles(half, origin, segments, x, y, z);
-  return hn::Div(hn::Set(dd, 1.0), DotInDoubles(dd, t.normal, *direction));
+template <class DD>
+HWY_INLINE Vec3V<hn::Vec<DD>> BroadcastInDoubles(DD dd, Vec3d v) {
+  return {hn::Set(dd, v.x), hn::Set(dd, v.y), hn::Set(dd, v.z)};
 }
 
-// `target` as in RayPacket; `inv` the lanes' slab reciprocals. `weights` may be null; else u and v
-// are written, too.
-template <class D, class V = hn::Vec<D>>
-HWY_INLINE V HitDistances(D d, const TriangleDistance& t, Vec3f origin, bool segments,
-                          const Vec3V<V>& target, const Vec3V<V>& inv,
-                          const TriangleWeights* weights = nullptr, V* u = nullptr,
-                          V* v = nullptr) {
-  const hn::Half<D> half;
-  const hn::Rebind<double, decltype(half)> dd;
-  Vec3V<hn::Vec<decltype(dd)>> low_d, high_d;
-  const auto low =
-      PlaneReciprocal(half, t, origin, segments, hn::LowerHalf(half, target.x),
-                      hn::LowerHalf(half, target.y), hn::LowerHalf(half, target.z), &low_d);
-  const auto high =
-      PlaneReciprocal(half, t, origin, segments, hn::UpperHalf(half, target.x),
-                      hn::UpperHalf(half, target.y), hn::UpperHalf(half, target.z), &high_d);
-  const auto numerator = hn::Set(dd, t.numerator);
-  V distance = hn::Combine(d, hn::DemoteTo(half, hn::Mul(numerator, high)),
-                           hn::DemoteTo(half, hn::Mul(numerator, low)));
-  if (weights != nullptr) {
-    const auto share = [&](Vec3d form) HWY_ATTR {
-      const auto one = hn::Set(dd, 1.0), zero = hn::Zero(dd);
-      const auto held = [&](auto s) HWY_ATTR {
-        return hn::DemoteTo(
-            half, hn::IfThenElse(hn::Gt(s, zero), hn::IfThenElse(hn::Lt(s, one), s, one), zero));
-      };
-      return hn::Combine(d, held(hn::Mul(DotInDoubles(dd, form, high_d), high)),
-                         held(hn::Mul(DotInDoubles(dd, form, low_d), low)));
-    };
-    *u = share(weights->e2);
-    *v = share(weights->e0);
+// What HitDistance and HitBarycentrics need of a triangle and an origin.
+struct TriangleTerms {
+  TriangleDistance distance;
+  TriangleWeights weights;
+};
+
+// The terms of each lane's own triangle; doubles by halves of the float lanes. Without kWeights the
+// weights' are not there.
+template <class D, bool kWeights>
+struct HitTerms {
+  using DH = hn::Half<D>;
+  using DD = hn::Rebind<double, DH>;
+  using V = hn::Vec<D>;
+  using VD = hn::Vec<DD>;
+
+  Vec3V<VD> normal[2];
+  VD numerator[2];
+  Vec3V<VD> e0[2], e2[2];
+  V lo[3], hi[3];  // Of the triangle's box, relative to O.
+
+  // All lanes have one triangle.
+  HWY_INLINE void Set(const TriangleDistance& t, const TriangleWeights* weights) {
+    const D d;
+    const DD dd;
+    for (int h = 0; h < 2; ++h) {
+      normal[h] = BroadcastInDoubles(dd, t.normal);
+      numerator[h] = hn::Set(dd, t.numerator);
+      if constexpr (kWeights) {
+        e0[h] = BroadcastInDoubles(dd, weights->e0);
+        e2[h] = BroadcastInDoubles(dd, weights->e2);
+      }
+    }
+    for (int k = 0; k < 3; ++k) {
+      lo[k] = hn::Set(d, t.lo[k]);
+      hi[k] = hn::Set(d, t.hi[k]);
+    }
   }
 
-  V entry = hn::Set(d, -std::numeric_limits<float>::infinity());
-  V exit = hn::Set(d, std::numeric_limits<float>::infinity());
-  const auto slab = [&](V inv_k, float lo_k, float hi_k) HWY_ATTR {
-    const V lo = hn::Mul(hn::Set(d, lo_k), inv_k), hi = hn::Mul(hn::Set(d, hi_k), inv_k);
-    // The running value second: NaN is passed over (core/geometry/box_ray.h).
-    entry = hn::Max(hn::IfNegativeThenElse(inv_k, hi, lo), entry);
-    exit = hn::Min(hn::IfNegativeThenElse(inv_k, lo, hi), exit);
-  };
-  slab(inv.x, t.lo.x, t.hi.x);
-  slab(inv.y, t.lo.y, t.hi.y);
-  slab(inv.z, t.lo.z, t.hi.z);
-  const V one = hn::Set(d, 1.0f);
+  // The lanes of `bits` have this one.
+  HWY_INLINE void Blend(uint32_t bits, const TriangleDistance& t, const TriangleWeights* weights) {
+    const D d;
+    const DD dd;
+    const auto some = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&bits));
+    for (int h = 0; h < 2; ++h) {
+      const uint8_t half_bits = static_cast<uint8_t>(bits >> (h * hn::MaxLanes(dd)));
+      const auto half = hn::LoadMaskBits(dd, &half_bits);
+      const auto put = [&](Vec3d v, Vec3V<VD>* out) HWY_ATTR {
+        out->x = hn::IfThenElse(half, hn::Set(dd, v.x), out->x);
+        out->y = hn::IfThenElse(half, hn::Set(dd, v.y), out->y);
+        out->z = hn::IfThenElse(half, hn::Set(dd, v.z), out->z);
+      };
+      put(t.normal, &normal[h]);
+      numerator[h] = hn::IfThenElse(half, hn::Set(dd, t.numerator), numerator[h]);
+      if constexpr (kWeights) {
+        put(weights->e0, &e0[h]);
+        put(weights->e2, &e2[h]);
+      }
+    }
+    for (int k = 0; k < 3; ++k) {
+      lo[k] = hn::IfThenElse(some, hn::Set(d, t.lo[k]), lo[k]);
+      hi[k] = hn::IfThenElse(some, hn::Set(d, t.hi[k]), hi[k]);
+    }
+  }
+
+  // Each lane has its own, with these corners: TriangleDistance::Make and TriangleWeights::Make.
+  HWY_INLINE void Make(Vec3f origin, const Vec3V<V>& a, const Vec3V<V>& b, const Vec3V<V>& c) {
+    const D d;
+    const DH half;
+    const DD dd;
+    const Vec3V<VD> o = BroadcastInDoubles(dd, ToDouble(origin));
+    for (int h = 0; h < 2; ++h) {
+      const auto promote = [&](const Vec3V<V>& v) HWY_ATTR -> Vec3V<VD> {
+        return h == 0 ? Vec3V<VD>{hn::PromoteTo(dd, hn::LowerHalf(half, v.x)),
+                                  hn::PromoteTo(dd, hn::LowerHalf(half, v.y)),
+                                  hn::PromoteTo(dd, hn::LowerHalf(half, v.z))}
+                      : Vec3V<VD>{hn::PromoteTo(dd, hn::UpperHalf(half, v.x)),
+                                  hn::PromoteTo(dd, hn::UpperHalf(half, v.y)),
+                                  hn::PromoteTo(dd, hn::UpperHalf(half, v.z))};
+      };
+      const Vec3V<VD> ad = promote(a), bd = promote(b), cd = promote(c);
+      const Vec3V<VD> ab = SubV(bd, ad), oa = SubV(ad, o);
+      normal[h] = UnfusedCross(ab, SubV(cd, ad));
+      numerator[h] = UnfusedDot(normal[h], oa);
+      if constexpr (kWeights) {
+        e0[h] = UnfusedCross(oa, ab);
+        e2[h] = UnfusedCross(SubV(cd, o), SubV(ad, cd));
+      }
+    }
+    const auto face = [&](V p, V q, V r, float at, V* low, V* high) HWY_ATTR {
+      *low = hn::Sub(hn::Min(hn::Min(p, q), r), hn::Set(d, at));
+      *high = hn::Sub(hn::Max(hn::Max(p, q), r), hn::Set(d, at));
+    };
+    face(a.x, b.x, c.x, origin.x, &lo[0], &hi[0]);
+    face(a.y, b.y, c.y, origin.y, &lo[1], &hi[1]);
+    face(a.z, b.z, c.z, origin.z, &lo[2], &hi[2]);
+  }
+};
+
+// `target` as in RayPacket, `inv` the lanes' slab reciprocals. `octant`, where it is not null, says
+// for all lanes together and by axis that inv is negative, and that it is neither infinite nor NaN.
+// u and v are written with kWeights.
+template <class D, bool kWeights, class V = hn::Vec<D>>
+HWY_INLINE V EvaluateHits(D d, const HitTerms<D, kWeights>& terms, Vec3f origin, bool segments,
+                          const Vec3V<V>& target, const Vec3V<V>& inv, const bool* octant, V* u,
+                          V* v) {
+  const hn::Half<D> half;
+  const hn::Rebind<double, decltype(half)> dd;
+  using VH = hn::Vec<decltype(half)>;
+  VH t_half[2], u_half[2], v_half[2];
+  for (int h = 0; h < 2; ++h) {
+    const auto part = [&](V x) HWY_ATTR {
+      return h == 0 ? hn::LowerHalf(half, x) : hn::UpperHalf(half, x);
+    };
+    const auto direction =
+        DirectionInDoubles(half, origin, segments, part(target.x), part(target.y), part(target.z));
+    const auto reciprocal = hn::Div(hn::Set(dd, 1.0), UnfusedDot(terms.normal[h], direction));
+    t_half[h] = hn::DemoteTo(half, hn::Mul(terms.numerator[h], reciprocal));
+    if constexpr (kWeights) {
+      u_half[h] = hn::DemoteTo(half, hn::Mul(UnfusedDot(terms.e2[h], direction), reciprocal));
+      v_half[h] = hn::DemoteTo(half, hn::Mul(UnfusedDot(terms.e0[h], direction), reciprocal));
+    }
+  }
+  V distance = hn::Combine(d, t_half[1], t_half[0]);
+  const V one = hn::Set(d, 1.0f), zero = hn::Zero(d);
+  if constexpr (kWeights) {
+    // Held to 0 .. 1 after rounding, which keeps order; NaN and -0 give the second operand, 0.
+    *u = hn::Min(hn::Max(hn::Combine(d, u_half[1], u_half[0]), zero), one);
+    *v = hn::Min(hn::Max(hn::Combine(d, v_half[1], v_half[0]), zero), one);
+  }
+  V entry, exit;
+  if (octant != nullptr) {
+    const auto near = [&](int k) HWY_ATTR { return octant[k] ? terms.hi[k] : terms.lo[k]; };
+    const auto far = [&](int k) HWY_ATTR { return octant[k] ? terms.lo[k] : terms.hi[k]; };
+    entry =
+        hn::Max(hn::Max(hn::Mul(near(0), inv.x), hn::Mul(near(1), inv.y)), hn::Mul(near(2), inv.z));
+    exit = hn::Min(hn::Min(hn::Mul(far(0), inv.x), hn::Mul(far(1), inv.y)), hn::Mul(far(2), inv.z));
+  } else {
+    entry = hn::Set(d, -std::numeric_limits<float>::infinity());
+    exit = hn::Set(d, std::numeric_limits<float>::infinity());
+    const auto slab = [&](V inv_k, V lo_k, V hi_k) HWY_ATTR {
+      const V lo = hn::Mul(lo_k, inv_k), hi = hn::Mul(hi_k, inv_k);
+      // The running value second: NaN is passed over (core/geometry/box_ray.h).
+      entry = hn::Max(hn::IfNegativeThenElse(inv_k, hi, lo), entry);
+      exit = hn::Min(hn::IfNegativeThenElse(inv_k, lo, hi), exit);
+    };
+    slab(inv.x, terms.lo[0], terms.hi[0]);
+    slab(inv.y, terms.lo[1], terms.hi[1]);
+    slab(inv.z, terms.lo[2], terms.hi[2]);
+  }
   if (segments) distance = hn::IfThenElse(hn::Le(distance, one), distance, one);
   distance = hn::IfThenElse(hn::Le(distance, exit), distance, exit);
   distance = hn::IfThenElse(hn::Ge(distance, entry), distance, entry);
-  return hn::IfThenElse(hn::Gt(distance, hn::Zero(d)), distance, hn::Zero(d));
+  return hn::IfThenElse(hn::Gt(distance, zero), distance, zero);
+}
+
+// One triangle for all lanes, distances alone.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE V HitDistances(D d, const TriangleDistance& t, Vec3f origin, bool segments,
+                          const Vec3V<V>& target, const Vec3V<V>& inv) {
+  HitTerms<D, false> terms;
+  terms.Set(t, nullptr);
+  return EvaluateHits(d, terms, origin, segments, target, inv, nullptr, static_cast<V*>(nullptr),
+                      static_cast<V*>(nullptr));
 }
 
 }  // namespace HWY_NAMESPACE

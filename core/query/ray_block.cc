@@ -12,11 +12,11 @@ namespace {
 
 // AUTO's rule for rays that belong together: a shaft of one to three rays costs more than the
 // single walk, which tests eight boxes and sixteen triangles a step whatever the number of rays.
-constexpr int kMinShaftRays = 4;
+constexpr size_t kMinShaftRays = 4;
 
 }  // namespace
 
-Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, int rays) {
+Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, size_t rays) {
   const bool shaft_fits =
       form == RayForm::kOneOrigin || (form == RayForm::kParallel && kind == HitKind::kAny);
   switch (asked) {
@@ -35,51 +35,41 @@ Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, int rays) {
 
 absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                            Strategy strategy, std::span<const TraceRay> rays, std::span<Hit> hits,
-                           QueryStats* stats) {
+                           WalkStats* stats) {
   SIGHTLINE_CHECK_LE(rays.size(), hits.size());
   if (rays.empty()) return absl::OkStatus();
-  strategy = ChooseStrategy(strategy, RayForm::kFree, kind, static_cast<int>(rays.size()));
-  StatsScope scope(stats, strategy, rays.size());
   const Kernels& kernels = run.kernels();
   const bool brute = strategy == Strategy::kBruteForce;
   const TraceRaysFn trace = kind == HitKind::kAny
                                 ? (brute ? kernels.occluded_brute : kernels.occluded_single)
                                 : (brute ? kernels.closest_brute : kernels.closest_single);
-  return trace(scene, rays, hits, run.cancel(), scope.walk()) ? absl::OkStatus() : run.Stopped();
+  return trace(scene, rays, hits, run.cancel(), stats) ? absl::OkStatus() : run.Stopped();
 }
 
-const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
-                         Strategy strategy, std::span<const RayPacket> packets, ShaftCut* cut,
-                         QueryStats* stats) {
-  strategy = ChooseStrategy(strategy, RayForm::kOneOrigin, kind, kBlockRays);
-  if (packets.size() < 2 || strategy != Strategy::kShaft) return nullptr;
-  const StatsScope scope(stats, strategy, /*rays=*/0);
+const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
+                         std::span<const RayPacket> packets, ShaftCut* cut) {
   return run.kernels().cut_shaft(scene, packets, cut) ? cut : nullptr;
 }
 
 const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
-                         std::span<const ParallelPacket> packets, ShaftCut* cut,
-                         QueryStats* stats) {
-  if (packets.size() < 2) return nullptr;
-  const StatsScope scope(stats, Strategy::kShaft, /*rays=*/0);
+                         std::span<const ParallelPacket> packets, ShaftCut* cut) {
   return run.kernels().cut_parallel_shaft(scene, packets, cut) ? cut : nullptr;
 }
 
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
-                              Strategy strategy, RayPacket* packet, QueryStats* stats,
-                              const ShaftCut* cut) {
+                              Strategy strategy, RayPacket* packet, const ShaftCut* cut,
+                              WalkStats* stats) {
   SIGHTLINE_CHECK_LE(packet->count, kBlockRays);
+  SIGHTLINE_CHECK(strategy != Strategy::kAuto);
   if (packet->count == 0) return absl::OkStatus();
-  strategy = ChooseStrategy(strategy, RayForm::kOneOrigin, kind, packet->count);
   if (strategy == Strategy::kPacket || strategy == Strategy::kShaft) {
-    StatsScope scope(stats, strategy, static_cast<uint64_t>(packet->count));
     const Kernels& kernels = run.kernels();
     const bool any = kind == HitKind::kAny;
     const bool done = strategy == Strategy::kShaft
                           ? (any ? kernels.occluded_shaft : kernels.closest_shaft)(
-                                scene, *packet, cut, run.cancel(), scope.walk())
+                                scene, *packet, cut, run.cancel(), stats)
                           : (any ? kernels.occluded_packet : kernels.closest_packet)(
-                                scene, *packet, run.cancel(), scope.walk());
+                                scene, *packet, run.cancel(), stats);
     return done ? absl::OkStatus() : run.Stopped();
   }
   std::array<TraceRay, kBlockRays> rays;
@@ -106,11 +96,10 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
 }
 
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
-                                ParallelPacket* packet, QueryStats* stats, const ShaftCut* cut) {
+                                ParallelPacket* packet, const ShaftCut* cut, WalkStats* stats) {
   SIGHTLINE_CHECK_LE(packet->count, kBlockRays);
   if (packet->count == 0) return absl::OkStatus();
-  StatsScope scope(stats, Strategy::kShaft, static_cast<uint64_t>(packet->count));
-  return run.kernels().occluded_parallel_shaft(scene, *packet, cut, run.cancel(), scope.walk())
+  return run.kernels().occluded_parallel_shaft(scene, *packet, cut, run.cancel(), stats)
              ? absl::OkStatus()
              : run.Stopped();
 }

@@ -28,33 +28,35 @@ enum class HitKind : uint8_t { kAny, kClosest };
 // What the rays of a block have in common.
 enum class RayForm : uint8_t { kFree, kOneOrigin, kParallel };
 
-// What is used where `asked` was asked for: what AUTO chooses, and what stands in for a strategy
-// that such rays have no walk of.
-Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, int rays);
+// What is used where `asked` was asked for: what AUTO chooses for so many rays together, and what
+// stands in for a strategy that such rays have no walk of. Never kAuto.
+Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, size_t rays);
 
-// Any rays. With kAny a hit's triangle is some blocker's id; its t is meaningless.
+// All below take what ChooseStrategy gave, and add to *stats what they did.
+
+// Any rays: kSingle or kBruteForce. With kAny a hit's triangle is some blocker's id; its t is
+// meaningless.
 absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                            Strategy strategy, std::span<const TraceRay> rays, std::span<Hit> hits,
-                           QueryStats* stats);
+                           WalkStats* stats);
 
-// Where the packets of a group begin their walks: made into *cut, or null (from the root) where
-// they do not walk as shafts or fit none together.
-const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
-                         Strategy strategy, std::span<const RayPacket> packets, ShaftCut* cut,
-                         QueryStats* stats);
+// Where the packets of a group begin their walks as shafts: made into *cut, or null (from the root)
+// where they fit none together. The packets stand for all rays between theirs, too: a camera's tile
+// is given by its corners (core/shaft/margins.h).
 const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
-                         std::span<const ParallelPacket> packets, ShaftCut* cut, QueryStats* stats);
+                         std::span<const RayPacket> packets, ShaftCut* cut);
+const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
+                         std::span<const ParallelPacket> packets, ShaftCut* cut);
 
 // Up to kBlockRays rays with one origin. packet.origin … want_barycentrics are read, its results
 // written; the mask is taken from the packet. `cut` as in kernels.h, used by shafts alone.
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
-                              Strategy strategy, RayPacket* packet, QueryStats* stats,
-                              const ShaftCut* cut = nullptr);
+                              Strategy strategy, RayPacket* packet, const ShaftCut* cut,
+                              WalkStats* stats);
 
 // Up to kBlockRays rays with one direction, any hit, as one shaft.
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
-                                ParallelPacket* packet, QueryStats* stats,
-                                const ShaftCut* cut = nullptr);
+                                ParallelPacket* packet, const ShaftCut* cut, WalkStats* stats);
 
 }  // namespace sightline
 

@@ -53,15 +53,20 @@ absl::Status SampleTracer::Trace(const LightSample& sample, size_t ordinal) {
   if (ordinal >= first_leaves_.size()) first_leaves_.resize(ordinal + 1, RayPacket::kNoLeaf);
   uint32_t* const first_leaf = &first_leaves_[ordinal];
   const uint32_t mask = run_.options().mask & sample.mask;
-  if (!sample.directional) return TraceSegments(sample, mask, first_leaf);
-  const Strategy strategy = ChooseStrategy(run_.options().strategy, RayForm::kParallel, kind_,
-                                           static_cast<int>(positions_.size()));
-  return strategy == Strategy::kShaft ? TraceParallel(sample, mask, first_leaf)
-                                      : TraceOneByOne(sample, mask);
+  const Strategy strategy = ChooseStrategy(
+      run_.options().strategy, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
+      positions_.size());
+  StatsScope scope(stats_, strategy, positions_.size());
+  if (!sample.directional) {
+    return TraceSegments(sample, mask, strategy, first_leaf, scope.walk());
+  }
+  return strategy == Strategy::kShaft ? TraceParallel(sample, mask, first_leaf, scope.walk())
+                                      : TraceOneByOne(sample, mask, strategy, scope.walk());
 }
 
 absl::Status SampleTracer::TraceSegments(const LightSample& sample, uint32_t mask,
-                                         uint32_t* first_leaf) {
+                                         Strategy strategy, uint32_t* first_leaf,
+                                         WalkStats* stats) {
   parallel_traced_ = false;
   Reserve(blocks(), &packets_, &packets_size_);
   for (size_t b = 0; b < blocks(); ++b) {
@@ -76,20 +81,20 @@ absl::Status SampleTracer::TraceSegments(const LightSample& sample, uint32_t mas
     }
   }
   packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
-  const Strategy strategy = run_.options().strategy;
-  const ShaftCut* cut =
-      CutGroup(scene_, run_, kind_, strategy, std::span<const RayPacket>(packets_.get(), blocks()),
-               &cut_, stats_);
+  const std::span<const RayPacket> packets(packets_.get(), blocks());
+  const ShaftCut* cut = strategy == Strategy::kShaft && blocks() > 1
+                            ? CutGroup(scene_, run_, packets, &cut_)
+                            : nullptr;
   for (size_t b = 0; b < blocks(); ++b) {
     packets_[b].first_leaf = *first_leaf;
-    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, strategy, &packets_[b], stats_, cut));
+    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, strategy, &packets_[b], cut, stats));
     *first_leaf = packets_[b].first_leaf;
   }
   return absl::OkStatus();
 }
 
 absl::Status SampleTracer::TraceParallel(const LightSample& sample, uint32_t mask,
-                                         uint32_t* first_leaf) {
+                                         uint32_t* first_leaf, WalkStats* stats) {
   parallel_traced_ = true;
   Reserve(blocks(), &parallel_, &parallel_size_);
   for (size_t b = 0; b < blocks(); ++b) {
@@ -103,17 +108,18 @@ absl::Status SampleTracer::TraceParallel(const LightSample& sample, uint32_t mas
     }
   }
   parallel_ready_ = t_min_ == 0;
-  const ShaftCut* cut = CutGroup(
-      scene_, run_, std::span<const ParallelPacket>(parallel_.get(), blocks()), &cut_, stats_);
+  const std::span<const ParallelPacket> packets(parallel_.get(), blocks());
+  const ShaftCut* cut = blocks() > 1 ? CutGroup(scene_, run_, packets, &cut_) : nullptr;
   for (size_t b = 0; b < blocks(); ++b) {
     parallel_[b].first_leaf = *first_leaf;
-    SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, &parallel_[b], stats_, cut));
+    SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, &parallel_[b], cut, stats));
     *first_leaf = parallel_[b].first_leaf;
   }
   return absl::OkStatus();
 }
 
-absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mask) {
+absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mask,
+                                         Strategy strategy, WalkStats* stats) {
   parallel_traced_ = false;
   packets_ready_ = false;
   Reserve(blocks(), &packets_, &packets_size_);
@@ -129,9 +135,9 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
                  .from_source = packet.target_source[i],
                  .to_source = sample.source_triangle};
     }
-    SL_RETURN_IF_ERROR(TraceRayBlock(scene_, run_, kind_, run_.options().strategy,
+    SL_RETURN_IF_ERROR(TraceRayBlock(scene_, run_, kind_, strategy,
                                      std::span<const TraceRay>(rays.data(), packet.count), hits,
-                                     stats_));
+                                     stats));
     for (int i = 0; i < packet.count; ++i) {
       packet.t[i] = hits[i].t;
       packet.triangle[i] = hits[i].triangle;

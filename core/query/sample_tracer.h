@@ -54,9 +54,12 @@ class SampleTracer {
   const uint32_t* triangles(size_t block) const {
     return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
   }
-  absl::Status TraceSegments(const LightSample& sample, uint32_t mask, uint32_t* first_leaf);
-  absl::Status TraceParallel(const LightSample& sample, uint32_t mask, uint32_t* first_leaf);
-  absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask);
+  absl::Status TraceSegments(const LightSample& sample, uint32_t mask, Strategy strategy,
+                             uint32_t* first_leaf, WalkStats* stats);
+  absl::Status TraceParallel(const LightSample& sample, uint32_t mask, uint32_t* first_leaf,
+                             WalkStats* stats);
+  absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask, Strategy strategy,
+                             WalkStats* stats);
   // The points of a block as the ends of segments, or origins of rays, of `sample`.
   int LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
              uint32_t* sources) const;

@@ -79,6 +79,7 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
   std::array<size_t, kBlockRays> index;
+  const Strategy strategy = ChooseStrategy(options.strategy, RayForm::kFree, kind, n);
   for (size_t next = 0; next < n;) {
     size_t count = 0;
     for (; next < n && count < kBlockRays; ++next) {
@@ -89,9 +90,10 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
                      .to_source = segments.to_source[next]};
       index[count++] = next;
     }
-    SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, kind, options.strategy,
+    StatsScope scope(&out.stats, strategy, count);
+    SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, kind, strategy,
                                      std::span<const TraceRay>(rays.data(), count), hits,
-                                     &out.stats));
+                                     scope.walk()));
     for (size_t i = 0; i < count; ++i) {
       if (hits[i].triangle == kNoTriangle) continue;
       if (outputs.bits) out.blocked_bits[index[i] / 8] |= uint8_t(1u << (index[i] % 8));

@@ -2,10 +2,8 @@
 #include "core/query/tiles.h"
 
 #include <algorithm>
-#include <array>
 #include <cstring>
-#include <limits>
-#include <memory>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -56,6 +54,7 @@ class TileTrace {
             std::span<const LightSample> samples, const TileOutputs& outputs,
             const QueryOptions& options, TileResult* out)
       : scene_(scene),
+        camera_(camera),
         tile_(tile),
         samples_(samples),
         outputs_(outputs),
@@ -64,46 +63,39 @@ class TileTrace {
         row_bytes_((pixels_ + 7) / 8),
         out_(*out),
         tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, &out->shadow) {
-    // As many blocks as the tile fills, at most a group.
-    const auto blocks = [](uint32_t side) { return (side + kBlockSide - 1) / kBlockSide; };
-    const size_t most = size_t{std::min(blocks(tile.width), kGroupSide)} *
-                        std::min(blocks(tile.height), kGroupSide);
-    packets_ = std::make_unique_for_overwrite<RayPacket[]>(most);
-    pixels_of_.resize(most);
-    columns_of_.resize(most);
-    for (size_t b = 0; b < most; ++b) {
-      packets_[b].origin = eye;
-      packets_[b].segments = false;
-      packets_[b].mask = options.mask;
-      packets_[b].want_barycentrics = outputs.uv;
+    for (RayPacket* packet : {&packet_, &outline_}) {
+      packet->origin = eye;
+      packet->segments = false;
+      packet->mask = options.mask;
+      packet->want_barycentrics = outputs.uv;
     }
     if (outputs.lit || outputs.points) {
+      // As many blocks as the tile fills, at most a group.
+      const auto blocks = [](uint32_t side) { return (side + kBlockSide - 1) / kBlockSide; };
+      const size_t most = size_t{std::min(blocks(tile.width), kGroupSide)} *
+                          std::min(blocks(tile.height), kGroupSide);
       positions_.resize(most * kBlockRays);
       sources_.resize(most * kBlockRays);
       point_pixel_.resize(most * kBlockRays);
     }
+    // Every pixel's ids and numbers are written by its block: what a result of the same size held
+    // before does not matter.
     if (outputs.hits) out_.hit_bits.assign(row_bytes_, 0);
-    if (outputs.ids) out_.triangle.assign(pixels_, kNoTriangle);
-    if (outputs.depth) out_.depth.assign(pixels_, std::numeric_limits<float>::infinity());
+    if (outputs.ids) out_.triangle.resize(pixels_);
+    if (outputs.depth) out_.depth.resize(pixels_);
     if (outputs.uv) {
-      out_.u.assign(pixels_, 0);
-      out_.v.assign(pixels_, 0);
+      out_.u.resize(pixels_);
+      out_.v.resize(pixels_);
     }
     if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
-    for (std::vector<double>& column : columns_) column.resize(tile.width);
-    for (uint32_t x = 0; x < tile.width; ++x) {
-      const Vec3d column = PixelColumn(camera, tile.x + x);
-      for (int axis = 0; axis < 3; ++axis) columns_[axis][x] = column[axis];
-    }
-    rows_.resize(tile.height);
-    for (uint32_t y = 0; y < tile.height; ++y) rows_[y] = PixelRow(camera, tile.y + y);
   }
 
   absl::Status Run() {
     constexpr uint32_t kSide = kGroupSide * kBlockSide;
     for (uint32_t y = 0; y < tile_.height; y += kSide) {
       for (uint32_t x = 0; x < tile_.width; x += kSide) {
-        SL_RETURN_IF_ERROR(TraceGroup(x, y));
+        SL_RETURN_IF_ERROR(TraceGroup(
+            {x, y, std::min(kSide, tile_.width - x), std::min(kSide, tile_.height - y)}));
       }
     }
     if (outputs_.points) SortPoints();
@@ -111,129 +103,188 @@ class TileTrace {
   }
 
  private:
-  // The blocks of a group, from a common cut.
-  absl::Status TraceGroup(uint32_t x0, uint32_t y0) {
-    size_t count = 0;
-    for (uint32_t y = y0; y < std::min(y0 + kGroupSide * kBlockSide, tile_.height);
-         y += kBlockSide) {
-      for (uint32_t x = x0; x < std::min(x0 + kGroupSide * kBlockSide, tile_.width);
-           x += kBlockSide) {
-        PlaceBlock(count++, x, y);
-      }
+  // A row of at most four pixels: lanes `lane` .. of a block, pixels from (x, y) of the tile.
+  struct PixelRun {
+    int lane;
+    uint32_t x, y, count;
+  };
+
+  // The blocks of a group, from a common cut. `group` is in pixels of the tile.
+  absl::Status TraceGroup(const TileRect& group) {
+    for (uint32_t x = 0; x < group.width; ++x) {
+      const Vec3d column = PixelColumn(camera_, tile_.x + group.x + x);
+      for (int axis = 0; axis < 3; ++axis) columns_[axis][x] = column[axis];
+    }
+    for (uint32_t y = 0; y < group.height; ++y) {
+      const Vec3d row = PixelRow(camera_, tile_.y + group.y + y);
+      for (int axis = 0; axis < 3; ++axis) rows_[axis][y] = row[axis];
     }
     // Which pixels are hit is answered by any hit; all else needs the first.
     const bool need_first =
         outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
     const HitKind kind = need_first ? HitKind::kClosest : HitKind::kAny;
-    const Strategy strategy = run_.options().strategy;
-    const ShaftCut* cut =
-        CutGroup(scene_, run_, kind, strategy, std::span<const RayPacket>(packets_.get(), count),
-                 &cut_, &out_.primary);
-    for (size_t b = 0; b < count; ++b) {
-      SL_RETURN_IF_ERROR(
-          TracePacketBlock(scene_, run_, kind, strategy, &packets_[b], &out_.primary, cut));
-      if (columns_of_[b] % kRunPixels == 0) {
-        for (int i = 0; i < packets_[b].count; i += kRunPixels) WriteRun(b, i);
-      } else {
-        for (int i = 0; i < packets_[b].count; ++i) WriteHit(b, i);
-      }
-    }
-    if (outputs_.lit || outputs_.points) return ShadeGroup(count);
-    return absl::OkStatus();
-  }
-
-  // Block b: the pixels from (x0, y0) of the tile.
-  void PlaceBlock(size_t b, uint32_t x0, uint32_t y0) {
-    const uint32_t width = std::min(kBlockSide, tile_.width - x0);
-    const uint32_t height = std::min(kBlockSide, tile_.height - y0);
-    int count = 0;
-    for (uint32_t gy = 0; gy < height; gy += kRunPixels) {
-      for (uint32_t gx = 0; gx < width; gx += kRunPixels) {
-        const uint32_t columns = std::min(kRunPixels, width - gx);
-        for (uint32_t y = gy; y < std::min(gy + kRunPixels, height); ++y) {
-          PlaceRays(b, x0 + gx, y0 + y, columns, count);
-          count += static_cast<int>(columns);
-        }
-      }
-    }
-    packets_[b].count = count;
-    columns_of_[b] = width;
-  }
-
-  // Lanes `lane` .. for `columns` pixels in a row from (x, y) of the tile.
-  void PlaceRays(size_t b, uint32_t x, uint32_t y, uint32_t columns, int lane) {
-    RayPacket& packet = packets_[b];
-    const Vec3d& row = rows_[y];
-    const uint32_t pixel = y * tile_.width + x;
-    for (uint32_t k = 0; k < columns; ++k) {
-      pixels_of_[b][lane + k] = pixel + k;
-      packet.target_source[lane + k] = kNoTriangle;
-    }
-    float* const rows[3] = {packet.target_x, packet.target_y, packet.target_z};
-    if (columns == kRunPixels) {
-      const Four d;
-      const hn::Rebind<float, Four> df;
-      for (int axis = 0; axis < 3; ++axis) {
-        const auto column = hn::LoadU(d, columns_[axis].data() + x);
-        hn::StoreU(hn::DemoteTo(df, hn::Add(column, hn::Set(d, row[axis]))), df, rows[axis] + lane);
-      }
-      return;
-    }
-    for (uint32_t k = 0; k < columns; ++k) {
-      for (int axis = 0; axis < 3; ++axis) {
-        rows[axis][lane + k] = static_cast<float>(columns_[axis][x + k] + row[axis]);
-      }
-    }
-  }
-
-  // Four lanes that are four pixels in a row.
-  void WriteRun(size_t b, int i) {
-    const RayPacket& packet = packets_[b];
-    const uint32_t pixel = pixels_of_[b][i];
-    constexpr size_t kBytes = kRunPixels * sizeof(float);
-    if (outputs_.hits) {
-      for (uint32_t k = 0; k < kRunPixels; ++k) {
-        const uint8_t hit = packet.triangle[i + k] != kNoTriangle;
-        out_.hit_bits[(pixel + k) / 8] |= static_cast<uint8_t>(hit << ((pixel + k) % 8));
-      }
-    }
-    if (outputs_.ids) std::memcpy(&out_.triangle[pixel], packet.triangle + i, kBytes);
-    if (outputs_.depth) std::memcpy(&out_.depth[pixel], packet.t + i, kBytes);
-    if (outputs_.uv) {
-      std::memcpy(&out_.u[pixel], packet.u + i, kBytes);
-      std::memcpy(&out_.v[pixel], packet.v + i, kBytes);
-    }
-  }
-
-  void WriteHit(size_t b, int i) {
-    const RayPacket& packet = packets_[b];
-    const uint32_t pixel = pixels_of_[b][i];
-    if (outputs_.hits && packet.triangle[i] != kNoTriangle) SetBit(out_.hit_bits.data(), pixel);
-    if (outputs_.ids) out_.triangle[pixel] = packet.triangle[i];
-    if (outputs_.depth) out_.depth[pixel] = packet.t[i];
-    if (outputs_.uv) {
-      out_.u[pixel] = packet.u[i];
-      out_.v[pixel] = packet.v[i];
-    }
-  }
-
-  absl::Status ShadeGroup(size_t blocks) {
+    const Strategy strategy = ChooseStrategy(run_.options().strategy, RayForm::kOneOrigin, kind,
+                                             size_t{group.width} * group.height);
+    const bool one_block = group.width <= kBlockSide && group.height <= kBlockSide;
     size_t points = 0;
     {
-      // Placing belongs to the shadows' cost, though it asks about no ray.
-      const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
-      for (size_t b = 0; b < blocks; ++b) {
-        const RayPacket& packet = packets_[b];
-        for (int i = 0; i < packet.count; ++i) {
-          const Hit hit = packet.hit(i);
-          if (hit.triangle == kNoTriangle) continue;
-          positions_[points] =
-              PlaceHit(scene_, packet.origin, packet.target(i), hit.t, hit.triangle);
-          sources_[points] = hit.triangle;
-          point_pixel_[points++] = pixels_of_[b][i];
+      StatsScope scope(&out_.primary, strategy, size_t{group.width} * group.height);
+      const ShaftCut* cut =
+          strategy == Strategy::kShaft && !one_block ? CutOutline(group) : nullptr;
+      for (uint32_t y = 0; y < group.height; y += kBlockSide) {
+        for (uint32_t x = 0; x < group.width; x += kBlockSide) {
+          const TileRect block = {x, y, std::min(kBlockSide, group.width - x),
+                                  std::min(kBlockSide, group.height - y)};
+          Place(block);
+            SL_RETURN_IF_ERROR(
+              TracePacketBlock(scene_, run_, kind, strategy, &packet_, cut, scope.walk()));
+          Write(group, block);
+          if (outputs_.lit || outputs_.points) points = PlacePoints(group, block, points);
         }
       }
     }
+    return outputs_.lit || outputs_.points ? ShadeGroup(points) : absl::OkStatus();
+  }
+
+  // All rays of the group lie between those of its corners.
+  const ShaftCut* CutOutline(const TileRect& group) {
+    // Around it: lanes 0 and 3 are in one row, which the shaft's frame follows.
+    int lane = 0;
+    for (const auto& [x, y] :
+         {std::pair(0u, 0u), std::pair(0u, group.height - 1),
+          std::pair(group.width - 1, group.height - 1), std::pair(group.width - 1, 0u)}) {
+      outline_.target_x[lane] = static_cast<float>(columns_[0][x] + rows_[0][y]);
+      outline_.target_y[lane] = static_cast<float>(columns_[1][x] + rows_[1][y]);
+      outline_.target_z[lane] = static_cast<float>(columns_[2][x] + rows_[2][y]);
+      ++lane;
+    }
+    outline_.count = lane;
+    return CutGroup(scene_, run_, std::span<const RayPacket>(&outline_, 1), &cut_);
+  }
+
+  // fn(run) for the runs of a block, in the order of its lanes.
+  template <class Fn>
+  static void ForEachRun(const TileRect& block, const Fn& fn) {
+    int lane = 0;
+    for (uint32_t gy = 0; gy < block.height; gy += kRunPixels) {
+      const uint32_t end = std::min(gy + kRunPixels, block.height);
+      for (uint32_t gx = 0; gx < block.width; gx += kRunPixels) {
+        const uint32_t count = std::min(kRunPixels, block.width - gx);
+        for (uint32_t y = gy; y < end; ++y) {
+          fn(PixelRun{lane, gx, y, count});
+          lane += static_cast<int>(count);
+        }
+      }
+    }
+  }
+
+  // The block's rays. `block` is in pixels of its group.
+  void Place(const TileRect& block) {
+    packet_.count = static_cast<int>(block.width * block.height);
+    float* const targets[3] = {packet_.target_x, packet_.target_y, packet_.target_z};
+    for (int axis = 0; axis < 3; ++axis) {
+      const double* columns = columns_[axis] + block.x;
+      const double* rows = rows_[axis] + block.y;
+      float* target = targets[axis];
+      if (IsWhole(block)) {
+        PlaceWhole(columns, rows, target);
+        continue;
+      }
+      ForEachRun(block, [&](const PixelRun& run) {
+        for (uint32_t k = 0; k < run.count; ++k) {
+          target[run.lane + k] = static_cast<float>(columns[run.x + k] + rows[run.y]);
+        }
+      });
+    }
+  }
+
+  static bool IsWhole(const TileRect& block) {
+    return block.width == kBlockSide && block.height == kBlockSide;
+  }
+
+  static void PlaceWhole(const double* columns, const double* rows, float* target) {
+    const Four d;
+    const hn::Rebind<float, Four> df;
+    for (uint32_t gx = 0; gx < kBlockSide; gx += kRunPixels) {
+      const auto column = hn::LoadU(d, columns + gx);
+      float* to = target + kRunPixels * gx;
+      for (uint32_t y = 0; y < kBlockSide; y += kRunPixels, to += kRunPixels * kBlockSide) {
+#pragma GCC unroll 4
+        for (uint32_t r = 0; r < kRunPixels; ++r) {
+          hn::Store(hn::DemoteTo(df, hn::Add(column, hn::Set(d, rows[y + r]))), df,
+                    to + kRunPixels * r);
+        }
+      }
+    }
+  }
+
+  // A block's lanes to its pixels, the first of which is *to.
+  template <class T>
+  static void CopyWhole(const T* from, T* to, size_t stride) {
+    static_assert(sizeof(T) == sizeof(uint32_t));
+    for (uint32_t gy = 0; gy < kBlockSide; gy += kRunPixels, to += kRunPixels * stride) {
+      for (uint32_t gx = 0; gx < kBlockSide; gx += kRunPixels) {
+#pragma GCC unroll 4
+        for (uint32_t r = 0; r < kRunPixels; ++r, from += kRunPixels) {
+          std::memcpy(to + r * stride + gx, from, kRunPixels * sizeof(T));
+        }
+      }
+    }
+  }
+
+  // The first pixel of the block, in the tile.
+  size_t FirstPixel(const TileRect& group, const TileRect& block) const {
+    return size_t{group.y + block.y} * tile_.width + group.x + block.x;
+  }
+
+  void Write(const TileRect& group, const TileRect& block) {
+    const size_t first = FirstPixel(group, block);
+    const auto copy = [&](const auto* from, auto* to) {
+      to += first;
+      if (IsWhole(block)) {
+        CopyWhole(from, to, tile_.width);
+        return;
+      }
+      ForEachRun(block, [&](const PixelRun& run) {
+        std::copy_n(from + run.lane, run.count, to + size_t{run.y} * tile_.width + run.x);
+      });
+    };
+    if (outputs_.ids) copy(packet_.triangle, out_.triangle.data());
+    if (outputs_.depth) copy(packet_.t, out_.depth.data());
+    if (outputs_.uv) {
+      copy(packet_.u, out_.u.data());
+      copy(packet_.v, out_.v.data());
+    }
+    if (!outputs_.hits) return;
+    ForEachRun(block, [&](const PixelRun& run) {
+      const size_t pixel = first + size_t{run.y} * tile_.width + run.x;
+      for (uint32_t k = 0; k < run.count; ++k) {
+        if (packet_.triangle[run.lane + k] != kNoTriangle) SetBit(out_.hit_bits.data(), pixel + k);
+      }
+    });
+  }
+
+  // Appends the block's hits to the group's points; returns how many there are now.
+  size_t PlacePoints(const TileRect& group, const TileRect& block, size_t points) {
+    // Placing belongs to the shadows' cost, though it asks about no ray.
+    const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
+    const size_t first = FirstPixel(group, block);
+    ForEachRun(block, [&](const PixelRun& run) {
+      for (uint32_t k = 0; k < run.count; ++k) {
+        const Hit hit = packet_.hit(run.lane + static_cast<int>(k));
+        if (hit.triangle == kNoTriangle) continue;
+        positions_[points] =
+            PlaceHit(scene_, packet_.origin, packet_.target(run.lane + static_cast<int>(k)), hit.t,
+                     hit.triangle);
+        sources_[points] = hit.triangle;
+        point_pixel_[points++] =
+            static_cast<uint32_t>(first + size_t{run.y} * tile_.width + run.x + k);
+      }
+    });
+    return points;
+  }
+
+  absl::Status ShadeGroup(size_t points) {
     if (outputs_.points) {
       out_.points.positions.insert(out_.points.positions.end(), positions_.begin(),
                                    positions_.begin() + static_cast<ptrdiff_t>(points));
@@ -275,35 +326,47 @@ class TileTrace {
     out_.points = std::move(sorted);
   }
 
-  static void SetBit(uint8_t* row, uint32_t pixel) { row[pixel / 8] |= uint8_t(1u << (pixel % 8)); }
+  static void SetBit(uint8_t* row, size_t pixel) { row[pixel / 8] |= uint8_t(1u << (pixel % 8)); }
 
   const IndexedGeometry& scene_;
+  const Camera& camera_;
   const TileRect tile_;
   const std::span<const LightSample> samples_;
   const TileOutputs& outputs_;
   const QueryRun run_;
   const size_t pixels_, row_bytes_;
   TileResult& out_;
-  // Of the group being traced, by block: rays, their pixels, and the block's width.
-  std::unique_ptr<RayPacket[]> packets_;
-  std::vector<std::array<uint32_t, kBlockRays>> pixels_of_;
-  std::vector<uint32_t> columns_of_;
+  RayPacket packet_;   // The block being traced.
+  RayPacket outline_;  // The corners of its group.
   ShaftCut cut_;
-  // Its points.
+  // PixelColumn and PixelRow of the group's columns and rows, by axis.
+  double columns_[3][kGroupSide * kBlockSide], rows_[3][kGroupSide * kBlockSide];
+  // The group's points.
   std::vector<Vec3f> positions_;
   std::vector<uint32_t> sources_, point_pixel_;
-  std::vector<double> columns_[3];  // PixelColumn of each column, by axis.
-  std::vector<Vec3d> rows_;         // PixelRow of each row.
   SampleTracer tracer_;
 };
 
-}  // namespace
+// Leaves what it holds, as far as it is asked for again: a caller that traces tile after tile into
+// one result pays for its memory once.
+void Clear(const TileOutputs& outputs, TileResult* result) {
+  const auto keep = [](bool asked, auto& values) {
+    if (!asked) values.clear();
+  };
+  keep(outputs.hits, result->hit_bits);
+  keep(outputs.ids, result->triangle);
+  keep(outputs.depth, result->depth);
+  keep(outputs.uv, result->u);
+  keep(outputs.uv, result->v);
+  keep(outputs.lit, result->lit_bits);
+  result->points = PreparedPoints();
+  result->point_pixel.clear();
+  result->primary = result->shadow = QueryStats();
+}
 
-absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                       std::span<const LightSample> samples, const TileOutputs& outputs,
-                       const QueryOptions& options, TileResult* result) {
-  const ScopedFloatEnvironment environment;
-  *result = TileResult{};
+absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
+                   std::span<const LightSample> samples, const TileOutputs& outputs,
+                   const QueryOptions& options, TileResult* result) {
   SL_RETURN_IF_ERROR(ValidateCamera(camera));
   SL_RETURN_IF_ERROR(CheckRect(camera, tile));
   Vec3f eye;
@@ -312,10 +375,19 @@ absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const
         absl::StrCat("camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
                      ") lies beyond 2^40 along an axis, in the world or from the scene's origin"));
   }
-  TileResult out;
-  SL_RETURN_IF_ERROR(TileTrace(scene, camera, tile, eye, samples, outputs, options, &out).Run());
-  *result = std::move(out);
-  return absl::OkStatus();
+  return TileTrace(scene, camera, tile, eye, samples, outputs, options, result).Run();
+}
+
+}  // namespace
+
+absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
+                       std::span<const LightSample> samples, const TileOutputs& outputs,
+                       const QueryOptions& options, TileResult* result) {
+  const ScopedFloatEnvironment environment;
+  Clear(outputs, result);
+  const absl::Status status = Trace(scene, camera, tile, samples, outputs, options, result);
+  if (!status.ok()) *result = TileResult();
+  return status;
 }
 
 }  // namespace sightline

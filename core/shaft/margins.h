@@ -11,6 +11,12 @@
 // the reciprocal) errs by 5.4u(1 + 2.3)/0.4 + 2u·2.3 < 50u. Every rectangle of slopes is widened by
 // 64u, and so holds its rays' true slopes.
 //
+// Rays between others (kOutlineMargin). A camera's rays are sums of a term by column and one by
+// row, rounded: before the rounding (u per component; the doubles' own is far below) a tile's rays
+// are weighted means of its corners', and so are their slopes. |D| moves by u|D|, a slope by at most
+// u(1 + 2.3)/0.4 = 8.3u, for the ray and for the corners: with kSlopeMargin's 50u below 67u. The
+// outline of a group of tiles is widened by 96u.
+//
 // Slopes of corners (kCornerMargin). p = fl(A - O) errs by u, its products with the axes by 3.1u:
 // 4.1u|p|_1 each. With w·p >= 0.25|p|_1 (kMinCornerShare; farther out, no slope is taken) the
 // quotient is below 4 and errs by 16.4u(1 + 4) + 2u·4 < 90u: the margin is 128u.
@@ -79,6 +85,7 @@
 namespace sightline {
 
 inline constexpr float kSlopeMargin = 64 * 0x1p-24f;
+inline constexpr float kOutlineMargin = 96 * 0x1p-24f;
 inline constexpr float kCornerMargin = 128 * 0x1p-24f;
 inline constexpr float kMinCornerShare = 0.25f;
 inline constexpr float kBoxMargin = 32 * 0x1p-24f;

@@ -14,6 +14,7 @@
 #define SIGHTLINE_CORE_TRAVERSE_FINISH_INL_H_
 #endif
 
+#include <algorithm>
 #include <bit>
 #include <limits>
 
@@ -27,54 +28,177 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Writes t (and u, v if packet.want_barycentrics) for packet.triangle, misses included.
-inline void FinishHits(const SceneGeometry& geometry, RayPacket& packet) {
-  const hn::CappedTag<float, 16> d;
-  const hn::RebindToUnsigned<decltype(d)> du;
-  using V = hn::Vec<decltype(d)>;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const Vec3V<V> o = Broadcast(d, packet.origin.x, packet.origin.y, packet.origin.z);
-  uint32_t ready = kNoTriangle;  // The triangle that is set up.
-  TriangleDistance distance;
-  TriangleWeights weights;
-  for (int i = 0; i < packet.count; i += lanes) {
-    const auto ids = hn::Load(du, packet.triangle + i);
-    const Vec3V<V> target = {hn::Load(d, packet.target_x + i), hn::Load(d, packet.target_y + i),
-                             hn::Load(d, packet.target_z + i)};
-    const Vec3V<V> inv = SlabReciprocals(d, packet.segments ? SubV(target, o) : target);
+template <bool kWeights>
+class HitFinisher {
+ public:
+  HitFinisher(const SceneGeometry& geometry, RayPacket& packet)
+      : geometry_(geometry), packet_(packet) {
+    std::fill_n(ready_, kReady, kNoTriangle);
+  }
+
+  // Misses included.
+  void Finish() {
+    FindOctant();
+    for (int i = 0; i < packet_.count; i += kLanes) {
+      const int lanes = std::min(kLanes, packet_.count - i);
+      const uint32_t used = static_cast<uint32_t>((uint64_t{1} << lanes) - 1);
+      const auto ids = hn::Load(DU(), packet_.triangle + i);
+      const uint32_t hit = used & ~MaskBits(DU(), hn::Eq(ids, hn::Set(DU(), kNoTriangle)));
+      FinishLanes(i, ids, hit);
+    }
+  }
+
+ private:
+  using D = hn::CappedTag<float, 16>;
+  using DU = hn::RebindToUnsigned<D>;
+  using DI = hn::RebindToSigned<D>;
+  using V = hn::Vec<D>;
+  using VU = hn::Vec<DU>;
+  static constexpr int kLanes = static_cast<int>(hn::MaxLanes(D()));
+  // Triangles kept set up, by the low bits of their ids: neighbouring vectors share theirs.
+  static constexpr uint32_t kReady = 16;
+  // Lanes of a vector with more triangles than this are set up each for itself.
+  static constexpr int kMostBlends = 4;
+
+  // Not set to anything before it is filled.
+  union Slot {
+    Slot() {}
+    TriangleTerms terms;
+  };
+
+  Vec3V<V> Targets(int i) const {
+    const D d;
+    return {hn::Load(d, packet_.target_x + i), hn::Load(d, packet_.target_y + i),
+            hn::Load(d, packet_.target_z + i)};
+  }
+
+  Vec3V<V> Direction(int i) const {
+    const Vec3f o = packet_.origin;
+    const Vec3V<V> target = Targets(i);
+    return packet_.segments ? SubV(target, Broadcast(D(), o.x, o.y, o.z)) : target;
+  }
+
+  // Whether all rays point into one octant, with no component that is zero or subnormal.
+  void FindOctant() {
+    const D d;
+    const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+    V least[3] = {infinity, infinity, infinity};
+    V most[3] = {hn::Neg(infinity), hn::Neg(infinity), hn::Neg(infinity)};
+    for (int i = 0; i < packet_.count; i += kLanes) {
+      // Lanes that are not in use repeat others (the walks pad packets).
+      const Vec3V<V> v = Direction(i);
+      least[0] = hn::Min(least[0], v.x);
+      most[0] = hn::Max(most[0], v.x);
+      least[1] = hn::Min(least[1], v.y);
+      most[1] = hn::Max(most[1], v.y);
+      least[2] = hn::Min(least[2], v.z);
+      most[2] = hn::Max(most[2], v.z);
+    }
+    one_octant_ = true;
+    for (int k = 0; k < 3; ++k) {
+      octant_[k] = hn::GetLane(hn::MaxOfLanes(d, most[k])) <= -std::numeric_limits<float>::min();
+      one_octant_ = one_octant_ && (octant_[k] || hn::GetLane(hn::MinOfLanes(d, least[k])) >=
+                                                      std::numeric_limits<float>::min());
+    }
+  }
+
+  const TriangleTerms& Ready(uint32_t id) {
+    const uint32_t slot = id % kReady;
+    TriangleTerms& terms = terms_[slot].terms;
+    if (ready_[slot] != id) {
+      const auto [a, b, c] = geometry_.Corners(id);
+      terms.distance = TriangleDistance::Make(packet_.origin, a, b, c);
+      if constexpr (kWeights) terms.weights = TriangleWeights::Make(packet_.origin, a, b, c);
+      ready_[slot] = id;
+    }
+    return terms;
+  }
+
+  HWY_INLINE void FinishLanes(int i, VU ids, uint32_t hit) {
+    const D d;
     V t = hn::Set(d, std::numeric_limits<float>::infinity());
-    V u = hn::Zero(d), v = hn::Zero(d);
-    uint32_t left = ~MaskBits(du, hn::Eq(ids, hn::Set(du, kNoTriangle))) & ((1u << lanes) - 1);
-    if (packet.count - i < lanes) left &= (1u << (packet.count - i)) - 1;
-    while (left != 0) {
-      const uint32_t id = packet.triangle[i + std::countr_zero(left)];
-      if (id != ready) {
-        const auto [a, b, c] = geometry.Corners(id);
-        distance = TriangleDistance::Make(packet.origin, a, b, c);
-        if (packet.want_barycentrics) weights = TriangleWeights::Make(packet.origin, a, b, c);
-        ready = id;
-      }
-      const auto same_u = hn::Eq(ids, hn::Set(du, id));
-      const auto same = hn::RebindMask(d, same_u);
-      if (packet.want_barycentrics) {
-        V new_u, new_v;
-        t = hn::IfThenElse(same,
-                           HitDistances(d, distance, packet.origin, packet.segments, target, inv,
-                                        &weights, &new_u, &new_v),
-                           t);
-        u = hn::IfThenElse(same, new_u, u);
-        v = hn::IfThenElse(same, new_v, v);
-      } else {
-        t = hn::IfThenElse(
-            same, HitDistances(d, distance, packet.origin, packet.segments, target, inv), t);
-      }
-      left &= ~MaskBits(du, same_u);
+    V u = hn::Zero(d), v = u;
+    if (hit != 0) {
+      HitTerms<D, kWeights> terms;
+      FillTerms(i, ids, hit, &terms);
+      const Vec3V<V> target = Targets(i), direction = Direction(i);
+      const V one = hn::Set(d, 1.0f);
+      const Vec3V<V> inv = one_octant_
+                               ? Vec3V<V>{hn::Div(one, direction.x), hn::Div(one, direction.y),
+                                          hn::Div(one, direction.z)}
+                               : SlabReciprocals(d, direction);
+      V new_u = u, new_v = v;
+      const V new_t =
+          EvaluateHits(d, terms, packet_.origin, packet_.segments, target, inv,
+                       one_octant_ ? octant_ : static_cast<const bool*>(nullptr), &new_u, &new_v);
+      const auto here = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&hit));
+      t = hn::IfThenElse(here, new_t, t);
+      u = hn::IfThenElseZero(here, new_u);
+      v = hn::IfThenElseZero(here, new_v);
     }
-    hn::Store(t, d, packet.t + i);
-    if (packet.want_barycentrics) {
-      hn::Store(u, d, packet.u + i);
-      hn::Store(v, d, packet.v + i);
+    hn::Store(t, d, packet_.t + i);
+    if constexpr (kWeights) {
+      hn::Store(u, d, packet_.u + i);
+      hn::Store(v, d, packet_.v + i);
     }
+  }
+
+  // The terms of lanes that hit nothing are any.
+  HWY_INLINE void FillTerms(int i, VU ids, uint32_t hit, HitTerms<D, kWeights>* terms) {
+    const uint32_t first = packet_.triangle[i + std::countr_zero(hit)];
+    uint32_t left = hit & ~MaskBits(DU(), hn::Eq(ids, hn::Set(DU(), first)));
+    const TriangleTerms& ready = Ready(first);
+    terms->Set(ready.distance, &ready.weights);
+    for (int blends = 1; left != 0; ++blends) {
+      if (blends == kMostBlends) {
+        Gather(ids, first, hit, terms);
+        return;
+      }
+      const uint32_t id = packet_.triangle[i + std::countr_zero(left)];
+      const uint32_t same = left & MaskBits(DU(), hn::Eq(ids, hn::Set(DU(), id)));
+      const TriangleTerms& other = Ready(id);
+      terms->Blend(same, other.distance, &other.weights);
+      left &= ~same;
+    }
+  }
+
+  HWY_NOINLINE void Gather(VU ids, uint32_t any, uint32_t hit, HitTerms<D, kWeights>* terms) {
+    const D d;
+    const DU du;
+    const DI di;
+    static_assert(sizeof(geometry_.triangles[0]) == 3 * sizeof(uint32_t));
+    static_assert(sizeof(Vec3f) == 3 * sizeof(float));
+    const auto here = hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(&hit));
+    const auto three_times = [&](VU x) HWY_ATTR { return hn::Add(hn::Add(x, x), x); };
+    const VU at = three_times(hn::IfThenElse(here, ids, hn::Set(du, any)));
+    const uint32_t* indices = geometry_.triangles.data()->data();
+    const float* positions = &geometry_.vertices.data()->x;
+    Vec3V<V> corner[3];
+    for (int k = 0; k < 3; ++k) {
+      // Offsets stay below 2^31: MeshLimits.
+      const VU vertex = three_times(hn::GatherIndex(du, indices + k, hn::BitCast(di, at)));
+      const auto offset = hn::BitCast(di, vertex);
+      corner[k] = {hn::GatherIndex(d, positions, offset), hn::GatherIndex(d, positions + 1, offset),
+                   hn::GatherIndex(d, positions + 2, offset)};
+    }
+    terms->Make(packet_.origin, corner[0], corner[1], corner[2]);
+  }
+
+  const SceneGeometry& geometry_;
+  RayPacket& packet_;
+  bool one_octant_ = false;
+  bool octant_[3] = {};  // Negative, by axis.
+  uint32_t ready_[kReady];
+  Slot terms_[kReady];
+};
+
+// Writes t (and u, v if packet.want_barycentrics) for packet.triangle, misses included. REQUIRES:
+// lanes up to a whole vector repeat others.
+inline void FinishHits(const SceneGeometry& geometry, RayPacket& packet) {
+  if (packet.want_barycentrics) {
+    HitFinisher<true>(geometry, packet).Finish();
+  } else {
+    HitFinisher<false>(geometry, packet).Finish();
   }
 }
 

@@ -419,7 +419,7 @@ class ShaftWalk {
     const auto bound = hn::Set(dd, 9 * 0x1p-53 * norm_1(ab) * norm_1(ac));
     const auto side = [&](auto x, auto y, auto z) HWY_ATTR {
       const auto p = DirectionInDoubles(half, a, /*segments=*/true, x, y, z);
-      const auto value = DotInDoubles(dd, n, p);
+      const auto value = UnfusedDot(BroadcastInDoubles(dd, n), p);
       const auto off = hn::Mul(bound, NormInfV(p));
       const auto one = hn::Set(dd, 1.0), zero = hn::Zero(dd);
       return hn::DemoteTo(

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Makes a ShaftCut for packets with one origin, or one direction, together: opens the largest boxes
+// Makes a ShaftCut for packets with one origin, or one direction, together, and for all rays
+// between theirs: opens the largest boxes
 // that their common shaft meets until there are as many as a cut holds.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -141,7 +142,7 @@ class CutMaker {
     }
     if (!fits) return false;
     const float spread = hn::GetLane(hn::MaxOfLanes(d, widest));
-    const float widen = kParallel ? kBoxMargin * spread : kSlopeMargin;
+    const float widen = kParallel ? kBoxMargin * spread : kOutlineMargin;
     const float near = hn::GetLane(hn::MinOfLanes(d, z0));
     const float far = hn::GetLane(hn::MaxOfLanes(d, z1)) * kDepthScale;
     side_count_ = MakeShaftSides<kParallel>(
