@@ -11,6 +11,9 @@
 namespace sightline {
 namespace {
 
+// Samples of one light for which it pays to look at their common hull first.
+constexpr size_t kLeastHullSamples = 4;
+
 template <typename Packet>
 void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
   if (*size >= count) return;
@@ -26,6 +29,7 @@ void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const u
   positions_ = positions;
   sources_ = sources;
   packets_ready_ = parallel_ready_ = false;
+  hull_begin_ = hull_end_ = 0;
 }
 
 // A segment's point end is moved toward the light by t_min, in double, rounded once.
@@ -48,25 +52,24 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
   return static_cast<int>(count);
 }
 
-absl::Status SampleTracer::Trace(const LightSample& sample, size_t ordinal) {
+absl::Status SampleTracer::Trace(size_t s) {
+  const LightSample& sample = samples_[s];
   SIGHTLINE_CHECK(sample.valid);
-  if (ordinal >= first_leaves_.size()) first_leaves_.resize(ordinal + 1, RayPacket::kNoLeaf);
-  uint32_t* const first_leaf = &first_leaves_[ordinal];
   const uint32_t mask = run_.options().mask & sample.mask;
   const Strategy strategy = ChooseStrategy(
       run_.options().strategy, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
       positions_.size());
   StatsScope scope(stats_, strategy, positions_.size());
   if (!sample.directional) {
-    return TraceSegments(sample, mask, strategy, first_leaf, scope.walk());
+    return TraceSegments(s, mask, strategy, scope.walk());
   }
-  return strategy == Strategy::kShaft ? TraceParallel(sample, mask, first_leaf, scope.walk())
+  return strategy == Strategy::kShaft ? TraceParallel(s, mask, scope.walk())
                                       : TraceOneByOne(sample, mask, strategy, scope.walk());
 }
 
-absl::Status SampleTracer::TraceSegments(const LightSample& sample, uint32_t mask,
-                                         Strategy strategy, uint32_t* first_leaf,
+absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,
                                          WalkStats* stats) {
+  const LightSample& sample = samples_[s];
   parallel_traced_ = false;
   Reserve(blocks(), &packets_, &packets_size_);
   for (size_t b = 0; b < blocks(); ++b) {
@@ -82,19 +85,51 @@ absl::Status SampleTracer::TraceSegments(const LightSample& sample, uint32_t mas
   }
   packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
   const std::span<const RayPacket> packets(packets_.get(), blocks());
-  const ShaftCut* cut = strategy == Strategy::kShaft && blocks() > 1
-                            ? CutGroup(scene_, run_, packets, &cut_)
-                            : nullptr;
+  const ShaftCut* cut = nullptr;
+  bool by_hulls = false;
+  if (strategy == Strategy::kShaft) {
+    if (s >= hull_end_ || s < hull_begin_) CutHulls(s);
+    by_hulls = hull_end_ - hull_begin_ >= kLeastHullSamples;
+    if (!by_hulls && blocks() > 1) cut = CutGroup(scene_, run_, packets, &cut_);
+  }
+  uint32_t* const first_leaf = &first_leaves_[s];
   for (size_t b = 0; b < blocks(); ++b) {
     packets_[b].first_leaf = *first_leaf;
-    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, strategy, &packets_[b], cut, stats));
+    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, strategy, &packets_[b],
+                                        by_hulls ? hull_cut_of_[b] : cut, stats));
     *first_leaf = packets_[b].first_leaf;
   }
   return absl::OkStatus();
 }
 
-absl::Status SampleTracer::TraceParallel(const LightSample& sample, uint32_t mask,
-                                         uint32_t* first_leaf, WalkStats* stats) {
+void SampleTracer::CutHulls(size_t s) {
+  const auto belongs = [&](size_t i) {
+    return samples_[i].valid && !samples_[i].directional && samples_[i].light == samples_[s].light;
+  };
+  hull_begin_ = s;
+  for (hull_end_ = s; hull_end_ < samples_.size() && belongs(hull_end_); ++hull_end_) {
+  }
+  // With t_min the points differ from sample to sample.
+  if (t_min_ != 0) hull_end_ = s + 1;
+  if (hull_end_ - hull_begin_ < kLeastHullSamples) return;
+  hull_origins_.clear();
+  for (size_t i = hull_begin_; i < hull_end_; ++i) hull_origins_.push_back(samples_[i].value);
+  const std::span<const RayPacket> packets(packets_.get(), blocks());
+  const CutHullFn cut_hull = run_.kernels().cut_hull;
+  const ShaftCut* from =
+      blocks() > 1 && cut_hull(scene_, hull_origins_, packets, nullptr, &cut_) ? &cut_ : nullptr;
+  hull_cuts_.resize(blocks());
+  hull_cut_of_.resize(blocks());
+  for (size_t b = 0; b < blocks(); ++b) {
+    hull_cut_of_[b] = cut_hull(scene_, hull_origins_, packets.subspan(b, 1), from, &hull_cuts_[b])
+                          ? &hull_cuts_[b]
+                          : nullptr;
+  }
+}
+
+absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, WalkStats* stats) {
+  const LightSample& sample = samples_[s];
+  uint32_t* const first_leaf = &first_leaves_[s];
   parallel_traced_ = true;
   Reserve(blocks(), &parallel_, &parallel_size_);
   for (size_t b = 0; b < blocks(); ++b) {

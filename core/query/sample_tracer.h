@@ -29,18 +29,24 @@ namespace sightline {
 
 class SampleTracer {
  public:
-  // `t_min` as in ShadowOptions. All references must outlive the tracer.
+  // `t_min` as in ShadowOptions. What is referred to must outlive the tracer.
   SampleTracer(const IndexedGeometry& scene, const QueryRun& run, HitKind kind, double t_min,
-               QueryStats* stats)
-      : scene_(scene), run_(run), kind_(kind), t_min_(t_min), stats_(stats) {}
+               std::span<const LightSample> samples, QueryStats* stats)
+      : scene_(scene),
+        run_(run),
+        kind_(kind),
+        t_min_(t_min),
+        samples_(samples),
+        stats_(stats),
+        first_leaves_(samples.size(), RayPacket::kNoLeaf) {}
 
   // At most kGroupRays points, all valid; kept by reference until the next call.
   void SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources);
 
-  // A sample that is a point starts the segments, one that is a direction is what rays from the
-  // points run toward. `ordinal` tells samples apart, from group to group. REQUIRES: sample.valid.
-  // On success triangle(i) is the first or, for kAny, some blocker of point i.
-  absl::Status Trace(const LightSample& sample, size_t ordinal);
+  // Sample s. One that is a point starts the segments, one that is a direction is what rays from
+  // the points run toward. REQUIRES: it is valid. On success triangle(i) is the first or, for kAny,
+  // some blocker of point i. Samples of one light share work when they are asked about in turn.
+  absl::Status Trace(size_t s);
 
   size_t count() const { return positions_.size(); }
   uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }
@@ -54,10 +60,10 @@ class SampleTracer {
   const uint32_t* triangles(size_t block) const {
     return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
   }
-  absl::Status TraceSegments(const LightSample& sample, uint32_t mask, Strategy strategy,
-                             uint32_t* first_leaf, WalkStats* stats);
-  absl::Status TraceParallel(const LightSample& sample, uint32_t mask, uint32_t* first_leaf,
-                             WalkStats* stats);
+  absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, WalkStats* stats);
+  // Cuts by the hull of sample s's light and each block's points, if it has samples enough.
+  void CutHulls(size_t s);
+  absl::Status TraceParallel(size_t s, uint32_t mask, WalkStats* stats);
   absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask, Strategy strategy,
                              WalkStats* stats);
   // The points of a block as the ends of segments, or origins of rays, of `sample`.
@@ -68,6 +74,7 @@ class SampleTracer {
   const QueryRun& run_;
   const HitKind kind_;
   const double t_min_;
+  const std::span<const LightSample> samples_;
   QueryStats* const stats_;
   std::span<const Vec3f> positions_;
   std::span<const uint32_t> sources_;
@@ -80,6 +87,11 @@ class SampleTracer {
   std::unique_ptr<ParallelPacket[]> parallel_;
   ShaftCut cut_;
   std::vector<uint32_t> first_leaves_;  // By sample: RayPacket::first_leaf for its next packet.
+  // Samples hull_begin_ .. hull_end_ share these cuts, by block; null where there is none.
+  size_t hull_begin_ = 0, hull_end_ = 0;
+  std::vector<Vec3f> hull_origins_;
+  std::vector<ShaftCut> hull_cuts_;
+  std::vector<const ShaftCut*> hull_cut_of_;
 };
 
 }  // namespace sightline

@@ -61,7 +61,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::vector<Vec3f> positions(group);
   std::vector<uint32_t> sources(group);
   std::vector<size_t> index(group);
-  SampleTracer tracer(scene, run, kind, shadow.t_min, &out.stats);
+  SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
   std::vector<uint32_t> order;
   const bool ordered = IsScattered(points.positions, points.valid);
   if (ordered) order = MortonOrder(points.positions, points.valid);
@@ -83,7 +83,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
                      std::span<const uint32_t>(sources.data(), count));
     for (size_t s = 0; s < samples.size(); ++s) {
       if (!samples[s].valid) continue;
-      SL_RETURN_IF_ERROR(tracer.Trace(samples[s], s));
+      SL_RETURN_IF_ERROR(tracer.Trace(s));
       if (outputs.bits) {
         uint8_t* row = out.lit_bits.data() + s * row_bytes;
         for (size_t w = 0; 64 * w < count; ++w) {

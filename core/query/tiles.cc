@@ -62,7 +62,7 @@ class TileTrace {
         pixels_(size_t{tile.width} * tile.height),
         row_bytes_((pixels_ + 7) / 8),
         out_(*out),
-        tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, &out->shadow) {
+        tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, samples, &out->shadow) {
     for (RayPacket* packet : {&packet_, &outline_}) {
       packet->origin = eye;
       packet->segments = false;
@@ -136,7 +136,7 @@ class TileTrace {
           const TileRect block = {x, y, std::min(kBlockSide, group.width - x),
                                   std::min(kBlockSide, group.height - y)};
           Place(block);
-            SL_RETURN_IF_ERROR(
+          SL_RETURN_IF_ERROR(
               TracePacketBlock(scene_, run_, kind, strategy, &packet_, cut, scope.walk()));
           Write(group, block);
           if (outputs_.lit || outputs_.points) points = PlacePoints(group, block, points);
@@ -298,7 +298,7 @@ class TileTrace {
                       std::span<const uint32_t>(sources_.data(), points));
     for (size_t s = 0; s < samples_.size(); ++s) {
       if (!samples_[s].valid) continue;
-      SL_RETURN_IF_ERROR(tracer_.Trace(samples_[s], s));
+      SL_RETURN_IF_ERROR(tracer_.Trace(s));
       uint8_t* row = out_.lit_bits.data() + s * row_bytes_;
       for (size_t i = 0; i < points; ++i) {
         if (tracer_.triangle(i) == kNoTriangle) SetBit(row, point_pixel_[i]);

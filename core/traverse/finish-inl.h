@@ -192,6 +192,14 @@ class HitFinisher {
   Slot terms_[kReady];
 };
 
+// What FinishHits writes where nothing is hit.
+inline void FillMisses(RayPacket& packet) {
+  std::fill_n(packet.t, packet.count, std::numeric_limits<float>::infinity());
+  if (!packet.want_barycentrics) return;
+  std::fill_n(packet.u, packet.count, 0.0f);
+  std::fill_n(packet.v, packet.count, 0.0f);
+}
+
 // Writes t (and u, v if packet.want_barycentrics) for packet.triangle, misses included. REQUIRES:
 // lanes up to a whole vector repeat others.
 inline void FinishHits(const SceneGeometry& geometry, RayPacket& packet) {

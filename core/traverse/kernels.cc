@@ -14,6 +14,7 @@
 #include "hwy/foreach_target.h"
 // clang-format on
 
+#include "core/traverse/hull_cut-inl.h"
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
@@ -37,6 +38,7 @@ const Kernels& TargetKernels() {
       .occluded_parallel_shaft = &TraceParallelShaft,
       .cut_shaft = &CutShaft<false>,
       .cut_parallel_shaft = &CutShaft<true>,
+      .cut_hull = &CutHull,
   };
   return kKernels;
 }

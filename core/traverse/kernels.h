@@ -40,6 +40,12 @@ using CutShaftFn = bool (*)(const IndexedGeometry& scene, std::span<const RayPac
 using CutParallelFn = bool (*)(const IndexedGeometry& scene,
                                std::span<const ParallelPacket> packets, ShaftCut* cut);
 
+// A cut for segments from all `origins` to the packets' targets, beginning at `from`, a cut of a
+// hull that holds this one, or at the root if it is null. One without nodes says that nothing
+// blocks any of them. False: there is none.
+using CutHullFn = bool (*)(const IndexedGeometry& scene, std::span<const Vec3f> origins,
+                           std::span<const RayPacket> packets, const ShaftCut* from, ShaftCut* cut);
+
 struct Kernels {
   TraceRaysFn occluded_single, closest_single;    // Depth-first over the BVH, one ray at a time.
   TraceRaysFn occluded_brute, closest_brute;      // Every triangle of the geometry; no structure.
@@ -48,6 +54,7 @@ struct Kernels {
   TraceParallelFn occluded_parallel_shaft;
   CutShaftFn cut_shaft;
   CutParallelFn cut_parallel_shaft;
+  CutHullFn cut_hull;
 };
 
 // REQUIRES: SimdTargetAvailable(target).

@@ -535,6 +535,12 @@ template <bool kAny>
 bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut* cut,
                 const CancelToken* cancel, WalkStats* stats) {
   if (packet.count == 0) return true;
+  if (cut != nullptr && cut->node_count == 0) {
+    // Nothing is in reach of any ray.
+    std::fill_n(packet.triangle, packet.count, kNoTriangle);
+    if constexpr (!kAny) FillMisses(packet);
+    return true;
+  }
   ShaftWalk<kAny, false> walk(scene, packet, stats);
   if (!walk.Prepare()) return TracePacket<kAny>(scene, packet, cancel, stats);
   return walk.Run(cut, cancel);

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Makes a ShaftCut for packets with one origin, or one direction, together, and for all rays
-// between theirs: opens the largest boxes
-// that their common shaft meets until there are as many as a cut holds.
+// between theirs.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_
@@ -12,8 +11,10 @@
 #endif
 
 #include <algorithm>
+#include <limits>
 #include <span>
 
+#include "core/traverse/cut_opener-inl.h"
 #include "core/traverse/shaft_cut.h"
 #include "core/traverse/shaft_rays-inl.h"
 
@@ -33,37 +34,17 @@ class CutMaker {
   // False: the rays fit no frame together.
   bool Make(ShaftCut* cut) {
     if (!MakeFrame() || !Bound()) return false;
-    Open(scene_.bvh.nodes[0]);
-    while (count_ + kBvhWidth <= ShaftCut::kMaxChildren) {
-      uint32_t largest = count_;
-      float area = -1;
-      for (uint32_t i = 0; i < count_; ++i) {
-        if (ChildRef::FromBits(children_[i].ref_bits).is_inner() && children_[i].area > area) {
-          largest = i;
-          area = children_[i].area;
-        }
-      }
-      if (largest == count_) break;
-      const uint32_t node = ChildRef::FromBits(children_[largest].ref_bits).node();
-      children_[largest] = children_[--count_];
-      Open(scene_.bvh.nodes[node]);
-    }
+    CutOpener opener(sides_, side_count_, margin_, frame_.w);
+    opener.Open(scene_.bvh.nodes[0]);
+    opener.OpenLargest(scene_.bvh);
     // Near before far; for any hit what is nearest to the light first, which blocks the most.
-    std::sort(children_, children_ + count_, [](const Child& a, const Child& b) {
-      return kParallel ? a.depth > b.depth : a.depth < b.depth;
-    });
-    Pack(cut);
+    opener.Sort(/*descending=*/kParallel);
+    opener.Pack(cut);
     return true;
   }
 
  private:
   using V = ShaftV;
-
-  struct Child {
-    float depth, area;
-    uint32_t ref_bits;
-    float bounds[6];
-  };
 
   bool Segments() const {
     if constexpr (kParallel) {
@@ -154,43 +135,6 @@ class CutMaker {
     return true;
   }
 
-  // Takes the node's children that the shaft may meet.
-  void Open(const BvhNode& node) {
-    const hn::CappedTag<float, kBvhWidth> d8;
-    uint32_t bits = MaskBits(d8, MeetsSides(node, sides_, side_count_, margin_)) &
-                    ((1u << node.child_count) - 1);
-    for (; bits != 0; bits &= bits - 1) {
-      const int i = std::countr_zero(bits);
-      Child& child = children_[count_++];
-      child.ref_bits = node.child[i].bits();
-      child.depth = 0;
-      float size[3];
-      for (int k = 0; k < 3; ++k) {
-        child.bounds[k] = node.bounds[k][i];
-        child.bounds[k + 3] = node.bounds[k + 3][i];
-        size[k] = node.bounds[k + 3][i] - node.bounds[k][i];
-        child.depth += frame_.w[k] * (frame_.w[k] >= 0 ? child.bounds[k] : child.bounds[k + 3]);
-      }
-      child.area = size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
-    }
-  }
-
-  void Pack(ShaftCut* cut) const {
-    cut->node_count = (count_ + kBvhWidth - 1) / kBvhWidth;
-    for (uint32_t i = 0; i < cut->node_count * kBvhWidth; ++i) {
-      BvhNode& node = cut->nodes[i / kBvhWidth];
-      const uint32_t slot = i % kBvhWidth;
-      const bool used = i < count_;
-      for (int k = 0; k < 6; ++k) {
-        node.bounds[k][slot] = used    ? children_[i].bounds[k]
-                               : k < 3 ? std::numeric_limits<float>::infinity()
-                                       : -std::numeric_limits<float>::infinity();
-      }
-      node.child[slot] = used ? ChildRef::FromBits(children_[i].ref_bits) : ChildRef::Empty();
-      if (used) node.child_count = slot + 1;
-    }
-  }
-
   const IndexedGeometry& scene_;
   std::span<const Packet> packets_;
   ShaftFrame frame_;
@@ -198,8 +142,6 @@ class CutMaker {
   ShaftSide sides_[6];
   int side_count_ = 0;
   float margin_ = 0;
-  uint32_t count_ = 0;
-  Child children_[ShaftCut::kMaxChildren];
 };
 
 template <bool kParallel>

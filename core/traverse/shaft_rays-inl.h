@@ -143,6 +143,37 @@ HWY_INLINE hn::Mask<hn::CappedTag<float, kBvhWidth>> MeetsSides(const BvhNode& n
   return hn::Ge(least, hn::Set(d8, -margin));
 }
 
+// Unit normals of the surface under some of `count` points, turned `along`, added up: long where it
+// is flat. Of their source triangles, or as neighbouring points have it where no source is known:
+// points come in fours by four, row by row or along a Morton curve.
+inline Vec3d SumOfNormals(const SceneGeometry& geometry, const uint32_t* sources,
+                          const float* const (&rows)[3], int count, Vec3d along) {
+  const auto point = [&](int lane) {
+    lane = std::min(lane, count - 1);
+    return Vec3d{rows[0][lane], rows[1][lane], rows[2][lane]};
+  };
+  Vec3d sum;
+  for (int k = 1; k < 8; k += 2) {
+    const int lane = count * k / 8;
+    Vec3d n;
+    if (sources[lane] < geometry.triangles.size()) {
+      const auto [a, b, c] = geometry.Corners(sources[lane]);
+      const Vec3d ad = ToDouble(a);
+      n = Cross(ToDouble(b) - ad, ToDouble(c) - ad);
+    } else {
+      const int first = lane / kShaftBlockRays * kShaftBlockRays;
+      const Vec3d p = point(first);
+      // A row and a column of either order; the other's three points are in line.
+      n = Cross(point(first + 3) - p, point(first + 12) - p);
+      const Vec3d m = Cross(point(first + 5) - p, point(first + 10) - p);
+      if (Dot(m, m) > Dot(n, n)) n = m;
+    }
+    const double length = Length(n);
+    if (length > 0) sum = sum + n * ((Dot(n, along) < 0 ? -1.0 : 1.0) / length);
+  }
+  return sum;
+}
+
 // Rays that a frame can hold. A square that underflows or overflows fails the test, and the rays go
 // another way.
 HWY_INLINE ShaftM FitsFrame(const Vec3V<ShaftV>& direction, ShaftV depth) {
@@ -452,19 +483,9 @@ class ShaftRays {
   // surface where that is flat; along the axis if no source is known.
   void MakeCap() {
     cap_at_ = point(packet_.count / 2);
-    Vec3d sum;
-    for (int k = 1; k < 8; k += 2) {
-      const int lane = packet_.count * k / 8;
-      const uint32_t source = sources()[lane];
-      if (source >= scene_.geometry.triangles.size()) continue;
-      const auto [a, b, c] = scene_.geometry.Corners(source);
-      const Vec3d ad = ToDouble(a);
-      const Vec3d n = Cross(ToDouble(b) - ad, ToDouble(c) - ad);
-      const double length = Length(n);
-      if (!(length > 0)) continue;
-      const Vec3d along = kParallel ? -ToDouble(Common()) : ToDouble(point(lane)) - ToDouble(apex_);
-      sum = sum + n * ((Dot(n, along) < 0 ? -1.0 : 1.0) / length);
-    }
+    const float* const rows[3] = {row(0), row(1), row(2)};
+    const Vec3d sum = SumOfNormals(scene_.geometry, sources(), rows, packet_.count,
+                                   ToDouble(kParallel ? -frame_.w : frame_.w));
     const double length = Length(sum);
     cap_normal_ = length > 0.125 ? ToFloat(sum * (1.0 / length)) : kParallel ? -frame_.w : frame_.w;
     if constexpr (kParallel) {
