@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A growable array of trivially copyable elements that starts on a cache line (64 bytes): what SIMD
-// code reads and what the native scene file maps. Beside std::vector's usual part it can grow
-// without initializing, for arrays that are about to be overwritten whole.
+// A growable array of trivially copyable elements that starts on a cache line (64 bytes), on huge
+// pages where it is large: what SIMD code reads and what the native scene file maps. Beside
+// std::vector's usual part it can grow without initializing, for arrays that are about to be
+// overwritten whole.
 //
 // Invariants: data() is 64-byte aligned (null while capacity is 0); size() <= capacity(). Growth
 // moves the elements: pointers and spans into it end there. Running out of memory throws
@@ -27,6 +28,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "core/base/array_memory.h"
 #include "core/base/check.h"
 
 namespace sightline {
@@ -37,7 +39,7 @@ class AlignedVector {
                 "elements are moved by memcpy and never destroyed");
 
  public:
-  static constexpr size_t kAlignment = 64;
+  static constexpr size_t kAlignment = kArrayAlignment;
   static_assert(alignof(T) <= kAlignment);
 
   using value_type = T;
@@ -67,7 +69,7 @@ class AlignedVector {
     swap(taken);
     return *this;
   }
-  ~AlignedVector() { Free(data_); }
+  ~AlignedVector() { Free(data_, capacity_); }
 
   T* data() { return data_; }
   const T* data() const { return data_; }
@@ -142,15 +144,15 @@ class AlignedVector {
     if (n == 0) return nullptr;
     if (n > std::numeric_limits<std::ptrdiff_t>::max() / sizeof(T))
       throw std::bad_array_new_length();
-    return static_cast<T*>(::operator new (n * sizeof(T), std::align_val_t{kAlignment}));
+    return static_cast<T*>(AllocateArray(n * sizeof(T)));
   }
-  static void Free(T* data) { ::operator delete (data, std::align_val_t{kAlignment}); }
+  static void Free(T* data, size_t n) { FreeArray(data, n * sizeof(T)); }
 
   // REQUIRES: n >= size_.
   void Reallocate(size_t n) {
     T* const data = Allocate(n);
     if (size_ > 0) std::memcpy(static_cast<void*>(data), data_, size_ * sizeof(T));
-    Free(data_);
+    Free(data_, capacity_);
     data_ = data;
     capacity_ = n;
   }

@@ -13,9 +13,9 @@
 //
 // Rays between others (kOutlineMargin). A camera's rays are sums of a term by column and one by
 // row, rounded: before the rounding (u per component; the doubles' own is far below) a tile's rays
-// are weighted means of its corners', and so are their slopes. |D| moves by u|D|, a slope by at most
-// u(1 + 2.3)/0.4 = 8.3u, for the ray and for the corners: with kSlopeMargin's 50u below 67u. The
-// outline of a group of tiles is widened by 96u.
+// are weighted means of its corners', and so are their slopes. |D| moves by u|D|, a slope by at
+// most u(1 + 2.3)/0.4 = 8.3u, for the ray and for the corners: with kSlopeMargin's 50u below 67u.
+// The outline of a group of tiles is widened by 96u.
 //
 // Slopes of corners (kCornerMargin). p = fl(A - O) errs by u, its products with the axes by 3.1u:
 // 4.1u|p|_1 each. With w·p >= 0.25|p|_1 (kMinCornerShare; farther out, no slope is taken) the

@@ -51,6 +51,10 @@ constexpr float kLargestInverse = 0x1p100f;
 // A segment's hit is not beyond its end: the inverse of kSegmentEnd, rounding included.
 constexpr float kEndInverse = 1.0f - 0x1p-19f;
 
+// hn::Iota of a value known at run time goes through memory, a number at a time.
+alignas(64) constexpr uint32_t kCountUp[kShaftBlocks] = {0, 1, 2,  3,  4,  5,  6,  7,
+                                                         8, 9, 10, 11, 12, 13, 14, 15};
+
 template <bool kAny, bool kParallel>
 class ShaftWalk {
  public:
@@ -289,8 +293,8 @@ class ShaftWalk {
       const uint8_t* open = reinterpret_cast<const uint8_t*>(&bounds_.open_blocks) + first / 8;
       in = hn::And(in, hn::LoadMaskBits(d, open));
       const auto covered = hn::IfThenElseZero(hn::RebindMask(du, cover), hn::Set(du, kCovered));
-      const auto pair =
-          hn::Add(hn::Iota(du, i << kTriangleShift | static_cast<uint32_t>(first)), covered);
+      const uint32_t pair_bits = i << kTriangleShift | static_cast<uint32_t>(first);
+      const auto pair = hn::Add(hn::Add(hn::Load(du, kCountUp), hn::Set(du, pair_bits)), covered);
       // Compressed in a register: a compressing store is microcode.
       hn::StoreU(hn::Compress(pair, hn::RebindMask(du, in)), du, pairs + count);
       count += hn::CountTrue(d, in);
@@ -335,6 +339,16 @@ class ShaftWalk {
     const V underflow = hn::Set(d, kFloatUnderflow), zero = hn::Zero(d);
     const Vec3V<V> own = rays_.Own(at);
     stats_->triangle_tests += hn::CountTrue(d, asked);
+    M inside_plane = asked, beyond = asked;  // Perhaps, and certainly, beyond the plane.
+    const bool has_plane = kParallel || rays_.segments();
+    if (has_plane) {
+      // From the triangle's own corner, which settles points that lie near it. Mostly they are its
+      // neighbours' and on its near side.
+      const V plane = PlaneFromCorner(leaf, i, at), off = CornerBound(leaf, i, at);
+      inside_plane = hn::And(asked, hn::Ge(hn::Add(plane, off), zero));
+      if (hn::AllFalse(d, inside_plane)) return inside_plane;
+      beyond = hn::And(asked, hn::Gt(plane, off));
+    }
     const auto along = [&](const float(&rows)[3][kMaxLeafTriangles]) HWY_ATTR {
       return DotV(Broadcast(d, rows[0][i], rows[1][i], rows[2][i]), own);
     };
@@ -345,39 +359,17 @@ class ShaftWalk {
     }
     if constexpr (!kParallel) bound = hn::MulAdd(bound, rays_.OwnInf(at), underflow);
     const V inner = hn::Min(hn::Min(edge[0], edge[1]), edge[2]);
-    // `most` < 0: some form is certainly negative. `least` > 0: all are certainly positive.
-    V most = hn::Add(inner, bound), least = hn::Sub(inner, bound);
-    if (kParallel || rays_.segments()) {
-      // N·(A-P) of a parallel ray; N·(P-A) = N·D - N·(A-O) of a segment.
-      V plane, off;
-      if constexpr (kParallel) {
-        plane = hn::Sub(hn::Set(d, forms.depth[i]), along(forms.normal));
-        off = hn::Set(d, forms.depth_bound[i]);
-      } else {
-        plane = hn::Sub(along(forms.normal), hn::Set(d, forms.depth[i]));
-        off = hn::MulAdd(hn::Set(d, forms.normal_bound[i]), rays_.OwnInf(at),
-                         hn::Set(d, forms.depth_bound[i]));
-        // The difference itself rounds by u of its value.
-        off = hn::MulAdd(hn::Abs(plane), hn::Set(d, 0x1p-23f), off);
-      }
-      most = hn::Min(most, hn::Add(plane, off));
-      least = hn::Min(least, hn::Sub(plane, off));
-    }
-    M open = hn::And(asked, hn::Ge(most, zero));
-    M hit = hn::And(open, hn::Gt(least, zero));
+    // Some form is certainly negative; all are certainly positive.
+    M open = hn::And(inside_plane, hn::Ge(hn::Add(inner, bound), zero));
+    const M inside = hn::Gt(hn::Sub(inner, bound), zero);
+    M hit = hn::And(open, hn::And(inside, beyond));
     if (HWY_UNLIKELY(!hn::AllFalse(d, hn::AndNot(hit, open)))) {
-      if (kParallel || rays_.segments()) {
-        const M inside = hn::Gt(hn::Sub(inner, bound), zero);
-        V plane = PlaneFromCorner(leaf, i, at), off = CornerBound(leaf, i, at);
-        open = hn::And(open, hn::Ge(hn::Add(plane, off), zero));
-        hit = hn::And(open, hn::And(inside, hn::Gt(plane, off)));
-        if (!hn::AllFalse(d, hn::AndNot(hit, open))) {
-          plane = PlaneInDoubles(leaf, i, at);
-          open = hn::And(open, hn::Ge(plane, zero));
-          hit = hn::And(open, hn::And(inside, hn::Gt(plane, zero)));
-        }
+      if (has_plane) {
+        const V plane = PlaneInDoubles(leaf, i, at);
+        open = hn::And(open, hn::Ge(plane, zero));
+        hit = hn::And(open, hn::And(inside, hn::Gt(plane, zero)));
+        if (hn::AllFalse(d, hn::AndNot(hit, open))) return hit;
       }
-      if (hn::AllFalse(d, hn::AndNot(hit, open))) return hit;
       hit = Decide(leaf, i, at, hit, hn::AndNot(hit, open));
     }
     return hit;

@@ -17,6 +17,7 @@
 #include <limits>
 #include <span>
 #include <type_traits>
+#include <utility>
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
@@ -185,85 +186,154 @@ HWY_INLINE int PushNearestOnTop(const BvhNode& node, uint32_t met, const float* 
 }
 
 // A depth-first walk, for closest hits nearer children first. With kAny it stops at the first
-// blocker.
+// blocker. It goes a step at a time, so that several can take turns: what one will visit next is
+// fetched while the others work.
 template <bool kAny>
-HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, WalkStats* stats) {
-  const hn::CappedTag<float, kBvhWidth> d;
-  static_assert(hn::MaxLanes(d) == kBvhWidth, "a node's eight boxes fill one vector");
-  using V = hn::Vec<decltype(d)>;
-  const Bvh& bvh = scene.bvh;
-  Hit best;
-  if (bvh.empty()) return best;
-  const PredicateRay& ray = query.ray;
-  const BoxRay box_ray = BoxRay::Make(ray.origin, ray.RoundedDirection());
-  const V ox = hn::Set(d, ray.origin.x), oy = hn::Set(d, ray.origin.y),
-          oz = hn::Set(d, ray.origin.z);
-  const V ix = hn::Set(d, box_ray.inv.x), iy = hn::Set(d, box_ray.inv.y),
-          iz = hn::Set(d, box_ray.inv.z);
-  const int nx = std::signbit(box_ray.inv.x) ? 3 : 0, ny = std::signbit(box_ray.inv.y) ? 4 : 1,
-            nz = std::signbit(box_ray.inv.z) ? 5 : 2;
-  const int fx = 3 - nx, fy = 5 - ny, fz = 7 - nz;
-  const V scale = hn::Set(d, kBoxExitScale), shift = hn::Set(d, kBoxExitShift);
-  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
-  // Nodes entered after this hold no hit that counts.
-  float limit = ray.segment ? kSegmentEnd : std::numeric_limits<float>::infinity();
-
-  std::conditional_t<kAny, PendingAny, PendingClosest> stack[kBvhStackSize + kBvhWidth];
-  int depth = 0;
-  if constexpr (kAny) {
-    stack[depth++] = {ChildRef::Inner(0).bits()};
-  } else {
-    stack[depth++] = {0.0f, ChildRef::Inner(0).bits()};
-  }
-  while (depth > 0) {
-    const auto pending = stack[--depth];
-    if (pending.after(limit)) continue;
-    if (depth > 0) PrefetchChild(bvh, stack[depth - 1].ref());
-    if (pending.ref().is_leaf()) {
-      ++stats->leaves;
-      const LeafView leaf(bvh, pending.ref());
-      const bool stopped =
-          TestLeaf(leaf, query, scene.geometry, stats, [&](uint32_t lane) HWY_ATTR {
-            if constexpr (kAny) {
-              best = {0.0f, leaf.id(lane)};
-              return true;
-            } else {
-              KeepCloser(leaf, lane, ray, &best);
-              return false;
-            }
-          });
-      if (stopped) return best;
-      if (best.t < limit) limit = best.t;
-      continue;
+class SingleWalk {
+ public:
+  // Both are kept by reference until the walk has ended.
+  HWY_INLINE void Start(const IndexedGeometry& scene, const TraceRay& query) {
+    scene_ = &scene;
+    query_ = &query;
+    best_ = Hit();
+    depth_ = 0;
+    if (scene.bvh.empty()) return;
+    const PredicateRay& ray = query.ray;
+    box_ray_ = BoxRay::Make(ray.origin, ray.RoundedDirection());
+    for (int k = 0; k < 3; ++k) {
+      near_[k] = std::signbit(box_ray_.inv[k]) ? k + 3 : k;
+      far_[k] = 2 * k + 3 - near_[k];
     }
+    limit_ = ray.segment ? kSegmentEnd : std::numeric_limits<float>::infinity();
+    if constexpr (kAny) {
+      stack_[depth_++] = {ChildRef::Inner(0).bits()};
+    } else {
+      stack_[depth_++] = {0.0f, ChildRef::Inner(0).bits()};
+    }
+  }
+
+  // Visits a node or a leaf. False: the walk has ended.
+  HWY_INLINE bool Step(WalkStats* stats) {
+    do {
+      if (depth_ == 0) return false;
+      --depth_;
+    } while (stack_[depth_].after(limit_));
+    const ChildRef ref = stack_[depth_].ref();
+    if (ref.is_leaf()) {
+      // What comes next is known already.
+      if (depth_ > 0) PrefetchChild(scene_->bvh, stack_[depth_ - 1].ref());
+      if (VisitLeaf(ref, stats)) depth_ = 0;
+    } else {
+      VisitNode(scene_->bvh.nodes[ref.node()], stats);
+      if (depth_ > 0) PrefetchChild(scene_->bvh, stack_[depth_ - 1].ref());
+    }
+    return depth_ > 0;
+  }
+
+  const Hit& best() const { return best_; }
+
+ private:
+  using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
+
+  // Returns true when any further hit is of no interest.
+  HWY_INLINE bool VisitLeaf(ChildRef ref, WalkStats* stats) {
+    ++stats->leaves;
+    const LeafView leaf(scene_->bvh, ref);
+    const bool stopped =
+        TestLeaf(leaf, *query_, scene_->geometry, stats, [&](uint32_t lane) HWY_ATTR {
+          if constexpr (kAny) {
+            best_ = {0.0f, leaf.id(lane)};
+            return true;
+          } else {
+            KeepCloser(leaf, lane, query_->ray, &best_);
+            return false;
+          }
+        });
+    if (best_.t < limit_) limit_ = best_.t;
+    return stopped;
+  }
+
+  HWY_INLINE void VisitNode(const BvhNode& node, WalkStats* stats) {
+    const hn::CappedTag<float, kBvhWidth> d;
+    static_assert(hn::MaxLanes(d) == kBvhWidth, "a node's eight boxes fill one vector");
+    using V = hn::Vec<decltype(d)>;
     ++stats->nodes;
-    const BvhNode& node = bvh.nodes[pending.ref().node()];
-    // The running value stays second: a NaN (see core/geometry/box_ray.h) is passed over.
+    const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
     V entry = hn::Neg(infinity), exit = infinity;
-    entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, node.bounds[nx]), ox), ix), entry);
-    entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, node.bounds[ny]), oy), iy), entry);
-    entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, node.bounds[nz]), oz), iz), entry);
-    exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[fx]), ox), ix), exit);
-    exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[fy]), oy), iy), exit);
-    exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[fz]), oz), iz), exit);
-    const auto met = hn::And(hn::Le(hn::Max(entry, hn::Zero(d)), hn::MulAdd(exit, scale, shift)),
-                             hn::Le(entry, hn::Set(d, limit)));
-    if constexpr (kAny) depth += PushChildren(d, node, met, stack + depth);
-    if constexpr (!kAny) {
+    for (int k = 0; k < 3; ++k) {
+      const V o = hn::Set(d, box_ray_.origin[k]), inv = hn::Set(d, box_ray_.inv[k]);
+      // The running value stays second: a NaN (see core/geometry/box_ray.h) is passed over.
+      entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, node.bounds[near_[k]]), o), inv), entry);
+      exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[far_[k]]), o), inv), exit);
+    }
+    const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
+    const auto met =
+        hn::And(hn::Le(hn::Max(entry, hn::Zero(d)), last), hn::Le(entry, hn::Set(d, limit_)));
+    if constexpr (kAny) {
+      depth_ += PushChildren(d, node, met, stack_ + depth_);
+    } else {
       HWY_ALIGN float entries[kBvhWidth];
       hn::Store(entry, d, entries);
-      depth = PushNearestOnTop(node, MaskBits(d, met), entries, stack, depth);
+      depth_ = PushNearestOnTop(node, MaskBits(d, met), entries, stack_, depth_);
     }
   }
-  return best;
+
+  const IndexedGeometry* scene_ = nullptr;
+  const TraceRay* query_ = nullptr;
+  BoxRay box_ray_;
+  int near_[3], far_[3];  // Rows of a node's bounds, by axis.
+  float limit_ = 0;       // Nodes entered after this hold no hit that counts.
+  Hit best_;
+  int depth_ = 0;
+  Pending stack_[kBvhStackSize + kBvhWidth];
+};
+
+template <bool kAny>
+HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, WalkStats* stats) {
+  SingleWalk<kAny> walk;
+  walk.Start(scene, query);
+  while (walk.Step(stats)) {
+  }
+  return walk.best();
 }
+
+// Walks that take turns. More than the memory system serves at a time bring nothing, and cost the
+// nearer caches their stacks.
+constexpr int kTurns = 8;
 
 template <bool kAny>
 bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, std::span<Hit> hits,
                  const CancelToken* cancel, WalkStats* stats) {
-  for (size_t i = 0; i < rays.size(); ++i) {
-    if (i % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
-    hits[i] = WalkSingle<kAny>(scene, rays[i], stats);
+  SingleWalk<kAny> walks[kTurns];
+  size_t ray_of[kTurns];  // By walk.
+  int slots[kTurns];      // The walks under way come first.
+  size_t next = 0;
+  int active = 0;
+  if (cancel != nullptr && cancel->cancelled()) return false;
+  const auto start = [&](int walk) HWY_ATTR {
+    ray_of[walk] = next;
+    walks[walk].Start(scene, rays[next++]);
+  };
+  for (; active < kTurns && next < rays.size(); ++active) {
+    slots[active] = active;
+    start(active);
+  }
+  while (active > 0) {
+    for (int i = 0; i < active;) {
+      const int walk = slots[i];
+      if (walks[walk].Step(stats)) {
+        ++i;
+        continue;
+      }
+      hits[ray_of[walk]] = walks[walk].best();
+      if (next < rays.size()) {
+        if (next % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
+        start(walk);
+        ++i;
+      } else {
+        std::swap(slots[i], slots[--active]);
+      }
+    }
   }
   return true;
 }
