@@ -28,34 +28,66 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-template <bool kWeights>
-class HitFinisher {
+// The terms of each lane's own triangle, for the lanes of `here`; those of others are any.
+// REQUIRES: `any` is a triangle.
+template <class D, bool kWeights, class VU>
+HWY_NOINLINE void GatherTerms(const SceneGeometry& geometry, Vec3f origin, VU ids, uint32_t any,
+                              uint32_t here, HitTerms<D, kWeights>* terms) {
+  const D d;
+  const hn::RebindToUnsigned<D> du;
+  const hn::RebindToSigned<D> di;
+  static_assert(sizeof(geometry.triangles[0]) == 3 * sizeof(uint32_t));
+  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
+  const auto lanes = hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(&here));
+  const auto three_times = [](VU x) HWY_ATTR { return hn::Add(hn::Add(x, x), x); };
+  const VU at = three_times(hn::IfThenElse(lanes, ids, hn::Set(du, any)));
+  const uint32_t* indices = geometry.triangles.data()->data();
+  const float* positions = &geometry.vertices.data()->x;
+  Vec3V<hn::Vec<D>> corner[3];
+  for (int k = 0; k < 3; ++k) {
+    // Offsets stay below 2^31: MeshLimits.
+    const VU vertex = three_times(hn::GatherIndex(du, indices + k, hn::BitCast(di, at)));
+    const auto offset = hn::BitCast(di, vertex);
+    corner[k] = {hn::GatherIndex(d, positions, offset), hn::GatherIndex(d, positions + 1, offset),
+                 hn::GatherIndex(d, positions + 2, offset)};
+  }
+  terms->Make(origin, corner[0], corner[1], corner[2]);
+}
+
+// Triangles set up for exact distances from one origin, as many as a packet is likely to need.
+class ReadyTriangles {
  public:
-  HitFinisher(const SceneGeometry& geometry, RayPacket& packet)
-      : geometry_(geometry), packet_(packet) {
+  // `geometry` must outlive it. Without `weights` it gives no terms with kWeights.
+  ReadyTriangles(const SceneGeometry& geometry, Vec3f origin, bool weights)
+      : geometry_(geometry), origin_(origin), weights_(weights) {
     std::fill_n(ready_, kReady, kNoTriangle);
   }
 
-  // Misses included.
-  void Finish() {
-    FindOctant();
-    for (int i = 0; i < packet_.count; i += kLanes) {
-      const int lanes = std::min(kLanes, packet_.count - i);
-      const uint32_t used = static_cast<uint32_t>((uint64_t{1} << lanes) - 1);
-      const auto ids = hn::Load(DU(), packet_.triangle + i);
-      const uint32_t hit = used & ~MaskBits(DU(), hn::Eq(ids, hn::Set(DU(), kNoTriangle)));
-      FinishLanes(i, ids, hit);
+  // The terms of each lane's triangle, for the lanes of `here`, which is not zero; others are any.
+  // ids[i] is that of lane i.
+  template <class D, bool kWeights>
+  HWY_INLINE void Fill(const uint32_t* ids, uint32_t here, HitTerms<D, kWeights>* terms) {
+    const hn::RebindToUnsigned<D> du;
+    const auto lanes = hn::Load(du, ids);
+    const uint32_t first = ids[std::countr_zero(here)];
+    uint32_t left = here & ~MaskBits(du, hn::Eq(lanes, hn::Set(du, first)));
+    const TriangleTerms& ready = Get(first);
+    terms->Set(ready.distance, &ready.weights);
+    for (int blends = 1; left != 0; ++blends) {
+      if (blends == kMostBlends) {
+        GatherTerms(geometry_, origin_, lanes, first, here, terms);
+        return;
+      }
+      const uint32_t id = ids[std::countr_zero(left)];
+      const uint32_t same = left & MaskBits(du, hn::Eq(lanes, hn::Set(du, id)));
+      const TriangleTerms& other = Get(id);
+      terms->Blend(same, other.distance, &other.weights);
+      left &= ~same;
     }
   }
 
  private:
-  using D = hn::CappedTag<float, 16>;
-  using DU = hn::RebindToUnsigned<D>;
-  using DI = hn::RebindToSigned<D>;
-  using V = hn::Vec<D>;
-  using VU = hn::Vec<DU>;
-  static constexpr int kLanes = static_cast<int>(hn::MaxLanes(D()));
-  // Triangles kept set up, by the low bits of their ids: neighbouring vectors share theirs.
+  // Triangles kept, by the low bits of their ids: neighbouring vectors share theirs.
   static constexpr uint32_t kReady = 16;
   // Lanes of a vector with more triangles than this are set up each for itself.
   static constexpr int kMostBlends = 4;
@@ -65,6 +97,48 @@ class HitFinisher {
     Slot() {}
     TriangleTerms terms;
   };
+
+  const TriangleTerms& Get(uint32_t id) {
+    const uint32_t slot = id % kReady;
+    TriangleTerms& terms = terms_[slot].terms;
+    if (ready_[slot] != id) {
+      const auto [a, b, c] = geometry_.Corners(id);
+      terms.distance = TriangleDistance::Make(origin_, a, b, c);
+      if (weights_) terms.weights = TriangleWeights::Make(origin_, a, b, c);
+      ready_[slot] = id;
+    }
+    return terms;
+  }
+
+  const SceneGeometry& geometry_;
+  const Vec3f origin_;
+  const bool weights_;
+  uint32_t ready_[kReady];
+  Slot terms_[kReady];
+};
+
+template <bool kWeights>
+class HitFinisher {
+ public:
+  HitFinisher(ReadyTriangles& ready, RayPacket& packet) : ready_(ready), packet_(packet) {}
+
+  // Misses included.
+  void Finish() {
+    FindOctant();
+    const DU du;
+    for (int i = 0; i < packet_.count; i += kLanes) {
+      const int lanes = std::min(kLanes, packet_.count - i);
+      const uint32_t used = static_cast<uint32_t>((uint64_t{1} << lanes) - 1);
+      const auto missed = hn::Eq(hn::Load(du, packet_.triangle + i), hn::Set(du, kNoTriangle));
+      FinishLanes(i, used & ~MaskBits(du, missed));
+    }
+  }
+
+ private:
+  using D = hn::CappedTag<float, 16>;
+  using DU = hn::RebindToUnsigned<D>;
+  using V = hn::Vec<D>;
+  static constexpr int kLanes = static_cast<int>(hn::MaxLanes(D()));
 
   Vec3V<V> Targets(int i) const {
     const D d;
@@ -102,25 +176,13 @@ class HitFinisher {
     }
   }
 
-  const TriangleTerms& Ready(uint32_t id) {
-    const uint32_t slot = id % kReady;
-    TriangleTerms& terms = terms_[slot].terms;
-    if (ready_[slot] != id) {
-      const auto [a, b, c] = geometry_.Corners(id);
-      terms.distance = TriangleDistance::Make(packet_.origin, a, b, c);
-      if constexpr (kWeights) terms.weights = TriangleWeights::Make(packet_.origin, a, b, c);
-      ready_[slot] = id;
-    }
-    return terms;
-  }
-
-  HWY_INLINE void FinishLanes(int i, VU ids, uint32_t hit) {
+  HWY_INLINE void FinishLanes(int i, uint32_t hit) {
     const D d;
     V t = hn::Set(d, std::numeric_limits<float>::infinity());
     V u = hn::Zero(d), v = u;
     if (hit != 0) {
       HitTerms<D, kWeights> terms;
-      FillTerms(i, ids, hit, &terms);
+      ready_.Fill(packet_.triangle + i, hit, &terms);
       const Vec3V<V> target = Targets(i), direction = Direction(i);
       const V one = hn::Set(d, 1.0f);
       const Vec3V<V> inv = one_octant_
@@ -143,53 +205,10 @@ class HitFinisher {
     }
   }
 
-  // The terms of lanes that hit nothing are any.
-  HWY_INLINE void FillTerms(int i, VU ids, uint32_t hit, HitTerms<D, kWeights>* terms) {
-    const uint32_t first = packet_.triangle[i + std::countr_zero(hit)];
-    uint32_t left = hit & ~MaskBits(DU(), hn::Eq(ids, hn::Set(DU(), first)));
-    const TriangleTerms& ready = Ready(first);
-    terms->Set(ready.distance, &ready.weights);
-    for (int blends = 1; left != 0; ++blends) {
-      if (blends == kMostBlends) {
-        Gather(ids, first, hit, terms);
-        return;
-      }
-      const uint32_t id = packet_.triangle[i + std::countr_zero(left)];
-      const uint32_t same = left & MaskBits(DU(), hn::Eq(ids, hn::Set(DU(), id)));
-      const TriangleTerms& other = Ready(id);
-      terms->Blend(same, other.distance, &other.weights);
-      left &= ~same;
-    }
-  }
-
-  HWY_NOINLINE void Gather(VU ids, uint32_t any, uint32_t hit, HitTerms<D, kWeights>* terms) {
-    const D d;
-    const DU du;
-    const DI di;
-    static_assert(sizeof(geometry_.triangles[0]) == 3 * sizeof(uint32_t));
-    static_assert(sizeof(Vec3f) == 3 * sizeof(float));
-    const auto here = hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(&hit));
-    const auto three_times = [&](VU x) HWY_ATTR { return hn::Add(hn::Add(x, x), x); };
-    const VU at = three_times(hn::IfThenElse(here, ids, hn::Set(du, any)));
-    const uint32_t* indices = geometry_.triangles.data()->data();
-    const float* positions = &geometry_.vertices.data()->x;
-    Vec3V<V> corner[3];
-    for (int k = 0; k < 3; ++k) {
-      // Offsets stay below 2^31: MeshLimits.
-      const VU vertex = three_times(hn::GatherIndex(du, indices + k, hn::BitCast(di, at)));
-      const auto offset = hn::BitCast(di, vertex);
-      corner[k] = {hn::GatherIndex(d, positions, offset), hn::GatherIndex(d, positions + 1, offset),
-                   hn::GatherIndex(d, positions + 2, offset)};
-    }
-    terms->Make(packet_.origin, corner[0], corner[1], corner[2]);
-  }
-
-  const SceneGeometry& geometry_;
+  ReadyTriangles& ready_;
   RayPacket& packet_;
   bool one_octant_ = false;
   bool octant_[3] = {};  // Negative, by axis.
-  uint32_t ready_[kReady];
-  Slot terms_[kReady];
 };
 
 // What FinishHits writes where nothing is hit.
@@ -200,13 +219,14 @@ inline void FillMisses(RayPacket& packet) {
   std::fill_n(packet.v, packet.count, 0.0f);
 }
 
-// Writes t (and u, v if packet.want_barycentrics) for packet.triangle, misses included. REQUIRES:
-// lanes up to a whole vector repeat others.
-inline void FinishHits(const SceneGeometry& geometry, RayPacket& packet) {
+// Writes t (and u, v if packet.want_barycentrics) for packet.triangle, misses included. `ready` is
+// of the packet's origin, with weights if they are wanted. REQUIRES: lanes up to a whole vector
+// repeat others.
+inline void FinishHits(ReadyTriangles& ready, RayPacket& packet) {
   if (packet.want_barycentrics) {
-    HitFinisher<true>(geometry, packet).Finish();
+    HitFinisher<true>(ready, packet).Finish();
   } else {
-    HitFinisher<false>(geometry, packet).Finish();
+    HitFinisher<false>(ready, packet).Finish();
   }
 }
 

@@ -203,7 +203,10 @@ bool TracePacket(const IndexedGeometry& scene, RayPacket& packet, const CancelTo
   if (packet.count == 0) return true;
   PacketWalk<kAny> walk(scene, packet, stats);
   if (!walk.Run(cancel)) return false;
-  if (!kAny && packet.want_barycentrics) FinishHits(scene.geometry, packet);
+  if (!kAny && packet.want_barycentrics) {
+    ReadyTriangles ready(scene.geometry, packet.origin, /*weights=*/true);
+    FinishHits(ready, packet);
+  }
   return true;
 }
 

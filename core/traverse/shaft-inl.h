@@ -61,7 +61,7 @@ class ShaftWalk {
   using Packet = typename ShaftRays<kAny, kParallel>::Packet;
 
   ShaftWalk(const IndexedGeometry& scene, Packet& packet, WalkStats* stats)
-      : scene_(scene), packet_(packet), stats_(stats), rays_(scene, packet) {}
+      : scene_(scene), packet_(packet), stats_(stats), rays_(scene, packet), ready_(MakeReady()) {}
 
   // False: the rays fit no frame.
   bool Prepare() { return rays_.Prepare(); }
@@ -80,7 +80,7 @@ class ShaftWalk {
       Pending stack[kStackSize];
       if (!Walk(rays_.active(), cut, stack, 0)) return false;
     }
-    if constexpr (!kAny) FinishHits(scene_.geometry, packet_);
+    if constexpr (!kAny) FinishHits(ready_, packet_);
     return true;
   }
 
@@ -327,7 +327,7 @@ class ShaftWalk {
         rays_.active().rays[b] &= static_cast<uint16_t>(~done);
         bounds_.open_blocks &= ~(static_cast<uint32_t>(bounds_.open[b] == 0) << b);
       } else {
-        KeepCloser(i, id, at, hit);
+        KeepCloser(leaf, i, at, hit);
       }
     }
   }
@@ -443,7 +443,7 @@ class ShaftWalk {
 
   // Keeps the least hit by (t, id) in the lanes of `hit`. Bounds of 1/t decide where they do not
   // overlap.
-  HWY_INLINE void KeepCloser(uint32_t i, uint32_t id, size_t at, M hit) {
+  HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t i, size_t at, M hit) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
     const LeafForms& forms = leaf_->forms();
@@ -460,30 +460,52 @@ class ShaftWalk {
     const M closer = hn::And(hn::And(hit, sound), hn::Gt(lo, best_hi));
     const M farther = hn::And(sound, hn::Lt(hi, best_lo));
     uint32_t* ids = packet_.triangle + at;
+    const uint32_t id = leaf.id(i);
     hn::Store(hn::IfThenElse(closer, lo, best_lo), d, best_lo_ + at);
     hn::Store(hn::IfThenElse(closer, hi, best_hi), d, best_hi_ + at);
     hn::Store(hn::IfThenElse(hn::RebindMask(du, closer), hn::Set(du, id), hn::Load(du, ids)), du,
               ids);
     const M open = hn::AndNot(hn::Or(closer, farther), hit);
-    for (uint32_t left = MaskBits(d, open); left != 0; left &= left - 1) {
-      KeepCloserExactly(id, at + std::countr_zero(left));
-    }
+    if (!hn::AllFalse(d, open)) KeepCloserExactly(leaf, i, at, MaskBits(d, open));
   }
 
-  HWY_NOINLINE void KeepCloserExactly(uint32_t id, size_t lane) {
-    const auto distance = [&](uint32_t triangle) {
-      const auto [a, b, c] = scene_.geometry.Corners(triangle);
-      return Hit{HitDistance(packet_.ray(static_cast<int>(lane)), a, b, c), triangle};
+  // The same for lanes whose bounds overlap, by their distances.
+  HWY_NOINLINE void KeepCloserExactly(const LeafView& leaf, uint32_t i, size_t at, uint32_t open) {
+    const ShaftD d;
+    const hn::RebindToUnsigned<ShaftD> du;
+    const uint32_t id = leaf.id(i);
+    const Vec3f o = packet_.origin;
+    const Vec3V<V> target = {hn::Load(d, packet_.target_x + at), hn::Load(d, packet_.target_y + at),
+                             hn::Load(d, packet_.target_z + at)};
+    const Vec3V<V> inv =
+        SlabReciprocals(d, packet_.segments ? SubV(target, Broadcast(d, o.x, o.y, o.z)) : target);
+    const auto distances = [&](const HitTerms<ShaftD, false>& terms) HWY_ATTR {
+      return EvaluateHits(d, terms, o, packet_.segments, target, inv, nullptr,
+                          static_cast<V*>(nullptr), static_cast<V*>(nullptr));
     };
-    Hit best = distance(id);
-    if (packet_.triangle[lane] != kNoTriangle) {
-      const Hit before = distance(packet_.triangle[lane]);
-      if (before < best) best = before;
+    HitTerms<ShaftD, false> terms;
+    terms.Set(TriangleDistance::Make(o, leaf.corner(0, i), leaf.corner(1, i), leaf.corner(2, i)),
+              nullptr);
+    const V t_new = distances(terms);
+    const auto old_ids = hn::Load(du, packet_.triangle + at);
+    const auto has_old = hn::Ne(old_ids, hn::Set(du, kNoTriangle));
+    V t_old = hn::Set(d, kInfinity);
+    if (const uint32_t with_old = open & MaskBits(du, has_old); with_old != 0) {
+      ready_.Fill(packet_.triangle + at, with_old, &terms);
+      t_old = hn::IfThenElse(hn::RebindMask(d, has_old), distances(terms), t_old);
     }
-    packet_.triangle[lane] = best.triangle;
-    const float inverse = 1.0f / best.t;
-    best_lo_[lane] = std::min(inverse * (1 - kInverseMargin), std::numeric_limits<float>::max());
-    best_hi_[lane] = inverse * (1 + kInverseMargin);
+    const auto lower = hn::Lt(hn::Set(du, id), old_ids);  // kNoTriangle is above every id.
+    const M asked = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&open));
+    const M better =
+        hn::Or(hn::Lt(t_new, t_old), hn::And(hn::Eq(t_new, t_old), hn::RebindMask(d, lower)));
+    hn::Store(hn::IfThenElse(hn::RebindMask(du, hn::And(asked, better)), hn::Set(du, id), old_ids),
+              du, packet_.triangle + at);
+    const V inverse = hn::Div(hn::Set(d, 1.0f), hn::IfThenElse(better, t_new, t_old));
+    const V lo = hn::Min(hn::Mul(inverse, hn::Set(d, 1 - kInverseMargin)),
+                         hn::Set(d, std::numeric_limits<float>::max()));
+    const V hi = hn::Mul(inverse, hn::Set(d, 1 + kInverseMargin));
+    hn::Store(hn::IfThenElse(asked, lo, hn::Load(d, best_lo_ + at)), d, best_lo_ + at);
+    hn::Store(hn::IfThenElse(asked, hi, hn::Load(d, best_hi_ + at)), d, best_hi_ + at);
   }
 
   // Per block and in all, the depth beyond which no open ray looks.
@@ -513,6 +535,17 @@ class ShaftWalk {
   Packet& packet_;
   WalkStats* stats_;
   ShaftRays<kAny, kParallel> rays_;
+  // Closest hits: for exact distances.
+  struct Nothing {};
+  using Ready = std::conditional_t<kAny, Nothing, ReadyTriangles>;
+  Ready MakeReady() const {
+    if constexpr (kAny) {
+      return {};
+    } else {
+      return Ready(scene_.geometry, packet_.origin, packet_.want_barycentrics);
+    }
+  }
+  [[no_unique_address]] Ready ready_;
   ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
   const CancelToken* cancel_ = nullptr;
   ShaftBounds bounds_;       // Of the set being walked.
