@@ -13,7 +13,7 @@ namespace {
 
 // Fewer points than this are a few blocks whatever their order.
 constexpr size_t kLeastPoints = 1024;
-constexpr size_t kSampledSteps = 1024;
+constexpr size_t kSampledSteps = 128;
 // Shuffled points are half a box apart, those along a surface at most a few hundredths.
 constexpr double kScatteredStep = 1.0 / 16;
 

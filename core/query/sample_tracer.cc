@@ -11,6 +11,11 @@
 namespace sightline {
 namespace {
 
+// AVX2, the floor, is enough to lay points out.
+namespace hn = hwy::HWY_NAMESPACE;
+using Eight = hn::CappedTag<float, 8>;
+static_assert(hn::MaxLanes(Eight()) == 8, "x86-64-v3 holds eight floats in a vector");
+
 // Samples of one light for which it pays to look at their common hull first.
 constexpr size_t kLeastHullSamples = 4;
 
@@ -37,8 +42,22 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
                          uint32_t* sources) const {
   const size_t first = block * kBlockRays;
   const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
+  std::copy_n(sources_.data() + first, count, sources);
+  size_t i = 0;
+  if (t_min_ == 0) {
+    const Eight d;
+    static_assert(sizeof(Vec3f) == 3 * sizeof(float));
+    const float* from = &positions_.data()->x + 3 * first;
+    for (; i + hn::MaxLanes(d) <= count; i += hn::MaxLanes(d)) {
+      hn::Vec<Eight> px, py, pz;
+      hn::LoadInterleaved3(d, from + 3 * i, px, py, pz);
+      hn::Store(px, d, x + i);
+      hn::Store(py, d, y + i);
+      hn::Store(pz, d, z + i);
+    }
+  }
   const Vec3d toward = ToDouble(sample.value);
-  for (size_t i = 0; i < count; ++i) {
+  for (; i < count; ++i) {
     Vec3f p = positions_[first + i];
     if (t_min_ != 0) {
       const Vec3d d = ToDouble(p);
@@ -48,7 +67,6 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
     y[i] = p.y;
     z[i] = p.z;
   }
-  std::copy_n(sources_.data() + first, count, sources);
   return static_cast<int>(count);
 }
 
@@ -182,9 +200,7 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
 }
 
 uint64_t SampleTracer::LitBits(size_t word) const {
-  namespace hn = hwy::HWY_NAMESPACE;
-  const hn::CappedTag<uint32_t, 8> d;
-  static_assert(hn::MaxLanes(decltype(d)()) == 8, "x86-64-v3 holds eight words in a vector");
+  const hn::RebindToUnsigned<Eight> d;
   constexpr size_t kBlockWords = kBlockRays / 64;
   const uint32_t* ids = triangles(word / kBlockWords) + 64 * (word % kBlockWords);
   const size_t count = std::min<size_t>(64, positions_.size() - 64 * word);

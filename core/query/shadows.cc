@@ -57,10 +57,10 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   }
   const HitKind kind = outputs.blockers ? HitKind::kClosest : HitKind::kAny;
 
-  const size_t group = std::min<size_t>(kGroupRays, n);
-  std::vector<Vec3f> positions(group);
-  std::vector<uint32_t> sources(group);
-  std::vector<size_t> index(group);
+  // Points that do not follow one another are gathered here.
+  std::vector<Vec3f> positions;
+  std::vector<uint32_t> sources;
+  std::vector<size_t> index;
   SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
   std::vector<uint32_t> order;
   const bool ordered = IsScattered(points.positions, points.valid);
@@ -70,17 +70,31 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     // A group of valid points, put to every sample in turn, so that sums run in sample order.
     const size_t first = next;
     size_t count = 0;
-    for (; next < end && count < kGroupRays; ++next) {
-      const size_t p = ordered ? order[next] : next;
-      if (!points.valid[p]) continue;
-      positions[count] = points.positions[p];
-      sources[count] = points.sources[p];
-      index[count++] = p;
+    if (!ordered) {
+      const size_t most = std::min<size_t>(kGroupRays, end - first);
+      while (count < most && points.valid[first + count]) ++count;
+      next += count;
     }
-    // Whole bytes of bits are stored where the group's points follow one another.
-    const bool dense = !ordered && next - first == count && first % 8 == 0;
-    tracer.SetPoints(std::span<const Vec3f>(positions.data(), count),
-                     std::span<const uint32_t>(sources.data(), count));
+    // Mostly they follow one another and are taken where they are.
+    const bool dense = count > 0 && (next == end || count == kGroupRays) && first % 8 == 0;
+    if (dense) {
+      tracer.SetPoints(points.positions.subspan(first, count),
+                       points.sources.subspan(first, count));
+    } else {
+      positions.resize(std::min<size_t>(kGroupRays, n));
+      sources.resize(positions.size());
+      index.resize(positions.size());
+      next = first;
+      for (count = 0; next < end && count < kGroupRays; ++next) {
+        const size_t p = ordered ? order[next] : next;
+        if (!points.valid[p]) continue;
+        positions[count] = points.positions[p];
+        sources[count] = points.sources[p];
+        index[count++] = p;
+      }
+      tracer.SetPoints(std::span<const Vec3f>(positions.data(), count),
+                       std::span<const uint32_t>(sources.data(), count));
+    }
     for (size_t s = 0; s < samples.size(); ++s) {
       if (!samples[s].valid) continue;
       SL_RETURN_IF_ERROR(tracer.Trace(s));
@@ -89,6 +103,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
         for (size_t w = 0; 64 * w < count; ++w) {
           uint64_t lit = tracer.LitBits(w);
           if (dense) {
+            // Whole bytes of bits.
             std::memcpy(row + first / 8 + 8 * w, &lit,
                         std::min<size_t>(8, (count - 64 * w + 7) / 8));
             continue;
@@ -101,7 +116,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       }
       if (!(outputs.counts || outputs.weighted_sums || outputs.blockers)) continue;
       for (size_t i = 0; i < count; ++i) {
-        const size_t p = index[i];
+        const size_t p = dense ? first + i : index[i];
         if (tracer.triangle(i) != kNoTriangle) {
           if (outputs.blockers) {
             out.blocker[s * n + p] = tracer.triangle(i);
