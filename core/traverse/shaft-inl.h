@@ -133,6 +133,13 @@ class ShaftWalk {
           return true;
         }
       } else {
+        if constexpr (kAny) {
+          // Two nodes at a time: neither waits for what the other pushes.
+          if (depth > 0 && stack[depth - 1].ref().is_inner()) {
+            ++work;
+            depth = VisitNode(scene_.bvh.nodes[stack[depth - 1].ref().node()], stack, depth - 1);
+          }
+        }
         ++work;
         depth = VisitNode(scene_.bvh.nodes[ref.node()], stack, depth);
       }
