@@ -89,8 +89,13 @@ class ShaftWalk {
   using M = ShaftM;
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-  // What a walk can have pending, from a cut on; a whole vector of children is stored at its end.
-  static constexpr size_t kStackSize = kBvhStackSize + ShaftCut::kMaxChildren + kBvhWidth;
+  // Nodes visited together where any hit will do, as long as few are pending: beyond, a depth-first
+  // walk adds no more than kBvhStackSize.
+  static constexpr int kNodesAtOnce = 4;
+  static constexpr int kManyPending = static_cast<int>(kBvhStackSize + ShaftCut::kMaxChildren);
+  // What a walk can have pending; a whole vector of children is stored at its end.
+  static constexpr size_t kStackSize =
+      kManyPending + kNodesAtOnce * kBvhWidth + kBvhStackSize + kBvhWidth;
   // A triangle and a block it may touch: block | triangle << shift, and whether it covers the
   // block.
   static constexpr uint32_t kTriangleShift = 4, kCovered = 0x100;
@@ -134,11 +139,15 @@ class ShaftWalk {
         }
       } else {
         if constexpr (kAny) {
-          // Two nodes at a time: neither waits for what the other pushes.
-          if (depth > 0 && stack[depth - 1].ref().is_inner()) {
-            ++work;
-            depth = VisitNode(scene_.bvh.nodes[stack[depth - 1].ref().node()], stack, depth - 1);
+          // Several nodes at a time: none waits for what the others push.
+          ChildRef more[kNodesAtOnce - 1];
+          int count = 0;
+          while (count < kNodesAtOnce - 1 && depth > 0 && depth < kManyPending &&
+                 stack[depth - 1].ref().is_inner()) {
+            more[count++] = stack[--depth].ref();
           }
+          work += static_cast<uint32_t>(count);
+          while (count > 0) depth = VisitNode(scene_.bvh.nodes[more[--count].node()], stack, depth);
         }
         ++work;
         depth = VisitNode(scene_.bvh.nodes[ref.node()], stack, depth);
