@@ -112,7 +112,10 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   }
   uint32_t* const first_leaf = &first_leaves_[s];
   for (size_t b = 0; b < blocks(); ++b) {
-    packets_[b].first_leaf = *first_leaf;
+    // What darkened the packet before this one, or this one before, for the light's last sample.
+    if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
+      packets_[b].first_leaf = *first_leaf;
+    }
     SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, strategy, &packets_[b],
                                         by_hulls ? hull_cut_of_[b] : cut, stats));
     *first_leaf = packets_[b].first_leaf;
