@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The binary tree that the BVH builder makes first: top-down, by the binned surface area heuristic,
-// by object medians where that cannot split or has become too deep. Private to core/accel.
+// The binary tree that the BVH builder makes first, and that is then gathered into wide nodes.
+// Private to core/accel.
 //
 // The tree's shape, and the order of `ids`, depend on the primitives and the options alone. Where
 // its nodes stand in `nodes` depends on the timing of the threads: follow the links.
@@ -14,13 +14,13 @@
 
 #include <cstdint>
 #include <functional>
-#include <memory>
 
 #include "core/accel/build_primitive.h"
 #include "core/accel/sah_split.h"
 #include "core/accel/wide_cost.h"
 #include "core/base/aligned_vector.h"
 #include "core/base/cancel.h"
+#include "core/mesh/scene_geometry.h"
 
 namespace sightline::bvh_build {
 
@@ -32,6 +32,12 @@ struct alignas(64) BinaryNode {
   uint32_t count;  // Triangles below.
   WideCost wide;   // What its triangles cost as children of an eight-wide node.
 
+  void SetBox(const BuildBox& box) {
+    for (int axis = 0; axis < 3; ++axis) {
+      lo[axis] = box.lo(axis);
+      hi[axis] = box.hi(axis);
+    }
+  }
   float HalfArea(float scale) const {
     const float x = (hi[0] - lo[0]) * scale, y = (hi[1] - lo[1]) * scale,
                 z = (hi[2] - lo[2]) * scale;
@@ -49,15 +55,23 @@ struct BinaryTree {
 struct BinaryTreeOptions {
   int bins = 16;
   bool longest_axis_only = false;
-  int max_depth = 64;  // Inner nodes on a path. REQUIRES: >= 33.
+  bool full_leaves = false;  // Whatever fits a leaf becomes one.
+  int max_depth = 64;        // Inner nodes on a path. REQUIRES: >= kMinDepthBound.
 };
+inline constexpr int kMinDepthBound = 64;
 
-// Incomplete once `cancel` has fired. `progress` is called with the share of triangles placed.
-// REQUIRES: primitives not empty, fewer than 2^31.
-BinaryTree BuildBinaryTree(AlignedVector<Primitive> primitives, const Box4& bounds,
-                           const Box4& centroids, const SahCost& cost,
+// Over the triangles of `geometry` that are not inert. Incomplete once `cancel` has fired.
+// `progress` is called with the share of triangles placed. REQUIRES: there are some, fewer than
+// 2^31.
+//
+// By the binned surface area heuristic from the root down: the better tree.
+BinaryTree BuildBinaryTree(const SceneGeometry& geometry, const SahCost& cost,
                            const BinaryTreeOptions& options, const CancelToken* cancel,
                            const std::function<void(double)>& progress);
+// The upper part over the cells of a grid, by the same heuristic (grid_tree.cc): faster.
+BinaryTree BuildGridTree(const SceneGeometry& geometry, const SahCost& cost,
+                         const BinaryTreeOptions& options, const CancelToken* cancel,
+                         const std::function<void(double)>& progress);
 
 }  // namespace sightline::bvh_build
 

@@ -17,14 +17,12 @@ namespace sightline {
 namespace {
 
 using bvh_build::BinaryTree;
-using bvh_build::Box4;
-using bvh_build::Primitive;
 
-constexpr size_t kGrain = 1 << 14;
 // More triangles than this cannot stand in leaves, however full.
 constexpr uint64_t kMaxTriangles = (uint64_t{ChildRef::kMaxUnit} + 1) * kUnitTriangles;
 // Share of the time that goes into the binary tree; the leaves' rows are the rest.
 constexpr double kBinaryTreeShare = 0.9;
+constexpr int kDynamicBins = 8;  // Paper 004: more bring nothing to a scene that is built anew.
 
 absl::Status ValidateOptions(const BvhBuildOptions& options) {
   if (options.bins < 2 || options.bins > bvh_build::kMaxBins) {
@@ -43,56 +41,11 @@ absl::Status ValidateOptions(const BvhBuildOptions& options) {
   return absl::OkStatus();
 }
 
-struct Primitives {
-  AlignedVector<Primitive> list;  // Of the triangles that are not inert, in the order of their ids.
-  Box4 bounds, centroids;
-};
-
-// Incomplete once `cancel` has fired.
-Primitives MakePrimitives(const SceneGeometry& geometry, const CancelToken* cancel) {
-  Primitives out;
-  const size_t n = geometry.triangles.size();
-  const std::vector<uint32_t>& inert = geometry.inert;
-  out.list.ResizeUninitialized(n - inert.size());
-  std::vector<std::pair<Box4, Box4>> boxes((n + kGrain - 1) / kGrain);
-  ParallelFor(
-      n, kGrain,
-      [&](size_t begin, size_t end) {
-        Box4 bounds, centroids;
-        auto skip = std::lower_bound(inert.begin(), inert.end(), begin);
-        Primitive* p = out.list.data() + (begin - static_cast<size_t>(skip - inert.begin()));
-        for (size_t id = begin; id < end; ++id) {
-          if (skip != inert.end() && *skip == id) {
-            ++skip;
-            continue;
-          }
-          const auto [a, b, c] = geometry.Corners(static_cast<uint32_t>(id));
-          for (int axis = 0; axis < 3; ++axis) {
-            p->lo[axis] = std::min(std::min(a[axis], b[axis]), c[axis]);
-            p->hi[axis] = std::max(std::max(a[axis], b[axis]), c[axis]);
-          }
-          p->zero = 0;
-          p->id = static_cast<uint32_t>(id);
-          bounds.Extend(*p);
-          centroids.Extend(p->centroid());
-          ++p;
-        }
-        boxes[begin / kGrain] = {bounds, centroids};
-      },
-      cancel);
-  for (const auto& [bounds, centroids] : boxes) {
-    out.bounds.Extend(bounds);
-    out.centroids.Extend(centroids);
-  }
-  return out;
-}
-
 // A power of two that brings the longest side of `bounds` to about 1: areas then reach neither the
 // largest float nor, for anything that matters, the smallest.
-float AreaScale(const Box4& bounds) {
-  float longest = 0;
-  for (int axis = 0; axis < 3; ++axis)
-    longest = std::max(longest, bounds.hi[axis] - bounds.lo[axis]);
+float AreaScale(const Box3f& bounds) {
+  const Vec3f extent = bounds.Extent();
+  const float longest = std::max(std::max(extent.x, extent.y), extent.z);
   if (!(longest > 0)) return 1.0f;
   return std::ldexp(1.0f, std::clamp(-std::ilogb(longest), -126, 126));
 }
@@ -103,19 +56,17 @@ absl::StatusOr<Bvh> Build(const SceneGeometry& geometry, const BvhBuildOptions& 
   const auto check_cancel = [cancel] {
     return cancel == nullptr ? absl::OkStatus() : cancel->ToStatus();
   };
-  Primitives primitives = MakePrimitives(geometry, cancel);
-  SL_RETURN_IF_ERROR(check_cancel());
   std::function<void(double)> tree_progress;
   if (progress) tree_progress = [&](double share) { progress(kBinaryTreeShare * share); };
   const bvh_build::SahCost cost{.max_leaf_triangles = options.max_leaf_triangles,
                                 .node_visit = options.traversal_cost,
-                                .area_scale = AreaScale(primitives.bounds)};
-  BinaryTree tree = bvh_build::BuildBinaryTree(std::move(primitives.list), primitives.bounds,
-                                               primitives.centroids, cost,
-                                               {.bins = options.bins,
-                                                .longest_axis_only = options.longest_axis_only,
-                                                .max_depth = static_cast<int>(kMaxBvhDepth)},
-                                               cancel, tree_progress);
+                                .area_scale = AreaScale(geometry.bounds)};
+  const bvh_build::BinaryTreeOptions tree_options{.bins = options.bins,
+                                                  .longest_axis_only = options.longest_axis_only,
+                                                  .full_leaves = options.full_leaves,
+                                                  .max_depth = static_cast<int>(kMaxBvhDepth)};
+  const auto build_tree = options.grid ? bvh_build::BuildGridTree : bvh_build::BuildBinaryTree;
+  BinaryTree tree = build_tree(geometry, cost, tree_options, cancel, tree_progress);
   SL_RETURN_IF_ERROR(check_cancel());
   absl::StatusOr<Bvh> bvh = bvh_build::GatherWideTree(tree, geometry, cancel);
   SL_RETURN_IF_ERROR(check_cancel());
@@ -124,6 +75,17 @@ absl::StatusOr<Bvh> Build(const SceneGeometry& geometry, const BvhBuildOptions& 
 }
 
 }  // namespace
+
+BvhBuildOptions BvhPresetOptions(BvhPreset preset) {
+  switch (preset) {
+    case BvhPreset::kStatic:
+    case BvhPreset::kCompact:
+      return {};
+    case BvhPreset::kDynamic:
+      return {.bins = kDynamicBins, .longest_axis_only = true, .grid = true};
+  }
+  return {};
+}
 
 absl::StatusOr<Bvh> BuildBvh(const SceneGeometry& geometry, const BvhBuildOptions& options,
                              ThreadPool& pool, const CancelToken* cancel,

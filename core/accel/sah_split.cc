@@ -11,29 +11,28 @@ namespace {
 
 // Extents below this make count / extent overflow.
 constexpr float kMinExtent = 0x1p-119f;
+// Below this many primitives a second table costs more than it saves.
+constexpr size_t kTwoTables = 64;
 static_assert(kMaxBins / kMinExtent < std::numeric_limits<float>::max());
 
 }  // namespace
 
-BinMapping::BinMapping(const Box4& centroids, int count, bool longest_axis_only)
-    : base_(ClearLast(centroids.lo)), count_(count) {
+BinMapping::BinMapping(const BuildBox& centroids, int count, bool longest_axis_only)
+    : base_{centroids.lo(0), centroids.lo(1), centroids.lo(2), 0}, count_(count) {
   SIGHTLINE_DCHECK(count >= 2 && count <= kMaxBins);
-  int longest = 0;
-  const Float4 extent = centroids.hi - centroids.lo;
+  const int longest = centroids.widest_axis();
   for (int axis = 0; axis < 3; ++axis) {
-    if (extent[axis] > extent[longest]) longest = axis;
-    if (extent[axis] >= kMinExtent) scale_[axis] = static_cast<float>(count) / extent[axis];
-  }
-  for (int axis = 0; axis < 3 && longest_axis_only; ++axis) {
-    if (axis != longest) scale_[axis] = 0;
+    if (longest_axis_only && axis != longest) continue;
+    const float extent = centroids.extent(axis);
+    if (extent >= kMinExtent) scale_[axis] = static_cast<float>(count) / extent;
   }
 }
 
 SahBins::SahBins(int count) : count_(count) {
+  const Float8 empty = BuildBox().faces;
   for (int i = 0; i < count_; ++i) {
     for (int axis = 0; axis < 3; ++axis) {
-      bins_[i].lo[axis] = Box4().lo;
-      bins_[i].hi[axis] = Box4().hi;
+      bins_[i].faces[axis] = empty;
       bins_[i].count[axis] = 0;
     }
   }
@@ -42,21 +41,43 @@ SahBins::SahBins(int count) : count_(count) {
 void SahBins::Add(std::span<const Primitive> primitives, const BinMapping& mapping) {
   for (const Primitive& p : primitives) {
     const Int4 b = mapping.BinsOf(p);
-    const Float4 lo = p.lo4(), hi = p.hi4();
+    const Float8 box = p.box();
     for (int axis = 0; axis < 3; ++axis) {
       Bin& bin = bins_[b[axis]];
-      bin.lo[axis] = Min(bin.lo[axis], lo);
-      bin.hi[axis] = Max(bin.hi[axis], hi);
+      bin.faces[axis] = Min(bin.faces[axis], box);
       ++bin.count[axis];
     }
+  }
+}
+
+void SahBins::AddAxis(std::span<const Primitive> primitives, const BinMapping& mapping, int axis) {
+  const auto add = [&](const Primitive& p, Bin* bins) {
+    Bin& bin = bins[mapping.BinOf(p, axis)];
+    bin.faces[axis] = Min(bin.faces[axis], p.box());
+    ++bin.count[axis];
+  };
+  if (primitives.size() < kTwoTables) {
+    for (const Primitive& p : primitives) add(p, bins_);
+    return;
+  }
+  // Neighbours fall into one bin, and a bin's next minimum waits for its last: two tables by turns.
+  SahBins other(count_);
+  size_t i = 0;
+  for (; i + 1 < primitives.size(); i += 2) {
+    add(primitives[i], bins_);
+    add(primitives[i + 1], other.bins_);
+  }
+  if (i < primitives.size()) add(primitives[i], bins_);
+  for (int b = 0; b < count_; ++b) {
+    bins_[b].faces[axis] = Min(bins_[b].faces[axis], other.bins_[b].faces[axis]);
+    bins_[b].count[axis] += other.bins_[b].count[axis];
   }
 }
 
 void SahBins::Merge(const SahBins& other) {
   for (int i = 0; i < count_; ++i) {
     for (int axis = 0; axis < 3; ++axis) {
-      bins_[i].lo[axis] = Min(bins_[i].lo[axis], other.bins_[i].lo[axis]);
-      bins_[i].hi[axis] = Max(bins_[i].hi[axis], other.bins_[i].hi[axis]);
+      bins_[i].faces[axis] = Min(bins_[i].faces[axis], other.bins_[i].faces[axis]);
       bins_[i].count[axis] += other.bins_[i].count[axis];
     }
   }
@@ -69,32 +90,33 @@ SahSplit FindSplit(const SahBins& bins, const BinMapping& mapping, const SahCost
   uint32_t right_count[kMaxBins];
   for (int axis = 0; axis < 3; ++axis) {
     if (!mapping.CanSplit(axis)) continue;
-    Box4 right;
+    BuildBox right;
     uint32_t count = 0;
     for (int b = mapping.count() - 1; b > 0; --b) {
       right.Extend(bins.bin(b).box(axis));
       count += bins.bin(b).count[axis];
       right_count[b] = count;
-      right_cost[b] = count == 0 ? 0 : right.HalfArea(cost.area_scale) * cost.Subtree(count);
+      right_cost[b] = right.HalfArea(cost.area_scale) * cost.Subtree(count);
     }
-    Box4 left;
+    BuildBox left;
     count = 0;
     for (int b = 1; b < mapping.count(); ++b) {
       left.Extend(bins.bin(b - 1).box(axis));
       count += bins.bin(b - 1).count[axis];
-      if (count == 0 || right_count[b] == 0) continue;
+      // Infinite or NaN while a side is empty.
       const float c = left.HalfArea(cost.area_scale) * cost.Subtree(count) + right_cost[b];
-      if (c < best.cost) {
+      if (c < best.cost && count != 0 && right_count[b] != 0) {
         best.axis = axis;
         best.bin = b;
         best.cost = c;
         best.left_count = count;
-        best.left = left;
       }
     }
   }
   if (best.axis < 0) return best;
-  for (int b = best.bin; b < mapping.count(); ++b) best.right.Extend(bins.bin(b).box(best.axis));
+  for (int b = 0; b < mapping.count(); ++b) {
+    (b < best.bin ? best.left : best.right).Extend(bins.bin(b).box(best.axis));
+  }
   return best;
 }
 

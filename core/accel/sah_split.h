@@ -9,8 +9,8 @@
 // Thread safety: plain values; a SahBins is filled by one thread and merged with others afterwards.
 //
 //   BinMapping mapping(centroid_box, 16, /*longest_axis_only=*/false);
-//   SahBins bins(mapping);
-//   bins.Add(primitives);
+//   SahBins bins(mapping.count());
+//   bins.Add(primitives, mapping);
 //   SahSplit split = FindSplit(bins, mapping, cost);
 #ifndef SIGHTLINE_CORE_ACCEL_SAH_SPLIT_H_
 #define SIGHTLINE_CORE_ACCEL_SAH_SPLIT_H_
@@ -30,6 +30,9 @@ struct SahCost {
   int max_leaf_triangles = 16;
   float node_visit = 1.0f;  // One eight-wide box test.
   float area_scale = 1.0f;  // Applied to extents, so that no area over- or underflows.
+  // Rounded up: multiplied and shifted it divides all that a leaf count need be exact for.
+  uint64_t leaf_reciprocal = ((uint64_t{1} << 32) + static_cast<uint64_t>(max_leaf_triangles) - 1) /
+                             static_cast<uint64_t>(max_leaf_triangles);
 
   // A leaf costs its visit whatever it holds, and then by the units of four triangles that it
   // loads. Three quarters: with node_visit = 1 the kitchen (1.44 M triangles) has 10.0 triangles in
@@ -44,9 +47,8 @@ struct SahCost {
   // An estimate for many triangles: as many full leaves as hold them. So a plane that fills its
   // leaves is cheaper than one that leaves them half empty.
   float Many(uint32_t n) const {
-    const uint32_t leaf = static_cast<uint32_t>(max_leaf_triangles);
-    const uint32_t leaves = (n + leaf - 1) / leaf;
-    return static_cast<float>(leaves);
+    const uint64_t last = uint64_t{n} + static_cast<uint64_t>(max_leaf_triangles) - 1;
+    return static_cast<float>(static_cast<uint32_t>(last * leaf_reciprocal >> 32));
   }
   float Subtree(uint32_t n) const {
     return n <= static_cast<uint32_t>(max_leaf_triangles) ? Leaf(n) : Many(n);
@@ -56,7 +58,7 @@ struct SahCost {
 // Doubled centroids to bins 0 .. count - 1, per axis.
 class BinMapping {
  public:
-  BinMapping(const Box4& centroids, int count, bool longest_axis_only);
+  BinMapping(const BuildBox& centroids, int count, bool longest_axis_only);
 
   int count() const { return count_; }
   // False for an axis along which the centroids do not differ (or differ by next to nothing, below
@@ -65,7 +67,7 @@ class BinMapping {
   bool CanSplit() const { return CanSplit(0) || CanSplit(1) || CanSplit(2); }
 
   Int4 BinsOf(const Primitive& p) const {
-    const Int4 bin = __builtin_convertvector((p.centroid() - base_) * scale_, Int4);
+    const Int4 bin = __builtin_convertvector((LowHalf(p.centroid()) - base_) * scale_, Int4);
     const Int4 last = {count_ - 1, count_ - 1, count_ - 1, count_ - 1};
     return bin < last ? bin : last;
   }
@@ -74,6 +76,25 @@ class BinMapping {
     const int bin = static_cast<int>((p.centroid(axis) - base_[axis]) * scale_[axis]);
     return bin < count_ - 1 ? bin : count_ - 1;
   }
+  // A plane between bins: whether BinOf(p, axis) < bin, as lanes all set or all clear.
+  // REQUIRES: bin < count().
+  class Plane {
+   public:
+    Plane(const BinMapping& mapping, int axis, int bin)
+        : base_(Broadcast8(mapping.base_[axis])),
+          scale_(Broadcast8(mapping.scale_[axis])),
+          bin_(Broadcast8(static_cast<int32_t>(bin))),
+          axis_(axis) {}
+    Int8 IsBelow(const Primitive& p) const {
+      const Float8 c = Broadcast8(p.lo[axis_]) - Broadcast8(p.minus_hi[axis_]);
+      return __builtin_convertvector((c - base_) * scale_, Int8) < bin_;
+    }
+
+   private:
+    Float8 base_, scale_;
+    Int8 bin_;
+    int axis_;
+  };
 
  private:
   Float4 base_;     // Last lane 0.
@@ -81,17 +102,20 @@ class BinMapping {
   int count_;
 };
 
+// Bins of all three axes.
 class SahBins {
  public:
   explicit SahBins(int count);
 
   void Add(std::span<const Primitive> primitives, const BinMapping& mapping);
+  // The same for one axis alone, faster: FindSplit then looks at that axis alone.
+  void AddAxis(std::span<const Primitive> primitives, const BinMapping& mapping, int axis);
   void Merge(const SahBins& other);
 
-  struct Bin {  // Per axis. Trivial, so that unused bins cost nothing.
-    Float4 lo[3], hi[3];
+  struct alignas(128) Bin {  // Per axis. Trivial, so that unused bins cost nothing.
+    Float8 faces[3];
     uint32_t count[3];
-    Box4 box(int axis) const { return {lo[axis], hi[axis]}; }
+    BuildBox box(int axis) const { return {faces[axis]}; }
   };
   const Bin& bin(int i) const { return bins_[i]; }
 
@@ -107,7 +131,7 @@ struct SahSplit {
   int bin = 0;
   float cost = 0;  // left area · Subtree(left count) + the same of the right.
   uint32_t left_count = 0;
-  Box4 left, right;
+  BuildBox left, right;
 };
 
 // The cheapest; of equal ones that of the lowest axis, then bin.

@@ -118,14 +118,16 @@ absl::StatusOr<Culling> DecodeCulling(v1::Culling culling) {
   }
 }
 
-absl::StatusOr<std::optional<BuildPreset>> DecodePreset(v1::BuildPreset preset) {
+absl::StatusOr<std::optional<BvhPreset>> DecodePreset(v1::BuildPreset preset) {
   switch (preset) {
     case v1::BUILD_PRESET_UNSPECIFIED:
-      return std::optional<BuildPreset>();
+      return std::optional<BvhPreset>();
     case v1::BUILD_PRESET_STATIC:
-      return std::optional<BuildPreset>(BuildPreset::kStatic);
+      return std::optional<BvhPreset>(BvhPreset::kStatic);
     case v1::BUILD_PRESET_DYNAMIC:
-      return std::optional<BuildPreset>(BuildPreset::kDynamic);
+      return std::optional<BvhPreset>(BvhPreset::kDynamic);
+    case v1::BUILD_PRESET_COMPACT:
+      return std::optional<BvhPreset>(BvhPreset::kCompact);
     default:
       return InvalidField("header.build_preset", static_cast<int>(preset),
                           "is not a preset that this server knows",

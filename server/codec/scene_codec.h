@@ -12,6 +12,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "core/accel/bvh_builder.h"
 #include "core/mesh/object.h"
 #include "core/scene/scene.h"
 #include "google/protobuf/duration.pb.h"
@@ -29,7 +30,7 @@ void EncodeObject(const Scene& scene, uint32_t index, v1::SceneObject* out);
 
 absl::StatusOr<Culling> DecodeCulling(v1::Culling culling);
 // Nullopt for unspecified.
-absl::StatusOr<std::optional<BuildPreset>> DecodePreset(v1::BuildPreset preset);
+absl::StatusOr<std::optional<BvhPreset>> DecodePreset(v1::BuildPreset preset);
 
 }  // namespace sightline
 

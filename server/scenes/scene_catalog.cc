@@ -16,8 +16,6 @@ namespace sightline {
 namespace {
 
 constexpr absl::string_view kBuiltinPrefix = "builtin:";
-// Paper 004: eight bins on the longest axis are enough for a tree that is rebuilt often.
-constexpr int kDynamicBins = 8;
 
 ErrorMetadata Resource(const std::string& scene_id) { return {{"resource", SceneName(scene_id)}}; }
 
@@ -56,15 +54,12 @@ SceneCatalog::SceneCatalog(const Limits& limits, ThreadPool& build_pool)
   registry_.SetObserver([this](const SceneStatus& status) { Tell(View(status)); });
 }
 
-SceneBuildOptions SceneCatalog::BuildOptions(BuildPreset preset) const {
+SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset) const {
   SceneBuildOptions options;
   options.limits = {.max_triangles = limits_.max_triangles_per_scene,
                     .max_vertices = limits_.max_vertices_per_scene,
                     .max_objects = limits_.max_objects_per_scene};
-  if (preset == BuildPreset::kDynamic) {
-    options.bvh.bins = kDynamicBins;
-    options.bvh.longest_axis_only = true;
-  }
+  options.bvh = BvhPresetOptions(preset);
   return options;
 }
 
@@ -128,7 +123,7 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
 absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
                                              std::span<const SceneEdit> edits,
                                              const CancelToken* cancel) {
-  BuildPreset preset;
+  BvhPreset preset;
   {
     MutexLock lock(mutex_);
     const auto times = times_.find(options.scene_id);

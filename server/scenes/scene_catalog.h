@@ -29,6 +29,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "core/accel/bvh_builder.h"
 #include "core/base/cancel.h"
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
@@ -53,20 +54,17 @@ class SceneWatcher {
   virtual void OnScene(const SceneView& view) = 0;
 };
 
-// What a build favours.
-enum class BuildPreset : uint8_t { kStatic, kDynamic };
-
 class SceneCatalog {
  public:
   struct CreateOptions {
     std::string scene_id;
     std::optional<Vec3d> origin;
-    BuildPreset preset = BuildPreset::kStatic;
+    BvhPreset preset = BvhPreset::kStatic;
   };
   struct EditOptions {
     std::string scene_id;
-    uint64_t base_revision = 0;         // 0: whichever is current.
-    std::optional<BuildPreset> preset;  // As before.
+    uint64_t base_revision = 0;       // 0: whichever is current.
+    std::optional<BvhPreset> preset;  // As before.
   };
 
   SceneCatalog(const Limits& limits, ThreadPool& build_pool);
@@ -102,9 +100,9 @@ class SceneCatalog {
  private:
   struct Times {
     absl::Time create_time, update_time;
-    BuildPreset preset = BuildPreset::kStatic;
+    BvhPreset preset = BvhPreset::kStatic;
   };
-  SceneBuildOptions BuildOptions(BuildPreset preset) const;
+  SceneBuildOptions BuildOptions(BvhPreset preset) const;
   SceneView View(SceneStatus status) const;
   void Tell(const SceneView& view);
   absl::Status ExplainEdit(absl::Status status, const EditOptions& options) const;

@@ -81,8 +81,8 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
                           "must be finite and within 2^40");
     }
   }
-  SL_ASSIGN_OR_RETURN(const std::optional<BuildPreset> preset, DecodePreset(header.build_preset()));
-  result.create.preset = preset.value_or(BuildPreset::kStatic);
+  SL_ASSIGN_OR_RETURN(const std::optional<BvhPreset> preset, DecodePreset(header.build_preset()));
+  result.create.preset = preset.value_or(BvhPreset::kStatic);
   switch (header.source_case()) {
     case v1::CreateSceneHeader::kUpload:
       result.object_count = header.upload().object_count();

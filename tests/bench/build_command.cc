@@ -58,10 +58,6 @@ cli::FlagSet Flags(Options* o) {
   return flags;
 }
 
-// The presets of the service (BuildPreset in scene_service.proto).
-BvhBuildOptions StaticPreset() { return {}; }
-BvhBuildOptions DynamicPreset() { return {.bins = 8, .longest_axis_only = true}; }
-
 const char* QualityName(Quality quality) {
   switch (quality) {
     case Quality::kLow:
@@ -122,8 +118,8 @@ std::unique_ptr<EmbreeScene> BuildPeer(const Bench& bench, EmbreeOptions options
   return *std::move(scene);
 }
 
-Bvh BuildOurs(const Bench& bench, const BvhBuildOptions& options) {
-  absl::StatusOr<Bvh> bvh = BuildBvh(bench.scene.geometry, options, bench.pool);
+Bvh BuildOurs(const Bench& bench, BvhPreset preset) {
+  absl::StatusOr<Bvh> bvh = BuildBvh(bench.scene.geometry, BvhPresetOptions(preset), bench.pool);
   SIGHTLINE_CHECK(bvh.ok()) << bvh.status();
   return *std::move(bvh);
 }
@@ -145,7 +141,7 @@ void TimeBuilds(const Bench& bench, Report* report) {
   absl::StatusOr<SceneGeometry> compiled = absl::UnknownError("not compiled");
   std::unique_ptr<EmbreeScene> peer;
   std::vector<Side> sides;
-  for (const BvhBuildOptions& preset : {StaticPreset(), DynamicPreset()}) {
+  for (const BvhPreset preset : {BvhPreset::kStatic, BvhPreset::kDynamic}) {
     sides.push_back(
         {[&, preset](size_t) { ours = BuildOurs(bench, preset); }, [&] { ours = Bvh(); }});
   }
@@ -222,7 +218,7 @@ absl::Status TimeFrames(const Bench& bench, Report* report) {
   const auto refitted = BuildPeer(bench, {.quality = Quality::kRefit});
   std::vector<Side> sides;
   sides.push_back({[&](size_t view) {
-                     ours.bvh = BuildOurs(bench, DynamicPreset());
+                     ours.bvh = BuildOurs(bench, BvhPreset::kDynamic);
                      frames[view].DrawOurs(ours, options);
                    },
                    [&] { ours.bvh = Bvh(); }});
@@ -333,7 +329,8 @@ absl::Status RunScene(const Options& options, const std::string& name, Context& 
   context.err << name << ": reading" << std::endl;
   SL_ASSIGN_OR_RETURN(const SceneSource source, ReadScene(name, options.views));
   ThreadPool pool(threads);
-  SL_ASSIGN_OR_RETURN(IndexedGeometry scene, IndexScene(source, StaticPreset(), pool));
+  SL_ASSIGN_OR_RETURN(IndexedGeometry scene,
+                      IndexScene(source, BvhPresetOptions(BvhPreset::kStatic), pool));
   if (scene.bvh.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat("'", source.name, "' has no triangle that can be hit"));

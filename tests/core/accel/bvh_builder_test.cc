@@ -127,7 +127,8 @@ TEST(BvhBuilderTest, FewTrianglesMakeALeafWhenItPays) {
     const absl::StatusOr<SceneGeometry> geometry = CompileScene({&object, 1}, std::nullopt, {});
     EXPECT_TRUE(geometry.ok());
     ThreadPool pool(1);
-    absl::StatusOr<Bvh> bvh = BuildBvh(*geometry, {.traversal_cost = 0.1f}, pool);
+    absl::StatusOr<Bvh> bvh =
+        BuildBvh(*geometry, {.traversal_cost = 0.1f, .full_leaves = false}, pool);
     EXPECT_TRUE(bvh.ok());
     EXPECT_TRUE(ValidateBvh(*bvh, *geometry).ok());
     return bvh->leaf_count;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/accel/sah_split.h"
 
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -14,7 +15,7 @@ namespace {
 using testing_support::TestRng;
 
 Primitive MakePrimitive(uint32_t id, Vec3f lo, Vec3f hi) {
-  return {{lo.x, lo.y, lo.z}, 0, {hi.x, hi.y, hi.z}, id};
+  return Primitive(Float8{lo.x, lo.y, lo.z, 0, -hi.x, -hi.y, -hi.z, std::bit_cast<float>(id)});
 }
 
 std::vector<Primitive> RandomPrimitives(TestRng& rng, size_t n) {
@@ -30,8 +31,8 @@ std::vector<Primitive> RandomPrimitives(TestRng& rng, size_t n) {
   return primitives;
 }
 
-Box4 Centroids(const std::vector<Primitive>& primitives) {
-  Box4 box;
+BuildBox Centroids(const std::vector<Primitive>& primitives) {
+  BuildBox box;
   for (const Primitive& p : primitives) box.Extend(p.centroid());
   return box;
 }
@@ -40,17 +41,17 @@ TEST(BinMappingTest, BinsAreMonotoneAndTheEndsAreInTheEndBins) {
   TestRng rng;
   for (int count : {2, 5, 16, 256}) {
     const std::vector<Primitive> primitives = RandomPrimitives(rng, 300);
-    const Box4 centroids = Centroids(primitives);
+    const BuildBox centroids = Centroids(primitives);
     const BinMapping mapping(centroids, count, false);
     for (const Primitive& p : primitives) {
       const Int4 bins = mapping.BinsOf(p);
       for (int axis = 0; axis < 3; ++axis) {
         EXPECT_EQ(bins[axis], mapping.BinOf(p, axis));
         EXPECT_TRUE(bins[axis] >= 0 && bins[axis] < count);
-        if (p.centroid(axis) == centroids.lo[axis]) {
+        if (p.centroid(axis) == centroids.lo(axis)) {
           EXPECT_EQ(bins[axis], 0);
         }
-        if (p.centroid(axis) == centroids.hi[axis]) {
+        if (p.centroid(axis) == centroids.hi(axis)) {
           EXPECT_EQ(bins[axis], count - 1);
         }
         if (p.centroid(axis) <= primitives[0].centroid(axis)) {
@@ -100,7 +101,7 @@ TEST(FindSplitTest, IsTheCheapestPlane) {
     float best = std::numeric_limits<float>::infinity();
     for (int axis = 0; axis < 3; ++axis) {
       for (int plane = 1; plane < count; ++plane) {
-        Box4 box[2];
+        BuildBox box[2];
         uint32_t n[2] = {0, 0};
         for (const Primitive& p : primitives) {
           const int side = mapping.BinOf(p, axis) < plane ? 0 : 1;
