@@ -14,6 +14,8 @@
 //    rows 0-2 corner A's x, y, z; 3-5 B; 6-8 C; row 9 the triangle ids as uint32 bits. Unused lanes
 //    repeat nothing: their corners are 0 and their id is kNoTriangle. The array ends with
 //    kLeafPadding floats, so that sixteen lanes may be loaded from any row.
+//  * A compact BVH has no `leaves`: a unit is four ids in `leaf_ids`, kNoTriangle where there is
+//    none, and walks fetch the corners from the scene (core/traverse/leaf_view.h).
 //  * Boxes hold the stored floats of their triangles exactly: they are minima and maxima, never
 //  rounded.
 //  * Within a leaf, triangle ids ascend.
@@ -76,16 +78,19 @@ struct alignas(64) BvhNode {
 static_assert(sizeof(BvhNode) == 256);
 
 struct Bvh {
-  AlignedVector<BvhNode> nodes;  // nodes[0] is the root; empty for a scene with nothing to hit.
-  AlignedVector<float> leaves;
+  AlignedVector<BvhNode> nodes;      // nodes[0] is the root; empty for a scene with nothing to hit.
+  AlignedVector<float> leaves;       // Empty if compact.
+  AlignedVector<uint32_t> leaf_ids;  // Empty unless compact.
   Box3f bounds;
   uint32_t leaf_count = 0;
   uint32_t triangle_count = 0;
   uint32_t max_depth = 0;  // Inner nodes on the longest path from the root, the root included.
 
   bool empty() const { return nodes.empty(); }
+  bool has_leaf_rows() const { return leaf_ids.empty(); }
   size_t MemoryBytes() const {
-    return nodes.size() * sizeof(BvhNode) + leaves.size() * sizeof(float);
+    return nodes.size() * sizeof(BvhNode) + leaves.size() * sizeof(float) +
+           leaf_ids.size() * sizeof(uint32_t);
   }
 };
 

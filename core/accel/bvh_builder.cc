@@ -68,7 +68,7 @@ absl::StatusOr<Bvh> Build(const SceneGeometry& geometry, const BvhBuildOptions& 
   const auto build_tree = options.grid ? bvh_build::BuildGridTree : bvh_build::BuildBinaryTree;
   BinaryTree tree = build_tree(geometry, cost, tree_options, cancel, tree_progress);
   SL_RETURN_IF_ERROR(check_cancel());
-  absl::StatusOr<Bvh> bvh = bvh_build::GatherWideTree(tree, geometry, cancel);
+  absl::StatusOr<Bvh> bvh = bvh_build::GatherWideTree(tree, geometry, options.leaf_rows, cancel);
   SL_RETURN_IF_ERROR(check_cancel());
   if (progress) progress(1.0);
   return bvh;
@@ -79,8 +79,9 @@ absl::StatusOr<Bvh> Build(const SceneGeometry& geometry, const BvhBuildOptions& 
 BvhBuildOptions BvhPresetOptions(BvhPreset preset) {
   switch (preset) {
     case BvhPreset::kStatic:
-    case BvhPreset::kCompact:
       return {};
+    case BvhPreset::kCompact:
+      return {.leaf_rows = false};
     case BvhPreset::kDynamic:
       return {.bins = kDynamicBins, .longest_axis_only = true, .grid = true};
   }

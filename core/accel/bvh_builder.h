@@ -44,6 +44,9 @@ struct BvhBuildOptions {        // As made, those of kStatic.
   bool full_leaves = true;
   // The upper levels over the cells of a grid, most of them at once: another half less.
   bool grid = false;
+  // Whether leaves hold their triangles' corners. Without, they hold ids alone: 4 bytes a triangle
+  // instead of 40, and a walk has to gather the corners of every leaf that it visits.
+  bool leaf_rows = true;
 };
 
 BvhBuildOptions BvhPresetOptions(BvhPreset preset);

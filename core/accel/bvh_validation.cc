@@ -44,19 +44,26 @@ class Validator {
  private:
   absl::Status ValidateEmpty() const {
     if (bvh_.triangle_count != 0 || bvh_.leaf_count != 0 || bvh_.max_depth != 0 ||
-        !bvh_.leaves.empty() || !bvh_.bounds.empty()) {
+        !bvh_.leaves.empty() || !bvh_.leaf_ids.empty() || !bvh_.bounds.empty()) {
       return Fault("it has no nodes, but triangles, leaves, a depth or bounds");
     }
     return absl::OkStatus();
   }
 
   absl::Status ValidateSizes() {
-    if (bvh_.leaves.size() < kLeafPadding ||
-        (bvh_.leaves.size() - kLeafPadding) % kUnitFloats != 0) {
+    if (!bvh_.has_leaf_rows()) {
+      if (!bvh_.leaves.empty()) return Fault("it has rows and names for its leaves");
+      if (bvh_.leaf_ids.size() % kUnitTriangles != 0) {
+        return Fault(bvh_.leaf_ids.size(), " leaf ids are not whole units");
+      }
+      units_ = bvh_.leaf_ids.size() / kUnitTriangles;
+    } else if (bvh_.leaves.size() < kLeafPadding ||
+               (bvh_.leaves.size() - kLeafPadding) % kUnitFloats != 0) {
       return Fault(bvh_.leaves.size(), " leaf floats are not whole units and ", kLeafPadding,
                    " of padding");
+    } else {
+      units_ = (bvh_.leaves.size() - kLeafPadding) / kUnitFloats;
     }
-    units_ = (bvh_.leaves.size() - kLeafPadding) / kUnitFloats;
     if (bvh_.nodes.size() > std::numeric_limits<uint32_t>::max()) {
       return Fault(bvh_.nodes.size(), " nodes are more than can be numbered");
     }
@@ -138,11 +145,13 @@ class Validator {
     }
     ++leaves_seen_;
     const uint32_t lanes = kUnitTriangles * child.leaf_units();
-    const float* const rows = &bvh_.leaves[unit * kUnitFloats];
+    const bool has_rows = bvh_.has_leaf_rows();
+    const float* const rows = has_rows ? &bvh_.leaves[unit * kUnitFloats] : nullptr;
     Box3f box;
     uint32_t previous = 0;
     for (uint32_t lane = 0; lane < lanes; ++lane) {
-      const uint32_t id = std::bit_cast<uint32_t>(rows[9 * lanes + lane]);
+      const uint32_t id = has_rows ? std::bit_cast<uint32_t>(rows[9 * lanes + lane])
+                                   : bvh_.leaf_ids[unit * kUnitTriangles + lane];
       std::array<Vec3f, 3> corners{};
       if (lane < child.leaf_count()) {
         if (id >= unseen_triangles_.size()) {
@@ -160,7 +169,7 @@ class Validator {
       } else if (id != kNoTriangle) {
         return Fault(where, " has triangle ", id, " in unused lane ", lane);
       }
-      for (int row = 0; row < 9; ++row) {
+      for (int row = 0; has_rows && row < 9; ++row) {
         const float stored = corners[row / 3][row % 3];
         if (std::bit_cast<uint32_t>(rows[row * lanes + lane]) != std::bit_cast<uint32_t>(stored)) {
           return Fault(where, " has another coordinate in row ", row, " lane ", lane,

@@ -1,55 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Writes a leaf's rows (layout: core/accel/bvh.h) from the scene's own arrays.
+// Writes a leaf's rows (layout: core/accel/bvh.h) from the scene's own arrays: once when a BVH is
+// built, or whenever a walk comes to a leaf of a compact one.
 //
 // Thread safety: functions only.
+//
+//   WriteLeafRows(geometry, ids, kMaxLeafTriangles, rows);
 #ifndef SIGHTLINE_CORE_ACCEL_LEAF_ROWS_H_
 #define SIGHTLINE_CORE_ACCEL_LEAF_ROWS_H_
 
-#include <array>
+#include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <span>
 
-#include "core/accel/build_primitive.h"
-#include "core/accel/bvh.h"
 #include "core/mesh/scene_geometry.h"
 
-namespace sightline::bvh_build {
+namespace sightline {
 
-// Four triangles at a time: their corners are transposed in registers.
-// REQUIRES: 1 <= ids.size() <= kMaxLeafTriangles; room for whole units at `rows`.
-inline void WriteLeafRows(const SceneGeometry& geometry, std::span<const uint32_t> ids,
-                          float* rows) {
-  const size_t units = (ids.size() + kUnitTriangles - 1) / kUnitTriangles;
-  const size_t lanes = units * kUnitTriangles;
-  const auto store = [](float* to, Float4 v) { std::memcpy(to, &v, sizeof(v)); };
-  for (size_t first = 0; first < lanes; first += kUnitTriangles) {
-    Float4 corners[3][kUnitTriangles] = {};
-    uint32_t unit_ids[kUnitTriangles] = {kNoTriangle, kNoTriangle, kNoTriangle, kNoTriangle};
-    for (size_t lane = 0; lane < kUnitTriangles && first + lane < ids.size(); ++lane) {
-      const uint32_t id = ids[first + lane];
-      unit_ids[lane] = id;
-      const std::array<uint32_t, 3>& triangle = geometry.triangles[id];
-      for (size_t c = 0; c < 3; ++c) {
-        corners[c][lane] = LoadVertex(geometry.vertices[triangle[c]]);
-      }
-    }
-    for (size_t c = 0; c < 3; ++c) {
-      const auto& v = corners[c];
-      const Float4 xy01 = __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5);
-      const Float4 xy23 = __builtin_shufflevector(v[2], v[3], 0, 4, 1, 5);
-      const Float4 z01 = __builtin_shufflevector(v[0], v[1], 2, 6, 2, 6);
-      const Float4 z23 = __builtin_shufflevector(v[2], v[3], 2, 6, 2, 6);
-      float* const row = rows + 3 * c * lanes + first;
-      store(row, __builtin_shufflevector(xy01, xy23, 0, 1, 4, 5));
-      store(row + lanes, __builtin_shufflevector(xy01, xy23, 2, 3, 6, 7));
-      store(row + 2 * lanes, __builtin_shufflevector(z01, z23, 0, 1, 4, 5));
-    }
-    std::memcpy(rows + 9 * lanes + first, unit_ids, sizeof(unit_ids));
-  }
-}
+// Ten rows of `stride` lanes; those past the ids are unused ones.
+// REQUIRES: stride is a multiple of kUnitTriangles and not below ids.size().
+void WriteLeafRows(const SceneGeometry& geometry, std::span<const uint32_t> ids, size_t stride,
+                   float* rows);
 
-}  // namespace sightline::bvh_build
+}  // namespace sightline
 
 #endif  // SIGHTLINE_CORE_ACCEL_LEAF_ROWS_H_

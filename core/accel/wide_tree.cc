@@ -139,8 +139,9 @@ struct Part {
 
 class Gatherer {
  public:
-  Gatherer(BinaryTree& tree, const SceneGeometry& geometry, const CancelToken* cancel)
-      : tree_(tree), geometry_(geometry), cancel_(cancel), top_(tree) {}
+  Gatherer(BinaryTree& tree, const SceneGeometry& geometry, bool leaf_rows,
+           const CancelToken* cancel)
+      : tree_(tree), geometry_(geometry), leaf_rows_(leaf_rows), cancel_(cancel), top_(tree) {}
 
   absl::StatusOr<Bvh> Gather() {
     GatherTop();
@@ -167,8 +168,12 @@ class Gatherer {
       bvh_.max_depth = std::max(bvh_.max_depth, piece.max_depth);
     }
     bvh_.nodes.ResizeUninitialized(nodes_);
-    bvh_.leaves.ResizeUninitialized(units_ * kUnitFloats + kLeafPadding);
-    std::fill_n(bvh_.leaves.end() - kLeafPadding, kLeafPadding, 0.0f);
+    if (leaf_rows_) {
+      bvh_.leaves.ResizeUninitialized(units_ * kUnitFloats + kLeafPadding);
+      std::fill_n(bvh_.leaves.end() - kLeafPadding, kLeafPadding, 0.0f);
+    } else {
+      bvh_.leaf_ids.ResizeUninitialized(units_ * kUnitTriangles);
+    }
     ParallelFor(
         parts_.size(), 1,
         [this](size_t begin, size_t end) {
@@ -265,11 +270,18 @@ class Gatherer {
   void SetLeaf(const Leaf& leaf, uint64_t unit) {
     const std::span<uint32_t> ids(&tree_.ids[leaf.first], leaf.count);
     if (!std::is_sorted(ids.begin(), ids.end())) std::sort(ids.begin(), ids.end());
-    WriteLeafRows(geometry_, ids, &bvh_.leaves[unit * kUnitFloats]);
+    const size_t lanes = (ids.size() + kUnitTriangles - 1) / kUnitTriangles * kUnitTriangles;
+    if (leaf_rows_) {
+      WriteLeafRows(geometry_, ids, lanes, &bvh_.leaves[unit * kUnitFloats]);
+    } else {
+      uint32_t* const out = &bvh_.leaf_ids[unit * kUnitTriangles];
+      std::fill(std::copy(ids.begin(), ids.end(), out), out + lanes, kNoTriangle);
+    }
   }
 
   BinaryTree& tree_;
   const SceneGeometry& geometry_;
+  const bool leaf_rows_;
   const CancelToken* const cancel_;
   Piece top_;
   std::vector<Piece> pieces_;
@@ -281,9 +293,9 @@ class Gatherer {
 
 }  // namespace
 
-absl::StatusOr<Bvh> GatherWideTree(BinaryTree& tree, const SceneGeometry& geometry,
+absl::StatusOr<Bvh> GatherWideTree(BinaryTree& tree, const SceneGeometry& geometry, bool leaf_rows,
                                    const CancelToken* cancel) {
-  return Gatherer(tree, geometry, cancel).Gather();
+  return Gatherer(tree, geometry, leaf_rows, cancel).Gather();
 }
 
 }  // namespace sightline::bvh_build

@@ -18,9 +18,10 @@
 
 namespace sightline::bvh_build {
 
-// ResourceExhausted: more leaf units than a ChildRef can number. Incomplete once `cancel` has
-// fired. REQUIRES: a complete tree over triangles of `geometry`. Sorts the ids within its leaves.
-absl::StatusOr<Bvh> GatherWideTree(BinaryTree& tree, const SceneGeometry& geometry,
+// Compact without `leaf_rows`. ResourceExhausted: more leaf units than a ChildRef can number.
+// Incomplete once `cancel` has fired. REQUIRES: a complete tree over triangles of `geometry`. Sorts
+// the ids within its leaves.
+absl::StatusOr<Bvh> GatherWideTree(BinaryTree& tree, const SceneGeometry& geometry, bool leaf_rows,
                                    const CancelToken* cancel);
 
 }  // namespace sightline::bvh_build

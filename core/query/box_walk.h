@@ -8,7 +8,7 @@
 //
 // Thread safety: functions only.
 //
-//   ForEachMeeting(bvh, box, [&](const LeafView& leaf, uint32_t lane) {
+//   ForEachMeeting(scene, box, [&](const LeafView& leaf, uint32_t lane) {
 //     ids.push_back(leaf.id(lane));
 //     return true;  // Go on.
 //   });
@@ -19,7 +19,7 @@
 #include <cstdint>
 #include <cstring>
 
-#include "core/accel/bvh.h"
+#include "core/accel/indexed_geometry.h"
 #include "core/geometry/box3.h"
 #include "core/traverse/leaf_view.h"
 #include "hwy/highway.h"
@@ -78,21 +78,21 @@ inline uint32_t MeetingTriangles(const LeafView& leaf, const Box3f& box) {
 
 // Calls fn(leaf, lane) for each such triangle, in no particular order, until fn returns false.
 template <typename Fn>
-void ForEachMeeting(const Bvh& bvh, const Box3f& box, const Fn& fn) {
-  if (bvh.empty()) return;
+void ForEachMeeting(const IndexedGeometry& scene, const Box3f& box, const Fn& fn) {
+  if (scene.bvh.empty()) return;
   uint32_t stack[kBvhStackSize];  // ChildRef bits; not initialized.
   int depth = 0;
   stack[depth++] = ChildRef::Inner(0).bits();
   while (depth > 0) {
     const ChildRef ref = ChildRef::FromBits(stack[--depth]);
     if (ref.is_leaf()) {
-      const LeafView leaf(bvh, ref);
+      const LeafView leaf(scene, ref);
       for (uint32_t bits = box_walk::MeetingTriangles(leaf, box); bits != 0; bits &= bits - 1) {
         if (!fn(leaf, static_cast<uint32_t>(std::countr_zero(bits)))) return;
       }
       continue;
     }
-    const BvhNode& node = bvh.nodes[ref.node()];
+    const BvhNode& node = scene.bvh.nodes[ref.node()];
     for (uint32_t bits = box_walk::MeetingChildren(node, box); bits != 0; bits &= bits - 1) {
       stack[depth++] = node.child[std::countr_zero(bits)].bits();
     }

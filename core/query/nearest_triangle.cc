@@ -109,10 +109,11 @@ float FloatAbove(double x, double r) {
 
 // Calls found(id) for touched triangles in no particular order; found returns whether to go on.
 template <typename Found>
-void ForEachTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip, Found found) {
+void ForEachTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
+                     Found found) {
   // No triangle's corner is farther out than the farthest corner of all bounds, in rounded sums
   // too.
-  const Vec3d lo = ToDouble(bvh.bounds.lo), hi = ToDouble(bvh.bounds.hi);
+  const Vec3d lo = ToDouble(scene.bvh.bounds.lo), hi = ToDouble(scene.bvh.bounds.hi);
   const Vec3d far = {std::max(std::abs(lo.x), std::abs(hi.x)),
                      std::max(std::abs(lo.y), std::abs(hi.y)),
                      std::max(std::abs(lo.z), std::abs(hi.z))};
@@ -120,7 +121,7 @@ void ForEachTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip,
   const Box3f around = {
       .lo = {FloatBelow(p.x, largest), FloatBelow(p.y, largest), FloatBelow(p.z, largest)},
       .hi = {FloatAbove(p.x, largest), FloatAbove(p.y, largest), FloatAbove(p.z, largest)}};
-  ForEachMeeting(bvh, around, [&](const LeafView& leaf, uint32_t k) {
+  ForEachMeeting(scene, around, [&](const LeafView& leaf, uint32_t k) {
     const uint32_t id = leaf.id(k);
     if (id == skip) return true;
     const Vec3f a = leaf.corner(0, k), b = leaf.corner(1, k), c = leaf.corner(2, k);
@@ -160,9 +161,9 @@ double TouchRadius::Of(Vec3f a, Vec3f b, Vec3f c) const {
          per_vertex * std::max({NormOne(ToDouble(a)), NormOne(ToDouble(b)), NormOne(ToDouble(c))});
 }
 
-NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared) {
+NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared) {
   NearestTriangle best{kNoTriangle, max_distance_squared};
-  if (bvh.empty()) return best;
+  if (scene.bvh.empty()) return best;
   struct Entry {  // Trivial: the stack is not initialized.
     double distance;
     uint32_t ref_bits;
@@ -177,7 +178,7 @@ NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared
     double distance[kMaxLeafTriangles];
     const ChildRef ref = ChildRef::FromBits(entry.ref_bits);
     if (ref.is_leaf()) {
-      const LeafView leaf(bvh, ref);
+      const LeafView leaf(scene, ref);
       LeafBoxes(leaf).Distances(p, distance);
       for (uint32_t k = 0; k < leaf.count; ++k) {
         if (!(distance[k] <= best.distance_squared)) continue;
@@ -193,7 +194,7 @@ NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared
       continue;
     }
     // Children go on the stack so that the nearest comes off first.
-    const BvhNode& node = bvh.nodes[ref.node()];
+    const BvhNode& node = scene.bvh.nodes[ref.node()];
     ChildDistances(node, p, distance);
     const uint32_t first = size;
     for (uint32_t k = 0; k < node.child_count; ++k) {
@@ -207,32 +208,33 @@ NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared
   return best;
 }
 
-void FindTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip,
+void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
                   std::vector<uint32_t>* ids) {
   ids->clear();
-  ForEachTouching(bvh, p, radius, skip, [&](uint32_t id) {
+  ForEachTouching(scene, p, radius, skip, [&](uint32_t id) {
     ids->push_back(id);
     return true;
   });
   std::sort(ids->begin(), ids->end());
 }
 
-bool TouchesAny(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip) {
+bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip) {
   bool any = false;
-  ForEachTouching(bvh, p, radius, skip, [&](uint32_t) {
+  ForEachTouching(scene, p, radius, skip, [&](uint32_t) {
     any = true;
     return false;
   });
   return any;
 }
 
-bool CrossesAny(const Bvh& bvh, Vec3f from, Vec3f to, std::span<const uint32_t> skip) {
+bool CrossesAny(const IndexedGeometry& scene, Vec3f from, Vec3f to,
+                std::span<const uint32_t> skip) {
   Box3f box;
   box.Extend(from);
   box.Extend(to);
   const PredicateRay segment = PredicateRay::Segment(from, to);
   bool crosses = false;
-  ForEachMeeting(bvh, box, [&](const LeafView& leaf, uint32_t k) {
+  ForEachMeeting(scene, box, [&](const LeafView& leaf, uint32_t k) {
     if (std::binary_search(skip.begin(), skip.end(), leaf.id(k))) return true;
     crosses = Blocks(segment, leaf.corner(0, k), leaf.corner(1, k), leaf.corner(2, k));
     return !crosses;

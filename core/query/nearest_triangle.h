@@ -21,7 +21,7 @@
 #include <span>
 #include <vector>
 
-#include "core/accel/bvh.h"
+#include "core/accel/indexed_geometry.h"
 #include "core/geometry/vec3.h"
 #include "core/mesh/scene_geometry.h"
 
@@ -47,7 +47,7 @@ struct NearestTriangle {
 };
 
 // The nearest triangle within the given distance (the bound included); the lowest id among equals.
-NearestTriangle FindNearest(const Bvh& bvh, Vec3d p, double max_distance_squared);
+NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared);
 
 // How near is touching: base + per_vertex · (the largest 1-norm of the triangle's corners).
 struct TouchRadius {
@@ -57,15 +57,15 @@ struct TouchRadius {
 };
 
 // The ids of all triangles but `skip` that `p` touches, ascending, into `ids`.
-void FindTouching(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip,
+void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
                   std::vector<uint32_t>* ids);
 
 // Whether p touches any triangle but `skip`.
-bool TouchesAny(const Bvh& bvh, Vec3d p, TouchRadius radius, uint32_t skip);
+bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip);
 
 // Whether any triangle that is not in `skip` (ascending) blocks the segment. For short ones: boxes
 // are tested against the segment's box.
-bool CrossesAny(const Bvh& bvh, Vec3f from, Vec3f to, std::span<const uint32_t> skip);
+bool CrossesAny(const IndexedGeometry& scene, Vec3f from, Vec3f to, std::span<const uint32_t> skip);
 
 }  // namespace sightline
 

@@ -281,7 +281,7 @@ bool PlaceAmong(const IndexedGeometry& scene, const Placement& placement, const 
     }
     for (double scale : kScales) {
       if (TryAll(planes, scale, placement.at, reach, &placed->position) &&
-          !CrossesAny(scene.bvh, start, placed->position, skip)) {
+          !CrossesAny(scene, start, placed->position, skip)) {
         placed->clear = all;
         return true;
       }
@@ -301,7 +301,7 @@ Placed Place(const IndexedGeometry& scene, const Placement& placement, Placement
   Placed placed;
   const Plane source = MakePlane(scene.geometry.Corners(placement.source), placement.side);
   std::vector<uint32_t>& touched = scratch->touched;
-  FindTouching(scene.bvh, placement.at, placement.radius, placement.source, &touched);
+  FindTouching(scene, placement.at, placement.radius, placement.source, &touched);
   if (!touched.empty() && touched.size() <= kMaxTouched &&
       PlaceAmong(scene, placement, source, touched, &placed)) {
     return placed;
@@ -311,8 +311,8 @@ Placed Place(const IndexedGeometry& scene, const Placement& placement, Placement
   // Within the base radius of a point that touches nothing there is nothing to cross.
   const double base = placement.radius.base;
   if (placed.clear && DistanceSquared(ToDouble(placed.position), placement.at) > base * base) {
-    placed.clear = !CrossesAny(scene.bvh, Rounded(placement.at), placed.position,
-                               std::span(&placement.source, 1));
+    placed.clear =
+        !CrossesAny(scene, Rounded(placement.at), placed.position, std::span(&placement.source, 1));
   }
   return placed;
 }

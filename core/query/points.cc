@@ -106,7 +106,7 @@ class Preparer {
     if (!options_.count_near_surface) return;
     if (!known) {
       const Vec3d p = ToDouble(out_.positions[i]);
-      near = TouchesAny(scene_.bvh, p, WorldTouchRadius(NormOne(p)), out_.sources[i]);
+      near = TouchesAny(scene_, p, WorldTouchRadius(NormOne(p)), out_.sources[i]);
     }
     out_.near_surface += near;
   }
@@ -119,7 +119,7 @@ class Preparer {
   bool Attach(size_t i, bool* near) {
     const Vec3d p = ToDouble(out_.positions[i]);
     const double limit = options_.attach_distance;
-    const NearestTriangle nearest = FindNearest(scene_.bvh, p, limit * limit);
+    const NearestTriangle nearest = FindNearest(scene_, p, limit * limit);
     if (nearest.triangle == kNoTriangle) return false;
     const TouchRadius radius = WorldTouchRadius(NormOne(p));
     const Vec3d* normal = input_.normals.empty() ? nullptr : &input_.normals[i];

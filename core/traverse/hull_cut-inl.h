@@ -164,7 +164,7 @@ class HullCutMaker {
   // Whether a triangle of the leaf may reach into the hull, by its vertices.
   bool MeetsLeaf(ChildRef ref) const {
     const ShaftD d;
-    const LeafView leaf(scene_.bvh, ref);
+    const LeafView leaf(scene_, ref);
     const V3 r = BroadcastV(reference_);
     for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
       V3 corner[3];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A leaf of the BVH as its rows (layout: core/accel/bvh.h), and the object flags of a triangle.
+// A leaf of the BVH as its rows (layout: core/accel/bvh.h), fetched from the scene where the BVH is
+// compact, and the object flags of a triangle.
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_TRAVERSE_LEAF_VIEW_H_
@@ -10,6 +11,8 @@
 #include <cstdint>
 
 #include "core/accel/bvh.h"
+#include "core/accel/indexed_geometry.h"
+#include "core/accel/leaf_rows.h"
 #include "core/intersect/predicate.h"
 #include "core/mesh/scene_geometry.h"
 
@@ -20,10 +23,19 @@ struct LeafView {
   uint32_t stride;
   uint32_t count;
 
-  LeafView(const Bvh& bvh, ChildRef ref)
-      : rows(bvh.leaves.data() + size_t{ref.leaf_unit()} * kUnitFloats),
-        stride(ref.leaf_units() * kUnitTriangles),
-        count(ref.leaf_count()) {}
+  LeafView(const IndexedGeometry& scene, ChildRef ref) : count(ref.leaf_count()) {
+    const Bvh& bvh = scene.bvh;
+    if (bvh.has_leaf_rows()) [[likely]] {
+      rows = bvh.leaves.data() + size_t{ref.leaf_unit()} * kUnitFloats;
+      stride = ref.leaf_units() * kUnitTriangles;
+    } else {
+      rows = fetched_;
+      stride = kMaxLeafTriangles;
+      WriteLeafRows(scene.geometry,
+                    {bvh.leaf_ids.data() + size_t{ref.leaf_unit()} * kUnitTriangles, count},
+                    kMaxLeafTriangles, fetched_);
+    }
+  }
   LeafView(const float* rows, uint32_t stride, uint32_t count)
       : rows(rows), stride(stride), count(count) {}
 
@@ -32,6 +44,13 @@ struct LeafView {
     const float* p = rows + 3 * corner * stride + lane;
     return {p[0], p[stride], p[2 * stride]};
   }
+
+  LeafView(const LeafView&) = delete;  // `rows` may point into it.
+  LeafView& operator=(const LeafView&) = delete;
+
+ private:
+  // Not initialized: most leaves have rows.
+  alignas(64) float fetched_[kMaxLeafTriangles * kLeafRows];
 };
 
 // Whether hits must be put to ObjectBlocks at all. An empty mask sees nothing, not even a uniform

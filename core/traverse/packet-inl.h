@@ -170,7 +170,7 @@ class PacketWalk {
   // Returns true when no lane is left to answer.
   bool VisitLeaf(ChildRef ref, const Pending& pending) {
     ++stats_->leaves;
-    const LeafView leaf(scene_.bvh, ref);
+    const LeafView leaf(scene_, ref);
     FacingTriangle facing[kMaxLeafTriangles];
     const uint32_t count = TurnTriangles(lanes_, leaf, (1u << leaf.count) - 1, facing);
     if (count == 0) return false;

@@ -223,7 +223,7 @@ class ShaftWalk {
   // Returns the number of relevant triangles.
   uint32_t VisitLeaf(ChildRef ref) {
     ++stats_->leaves;
-    const LeafView leaf(scene_.bvh, ref);
+    const LeafView leaf(scene_, ref);
     const uint32_t relevant = leaf_->Prepare(leaf, bounds_, bounds_.all_far);
     found_ = false;
     HWY_ALIGN uint32_t pairs[kMaxLeafTriangles * kShaftBlocks + kShaftBlocks];

@@ -129,9 +129,13 @@ HWY_INLINE void PrefetchChild(const Bvh& bvh, ChildRef ref) {
   constexpr size_t kLine = 64;
   const char* at;
   size_t bytes;
-  if (ref.is_leaf()) {
+  if (ref.is_leaf() && bvh.has_leaf_rows()) {
     at = reinterpret_cast<const char*>(bvh.leaves.data() + size_t{ref.leaf_unit()} * kUnitFloats);
     bytes = ref.leaf_units() * kUnitFloats * sizeof(float);
+  } else if (ref.is_leaf()) {
+    at = reinterpret_cast<const char*>(bvh.leaf_ids.data() +
+                                       size_t{ref.leaf_unit()} * kUnitTriangles);
+    bytes = kLine;
   } else {
     at = reinterpret_cast<const char*>(&bvh.nodes[ref.node()]);
     bytes = sizeof(BvhNode);
@@ -238,7 +242,7 @@ class SingleWalk {
   // Returns true when any further hit is of no interest.
   HWY_INLINE bool VisitLeaf(ChildRef ref, WalkStats* stats) {
     ++stats->leaves;
-    const LeafView leaf(scene_->bvh, ref);
+    const LeafView leaf(*scene_, ref);
     const bool stopped =
         TestLeaf(leaf, *query_, scene_->geometry, stats, [&](uint32_t lane) HWY_ATTR {
           if constexpr (kAny) {

@@ -57,7 +57,7 @@ Hit WalkIndependently(const IndexedGeometry& scene, const TraceRay& query) {
       }
       continue;
     }
-    const LeafView leaf(scene.bvh, ref);
+    const LeafView leaf(scene, ref);
     for (uint32_t lane = 0; lane < leaf.count; ++lane) {
       const uint32_t id = leaf.id(lane);
       if (id == query.from_source || id == query.to_source) continue;

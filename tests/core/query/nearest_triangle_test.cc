@@ -99,14 +99,14 @@ TEST(NearestTriangleTest, AgreesWithLookingAtAll) {
         p = ToDouble(scene.geometry.vertices[rng.Below(scene.geometry.vertices.size())]);
       const double limit = rng.Chance(0.5) ? 100 : std::exp2(-rng.Uniform(0, 10));
       const NearestTriangle expected = NearestByLookingAtAll(scene.geometry, p, limit);
-      const NearestTriangle found = FindNearest(scene.bvh, p, limit);
+      const NearestTriangle found = FindNearest(scene, p, limit);
       ASSERT_EQ(found.triangle, expected.triangle);
       ASSERT_EQ(found.distance_squared, expected.distance_squared);
 
       const TouchRadius radius = {limit * 0.1, limit * 0.01};
       std::vector<uint32_t> touching, expected_touching;
       const uint32_t skip = found.triangle;
-      FindTouching(scene.bvh, p, radius, skip, &touching);
+      FindTouching(scene, p, radius, skip, &touching);
       for (uint32_t id = 0; id < scene.geometry.triangles.size(); ++id) {
         if (id == skip ||
             std::binary_search(scene.geometry.inert.begin(), scene.geometry.inert.end(), id)) {
@@ -118,7 +118,7 @@ TEST(NearestTriangleTest, AgreesWithLookingAtAll) {
           expected_touching.push_back(id);
       }
       ASSERT_EQ(touching, expected_touching);
-      ASSERT_EQ(TouchesAny(scene.bvh, p, radius, skip), !touching.empty());
+      ASSERT_EQ(TouchesAny(scene, p, radius, skip), !touching.empty());
     }
   }
 }
@@ -138,7 +138,7 @@ TEST(NearestTriangleTest, CrossingAgreesWithThePredicate) {
       const auto [a, b, c] = scene.geometry.Corners(id);
       expected |= Blocks(PredicateRay::Segment(from, to), a, b, c);
     }
-    ASSERT_EQ(CrossesAny(scene.bvh, from, to, skip), expected);
+    ASSERT_EQ(CrossesAny(scene, from, to, skip), expected);
     crossings += expected;
   }
   EXPECT_GT(crossings, 10);
@@ -146,18 +146,17 @@ TEST(NearestTriangleTest, CrossingAgreesWithThePredicate) {
 
 TEST(NearestTriangleTest, NothingIsNearInAnEmptyScene) {
   const IndexedGeometry scene = MakeScene({});
-  EXPECT_EQ(FindNearest(scene.bvh, {1, 2, 3}, 1e9).triangle, kNoTriangle);
-  EXPECT_FALSE(TouchesAny(scene.bvh, {1, 2, 3}, {1e9, 1}, kNoTriangle));
-  EXPECT_FALSE(CrossesAny(scene.bvh, {0, 0, 0}, {1, 1, 1}, {}));
+  EXPECT_EQ(FindNearest(scene, {1, 2, 3}, 1e9).triangle, kNoTriangle);
+  EXPECT_FALSE(TouchesAny(scene, {1, 2, 3}, {1e9, 1}, kNoTriangle));
+  EXPECT_FALSE(CrossesAny(scene, {0, 0, 0}, {1, 1, 1}, {}));
 }
 
 // The limit itself is included.
 TEST(NearestTriangleTest, DistanceLimitIsInclusive) {
   const IndexedGeometry scene =
       MakeScene({{.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}}});
-  EXPECT_EQ(FindNearest(scene.bvh, {0.25, 0.25, 2}, 4).triangle, 0u);
-  EXPECT_EQ(FindNearest(scene.bvh, {0.25, 0.25, 2}, std::nextafter(4.0, 0.0)).triangle,
-            kNoTriangle);
+  EXPECT_EQ(FindNearest(scene, {0.25, 0.25, 2}, 4).triangle, 0u);
+  EXPECT_EQ(FindNearest(scene, {0.25, 0.25, 2}, std::nextafter(4.0, 0.0)).triangle, kNoTriangle);
 }
 
 }  // namespace
