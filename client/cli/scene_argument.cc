@@ -71,10 +71,11 @@ std::string SceneName(const std::string& argument) {
 }
 
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
-                                        const std::string& scene_id, std::ostream& err,
-                                        ImportedScene* imported) {
+                                        const std::string& scene_id, client::BuildPreset preset,
+                                        std::ostream& err, ImportedScene* imported) {
   client::SceneSource source;
   source.scene_id = scene_id;
+  source.build_preset = preset;
   ImportedScene file;
   switch (KindOf(argument)) {
     case SceneKind::kServer:
@@ -131,8 +132,8 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
     return std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/false);
   }
   ImportedScene imported;
-  SL_ASSIGN_OR_RETURN(client::Scene scene,
-                      LoadScene(session, argument, TemporaryId(), err, &imported));
+  SL_ASSIGN_OR_RETURN(client::Scene scene, LoadScene(session, argument, TemporaryId(),
+                                                     client::BuildPreset::kStatic, err, &imported));
   auto opened =
       std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/!session.embedded());
   opened->objects_ = std::move(imported.objects);

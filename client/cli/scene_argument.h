@@ -65,11 +65,11 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                                        std::ostream& err);
 
 // Makes a scene on the session's server of a file or a built-in scene, with a name of its own or
-// one that the server makes up (empty). `imported` (may be null) receives a file's arrays and
-// report.
+// one that the server makes up (empty), built by `preset`. `imported` (may be null) receives a
+// file's arrays and report.
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
-                                        const std::string& scene_id, std::ostream& err,
-                                        ImportedScene* imported);
+                                        const std::string& scene_id, client::BuildPreset preset,
+                                        std::ostream& err, ImportedScene* imported);
 
 // "city" and "scenes/city" both name scenes/city.
 std::string SceneName(const std::string& argument);

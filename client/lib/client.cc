@@ -78,6 +78,7 @@ absl::StatusOr<Scene> Client::CreateScene(const SceneSource& source,
   header->set_scene_id(source.scene_id);
   header->set_request_id(NewRequestId());
   if (source.origin) ToProto(*source.origin, header->mutable_origin());
+  header->set_build_preset(BuildPresetToProto(source.build_preset));
   uint64_t chunk_bytes = kUploadChunkBytes;
   if (source.objects.empty()) {
     header->mutable_builtin()->set_spec(source.builtin);

@@ -46,6 +46,18 @@ void ToProto(const Light& light, v1::Light* out) {
   out->set_weight(light.weight);
 }
 
+v1::BuildPreset BuildPresetToProto(BuildPreset preset) {
+  switch (preset) {
+    case BuildPreset::kStatic:
+      return v1::BUILD_PRESET_STATIC;
+    case BuildPreset::kDynamic:
+      return v1::BUILD_PRESET_DYNAMIC;
+    case BuildPreset::kCompact:
+      return v1::BUILD_PRESET_COMPACT;
+  }
+  return v1::BUILD_PRESET_UNSPECIFIED;
+}
+
 namespace {
 
 v1::Culling CullingToProto(Culling culling) {

@@ -31,6 +31,7 @@ void ToProto(const QueryOptions& options, v1::QueryOptions* out);
 void ToProto(const PointOptions& options, v1::PointOptions* out);
 void ToProto(const ObjectUpload& object, v1::ObjectHeader* out);
 void ToProto(absl::Duration duration, google::protobuf::Duration* out);
+v1::BuildPreset BuildPresetToProto(BuildPreset preset);
 
 Point3 FromProto(const v1::Vector3& p);
 Scene FromProto(const v1::Scene& scene);

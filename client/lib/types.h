@@ -25,6 +25,7 @@ inline constexpr uint32_t kNone = 0xFFFFFFFFu;  // No object, no triangle.
 
 enum class Strategy { kAuto, kSingle, kPacket, kBruteForce, kShaft };
 enum class Culling { kNone, kBack, kFront };
+enum class BuildPreset { kStatic, kDynamic, kCompact };
 enum class SceneState { kUnknown, kBuilding, kReady, kUpdating, kFailed, kDeleted };
 
 // ---- Scenes -------------------------------------------------------------------------------------
@@ -46,6 +47,7 @@ struct SceneSource {
   std::vector<ObjectUpload> objects;
   std::string builtin;
   std::optional<Point3> origin;
+  BuildPreset build_preset = BuildPreset::kStatic;  // Costs and memory; the answers are the same.
 };
 
 struct BuildReport {

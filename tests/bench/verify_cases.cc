@@ -127,7 +127,10 @@ VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& 
         .bins = 2 + static_cast<int>(random.Below(31)),
         .max_leaf_triangles = random.Chance(0.5) ? 16 : 1 + static_cast<int>(random.Below(16)),
         .traversal_cost = static_cast<float>(random.Uniform(0, 2)),
-        .longest_axis_only = random.Chance(0.2)};
+        .longest_axis_only = random.Chance(0.2),
+        .full_leaves = random.Chance(0.5),
+        .grid = random.Chance(0.4),
+        .leaf_rows = random.Chance(0.75)};
     absl::StatusOr<Bvh> bvh = BuildBvh(scene.indexed.geometry, options, pool);
     SIGHTLINE_CHECK(bvh.ok()) << bvh.status();
     scene.indexed.bvh = *std::move(bvh);

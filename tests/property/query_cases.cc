@@ -67,6 +67,13 @@ std::vector<QueryScene> MakeBuiltinQueryScenes() {
   return scenes;
 }
 
+std::vector<QueryScene> Rebuilt(std::vector<QueryScene> scenes, BvhPreset preset) {
+  for (QueryScene& scene : scenes) {
+    scene.indexed.bvh = BuildOrFail(scene.indexed.geometry, BvhPresetOptions(preset));
+  }
+  return scenes;
+}
+
 std::vector<LightSample> MakeSamples(const IndexedGeometry& scene, TestRng& rng) {
   NastyRays rays(scene, rng);
   std::vector<LightSample> samples;

@@ -12,6 +12,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/accel/bvh_builder.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
@@ -33,6 +34,9 @@ struct QueryScene {
 std::vector<QueryScene> MakeNastyQueryScenes(TestRng& rng);
 // Built-in scenes at a small size, through their own first view.
 std::vector<QueryScene> MakeBuiltinQueryScenes();
+
+// The same scenes with trees built by this preset.
+std::vector<QueryScene> Rebuilt(std::vector<QueryScene> scenes, BvhPreset preset);
 
 // Point lights outside, amid the points, on a surface and at a vertex, and directions; one is
 // invalid.

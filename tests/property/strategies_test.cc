@@ -31,6 +31,7 @@ using testing_support::MakePoints;
 using testing_support::MakeSamples;
 using testing_support::MakeSegments;
 using testing_support::QueryScene;
+using testing_support::Rebuilt;
 using testing_support::ScaledCount;
 using testing_support::TestRng;
 using testing_support::Way;
@@ -341,6 +342,28 @@ TEST(StrategiesTest, SegmentsInBuiltinScenesAreBruteForces) {
     CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(2000, 10)));
   }
 }
+
+// Trees of the other presets, and leaves that are fetched: what is asked above is the default's.
+class PresetsTest : public ::testing::TestWithParam<BvhPreset> {};
+
+TEST_P(PresetsTest, AnswersAreBruteForces) {
+  TestRng rng;
+  std::vector<QueryScene> scenes = Rebuilt(MakeNastyQueryScenes(rng), GetParam());
+  for (QueryScene& scene : Rebuilt(MakeBuiltinQueryScenes(), GetParam())) {
+    scenes.push_back(std::move(scene));
+  }
+  for (const QueryScene& scene : scenes) {
+    CheckTiles(scene, rng);
+    CheckShadows(scene, rng, static_cast<size_t>(ScaledCount(200, 4)));
+    CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(500, 10)));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Presets, PresetsTest,
+                         ::testing::Values(BvhPreset::kDynamic, BvhPreset::kCompact),
+                         [](const auto& info) {
+                           return info.param == BvhPreset::kDynamic ? "Dynamic" : "Compact";
+                         });
 
 }  // namespace
 }  // namespace sightline

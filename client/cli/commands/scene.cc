@@ -21,10 +21,15 @@ absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags) {
   return Session::Open(flags);
 }
 
+client::BuildPreset PresetNamed(const std::string& name) {
+  if (name == "dynamic") return client::BuildPreset::kDynamic;
+  return name == "compact" ? client::BuildPreset::kCompact : client::BuildPreset::kStatic;
+}
+
 }  // namespace
 
 absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context) {
-  std::string name, output;
+  std::string name, output, build = "static";
   SessionFlags session_flags;
   FlagSet flags(
       "sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
@@ -34,6 +39,8 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
       "name of the new scene: 1 to 63 of a-z, 0-9, - _ and ., starting with a letter or digit; "
       "without it the server makes one up",
       &name);
+  flags.Choice("build", {"static", "dynamic", "compact"},
+               "what the build favours: fast answers, being built fast, or little memory", &build);
   RegisterOutput(&flags, &output);
   session_flags.Register(&flags, /*embeddable=*/false);
   std::vector<std::string> words;
@@ -41,8 +48,8 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
   if (!go) return absl::OkStatus();
   if (name.substr(0, 7) == "scenes/") name = name.substr(7);
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
-  SL_ASSIGN_OR_RETURN(client::Scene scene,
-                      LoadScene(*session, words[0], name, context.err, nullptr));
+  SL_ASSIGN_OR_RETURN(client::Scene scene, LoadScene(*session, words[0], name, PresetNamed(build),
+                                                     context.err, nullptr));
   if (output == "json") {
     context.out << SceneJson(scene).dump(2) << '\n';
   } else {

@@ -44,6 +44,7 @@ TEST_F(ClientTest, UploadsObjectsInChunksThatFit) {
   SceneSource source;
   source.scene_id = "x";
   source.origin = Point3{1, 2, 3};
+  source.build_preset = BuildPreset::kCompact;
   source.objects = {
       {.name = "a", .vertices = vertices, .indices = indices, .mask = 5},
       {.name = "b", .vertices = vertices, .indices = indices, .culling = Culling::kBack}};
@@ -69,6 +70,7 @@ TEST_F(ClientTest, UploadsObjectsInChunksThatFit) {
   EXPECT_EQ(header.scene_id(), "x");
   EXPECT_EQ(header.request_id().size(), 32u);
   EXPECT_EQ(header.origin().y(), 2);
+  EXPECT_EQ(header.build_preset(), v1::BUILD_PRESET_COMPACT);
   EXPECT_EQ(header.upload().object_count(), 2u);
   EXPECT_EQ(header.upload().triangle_count(), 200u);
   EXPECT_EQ(header.upload().vertex_count(), 200u);

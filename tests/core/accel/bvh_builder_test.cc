@@ -28,7 +28,7 @@ bool SameBytes(const Bvh& a, const Bvh& b) {
           std::memcmp(a.nodes.data(), b.nodes.data(), a.nodes.size() * sizeof(BvhNode)) == 0) &&
          (a.leaves.empty() ||
           std::memcmp(a.leaves.data(), b.leaves.data(), a.leaves.size() * sizeof(float)) == 0) &&
-         a.bounds == b.bounds && a.leaf_count == b.leaf_count &&
+         a.leaf_ids == b.leaf_ids && a.bounds == b.bounds && a.leaf_count == b.leaf_count &&
          a.triangle_count == b.triangle_count && a.max_depth == b.max_depth;
 }
 
@@ -52,17 +52,20 @@ TEST(BvhBuilderTest, EveryOptionGivesValidTrees) {
   for (int bins : {2, 3, 16, 256}) {
     for (int max_leaf : {1, 2, 7, 16}) {
       for (float traversal_cost : {0.0f, 1.0f, kMaxTraversalCost}) {
-        for (bool longest : {false, true}) {
+        for (unsigned switches = 0; switches < 8; ++switches) {
           const BvhBuildOptions options{.bins = bins,
                                         .max_leaf_triangles = max_leaf,
                                         .traversal_cost = traversal_cost,
-                                        .longest_axis_only = longest};
+                                        .longest_axis_only = (switches & 1) != 0,
+                                        .full_leaves = (switches & 2) != 0,
+                                        .grid = (switches & 4) != 0,
+                                        .leaf_rows = rng.Chance(0.5)};
           for (const TestMesh& mesh : meshes) {
             const absl::StatusOr<Bvh> bvh = BuildBvh(mesh.geometry, options, pool);
             ASSERT_TRUE(bvh.ok()) << bvh.status();
             ASSERT_TRUE(ValidateBvh(*bvh, mesh.geometry).ok())
                 << mesh.name << ": " << ValidateBvh(*bvh, mesh.geometry) << " bins " << bins
-                << " leaf " << max_leaf << " cost " << traversal_cost << " longest " << longest;
+                << " leaf " << max_leaf << " cost " << traversal_cost << " switches " << switches;
             for (const BvhNode& node : bvh->nodes) {
               for (const ChildRef& child : node.child) {
                 if (child.is_leaf()) {
@@ -77,6 +80,61 @@ TEST(BvhBuilderTest, EveryOptionGivesValidTrees) {
   }
 }
 
+constexpr BvhPreset kPresets[] = {BvhPreset::kStatic, BvhPreset::kDynamic, BvhPreset::kCompact};
+
+TEST(BvhBuilderTest, EveryPresetGivesValidTrees) {
+  TestRng rng;
+  ThreadPool pool(2);
+  for (const TestMesh& mesh : NastyMeshes(rng, static_cast<size_t>(ScaledCount(20'000)))) {
+    for (const BvhPreset preset : kPresets) {
+      const absl::StatusOr<Bvh> bvh = BuildBvh(mesh.geometry, BvhPresetOptions(preset), pool);
+      ASSERT_TRUE(bvh.ok()) << bvh.status();
+      EXPECT_TRUE(ValidateBvh(*bvh, mesh.geometry).ok())
+          << mesh.name << ", preset " << static_cast<int>(preset) << ": "
+          << ValidateBvh(*bvh, mesh.geometry);
+      EXPECT_EQ(bvh->empty(), mesh.geometry.triangles.size() == mesh.geometry.inert.size());
+      if (!bvh->empty()) {
+        EXPECT_EQ(bvh->has_leaf_rows(), preset != BvhPreset::kCompact);
+      }
+    }
+  }
+}
+
+// Nearly all triangles stand in one cell of the grid, beside a few that span the scene.
+TEST(BvhBuilderTest, CrowdedGridCellsGiveValidTrees) {
+  TestRng rng;
+  ThreadPool pool(2);
+  SceneGeometry geometry = ScatteredTriangles(rng, static_cast<size_t>(ScaledCount(100'000)), 0.02);
+  const size_t far = geometry.vertices.size();
+  for (const float x : {-1e6f, 1e6f}) {
+    const uint32_t first = static_cast<uint32_t>(geometry.vertices.size());
+    for (const Vec3f& v : {Vec3f{x, x, 0}, Vec3f{x, 0, x}, Vec3f{0, x, x}}) {
+      geometry.vertices.push_back(v);
+    }
+    geometry.triangles.push_back({first, first + 1, first + 2});
+  }
+  for (size_t i = far; i < geometry.vertices.size(); ++i) {
+    geometry.bounds.Extend(geometry.vertices[i]);
+  }
+  const absl::StatusOr<Bvh> bvh = BuildBvh(geometry, BvhPresetOptions(BvhPreset::kDynamic), pool);
+  ASSERT_TRUE(bvh.ok()) << bvh.status();
+  EXPECT_TRUE(ValidateBvh(*bvh, geometry).ok()) << ValidateBvh(*bvh, geometry);
+  EXPECT_LE(bvh->max_depth, 20u);
+}
+
+// What compact trees are for: the corners are a scene's own, not a leaf's.
+TEST(BvhBuilderTest, CompactLeavesHoldFourBytesATriangle) {
+  TestRng rng;
+  ThreadPool pool(2);
+  const SceneGeometry geometry = ScatteredTriangles(rng, 20'000, 0.02);
+  const absl::StatusOr<Bvh> full = BuildBvh(geometry, {}, pool);
+  const absl::StatusOr<Bvh> compact =
+      BuildBvh(geometry, BvhPresetOptions(BvhPreset::kCompact), pool);
+  ASSERT_TRUE(full.ok() && compact.ok());
+  EXPECT_GT(full->MemoryBytes(), 40u * 20'000);
+  EXPECT_LT(compact->MemoryBytes(), 12u * 20'000);
+}
+
 // Large enough for ranges that are binned and partitioned in parallel, by chunks.
 TEST(BvhBuilderTest, SameBytesWithAnyNumberOfThreads) {
   TestRng rng;
@@ -84,19 +142,24 @@ TEST(BvhBuilderTest, SameBytesWithAnyNumberOfThreads) {
   const size_t many = static_cast<size_t>(ScaledCount(300'000, 3));
   meshes.push_back({"many", ScatteredTriangles(rng, many, 0.02)});
   for (const TestMesh& mesh : meshes) {
-    ThreadPool one(1);
-    const absl::StatusOr<Bvh> expected = BuildBvh(mesh.geometry, {}, one);
-    ASSERT_TRUE(expected.ok()) << expected.status();
-    for (int threads : {2, 4}) {
-      ThreadPool pool(threads);
-      for (int repeat = 0; repeat < 2; ++repeat) {
-        const absl::StatusOr<Bvh> bvh = BuildBvh(mesh.geometry, {}, pool);
-        ASSERT_TRUE(bvh.ok()) << bvh.status();
-        EXPECT_TRUE(SameBytes(*bvh, *expected)) << mesh.name << ", " << threads << " threads";
+    for (const BvhPreset preset : kPresets) {
+      const BvhBuildOptions options = BvhPresetOptions(preset);
+      ThreadPool one(1);
+      const absl::StatusOr<Bvh> expected = BuildBvh(mesh.geometry, options, one);
+      ASSERT_TRUE(expected.ok()) << expected.status();
+      for (int threads : {2, 4}) {
+        ThreadPool pool(threads);
+        for (int repeat = 0; repeat < 2; ++repeat) {
+          const absl::StatusOr<Bvh> bvh = BuildBvh(mesh.geometry, options, pool);
+          ASSERT_TRUE(bvh.ok()) << bvh.status();
+          EXPECT_TRUE(SameBytes(*bvh, *expected))
+              << mesh.name << ", preset " << static_cast<int>(preset) << ", " << threads
+              << " threads";
+        }
       }
+      ASSERT_TRUE(ValidateBvh(*expected, mesh.geometry).ok())
+          << mesh.name << ": " << ValidateBvh(*expected, mesh.geometry);
     }
-    ASSERT_TRUE(ValidateBvh(*expected, mesh.geometry).ok())
-        << mesh.name << ": " << ValidateBvh(*expected, mesh.geometry);
   }
 }
 
@@ -166,13 +229,16 @@ TEST(BvhBuilderTest, RefusesOptionsOutOfRange) {
   expect({.traversal_cost = std::numeric_limits<float>::quiet_NaN()}, "traversal_cost = nan");
 }
 
-TEST(BvhBuilderTest, ReportsProgressAndStopsWhenCancelled) {
+class ProgressTest : public ::testing::TestWithParam<BvhPreset> {};
+
+TEST_P(ProgressTest, IsReportedAndBuildsStopWhenCancelled) {
   TestRng rng;
   ThreadPool pool(2);
   const SceneGeometry geometry = ScatteredTriangles(rng, 50'000, 0.02);
+  const BvhBuildOptions options = BvhPresetOptions(GetParam());
   Mutex mutex;
   std::vector<double> shares;
-  ASSERT_TRUE(BuildBvh(geometry, {}, pool, nullptr, [&](double share) {
+  ASSERT_TRUE(BuildBvh(geometry, options, pool, nullptr, [&](double share) {
                 MutexLock lock(mutex);
                 shares.push_back(share);
               }).ok());
@@ -183,16 +249,19 @@ TEST(BvhBuilderTest, ReportsProgressAndStopsWhenCancelled) {
 
   CancelToken before;
   before.Cancel();
-  EXPECT_EQ(BuildBvh(geometry, {}, pool, &before).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(BuildBvh(geometry, options, pool, &before).status().code(),
+            absl::StatusCode::kCancelled);
   CancelToken during;
   std::atomic<int> calls{0};
-  const absl::Status status = BuildBvh(geometry, {}, pool, &during, [&](double) {
+  const absl::Status status = BuildBvh(geometry, options, pool, &during, [&](double) {
                                 calls.fetch_add(1);
                                 during.Cancel();
                               }).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kCancelled);
   EXPECT_GE(calls.load(), 1);
 }
+
+INSTANTIATE_TEST_SUITE_P(Presets, ProgressTest, ::testing::ValuesIn(kPresets));
 
 }  // namespace
 }  // namespace sightline

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <functional>
 #include <limits>
+#include <utility>
 
 #include "core/accel/bvh_builder.h"
 #include "gmock/gmock.h"
@@ -192,6 +193,30 @@ TEST_F(BvhValidationTest, Counts) {
   Bvh bounded;
   bounded.bounds = {{0, 0, 0}, {1, 1, 1}};
   EXPECT_FALSE(ValidateBvh(bounded, SceneGeometry()).ok());
+}
+
+TEST_F(BvhValidationTest, CompactLeaves) {
+  ThreadPool pool(1);
+  absl::StatusOr<Bvh> compact = BuildBvh(geometry_, BvhPresetOptions(BvhPreset::kCompact), pool);
+  ASSERT_TRUE(compact.ok()) << compact.status();
+  bvh_ = *std::move(compact);
+  ASSERT_TRUE(ValidateBvh(bvh_, geometry_).ok()) << ValidateBvh(bvh_, geometry_);
+  ExpectFault("not whole units", [](Bvh& bvh) { bvh.leaf_ids.push_back(kNoTriangle); });
+  ExpectFault("rows and names", [](Bvh& bvh) { bvh.leaves.resize(kLeafPadding); });
+  ExpectFault("is never reached",
+              [](Bvh& bvh) { bvh.leaf_ids.resize(bvh.leaf_ids.size() + 4, 0); });
+  ExpectFault("needs units", [](Bvh& bvh) {
+    for (int i = 0; i < kUnitTriangles; ++i) bvh.leaf_ids.pop_back();
+  });
+  ExpectFault("of 3001", [](Bvh& bvh) { bvh.leaf_ids[0] = 3001; });
+  ExpectFault("inert or stands", [](Bvh& bvh) { bvh.leaf_ids[0] = 3000; });
+  ExpectFault("inert or stands", [](Bvh& bvh) { bvh.leaf_ids[1] = bvh.leaf_ids[0]; });
+  ExpectFault("ids in order", [](Bvh& bvh) { std::swap(bvh.leaf_ids[0], bvh.leaf_ids[1]); });
+  for (size_t i = 0; i < bvh_.leaf_ids.size(); ++i) {
+    if (bvh_.leaf_ids[i] != kNoTriangle) continue;
+    ExpectFault("in unused lane", [i](Bvh& bvh) { bvh.leaf_ids[i] = 0; });
+    break;
+  }
 }
 
 // A chain of nodes, each over one leaf and the next node, is valid until it is too deep for a

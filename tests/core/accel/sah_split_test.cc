@@ -48,6 +48,9 @@ TEST(BinMappingTest, BinsAreMonotoneAndTheEndsAreInTheEndBins) {
       for (int axis = 0; axis < 3; ++axis) {
         EXPECT_EQ(bins[axis], mapping.BinOf(p, axis));
         EXPECT_TRUE(bins[axis] >= 0 && bins[axis] < count);
+        const int bin = static_cast<int>(rng.Below(static_cast<uint64_t>(count)));
+        const Int8 below = BinMapping::Plane(mapping, axis, bin).IsBelow(p);
+        for (int lane = 0; lane < 8; ++lane) EXPECT_EQ(below[lane], bins[axis] < bin ? -1 : 0);
         if (p.centroid(axis) == centroids.lo(axis)) {
           EXPECT_EQ(bins[axis], 0);
         }
@@ -80,6 +83,25 @@ TEST(BinMappingTest, LongestAxisOnly) {
                                              MakePrimitive(1, {1, 3, 2}, {2, 4, 3})};
   const BinMapping mapping(Centroids(primitives), 16, true);
   EXPECT_TRUE(!mapping.CanSplit(0) && mapping.CanSplit(1) && !mapping.CanSplit(2));
+}
+
+// Few and many: with one table and with two.
+TEST(SahBinsTest, OneAxisAloneGivesItsBins) {
+  TestRng rng;
+  for (const size_t n : {1u, 2u, 63u, 64u, 65u, 500u}) {
+    const std::vector<Primitive> primitives = RandomPrimitives(rng, n);
+    const BinMapping mapping(Centroids(primitives), 8, false);
+    SahBins all(8);
+    all.Add(primitives, mapping);
+    for (int axis = 0; axis < 3; ++axis) {
+      SahBins one(8);
+      one.AddAxis(primitives, mapping, axis);
+      for (int b = 0; b < 8; ++b) {
+        EXPECT_EQ(one.bin(b).count[axis], all.bin(b).count[axis]);
+        EXPECT_EQ(one.bin(b).box(axis).ToBox3(), all.bin(b).box(axis).ToBox3());
+      }
+    }
+  }
 }
 
 // The split found is the cheapest of all planes between bins, each evaluated from scratch.

@@ -240,6 +240,13 @@ ObjectInput MakeClosedBox(int cells, Vec3d lo, Vec3d hi) {
   return object;
 }
 
+Bvh BuildOrFail(const SceneGeometry& geometry, const BvhBuildOptions& options) {
+  ThreadPool pool(1);
+  absl::StatusOr<Bvh> bvh = BuildBvh(geometry, options, pool);
+  EXPECT_TRUE(bvh.ok()) << bvh.status();
+  return bvh.ok() ? *std::move(bvh) : Bvh();
+}
+
 IndexedGeometry IndexObjects(const std::vector<ObjectInput>& objects, std::optional<Vec3d> origin,
                              int max_leaf) {
   IndexedGeometry indexed;
@@ -247,12 +254,7 @@ IndexedGeometry IndexObjects(const std::vector<ObjectInput>& objects, std::optio
   EXPECT_TRUE(geometry.ok()) << geometry.status();
   if (!geometry.ok()) return indexed;
   indexed.geometry = *std::move(geometry);
-  ThreadPool pool(1);
-  BvhBuildOptions options;
-  options.max_leaf_triangles = max_leaf;
-  absl::StatusOr<Bvh> bvh = BuildBvh(indexed.geometry, options, pool);
-  EXPECT_TRUE(bvh.ok()) << bvh.status();
-  if (bvh.ok()) indexed.bvh = *std::move(bvh);
+  indexed.bvh = BuildOrFail(indexed.geometry, {.max_leaf_triangles = max_leaf});
   return indexed;
 }
 

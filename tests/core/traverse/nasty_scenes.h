@@ -19,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "core/accel/bvh_builder.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/mesh/object.h"
 #include "core/traverse/trace_ray.h"
@@ -33,7 +34,9 @@ struct NastyScene {
   IndexedGeometry indexed;
 };
 
-// Compiles and indexes; a failure fails the test. `max_leaf` and `bins` as in BvhBuildOptions.
+// A failure fails the test.
+Bvh BuildOrFail(const SceneGeometry& geometry, const BvhBuildOptions& options);
+// Compiles and indexes; a failure fails the test. `max_leaf` as in BvhBuildOptions.
 IndexedGeometry IndexObjects(const std::vector<ObjectInput>& objects, std::optional<Vec3d> origin,
                              int max_leaf = 16);
 
