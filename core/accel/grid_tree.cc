@@ -24,11 +24,11 @@ namespace {
 
 // Cells: some for each few triangles, no more than tables for them fit a second-level cache.
 constexpr int kMaxCellBits = 12;
-constexpr int kTrianglesPerCellBits = 7;
+constexpr int kTrianglesPerCellBits = 8;
 constexpr int kMaxAxisBits = 6;
 constexpr int kMaxLines = 1 << kMaxAxisBits;
 // Fixed by the number of triangles alone. Each has a table of the cells.
-constexpr size_t kMinChunk = 1 << 13;
+constexpr size_t kMinChunk = 1 << 14;
 constexpr size_t kMaxChunks = 32;
 // A bucket is as many cells as hold up to this many triangles, or one cell: two copies of its
 // primitives fit a second-level cache.
