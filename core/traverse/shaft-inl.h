@@ -30,6 +30,7 @@
 #include "core/intersect/hit.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/packet-inl.h"
+#include "core/traverse/plane_side-inl.h"
 #include "core/traverse/shaft_cut-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
@@ -411,33 +412,13 @@ class ShaftWalk {
                       hn::Set(d, kFloatUnderflow));
   }
 
-  // The side of the triangle's plane in doubles: 1 where it is hit, -1, or 0 where doubles cannot
-  // tell. The bound is the float stage's (predicate-inl.h) with u = 2^-53.
+  // 1 where the plane is passed, -1 where not, 0 where doubles cannot tell.
   HWY_NOINLINE V PlaneInDoubles(const LeafView& leaf, uint32_t i, size_t at) const {
-    const ShaftD d;
-    const hn::Half<ShaftD> half;
-    const hn::Rebind<double, decltype(half)> dd;
-    const Vec3f a = leaf.corner(0, i);
-    const Vec3d ab = ToDouble(leaf.corner(1, i)) - ToDouble(a);
-    const Vec3d ac = ToDouble(leaf.corner(2, i)) - ToDouble(a);
     // N·(P-A) is positive where a segment's end is beyond; a parallel ray's origin is before.
-    const double sign = kParallel ? -leaf_->forms().turn[i] : leaf_->forms().turn[i];
-    const Vec3d n = Cross(ab, ac) * sign;
-    const auto norm_1 = [](Vec3d v) { return std::abs(v.x) + std::abs(v.y) + std::abs(v.z); };
-    const auto bound = hn::Set(dd, 9 * 0x1p-53 * norm_1(ab) * norm_1(ac));
-    const auto side = [&](auto x, auto y, auto z) HWY_ATTR {
-      const auto p = DirectionInDoubles(half, a, /*segments=*/true, x, y, z);
-      const auto value = UnfusedDot(BroadcastInDoubles(dd, n), p);
-      const auto off = hn::Mul(bound, NormInfV(p));
-      const auto one = hn::Set(dd, 1.0), zero = hn::Zero(dd);
-      return hn::DemoteTo(
-          half, hn::IfThenElse(hn::Gt(value, off), one,
-                               hn::IfThenElse(hn::Lt(value, hn::Neg(off)), hn::Neg(one), zero)));
-    };
-    const V x = rays_.Point(0, at), y = rays_.Point(1, at), z = rays_.Point(2, at);
-    return hn::Combine(
-        d, side(hn::UpperHalf(half, x), hn::UpperHalf(half, y), hn::UpperHalf(half, z)),
-        side(hn::LowerHalf(half, x), hn::LowerHalf(half, y), hn::LowerHalf(half, z)));
+    const float turn = leaf_->forms().turn[i];
+    return SideOfPlaneInDoubles(leaf.corner(0, i), leaf.corner(1, i), leaf.corner(2, i),
+                                kParallel ? -turn : turn,
+                                {rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)});
   }
 
   // What floats leave in doubt.

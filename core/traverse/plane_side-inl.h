@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The side of a triangle's plane that points lie on, in doubles: the stage between the floats of a
+// shaft's tests and the predicate's own.
+//
+// Thread safety: pure functions.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_PLANE_SIDE_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_PLANE_SIDE_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_PLANE_SIDE_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_PLANE_SIDE_INL_H_
+#endif
+
+#include <cmath>
+
+#include "core/intersect/hit-inl.h"
+#include "core/traverse/shaft_rays-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// The signs of turn·N·(P-A), N = (B-A)×(C-A): 1, -1, or 0 where doubles cannot tell. `turn` is 1 or
+// -1. The bound is the float stage's (predicate-inl.h) with u = 2^-53.
+inline ShaftV SideOfPlaneInDoubles(Vec3f a, Vec3f b, Vec3f c, float turn,
+                                   const Vec3V<ShaftV>& points) {
+  const ShaftD d;
+  const hn::Half<ShaftD> half;
+  const hn::Rebind<double, decltype(half)> dd;
+  const Vec3d ab = ToDouble(b) - ToDouble(a), ac = ToDouble(c) - ToDouble(a);
+  const Vec3d n = Cross(ab, ac) * static_cast<double>(turn);
+  const auto norm_1 = [](Vec3d v) { return std::abs(v.x) + std::abs(v.y) + std::abs(v.z); };
+  const auto bound = hn::Set(dd, 9 * 0x1p-53 * norm_1(ab) * norm_1(ac));
+  const auto side = [&](auto x, auto y, auto z) HWY_ATTR {
+    const auto p = DirectionInDoubles(half, a, /*segments=*/true, x, y, z);
+    const auto value = UnfusedDot(BroadcastInDoubles(dd, n), p);
+    const auto off = hn::Mul(bound, NormInfV(p));
+    const auto one = hn::Set(dd, 1.0), zero = hn::Zero(dd);
+    return hn::DemoteTo(
+        half, hn::IfThenElse(hn::Gt(value, off), one,
+                             hn::IfThenElse(hn::Lt(value, hn::Neg(off)), hn::Neg(one), zero)));
+  };
+  return hn::Combine(d,
+                     side(hn::UpperHalf(half, points.x), hn::UpperHalf(half, points.y),
+                          hn::UpperHalf(half, points.z)),
+                     side(hn::LowerHalf(half, points.x), hn::LowerHalf(half, points.y),
+                          hn::LowerHalf(half, points.z)));
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
