@@ -5,13 +5,14 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <numeric>
 #include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/light/horizon_frame.h"
+#include "core/light/sky_patches.h"
 #include "core/query/tiles.h"
 #include "tests/bench/random.h"
 #include "tests/bench/workload.h"
@@ -175,27 +176,19 @@ absl::StatusOr<PointSet> SurfacePoints(const IndexedGeometry& scene, const Surfa
   return set;
 }
 
-std::vector<Light> SkyLights(Vec3d up) {
-  // A frame around `up`: the axis it leans on least, made perpendicular.
-  const Vec3d z = up * (1 / Length(up));
+absl::StatusOr<std::vector<Light>> SkyLights(Vec3d up) {
+  // Any level axis serves as north: the one that `up` leans on least.
+  const Vec3d lean = {std::abs(up.x), std::abs(up.y), std::abs(up.z)};
   Vec3d axis{0, 0, 0};
-  axis[std::abs(z.x) <= std::abs(z.y) && std::abs(z.x) <= std::abs(z.z) ? 0
-       : std::abs(z.y) <= std::abs(z.z)                                 ? 1
-                                                                        : 2] = 1;
-  const Vec3d across = Cross(z, axis), x = across * (1 / Length(across)), y = Cross(z, x);
-  constexpr int kPatches[] = {30, 30, 24, 24, 18, 12, 6};
-  constexpr double kDegree = std::numbers::pi / 180;
+  axis[lean.x <= lean.y && lean.x <= lean.z ? 0 : lean.y <= lean.z ? 1 : 2] = 1;
+  SL_ASSIGN_OR_RETURN(const HorizonFrame frame, MakeHorizonFrame(up, axis));
+  SL_ASSIGN_OR_RETURN(const std::vector<SkyPatch> sky, SkyPatches(/*subdivision=*/1));
   std::vector<Light> lights;
-  for (int band = 0; band < 7; ++band) {
-    const double altitude = (6 + 12 * band) * kDegree;
-    for (int i = 0; i < kPatches[band]; ++i) {
-      const double azimuth = 360.0 * i / kPatches[band] * kDegree;
-      lights.push_back(
-          Light::Directional((x * std::cos(azimuth) + y * std::sin(azimuth)) * std::cos(altitude) +
-                             z * std::sin(altitude)));
-    }
+  lights.reserve(sky.size());
+  for (const SkyPatch& patch : sky) {
+    lights.push_back(
+        Light::Directional(frame.Toward(patch.altitude_degrees, patch.azimuth_degrees)));
   }
-  lights.push_back(Light::Directional(z));
   return lights;
 }
 

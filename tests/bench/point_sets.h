@@ -64,9 +64,9 @@ struct SurfaceOptions {
 absl::StatusOr<PointSet> SurfacePoints(const IndexedGeometry& scene, const SurfaceOptions& options,
                                        ThreadPool& pool);
 
-// The 145 patch centres of Tregenza's sky (CIE 108-1994): bands of 30, 30, 24, 24, 18, 12 and 6
-// patches at altitudes 6, 18, ... 78 degrees, and the zenith, above the plane that `up` stands on.
-std::vector<Light> SkyLights(Vec3d up);
+// The 145 patch centres of Tregenza's sky (core/light/sky_patches.h) above the plane that `up`
+// stands on.
+absl::StatusOr<std::vector<Light>> SkyLights(Vec3d up);
 
 // `count` point lights in the scene's box, by the R3 sequence; fixed.
 std::vector<Light> BoxLights(const SceneGeometry& geometry, int count);

@@ -274,8 +274,10 @@ absl::StatusOr<std::unique_ptr<Workload>> MakeSurfaceWorkload(const WorkloadSpec
                                                    .shuffled = spec.shuffled,
                                                    .with_sources = spec.sources},
                                                   pool));
-  const std::vector<Light> lights =
-      spec.lights == "sky" ? SkyLights(source.up) : BoxLights(scene.geometry, kBoxLights);
+  std::vector<Light> lights = BoxLights(scene.geometry, kBoxLights);
+  if (spec.lights == "sky") {
+    SL_ASSIGN_OR_RETURN(lights, SkyLights(source.up));
+  }
   SL_ASSIGN_OR_RETURN(std::vector<LightSample> samples, ToSamples(lights, scene.geometry));
   const uint64_t range_queries = std::max<uint64_t>(1, spec.range * samples.size());
   const size_t step = static_cast<size_t>(std::max<uint64_t>(
