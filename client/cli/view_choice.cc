@@ -230,6 +230,14 @@ Vec3d GuessUp(const Box3d& bounds, const std::string& format) {
   return flat || format.substr(0, 3) == "stl" ? Vec3d{0, 0, 1} : Vec3d{0, 1, 0};
 }
 
+Vec3d SceneUp(const OpenedScene& scene, const std::optional<Vec3d>& flag) {
+  if (flag) return *flag;
+  if (scene.builtin_view()) return scene.builtin_view()->up;
+  const auto& bounds = scene.scene().bounds;
+  return GuessUp(bounds ? Box3d{ToVec((*bounds)[0]), ToVec((*bounds)[1])} : Box3d{},
+                 scene.format());
+}
+
 Vec3d FitBox(const Box3d& bounds, Vec3d toward_eye, Vec3d up, double fov_y_degrees, double aspect) {
   const Vec3d middle = (bounds.lo + bounds.hi) * 0.5;
   const Vec3d back = Unit(toward_eye);
@@ -283,7 +291,7 @@ absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene&
     if (flags.eye || flags.at) view.how = "given";
     return view;
   }
-  view.up = flags.up ? *flags.up : GuessUp(bounds, scene.format());
+  view.up = SceneUp(scene, flags.up);
   if (!(Length(view.up) > 0)) return absl::InvalidArgumentError("--up is the zero vector");
   const Frame frame(view.up);
   // A sight line of this length that starts within the bounds leaves them.

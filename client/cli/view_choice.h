@@ -44,6 +44,9 @@ struct ViewChoice {
 // z or y, as said above. `format` as ImportReport has it; may be empty.
 Vec3d GuessUp(const Box3d& bounds, const std::string& format);
 
+// `flag` if it was given, a built-in scene's own, else by the rule above.
+Vec3d SceneUp(const OpenedScene& scene, const std::optional<Vec3d>& flag);
+
 // The nearest eye along `toward_eye` from which the whole box is within the field of view, with a
 // margin.
 Vec3d FitBox(const Box3d& bounds, Vec3d toward_eye, Vec3d up, double fov_y_degrees, double aspect);

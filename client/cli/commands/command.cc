@@ -87,6 +87,25 @@ absl::Status CheckOutputs(std::initializer_list<std::string> paths) {
   return absl::OkStatus();
 }
 
+Json SunsJson(const LightFlags& lights) {
+  Json json = Json::array();
+  for (const TimedSun& sun : lights.timed_suns()) {
+    json.push_back({{"at", sun.text},
+                    {"altitude_deg", sun.position.altitude_degrees},
+                    {"azimuth_deg", sun.position.azimuth_degrees}});
+  }
+  return json;
+}
+
+void AddSunRows(const LightFlags& lights, std::vector<std::pair<std::string, std::string>>* rows) {
+  for (const TimedSun& sun : lights.timed_suns()) {
+    rows->emplace_back(
+        absl::StrCat("sun at ", sun.text),
+        absl::StrFormat("altitude %.2f, azimuth %.2f degrees", sun.position.altitude_degrees,
+                        sun.position.azimuth_degrees));
+  }
+}
+
 Json SceneJson(const client::Scene& scene) {
   Json json;
   json["name"] = scene.name;

@@ -17,6 +17,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/cli/flags.h"
+#include "client/cli/light_flags.h"
 #include "client/cli/progress.h"
 #include "client/lib/types.h"
 
@@ -60,6 +61,10 @@ absl::StatusOr<bool> ParseOrHelp(FlagSet* flags, std::span<const std::string> ar
 
 // CheckWritable for each file that is named, before work starts.
 absl::Status CheckOutputs(std::initializer_list<std::string> paths);
+
+// What --sun-at found: an array of objects; rows for PrintTable.
+Json SunsJson(const LightFlags& lights);
+void AddSunRows(const LightFlags& lights, std::vector<std::pair<std::string, std::string>>* rows);
 
 Json SceneJson(const client::Scene& scene);
 void PrintScene(const client::Scene& scene, std::ostream& out);

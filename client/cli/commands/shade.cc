@@ -3,6 +3,7 @@
 // sightline shade: which lights reach which points.
 #include <algorithm>
 #include <memory>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -11,8 +12,10 @@
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/npy.h"
 #include "client/cli/formats/table.h"
+#include "client/cli/light_flags.h"
 #include "client/cli/scene_argument.h"
 #include "client/cli/session.h"
+#include "client/cli/view_choice.h"
 #include "core/base/status_macros.h"
 
 namespace sightline::cli {
@@ -20,7 +23,8 @@ namespace {
 
 struct ShadeArguments {
   std::string points, normals, lights, out, strategy, output;
-  std::vector<Vec3d> light, sun;
+  LightFlags light;
+  std::optional<Vec3d> up;
   double attach = 0, offset = 0, t_min = 0;
   bool stats = false;
   SessionFlags session;
@@ -46,8 +50,12 @@ void Register(FlagSet* flags, ShadeArguments* a) {
                 &a->t_min);
   flags->Heading("Lights (in this order; at least one)");
   flags->Text("lights", "FILE", "point lights, .npy (n, 3) or .csv; scene units", &a->lights);
-  flags->Points("light", "a point light, scene units", &a->light);
-  flags->Points("sun", "a light infinitely far away: the direction toward it, any length", &a->sun);
+  a->light.Register(flags);
+  flags->Point("up",
+               "upward direction of the scene for --sun-at and --sky, any length (default: a "
+               "built-in scene's own; z in .stl files and where a scene is over three times wider "
+               "than high along z; else y)",
+               &a->up);
   flags->Heading("Results");
   flags->Text("out", "FILE.npy", "uint8 [lights, points]: 1 lit, 0 blocked, 255 invalid; required",
               &a->out);
@@ -61,8 +69,10 @@ void Register(FlagSet* flags, ShadeArguments* a) {
 absl::Status CheckArguments(const ShadeArguments& a) {
   if (a.points.empty()) return UsageError("wants --points FILE");
   if (a.out.empty()) return UsageError("wants --out FILE.npy");
-  if (a.lights.empty() && a.light.empty() && a.sun.empty()) {
-    return UsageError("wants --lights FILE, --light X,Y,Z or --sun X,Y,Z");
+  if (a.lights.empty() && !a.light.given()) {
+    return UsageError(
+        "wants lights: --lights FILE, --light X,Y,Z, --sun X,Y,Z, --sun-at TIME,LATITUDE,LONGITUDE "
+        "or --sky PATCHES");
   }
   if (a.attach < 0) return UsageError(absl::StrCat("--attach wants 0 or more; got ", a.attach));
   if (!(a.t_min >= 0 && a.t_min < 1)) {
@@ -74,19 +84,15 @@ absl::Status CheckArguments(const ShadeArguments& a) {
   return CheckOutputs({a.out});
 }
 
-client::Point3 ToPoint(Vec3d v) { return {v.x, v.y, v.z}; }
-
+// Those of the file.
 absl::StatusOr<std::vector<client::Light>> ReadLights(const ShadeArguments& a) {
   std::vector<client::Light> lights;
-  if (!a.lights.empty()) {
-    SL_ASSIGN_OR_RETURN(std::vector<double> xyz, ReadRows(a.lights, 3, "lights"));
-    for (size_t i = 0; i + 2 < xyz.size(); i += 3) {
-      lights.push_back(client::Light::Point({xyz[i], xyz[i + 1], xyz[i + 2]}));
-    }
+  if (a.lights.empty()) return lights;
+  SL_ASSIGN_OR_RETURN(const std::vector<double> xyz, ReadRows(a.lights, 3, "lights"));
+  for (size_t i = 0; i + 2 < xyz.size(); i += 3) {
+    lights.push_back(client::Light::Point({xyz[i], xyz[i + 1], xyz[i + 2]}));
   }
-  for (Vec3d p : a.light) lights.push_back(client::Light::Point(ToPoint(p)));
-  for (Vec3d d : a.sun) lights.push_back(client::Light::Directional(ToPoint(d)));
-  if (lights.empty()) {
+  if (lights.empty() && !a.light.given()) {
     return absl::InvalidArgumentError(absl::StrCat("'", a.lights, "': holds no light"));
   }
   return lights;
@@ -119,6 +125,9 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
                       OpenScene(*session, words[0], context.err));
+  SL_ASSIGN_OR_RETURN(const std::vector<client::Light> named,
+                      a.light.Lights(SceneUp(*scene, a.up)));
+  lights.insert(lights.end(), named.begin(), named.end());
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   client::ShadowQuery query;
@@ -162,6 +171,7 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
                                                   scene->scene().report.structure_time);
     json["points"] = n;
     json["lights"] = lights.size();
+    json["suns"] = SunsJson(a.light);
     json["invalid_points"] = invalid;
     json["invalid_lights"] = shadows.invalid_samples;
     json["near_surface_points"] = shadows.near_surface_points;
@@ -177,6 +187,7 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
       {"near a surface", GroupedCount(shadows.near_surface_points)},
       {"lights", GroupedCount(lights.size())},
       {"invalid lights", GroupedCount(shadows.invalid_samples.size())}};
+  AddSunRows(a.light, &rows);
   for (size_t k = 0; k < std::min<size_t>(shares.size(), 8); ++k) {
     rows.emplace_back(absl::StrCat("lit by light ", k), Percent(shares[k]));
   }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <optional>
 
 #include "absl/strings/numbers.h"
@@ -15,6 +16,7 @@
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/npy.h"
+#include "client/cli/light_flags.h"
 #include "client/cli/picture/pictures.h"
 #include "client/cli/scene_argument.h"
 #include "client/cli/session.h"
@@ -27,11 +29,15 @@ namespace {
 
 // Pixels that this tool holds arrays for: 2^28 take about 10 GB with three lights.
 constexpr uint64_t kMaxPixels = uint64_t{1} << 28;
+// One byte each: light times pixel.
+constexpr uint64_t kMaxLit = uint64_t{1} << 32;
+// Of the lights' shares, in the line for people.
+constexpr size_t kSharesShown = 8;
 
 struct ViewArguments {
   ViewFlags view;
   uint32_t width = 1920, height = 1080;
-  std::vector<Vec3d> lights, suns;
+  LightFlags lights;
   uint64_t auto_lights = 3;
   std::vector<std::string> outs;
   std::string picture = "lit";
@@ -80,10 +86,8 @@ void Register(FlagSet* flags, ViewArguments* a) {
   flags->Custom("size", "WIDTHxHEIGHT", "size of the picture in pixels", "1920x1080",
                 [a](const std::string& text) { return ParseSize(text, a); });
   flags->Heading("Lights");
-  flags->Points("light", "a point light, scene units", &a->lights);
-  flags->Points("sun", "a light infinitely far away: the direction toward it, any length",
-                &a->suns);
-  flags->Count("auto-lights", "N", "lights placed by rule where neither --light nor --sun is given",
+  a->lights.Register(flags);
+  flags->Count("auto-lights", "N", "lights placed by rule where none of the above is given",
                &a->auto_lights, 0, 3);
   flags->Heading("Results");
   flags->Texts("out", "[KIND:]FILE.png",
@@ -197,6 +201,7 @@ Json ViewJson(const std::string& argument, const OpenedScene& scene, const ViewC
     const client::Point3& p = sun ? light.direction : light.position;
     json["lights"].push_back({{"kind", sun ? "sun" : "point"}, {"value", {p[0], p[1], p[2]}}});
   }
+  json["suns"] = SunsJson(a.lights);
   json["tiles"] = image.summary.items;
   json["tile_size"] = a.tile;
   json["pixels"] = uint64_t{image.width} * image.height;
@@ -260,8 +265,7 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
                   .tan_half_fov_y = camera->tan_half_fov_y,
                   .width = camera->width,
                   .height = camera->height};
-  for (Vec3d light : a.lights) query.lights.push_back(client::Light::Point(point(light)));
-  for (Vec3d sun : a.suns) query.lights.push_back(client::Light::Directional(point(sun)));
+  SL_ASSIGN_OR_RETURN(query.lights, a.lights.Lights(view.up));
   if (query.lights.empty()) {
     for (size_t k = 0; k < std::min<size_t>(a.auto_lights, view.lights.size()); ++k) {
       query.lights.push_back(client::Light::Point(point(view.lights[k])));
@@ -278,6 +282,11 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   query.outputs.lit = !query.lights.empty() && (has("lit") || !a.lit.empty() || a.stats || json);
 
   const uint64_t pixels = uint64_t{a.width} * a.height;
+  if (query.outputs.lit && query.lights.size() > kMaxLit / pixels) {
+    return UsageError(absl::StrCat(query.lights.size(), " lights at ", pixels, " pixels are ",
+                                   query.lights.size() * pixels, " answers; at most ", kMaxLit,
+                                   " are kept: give a smaller --size or fewer lights"));
+  }
   const uint64_t rays_per_pixel = 1 + (query.outputs.lit ? query.lights.size() : 0);
   Progress progress(context.err, context.err_is_terminal, "tracing", "rays",
                     pixels * rays_per_pixel);
@@ -312,25 +321,32 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   }
   if (a.stats) {
     const client::BuildReport& report = scene->scene().report;
-    PrintTable(
-        {{"scene", words[0]},
-         {"triangles", GroupedCount(scene->scene().triangles)},
-         {"build time", absl::StrFormat("%.3f s", absl::ToDoubleSeconds(report.compile_time +
-                                                                        report.structure_time))},
-         {"tiles", GroupedCount(image.summary.items)},
-         {"rays", GroupedCount(image.summary.statistics.rays)},
-         {"rays/s in the engine", HumanCount(EngineRate(image.summary, capabilities.threads))},
-         {"rays/s seen by the client", HumanCount(ClientRate(image.summary))},
-         {"bytes received", GroupedCount(image.summary.bytes_received)}},
-        context.out);
+    std::vector<std::pair<std::string, std::string>> rows = {
+        {"scene", words[0]},
+        {"triangles", GroupedCount(scene->scene().triangles)},
+        {"build time", absl::StrFormat("%.3f s", absl::ToDoubleSeconds(report.compile_time +
+                                                                       report.structure_time))},
+        {"tiles", GroupedCount(image.summary.items)},
+        {"rays", GroupedCount(image.summary.statistics.rays)},
+        {"rays/s in the engine", HumanCount(EngineRate(image.summary, capabilities.threads))},
+        {"rays/s seen by the client", HumanCount(ClientRate(image.summary))},
+        {"bytes received", GroupedCount(image.summary.bytes_received)}};
+    AddSunRows(a.lights, &rows);
+    PrintTable(rows, context.out);
   }
   std::string line = absl::StrFormat(
       "%dx%d pixels, %s hit", a.width, a.height,
       Percent(static_cast<double>(hits) / static_cast<double>(std::max<uint64_t>(1, pixels))));
   if (!shares.empty()) {
-    absl::StrAppend(&line, "; lit ", absl::StrJoin(shares, ", ", [](std::string* out, double s) {
+    const auto shown = std::span(shares).first(std::min<size_t>(shares.size(), kSharesShown));
+    absl::StrAppend(&line, "; lit ", absl::StrJoin(shown, ", ", [](std::string* out, double s) {
       absl::StrAppend(out, Percent(s));
     }));
+    if (shown.size() < shares.size()) {
+      const double mean =
+          std::accumulate(shares.begin(), shares.end(), 0.0) / static_cast<double>(shares.size());
+      absl::StrAppend(&line, ", ...; ", Percent(mean), " over ", shares.size(), " lights");
+    }
   }
   context.out << line << '\n';
   for (const Output& output : outputs) {

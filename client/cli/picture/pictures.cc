@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 
 #include "client/cli/picture/color_map.h"
 #include "core/base/check.h"
@@ -135,8 +136,10 @@ Image LitPicture(const client::TileImage& image, const client::Camera& camera,
   SIGHTLINE_CHECK(image.lit.size() >= lights.size() * n);
   const Rays ray(camera);
   const Vec3d eye = ToVec(camera.eye), sky = Unit(up);
-  const float strength =
-      1.05f / std::pow(std::max<float>(1.0f, static_cast<float>(lights.size())), 0.7f);
+  const double weights = std::accumulate(
+      lights.begin(), lights.end(), 0.0,
+      [](double sum, const client::Light& light) { return sum + std::abs(light.weight); });
+  const auto strength = static_cast<float>(1.05 / std::pow(std::max(1.0, weights), 0.7));
   Image picture(image.width, image.height);
   for (uint32_t y = 0; y < image.height; ++y) {
     for (uint32_t x = 0; x < image.width; ++x) {
@@ -160,7 +163,8 @@ Image LitPicture(const client::TileImage& image, const client::Camera& camera,
                                  ? ToVec(lights[k].direction)
                                  : ToVec(lights[k].position) - at;
         const auto slope = static_cast<float>(std::max(0.0, Dot(normal, Unit(toward))));
-        light = light + kTints[k % std::size(kTints)] * (strength * slope);
+        light = light + kTints[k % std::size(kTints)] *
+                            (strength * slope * static_cast<float>(std::abs(lights[k].weight)));
       }
       const Rgb color = ObjectColor(image.object[i]) * light;
       // Bright sums bend toward white instead of clipping.

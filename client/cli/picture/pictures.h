@@ -3,7 +3,8 @@
 // Pictures of what a camera query answered.
 //
 //  lit    Objects in muted colours of their own, shaded by how their surface is turned, with every
-//         lamp's light where its bit says that it arrives. What none reaches is in ambient light.
+//         lamp's light, by its weight, where its bit says that it arrives. What none reaches is in
+//         ambient light.
 //  depth  Near is light, far is dark, even steps of the logarithm; pixels without a hit are grey.
 //  cost   Work per tile: boxes and triangles tested per pixel; even steps of the logarithm.
 //

@@ -4,11 +4,13 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
+#include "absl/strings/str_format.h"
 #include "tests/integration/cli/cli_testing.h"
-#include "tests/support/test_scale.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
+#include "tests/support/test_scale.h"
 
 namespace sightline::cli {
 namespace {
@@ -98,6 +100,50 @@ TEST_F(CliTest, ViewWritesWhatItSays) {
   // The corners look past the scene.
   EXPECT_EQ(ids.values[0], -1);
   EXPECT_THAT(Read(File("v.png")), testing::StartsWith("\x89PNG"));
+}
+
+// Suns by time and patches of a sky are directions like any other.
+TEST_F(CliTest, SunsByTimeAndSkies) {
+  const std::string obj = Write("small.obj", kSmallObj);
+  const std::string points = WriteDoubles("P.npy", {1, 1, 0.5, 7, 5, 1, 4.5, 8, 0.1}, 3);
+  const std::string time = "2026-06-21T10:00Z,52.5,13.4";
+  const nlohmann::json json = nlohmann::json::parse(
+      Good({"shade", obj, "--points", points, "--up", "0,0,1", "--sun-at", time, "--sky", "145",
+            "--out", File("sky.npy"), "--output", "json"})
+          .out);
+  EXPECT_EQ(json["lights"], 146);
+  ASSERT_EQ(json["suns"].size(), 1u);
+  EXPECT_EQ(json["suns"][0]["at"], time);
+  EXPECT_NEAR(json["suns"][0]["altitude_deg"].get<double>(), 58.161, 0.0127);
+  // The same lights as plain directions, by the angles that were said: z up, y north.
+  const auto direction = [](double altitude, double azimuth) {
+    const double a = altitude * std::numbers::pi / 180, z = azimuth * std::numbers::pi / 180;
+    return absl::StrFormat("%.17g,%.17g,%.17g", std::cos(a) * std::sin(z),
+                           std::cos(a) * std::cos(z), std::sin(a));
+  };
+  std::vector<std::string> args = {
+      "shade",    obj,
+      "--points", points,
+      "--sun",    direction(json["suns"][0]["altitude_deg"], json["suns"][0]["azimuth_deg"]),
+      "--out",    File("suns.npy")};
+  const int patches[] = {30, 30, 24, 24, 18, 12, 6, 1};
+  for (int row = 0; row < 8; ++row) {
+    for (int i = 0; i < patches[row]; ++i) {
+      args.insert(args.end(), {"--sun", direction(6 + 12 * row, 360.0 * i / patches[row])});
+    }
+  }
+  Good(args);
+  const NpyArray sky = ReadNpy(File("sky.npy")).value();
+  const NpyArray suns = ReadNpy(File("suns.npy")).value();
+  EXPECT_THAT(sky.shape, ElementsAre(146, 3));
+  EXPECT_EQ(sky.values, suns.values);
+  EXPECT_THAT(sky.values, testing::Contains(1));
+  EXPECT_THAT(sky.values, testing::Contains(0));
+
+  const RunResult view = Good({"view", obj, "--size", "32x24", "--sun-at", time, "--sky", "145",
+                               "--out", File("v.png"), "--stats"});
+  EXPECT_THAT(view.out, HasSubstr("sun at " + time));
+  EXPECT_THAT(view.out, HasSubstr("over 146 lights"));
 }
 
 TEST_F(CliTest, StatisticsAsTableAndAsJson) {

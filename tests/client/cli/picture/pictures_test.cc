@@ -123,6 +123,21 @@ TEST(LitPictureTest, LitIsBrighterThanShadowAndMissesAreBackground) {
   EXPECT_NEAR(Luminance(dark.pixels[9]), Luminance(dark.pixels[18]), 0.02f);
 }
 
+// A hundred weak lights are as one: the patches of a sky do not drown a sun.
+TEST(LitPictureTest, LightsCountByTheirWeight) {
+  client::TileImage image = Plane(4, 4, 0, 0);
+  const auto luminance = [&](size_t count, double weight) {
+    image.samples = static_cast<uint32_t>(count);
+    image.lit.assign(16 * count, 1);
+    std::vector<client::Light> lights(count, client::Light::Point({0, 0, 0}));
+    for (client::Light& light : lights) light.weight = weight;
+    return Luminance(LitPicture(image, LookingAhead(4, 4), lights, {0, 1, 0}).pixels[5]);
+  };
+  EXPECT_NEAR(luminance(100, 0.01), luminance(1, 1), 0.05);
+  EXPECT_LT(luminance(1, 0.01), luminance(1, 1) - 0.2);
+  EXPECT_GT(luminance(100, 1), luminance(1, 1) + 0.1);
+}
+
 TEST(DepthPictureTest, NearIsLight) {
   client::TileImage image;
   image.width = 4;
