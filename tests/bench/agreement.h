@@ -40,6 +40,15 @@ struct Agreement {
   bool CanAffordBruteForce(const IndexedGeometry& scene) const {
     return (by_brute_force + 1) * scene.geometry.triangles.size() <= kBruteForceBudget;
   }
+  void Add(const Agreement& other) {
+    queries += other.queries;
+    ties += other.ties;
+    disagreements += other.disagreements;
+    by_single += other.by_single;
+    by_brute_force += other.by_brute_force;
+    for (const std::string& example : other.examples) AddBeyondRounding(example);
+    beyond_rounding += other.beyond_rounding - other.examples.size();  // Not all are kept.
+  }
   void AddBeyondRounding(std::string example) {
     ++beyond_rounding;
     if (examples.size() < kMostExamples) examples.push_back(std::move(example));

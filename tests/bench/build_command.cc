@@ -357,13 +357,9 @@ absl::StatusOr<bool> BuildCommand(std::span<const std::string> args, Context& co
   if (!go_on) return true;
   if (options.scenes.empty()) return cli::UsageError("wants --scene");
   Report report(Columns(), options.json, context.out);
-  for (const std::string& scene : options.scenes) {
-    if (absl::Status status = RunScene(options, scene, context, &report); !status.ok()) {
-      report.Finish();
-      return status;
-    }
-  }
-  report.Finish();
+  SL_RETURN_IF_ERROR(RunScenes(options.scenes, &report, [&](const std::string& scene) {
+    return RunScene(options, scene, context, &report);
+  }));
   return true;
 }
 

@@ -28,6 +28,7 @@ using Command = absl::StatusOr<bool> (*)(std::span<const std::string> args, Cont
 
 absl::StatusOr<bool> EmbreeCommand(std::span<const std::string> args, Context& context);
 absl::StatusOr<bool> BuildCommand(std::span<const std::string> args, Context& context);
+absl::StatusOr<bool> ScalingCommand(std::span<const std::string> args, Context& context);
 absl::StatusOr<bool> VerifyCommand(std::span<const std::string> args, Context& context);
 
 // ---- What commands share

@@ -25,6 +25,7 @@ constexpr Entry kCommands[] = {
     {"embree", "rays per second against Embree, by workload and scene", EmbreeCommand},
     {"build", "build times, build and one picture, bytes per triangle against Embree",
      BuildCommand},
+    {"scaling", "what more threads gain, as a share of an arithmetic loop's gain", ScalingCommand},
     {"verify", "soak: the strategies against each other, a walk of its own and brute force",
      VerifyCommand},
 };

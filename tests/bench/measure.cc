@@ -14,6 +14,11 @@ namespace {
 constexpr int kMostTrials = 5;
 constexpr double kTrialSeconds = 10;
 
+void Begin(size_t sides, size_t repeats, Timings* timings) {
+  timings->queries.assign(repeats, 0.0);
+  timings->seconds.assign(sides, std::vector<double>(repeats, 0.0));
+}
+
 }  // namespace
 
 double Now() {
@@ -61,29 +66,36 @@ Spread Timings::Ratio(size_t a, size_t b) const {
 Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
                     const std::function<void(size_t repetition)>& progress) {
   Timings timings;
-  timings.seconds.resize(sides.size());
+  Begin(sides.size(), repeats, &timings);
+  size_t groups = 0;
+  for (size_t unit = 0; unit < units.count && units.group != nullptr; ++unit) {
+    groups = std::max(groups, units.group(unit) + 1);
+  }
+  timings.groups.resize(groups);
+  for (Timings& group : timings.groups) Begin(sides.size(), repeats, &group);
   size_t pass = 0;
   for (size_t repetition = 0; repetition < repeats; ++repetition) {
     progress(repetition);
-    std::vector<double> spent(sides.size(), 0.0);
-    double queries = 0;
     do {
       for (size_t unit = 0; unit < units.count; ++unit) {
+        Timings* const group = groups == 0 ? nullptr : &timings.groups[units.group(unit)];
         for (size_t k = 0; k < sides.size(); ++k) {
           const size_t side = (unit + pass + k) % sides.size();
           const double begin = Now();
           sides[side].run(unit);
-          spent[side] += Now() - begin;
+          const double spent = Now() - begin;
+          timings.seconds[side][repetition] += spent;
+          if (group != nullptr) group->seconds[side][repetition] += spent;
           if (sides[side].clean_up != nullptr) sides[side].clean_up();
         }
-        queries += static_cast<double>(units.queries(unit));
+        const auto queries = static_cast<double>(units.queries(unit));
+        timings.queries[repetition] += queries;
+        if (group != nullptr) group->queries[repetition] += queries;
       }
       ++pass;
-    } while (*std::min_element(spent.begin(), spent.end()) < kMinSeconds);
-    timings.queries.push_back(queries);
-    for (size_t side = 0; side < sides.size(); ++side) {
-      timings.seconds[side].push_back(spent[side]);
-    }
+    } while (std::any_of(
+        timings.seconds.begin(), timings.seconds.end(),
+        [&](const std::vector<double>& side) { return side[repetition] < kMinSeconds; }));
   }
   return timings;
 }

@@ -48,11 +48,15 @@ struct Side {
 struct Units {
   size_t count = 0;
   std::function<uint64_t(size_t unit)> queries;
+  // Units that also get figures of their own, together: the views that they come from. Numbered
+  // from 0; null: there are none.
+  std::function<size_t(size_t unit)> group = nullptr;
 };
 
 struct Timings {
   std::vector<double> queries;               // Per repetition, of each side.
   std::vector<std::vector<double>> seconds;  // By side, then by repetition.
+  std::vector<Timings> groups;               // Each group's share of the above.
 
   // Queries per second of a side, and how many times side `a` is as fast as side `b`.
   Spread Rate(size_t side) const;

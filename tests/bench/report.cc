@@ -19,6 +19,13 @@ std::string Grouped(uint64_t value) {
   return digits;
 }
 
+// A row's picture size, or what stands for it.
+std::string SizeText(const Row& row, const std::string& none, const std::string& before = "") {
+  if (!row.contains("width")) return none;
+  return absl::StrCat(before, row.at("width").get<uint64_t>(), "x",
+                      row.at("height").get<uint64_t>());
+}
+
 }  // namespace
 
 Column TextColumn(std::string heading, std::string key) {
@@ -80,10 +87,78 @@ void Report::Finish() {
   out_.flush();
 }
 
-double GeometricMean(const std::vector<Row>& rows, const std::string& key) {
-  double sum = 0;
-  for (const Row& row : rows) sum += std::log(row.at(key).get<double>());
-  return std::exp(sum / static_cast<double>(rows.size()));
+absl::Status RunScenes(const std::vector<std::string>& scenes, Report* report,
+                       const std::function<absl::Status(const std::string& scene)>& run) {
+  absl::Status status;
+  for (const std::string& scene : scenes) {
+    status = run(scene);
+    if (!status.ok()) break;
+  }
+  report->Finish();
+  return status;
+}
+
+Column SizeColumn(std::string heading) {
+  return {std::move(heading), [](const Row& row) { return SizeText(row, "-"); }};
+}
+
+Column SceneColumn(std::string heading) {
+  return {std::move(heading),
+          [](const Row& row) {
+            const auto scene = row.at("scene").get<std::string>();
+            return row.contains("view")
+                       ? absl::StrCat(scene, ", view ", row.at("view").get<size_t>())
+                       : scene;
+          },
+          /*left=*/true};
+}
+
+void PrintOverScenes(const std::vector<Row>& rows, const std::string& key, bool json,
+                     std::ostream& out) {
+  std::vector<std::vector<const Row*>> groups;  // In the order in which they came.
+  for (const Row& row : rows) {
+    if (row.contains("view")) continue;
+    const auto alike = [&row](const std::vector<const Row*>& group) {
+      return group[0]->at("workload") == row.at("workload") &&
+             SizeText(*group[0], "") == SizeText(row, "");
+    };
+    const auto group = std::find_if(groups.begin(), groups.end(), alike);
+    if (group == groups.end()) {
+      groups.push_back({&row});
+    } else {
+      group->push_back(&row);
+    }
+  }
+  for (const std::vector<const Row*>& group : groups) {
+    if (group.size() < 2) continue;
+    double sum = 0;
+    const Row* worst = group[0];
+    for (const Row* row : group) {
+      const auto value = row->at(key).get<double>();
+      sum += std::log(value);
+      if (value < worst->at(key).get<double>()) worst = row;
+    }
+    const double mean = std::exp(sum / static_cast<double>(group.size()));
+    const auto workload = worst->at("workload").get<std::string>();
+    const auto scene = worst->at("scene").get<std::string>();
+    if (!json) {
+      out << absl::StrFormat(
+          "%s%s: over %d scenes the geometric mean of the %s is %.2f, the worst "
+          "%.2f (%s)\n",
+          workload, SizeText(*worst, "", " at "), group.size(), key, mean,
+          worst->at(key).get<double>(), scene);
+      continue;
+    }
+    Row line = {{"workload", workload}, {"scene", "all"}, {"scenes", group.size()}};
+    if (worst->contains("width")) {
+      line["width"] = worst->at("width");
+      line["height"] = worst->at("height");
+    }
+    line[absl::StrCat(key, "_geometric_mean")] = mean;
+    line[absl::StrCat(key, "_worst")] = worst->at(key);
+    line["worst_scene"] = scene;
+    out << line.dump() << std::endl;
+  }
 }
 
 }  // namespace sightline::bench

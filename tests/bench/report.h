@@ -19,6 +19,8 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
+
 namespace sightline::bench {
 
 using Row = nlohmann::ordered_json;
@@ -55,8 +57,20 @@ class Report {
   std::vector<Row> rows_;
 };
 
-// The geometric mean of a key over rows. REQUIRES: there are rows, all values > 0.
-double GeometricMean(const std::vector<Row>& rows, const std::string& key);
+// Runs `run` for each scene, which adds rows, and finishes the report, also where an error ends it.
+absl::Status RunScenes(const std::vector<std::string>& scenes, Report* report,
+                       const std::function<absl::Status(const std::string& scene)>& run);
+
+// "1920x1080" of a row's width and height, "-" where it has none.
+Column SizeColumn(std::string heading);
+// The scene, and the view where the row is of one.
+Column SceneColumn(std::string heading);
+
+// How a ratio did over the scenes: for each workload and size that has rows of two scenes or more
+// (rows of single views are not counted) its geometric mean and the worst, a line or a JSON object
+// each. REQUIRES: values > 0.
+void PrintOverScenes(const std::vector<Row>& rows, const std::string& key, bool json,
+                     std::ostream& out);
 
 }  // namespace sightline::bench
 

@@ -30,6 +30,11 @@ absl::StatusOr<std::unique_ptr<Workload>> MakeWorkload(const WorkloadSpec& spec,
   return absl::InvalidArgumentError(absl::StrCat("unknown workload '", spec.name, "'"));
 }
 
+std::string Describe(const WorkloadSpec& spec) {
+  if (spec.name != "points") return spec.name;
+  return absl::StrCat(spec.name, "-", spec.lights, spec.shuffled ? "-shuffled" : "");
+}
+
 absl::StatusOr<Camera> ViewCamera(const WorkloadSpec& spec, const BuiltinView& view) {
   return LookAt(view.eye, view.at, view.up, view.fov_y_degrees, spec.width, spec.height);
 }

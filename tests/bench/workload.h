@@ -46,8 +46,10 @@ class Workload {
 
   virtual size_t units() const = 0;
   virtual uint64_t queries(size_t unit) const = 0;
-  // How many views they come from; 0 if from none.
+  // How many views they come from (0 if from none), and which one a unit does. REQUIRES of view():
+  // they come from views.
   virtual size_t views() const = 0;
+  virtual size_t view(size_t unit) const = 0;
   // What the peer may be asked in.
   virtual std::vector<PeerMode> peer_modes() const = 0;
 
@@ -71,28 +73,20 @@ struct WorkloadSpec {
   QueryOptions options;
 };
 
+// What a workload is called in figures: points say their lights and order.
+std::string Describe(const WorkloadSpec& spec);
+
 // `source`, `scene` and `pool` must outlive the workload. InvalidArgument: an unknown name, or a
 // scene without the views that it needs.
-absl::StatusOr<std::unique_ptr<Workload>> MakeWorkload(const WorkloadSpec& spec,
-                                                       const SceneSource& source,
-                                                       const IndexedGeometry& scene,
-                                                       ThreadPool& pool);
-
-// ---- The kinds, made by MakeWorkload
-
-absl::StatusOr<std::unique_ptr<Workload>> MakePrimaryWorkload(const WorkloadSpec& spec,
-                                                              const SceneSource& source,
-                                                              const IndexedGeometry& scene,
-                                                              ThreadPool& pool);
-// shadow, sun, area and points.
-absl::StatusOr<std::unique_ptr<Workload>> MakePointWorkload(const WorkloadSpec& spec,
-                                                            const SceneSource& source,
-                                                            const IndexedGeometry& scene,
-                                                            ThreadPool& pool);
-absl::StatusOr<std::unique_ptr<Workload>> MakeSegmentWorkload(const WorkloadSpec& spec,
-                                                              const SceneSource& source,
-                                                              const IndexedGeometry& scene,
-                                                              ThreadPool& pool);
+using WorkloadMaker = absl::StatusOr<std::unique_ptr<Workload>>(const WorkloadSpec& spec,
+                                                                const SceneSource& source,
+                                                                const IndexedGeometry& scene,
+                                                                ThreadPool& pool);
+WorkloadMaker MakeWorkload;
+// The kinds, made by MakeWorkload.
+WorkloadMaker MakePrimaryWorkload;
+WorkloadMaker MakePointWorkload;  // shadow, sun, area and points.
+WorkloadMaker MakeSegmentWorkload;
 
 // The view's camera at the spec's size.
 absl::StatusOr<Camera> ViewCamera(const WorkloadSpec& spec, const BuiltinView& view);

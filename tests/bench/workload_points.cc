@@ -29,6 +29,7 @@ constexpr int kBoxLights = 64;
 constexpr uint64_t kUnitQueries = 16'000'000;
 
 struct Unit {
+  size_t view = 0;
   size_t set = 0;                      // Which points, ...
   size_t first_range = 0, ranges = 0;  // ... and which of their ranges.
   std::vector<LightSample> samples;
@@ -65,6 +66,7 @@ class PointWorkload : public Workload {
     return points * units_[unit].samples.size();
   }
   size_t views() const override { return views_; }
+  size_t view(size_t unit) const override { return units_[unit].view; }
   std::vector<PeerMode> peer_modes() const override {
     using Start = PeerMode::Start;
     const bool directional = units_.front().samples.front().directional;
@@ -245,13 +247,14 @@ absl::StatusOr<std::unique_ptr<Workload>> MakeViewWorkload(const WorkloadSpec& s
                                                            ThreadPool& pool) {
   std::vector<PointSet> sets;
   std::vector<Unit> units;
-  for (const BuiltinView& view : source.views) {
+  for (size_t v = 0; v < source.views.size(); ++v) {
+    const BuiltinView& view = source.views[v];
     SL_ASSIGN_OR_RETURN(Camera camera, ViewCamera(spec, view));
     SL_ASSIGN_OR_RETURN(PointSet set, ViewHits(scene, camera, spec.sources, pool));
     if (set.size() == 0) continue;  // A view of nothing asks nothing.
     for (const Light& light : LightsOf(spec, view)) {
       SL_ASSIGN_OR_RETURN(std::vector<LightSample> samples, ToSamples({light}, scene.geometry));
-      units.push_back({sets.size(), 0, set.ranges.size(), std::move(samples)});
+      units.push_back({v, sets.size(), 0, set.ranges.size(), std::move(samples)});
     }
     sets.push_back(std::move(set));
   }
@@ -284,7 +287,7 @@ absl::StatusOr<std::unique_ptr<Workload>> MakeSurfaceWorkload(const WorkloadSpec
       static_cast<uint64_t>(pool.threads()), (kUnitQueries + range_queries - 1) / range_queries));
   std::vector<Unit> units;
   for (size_t first = 0; first < set.ranges.size(); first += step) {
-    units.push_back({0, first, std::min(step, set.ranges.size() - first), samples});
+    units.push_back({0, 0, first, std::min(step, set.ranges.size() - first), samples});
   }
   std::vector<PointSet> sets;
   sets.push_back(std::move(set));

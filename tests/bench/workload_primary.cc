@@ -34,6 +34,7 @@ class PrimaryWorkload : public Workload {
     return uint64_t{cameras_[unit].width} * cameras_[unit].height;
   }
   size_t views() const override { return cameras_.size(); }
+  size_t view(size_t unit) const override { return unit; }
   std::vector<PeerMode> peer_modes() const override {
     constexpr PeerMode::Start kStarts[] = {PeerMode::Start::kEye};
     return AllModes(kStarts);

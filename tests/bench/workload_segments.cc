@@ -58,6 +58,7 @@ class SegmentWorkload : public Workload {
   size_t units() const override { return 1; }
   uint64_t queries(size_t) const override { return queries_; }
   size_t views() const override { return 0; }
+  size_t view(size_t) const override { return 0; }
   std::vector<PeerMode> peer_modes() const override {
     return AllModes(std::vector<PeerMode::Start>{PeerMode::Start::kLight, PeerMode::Start::kPoint});
   }

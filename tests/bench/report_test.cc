@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/report.h"
+
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace sightline::bench {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+Row Primary(const std::string& scene, int width, double ratio) {
+  return {{"workload", "primary"},
+          {"scene", scene},
+          {"width", width},
+          {"height", width / 2},
+          {"ratio", ratio}};
+}
+
+TEST(ReportTest, OverScenesByWorkloadAndSizeWithoutViews) {
+  Row view = Primary("b", 640, 0.001);
+  view["view"] = 2;
+  const std::vector<Row> rows = {
+      Primary("a", 640, 8),  Primary("a", 1280, 9),
+      Primary("b", 640, 2),  view,
+      Primary("b", 1280, 4), {{"workload", "segments"}, {"scene", "a"}, {"ratio", 0.5}}};
+  std::ostringstream text;
+  PrintOverScenes(rows, "ratio", /*json=*/false, text);
+  EXPECT_EQ(text.str(),
+            "primary at 640x320: over 2 scenes the geometric mean of the ratio is 4.00, the worst "
+            "2.00 (b)\n"
+            "primary at 1280x640: over 2 scenes the geometric mean of the ratio is 6.00, the worst "
+            "4.00 (b)\n");
+  std::ostringstream json;
+  PrintOverScenes(rows, "ratio", /*json=*/true, json);
+  const Row first = Row::parse(json.str().substr(0, json.str().find('\n')));
+  EXPECT_EQ(first["scene"], "all");
+  EXPECT_EQ(first["scenes"], 2);
+  EXPECT_EQ(first["width"], 640);
+  EXPECT_DOUBLE_EQ(first["ratio_geometric_mean"].get<double>(), 4);
+  EXPECT_EQ(first["ratio_worst"], 2);
+  EXPECT_EQ(first["worst_scene"], "b");
+}
+
+TEST(ReportTest, TablesSayViewsAndSizes) {
+  std::ostringstream out;
+  Report report({SceneColumn("scene"), SizeColumn("pixels"), NumberColumn("ratio", "ratio", 1)},
+                /*json=*/false, out);
+  report.Add(Primary("a", 640, 8));
+  Row view = Primary("a", 640, 9);
+  view["view"] = 1;
+  report.Add(view);
+  report.Add({{"workload", "segments"}, {"scene", "a"}, {"ratio", 0.5}});
+  report.Finish();
+  EXPECT_EQ(out.str(),
+            "scene       pixels  ratio\n"
+            "a          640x320    8.0\n"
+            "a, view 1  640x320    9.0\n"
+            "a                -    0.5\n");
+}
+
+TEST(ReportTest, AnErrorEndsTheScenesAfterTheTable) {
+  std::ostringstream out;
+  Report report({SceneColumn("scene")}, /*json=*/false, out);
+  std::vector<std::string> seen;
+  const absl::Status status =
+      RunScenes({"a", "b", "c"}, &report, [&](const std::string& scene) -> absl::Status {
+        seen.push_back(scene);
+        if (scene == "b") return absl::NotFoundError("no b");
+        report.Add({{"scene", scene}});
+        return absl::OkStatus();
+      });
+  EXPECT_EQ(status, absl::NotFoundError("no b"));
+  EXPECT_THAT(seen, ElementsAre("a", "b"));
+  EXPECT_THAT(out.str(), HasSubstr("\na\n"));
+}
+
+}  // namespace
+}  // namespace sightline::bench
