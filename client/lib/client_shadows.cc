@@ -42,6 +42,7 @@ void ResizeShadows(const ShadowOutputs& want, uint64_t n, Shadows* out) {
   if (want.counts) out->counts.resize(n);
   if (want.weighted_sums) out->weighted_sums.resize(n);
   if (want.blockers) ResizeBlockers(pairs, out);
+  if (want.answered_by) out->answered_by.resize(pairs);
 }
 
 absl::StatusOr<Shadows> DecodeShadows(const ShadowOutputs& want, uint64_t samples, uint64_t offset,
@@ -70,6 +71,10 @@ absl::StatusOr<Shadows> DecodeShadows(const ShadowOutputs& want, uint64_t sample
               DecodeRows(r.weighted_sums(), "weighted_sums", 1, at, count, n, &out.weighted_sums));
         }
         if (want.blockers) s.Update(DecodeBlockers(r, samples, at, count, n, &out));
+        if (want.answered_by) {
+          s.Update(
+              DecodeRows(r.answered_by(), "answered_by", samples, at, count, n, &out.answered_by));
+        }
         return s;
       });
   if (!status.ok()) return status;
@@ -115,6 +120,7 @@ absl::StatusOr<StreamSummary> Client::ComputeShadows(
   header->mutable_outputs()->set_lit_counts(query.outputs.counts);
   header->mutable_outputs()->set_weighted_sums(query.outputs.weighted_sums);
   header->mutable_outputs()->set_first_blockers(query.outputs.blockers);
+  header->mutable_outputs()->set_answered_by(query.outputs.answered_by);
   job.open = [this](int lane, const CallOptions& stream_call) {
     return shared_->connection->OpenShadows(lane, stream_call);
   };
@@ -161,6 +167,7 @@ absl::StatusOr<Shadows> Client::ComputeAllShadows(
         Place(part.counts, 1, part.offset, n, &all.counts);
         Place(part.weighted_sums, 1, part.offset, n, &all.weighted_sums);
         PlaceBlockers(part, all.samples, n, &all);
+        Place(part.answered_by, all.samples, part.offset, n, &all.answered_by);
         all.near_surface_points += part.near_surface_points;
         done += part.points;
         if (on_progress) on_progress(done);

@@ -24,6 +24,8 @@ void ResizePixels(const TileOutputs& want, uint64_t samples, uint64_t n, Pixels*
   if (want.depths) out->depth.resize(n);
   if (want.barycentrics) out->u.resize(n), out->v.resize(n);
   if (want.lit) out->lit.resize(samples * n);
+  if (want.answered_by) out->answered_by.resize(n);
+  if (want.lit && want.lit_answered_by) out->lit_answered_by.resize(samples * n);
 }
 
 absl::StatusOr<Tile> DecodeTile(const TileQuery& query, uint64_t samples,
@@ -49,8 +51,15 @@ absl::StatusOr<Tile> DecodeTile(const TileQuery& query, uint64_t samples,
           s.Update(DecodeRows(r.barycentric_u(), "barycentric_u", 1, at, count, n, &tile.u));
           s.Update(DecodeRows(r.barycentric_v(), "barycentric_v", 1, at, count, n, &tile.v));
         }
+        if (want.answered_by) {
+          s.Update(DecodeRows(r.answered_by(), "answered_by", 1, at, count, n, &tile.answered_by));
+        }
         if (want.lit && samples > 0) {
           s.Update(DecodeLit(reply.shadows(), samples, at, count, n, &tile.lit, &valid));
+          if (want.lit_answered_by) {
+            s.Update(DecodeRows(reply.shadows().answered_by(), "answered_by", samples, at, count, n,
+                                &tile.lit_answered_by));
+          }
         }
         return s;
       });
@@ -112,6 +121,7 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
   if (query.outputs.lit) {
     for (const Light& light : query.lights) ToProto(light, header->add_lights());
     header->mutable_shadow_outputs()->set_lit_bits(true);
+    header->mutable_shadow_outputs()->set_answered_by(query.outputs.lit_answered_by);
   }
   v1::TileOutputs* outputs = header->mutable_outputs();
   outputs->set_hit_bits(query.outputs.hits);
@@ -119,6 +129,7 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
   outputs->set_triangle_ids(query.outputs.ids);
   outputs->set_depths(query.outputs.depths);
   outputs->set_barycentrics(query.outputs.barycentrics);
+  outputs->set_answered_by(query.outputs.answered_by);
   job.open = [this](int lane, const CallOptions& stream_call) {
     return shared_->connection->OpenTiles(lane, stream_call);
   };
@@ -173,6 +184,8 @@ absl::StatusOr<TileImage> Client::TraceImage(
     copy(tile.u, &image.u, 1);
     copy(tile.v, &image.v, 1);
     copy(tile.lit, &image.lit, image.samples);
+    copy(tile.answered_by, &image.answered_by, 1);
+    copy(tile.lit_answered_by, &image.lit_answered_by, image.samples);
     if (query.options.statistics) {
       if (image.costs.size() <= tile.index) image.costs.resize(tile.index + 1);
       image.costs[tile.index] = {r, tile.statistics};

@@ -24,6 +24,8 @@ using Point3 = std::array<double, 3>;
 inline constexpr uint32_t kNone = 0xFFFFFFFFu;  // No object, no triangle.
 
 enum class Strategy { kAuto, kSingle, kPacket, kBruteForce, kShaft };
+// What answered a ray: AnsweredBy of query_options.proto, which says more.
+enum class AnsweredBy : uint8_t { kNoRay = 0, kShaft = 1, kTriangles = 2, kPacket = 3, kRay = 4 };
 enum class Culling { kNone, kBack, kFront };
 enum class BuildPreset { kStatic, kDynamic, kCompact };
 enum class SceneState { kUnknown, kBuilding, kReady, kUpdating, kFailed, kDeleted };
@@ -182,7 +184,9 @@ struct TileOutputs {
   bool ids = false;
   bool depths = false;
   bool barycentrics = false;
-  bool lit = false;  // Of every light sample at every hit.
+  bool lit = false;              // Of every light sample at every hit.
+  bool answered_by = false;      // What answered each pixel's ray...
+  bool lit_answered_by = false;  // ... and, if `lit`, each light sample's at its hit.
 };
 
 struct TileQuery {
@@ -204,6 +208,8 @@ struct Tile {
   std::vector<float> depth;                // n: +infinity for a miss.
   std::vector<float> u, v;                 // n.
   std::vector<uint8_t> lit;                // [S, n]: 1 lit, 0 blocked, 255 no hit or not valid.
+  std::vector<uint8_t> answered_by;        // n: an AnsweredBy.
+  std::vector<uint8_t> lit_answered_by;    // [S, n]
   Statistics statistics;
 };
 
@@ -213,7 +219,9 @@ struct TileImage {
   std::vector<uint8_t> hit;
   std::vector<uint32_t> object, triangle;
   std::vector<float> depth, u, v;
-  std::vector<uint8_t> lit;  // [S, n]
+  std::vector<uint8_t> lit;              // [S, n]
+  std::vector<uint8_t> answered_by;      // n
+  std::vector<uint8_t> lit_answered_by;  // [S, n]
   struct TileCost {
     TileRect rect;
     Statistics statistics;
@@ -242,6 +250,7 @@ struct ShadowOutputs {
   bool counts = false;
   bool weighted_sums = false;
   bool blockers = false;
+  bool answered_by = false;
 };
 
 struct ShadowQuery {
@@ -268,6 +277,7 @@ struct Shadows {
   std::vector<double> weighted_sums;      // n
   std::vector<uint32_t> blocker_object, blocker_triangle;  // [S, n]
   std::vector<float> blocker_distance;                     // [S, n]
+  std::vector<uint8_t> answered_by;                        // [S, n]: an AnsweredBy.
   uint64_t near_surface_points = 0;
   Statistics statistics;
   StreamSummary summary;  // Of the whole query, in the array of all alone.

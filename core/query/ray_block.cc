@@ -14,6 +14,13 @@ namespace {
 // single walk, which tests eight boxes and sixteen triangles a step whatever the number of rays.
 constexpr size_t kMinShaftRays = 4;
 
+// What a walk's rays are answered by, as far as its strategy tells.
+AnsweredBy AnsweredByWalk(Strategy strategy) {
+  return strategy == Strategy::kShaft    ? AnsweredBy::kShaft
+         : strategy == Strategy::kPacket ? AnsweredBy::kPacket
+                                         : AnsweredBy::kRay;
+}
+
 }  // namespace
 
 Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, size_t rays) {
@@ -62,6 +69,9 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   SIGHTLINE_CHECK_LE(packet->count, kBlockRays);
   SIGHTLINE_CHECK(strategy != Strategy::kAuto);
   if (packet->count == 0) return absl::OkStatus();
+  if (packet->answered_by != nullptr) {
+    std::fill_n(packet->answered_by, packet->count, AnsweredByWalk(strategy));
+  }
   if (strategy == Strategy::kPacket || strategy == Strategy::kShaft) {
     const Kernels& kernels = run.kernels();
     const bool any = kind == HitKind::kAny;
@@ -99,6 +109,9 @@ absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& ru
                                 ParallelPacket* packet, const ShaftCut* cut, WalkStats* stats) {
   SIGHTLINE_CHECK_LE(packet->count, kBlockRays);
   if (packet->count == 0) return absl::OkStatus();
+  if (packet->answered_by != nullptr) {
+    std::fill_n(packet->answered_by, packet->count, AnsweredBy::kShaft);
+  }
   return run.kernels().occluded_parallel_shaft(scene, *packet, cut, run.cancel(), stats)
              ? absl::OkStatus()
              : run.Stopped();

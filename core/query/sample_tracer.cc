@@ -35,6 +35,7 @@ void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const u
   sources_ = sources;
   packets_ready_ = parallel_ready_ = false;
   hull_begin_ = hull_end_ = 0;
+  if (record_answered_by_) answered_by_.resize(positions.size());
 }
 
 // A segment's point end is moved toward the light by t_min, in double, rounded once.
@@ -96,6 +97,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     packet.segments = true;
     packet.mask = mask;
     packet.origin_source = sample.source_triangle;
+    packet.answered_by = AnsweredByOf(b);
     if (!packets_ready_) {
       packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
                             packet.target_source);
@@ -158,6 +160,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, WalkStats* sta
     packet.direction = sample.value;
     packet.mask = mask;
     packet.direction_source = sample.source_triangle;
+    packet.answered_by = AnsweredByOf(b);
     if (!parallel_ready_) {
       packet.count = LayOut(sample, b, packet.origin_x, packet.origin_y, packet.origin_z,
                             packet.origin_source);
@@ -178,6 +181,7 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
                                          Strategy strategy, WalkStats* stats) {
   parallel_traced_ = false;
   packets_ready_ = false;
+  std::fill(answered_by_.begin(), answered_by_.end(), AnsweredBy::kRay);
   Reserve(blocks(), &packets_, &packets_size_);
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;

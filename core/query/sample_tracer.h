@@ -48,6 +48,10 @@ class SampleTracer {
   // some blocker of point i. Samples of one light share work when they are asked about in turn.
   absl::Status Trace(size_t s);
 
+  // From now on answered_by(i) says what answered point i of the last sample.
+  void RecordAnsweredBy() { record_answered_by_ = true; }
+  AnsweredBy answered_by(size_t i) const { return answered_by_[i]; }
+
   size_t count() const { return positions_.size(); }
   uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }
   // kClosest only.
@@ -66,6 +70,10 @@ class SampleTracer {
   absl::Status TraceParallel(size_t s, uint32_t mask, WalkStats* stats);
   absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask, Strategy strategy,
                              WalkStats* stats);
+  // Where a block's packet says it; null where it is not recorded.
+  AnsweredBy* AnsweredByOf(size_t block) {
+    return record_answered_by_ ? answered_by_.data() + block * kBlockRays : nullptr;
+  }
   // The points of a block as the ends of segments, or origins of rays, of `sample`.
   int LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
              uint32_t* sources) const;
@@ -81,6 +89,8 @@ class SampleTracer {
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
   bool parallel_traced_ = false;  // Where the last results are.
+  bool record_answered_by_ = false;
+  std::vector<AnsweredBy> answered_by_;  // By point, where it is recorded.
   // By block; made when first needed, and not initialized.
   size_t packets_size_ = 0, parallel_size_ = 0;
   std::unique_ptr<RayPacket[]> packets_;

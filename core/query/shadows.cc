@@ -55,6 +55,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     out.blocker.assign(samples.size() * n, kNoTriangle);
     out.blocker_t.assign(samples.size() * n, std::numeric_limits<float>::infinity());
   }
+  if (outputs.answered_by) out.answered_by.assign(samples.size() * n, AnsweredBy::kNoRay);
   const HitKind kind = outputs.blockers ? HitKind::kClosest : HitKind::kAny;
 
   // Points that do not follow one another are gathered here.
@@ -62,6 +63,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::vector<uint32_t> sources;
   std::vector<size_t> index;
   SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
+  if (outputs.answered_by) tracer.RecordAnsweredBy();
   std::vector<uint32_t> order;
   const bool ordered = IsScattered(points.positions, points.valid);
   if (ordered) order = MortonOrder(points.positions, points.valid);
@@ -113,6 +115,9 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
             row[p / 8] |= uint8_t(1u << (p % 8));
           }
         }
+      }
+      for (size_t i = 0; i < count && outputs.answered_by; ++i) {
+        out.answered_by[s * n + (dense ? first + i : index[i])] = tracer.answered_by(i);
       }
       if (!(outputs.counts || outputs.weighted_sums || outputs.blockers)) continue;
       for (size_t i = 0; i < count; ++i) {

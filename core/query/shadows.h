@@ -23,6 +23,7 @@
 #include "core/light/light.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
+#include "core/traverse/answered_by.h"
 
 namespace sightline {
 
@@ -54,16 +55,18 @@ struct ShadowOutputs {
       false;  // Per point: the weights of the samples that reach it, summed in sample order.
   bool blockers =
       false;  // Per sample and point: the first triangle from the segment's start, and where.
+  bool answered_by = false;  // Per sample and point: what answered.
 };
 
 // n points, s samples. Points or samples that are invalid count as not lit in sums; their validity
 // is the caller's to report (PointRange::valid, LightSample::valid). Bits of invalid pairs are 0.
 struct ShadowResult {
-  std::vector<uint8_t> lit_bits;      // s rows of (n + 7) / 8 bytes.
-  std::vector<uint32_t> lit_counts;   // n.
-  std::vector<double> weighted_sums;  // n.
-  std::vector<uint32_t> blocker;      // s · n global ids, kNoTriangle where lit or invalid.
-  std::vector<float> blocker_t;       // s · n, +inf where lit or invalid; share of the segment.
+  std::vector<uint8_t> lit_bits;        // s rows of (n + 7) / 8 bytes.
+  std::vector<uint32_t> lit_counts;     // n.
+  std::vector<double> weighted_sums;    // n.
+  std::vector<uint32_t> blocker;        // s · n global ids, kNoTriangle where lit or invalid.
+  std::vector<float> blocker_t;         // s · n, +inf where lit or invalid; share of the segment.
+  std::vector<AnsweredBy> answered_by;  // s · n, kNoRay where invalid.
   QueryStats stats;
 };
 

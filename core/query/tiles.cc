@@ -88,6 +88,14 @@ class TileTrace {
       out_.v.resize(pixels_);
     }
     if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
+    if (outputs.answered_by) {
+      out_.answered_by.resize(pixels_);
+      packet_.answered_by = answered_by_;
+    }
+    if (outputs.lit && outputs.lit_answered_by) {
+      out_.lit_answered_by.assign(samples.size() * pixels_, AnsweredBy::kNoRay);
+      tracer_.RecordAnsweredBy();
+    }
   }
 
   absl::Status Run() {
@@ -255,6 +263,12 @@ class TileTrace {
       copy(packet_.u, out_.u.data());
       copy(packet_.v, out_.v.data());
     }
+    if (outputs_.answered_by) {
+      ForEachRun(block, [&](const PixelRun& run) {
+        std::copy_n(answered_by_ + run.lane, run.count,
+                    out_.answered_by.data() + first + size_t{run.y} * tile_.width + run.x);
+      });
+    }
     if (!outputs_.hits) return;
     ForEachRun(block, [&](const PixelRun& run) {
       const size_t pixel = first + size_t{run.y} * tile_.width + run.x;
@@ -303,6 +317,9 @@ class TileTrace {
       for (size_t i = 0; i < points; ++i) {
         if (tracer_.triangle(i) == kNoTriangle) SetBit(row, point_pixel_[i]);
       }
+      for (size_t i = 0; i < points && outputs_.lit_answered_by; ++i) {
+        out_.lit_answered_by[s * pixels_ + point_pixel_[i]] = tracer_.answered_by(i);
+      }
     }
     return absl::OkStatus();
   }
@@ -336,7 +353,8 @@ class TileTrace {
   const QueryRun run_;
   const size_t pixels_, row_bytes_;
   TileResult& out_;
-  RayPacket packet_;   // The block being traced.
+  RayPacket packet_;  // The block being traced.
+  AnsweredBy answered_by_[kBlockRays];
   RayPacket outline_;  // The corners of its group.
   ShaftCut cut_;
   // PixelColumn and PixelRow of the group's columns and rows, by axis.
@@ -359,6 +377,8 @@ void Clear(const TileOutputs& outputs, TileResult* result) {
   keep(outputs.uv, result->u);
   keep(outputs.uv, result->v);
   keep(outputs.lit, result->lit_bits);
+  keep(outputs.answered_by, result->answered_by);
+  keep(outputs.lit && outputs.lit_answered_by, result->lit_answered_by);
   result->points = PreparedPoints();
   result->point_pixel.clear();
   result->primary = result->shadow = QueryStats();

@@ -23,6 +23,7 @@
 #include "core/light/light.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
+#include "core/traverse/answered_by.h"
 
 namespace sightline {
 
@@ -37,6 +38,8 @@ struct TileOutputs {
   bool uv = false;      // Where on it: barycentric weights of corners B and C.
   bool lit = false;     // Which light samples reach the hit (one bit each; see `samples`).
   bool points = false;  // The placed hit points themselves, as PreparedPoints (for point sets).
+  bool answered_by = false;      // What answered each pixel's ray...
+  bool lit_answered_by = false;  // ... and, if `lit`, each light sample's at its hit.
 };
 
 // Arrays in row-major pixel order of the tile, n = width · height; empty unless asked for.
@@ -48,8 +51,11 @@ struct TileResult {
   // One row per sample, each (n + 7) / 8 bytes: 1 where the pixel hits something and the sample
   // reaches it.
   std::vector<uint8_t> lit_bits;
-  PreparedPoints points;              // One per hit pixel, in pixel order.
-  std::vector<uint32_t> point_pixel;  // Its pixel, 0 .. n - 1.
+  PreparedPoints points;                // One per hit pixel, in pixel order.
+  std::vector<uint32_t> point_pixel;    // Its pixel, 0 .. n - 1.
+  std::vector<AnsweredBy> answered_by;  // n.
+  // One row of n per sample: kNoRay where the pixel hits nothing, or the sample is invalid.
+  std::vector<AnsweredBy> lit_answered_by;
   QueryStats primary, shadow;
 };
 

@@ -33,6 +33,7 @@
 #include "core/traverse/plane_side-inl.h"
 #include "core/traverse/shaft_cut-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
+#include "core/traverse/shaft_pair-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -97,9 +98,6 @@ class ShaftWalk {
   // What a walk can have pending; a whole vector of children is stored at its end.
   static constexpr size_t kStackSize =
       kManyPending + kNodesAtOnce * kBvhWidth + kBvhStackSize + kBvhWidth;
-  // A triangle and a block it may touch: block | triangle << shift, and whether it covers the
-  // block.
-  static constexpr uint32_t kTriangleShift = 4, kCovered = 0x100;
 
   // For closest hits `entry` is the depth that nothing in the child comes before.
   using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
@@ -189,6 +187,7 @@ class ShaftWalk {
                  .to_source = rays_.has_sources() ? rays_.sources()[lane] : kNoTriangle},
                 stats_)
                 .triangle;
+        if (packet_.answered_by != nullptr) packet_.answered_by[lane] = AnsweredBy::kRay;
         rays_.active().rays[b] &= static_cast<uint16_t>(~(1u << r));
       }
       bounds_.open[b] = 0;
@@ -232,6 +231,7 @@ class ShaftWalk {
     for (uint32_t left = relevant; left != 0; left &= left - 1) {
       count += ListBlocks(std::countr_zero(left), pairs + count);
     }
+    MarkTested(rays_, bounds_, leaf, {pairs, count}, packet_.answered_by);
     for (size_t k = 0; k < count; ++k) TestBlock(leaf, pairs[k]);
     if constexpr (!kAny) {
       if (found_) UpdateFar();
@@ -564,8 +564,9 @@ bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut*
     return true;
   }
   ShaftWalk<kAny, false> walk(scene, packet, stats);
-  if (!walk.Prepare()) return TracePacket<kAny>(scene, packet, cancel, stats);
-  return walk.Run(cut, cancel);
+  if (walk.Prepare()) return walk.Run(cut, cancel);
+  MarkAll(packet, AnsweredBy::kPacket);
+  return TracePacket<kAny>(scene, packet, cancel, stats);
 }
 
 // Rays that no frame holds walk one by one.
@@ -574,6 +575,7 @@ inline bool TraceParallelShaft(const IndexedGeometry& scene, ParallelPacket& pac
   if (packet.count == 0) return true;
   ShaftWalk<true, true> walk(scene, packet, stats);
   if (walk.Prepare()) return walk.Run(cut, cancel);
+  MarkAll(packet, AnsweredBy::kRay);
   for (int i = 0; i < packet.count; ++i) {
     if (i % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
     packet.triangle[i] = WalkSingle<true>(scene,

@@ -11,6 +11,7 @@
 #include "core/geometry/vec3.h"
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate.h"
+#include "core/traverse/answered_by.h"
 
 namespace sightline {
 
@@ -41,6 +42,9 @@ struct alignas(64) RayPacket {
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
   // Whether u and v are wanted beside a closest hit's t and triangle.
   bool want_barycentrics = false;
+  // Where to say what answered each ray, count elements; null: nowhere. The caller fills it with
+  // what the walk as such is (kShaft, for shafts), the walk changes what fared otherwise.
+  AnsweredBy* answered_by = nullptr;
   // Results. Occlusion: triangle is some blocker's id or kNoTriangle; the others are unused.
   alignas(64) float t[kMaxRays];  // +inf for a miss.
   alignas(64) uint32_t triangle[kMaxRays];
@@ -61,6 +65,7 @@ struct alignas(64) ParallelPacket {
   uint32_t direction_source = kNoTriangle;  // What the light itself lies on; it does not block.
   int count = 0;
   uint32_t first_leaf = RayPacket::kNoLeaf;  // As in RayPacket.
+  AnsweredBy* answered_by = nullptr;         // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
   alignas(64) uint32_t triangle[kMaxRays];       // Result: some blocker's id, or kNoTriangle.

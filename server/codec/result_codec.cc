@@ -11,6 +11,13 @@
 namespace sightline {
 namespace {
 
+// The wire has core's numbers.
+static_assert(static_cast<int>(AnsweredBy::kNoRay) == v1::ANSWERED_BY_UNSPECIFIED);
+static_assert(static_cast<int>(AnsweredBy::kShaft) == v1::ANSWERED_BY_SHAFT);
+static_assert(static_cast<int>(AnsweredBy::kTriangles) == v1::ANSWERED_BY_TRIANGLES);
+static_assert(static_cast<int>(AnsweredBy::kPacket) == v1::ANSWERED_BY_PACKET);
+static_assert(static_cast<int>(AnsweredBy::kRay) == v1::ANSWERED_BY_RAY);
+
 uint64_t BitBytes(uint64_t n) { return (n + 7) / 8; }
 
 template <typename T>
@@ -33,7 +40,7 @@ void EncodeInvalidSamples(std::span<const LightSample> samples, v1::ShadowResult
 v1::TileOutputs WantedTile(const v1::TileOutputs& outputs, bool lights) {
   v1::TileOutputs wanted = outputs;
   const bool any = outputs.hit_bits() || outputs.object_ids() || outputs.triangle_ids() ||
-                   outputs.depths() || outputs.barycentrics();
+                   outputs.depths() || outputs.barycentrics() || outputs.answered_by();
   if (!any && !lights) wanted.set_hit_bits(true);
   return wanted;
 }
@@ -41,7 +48,7 @@ v1::TileOutputs WantedTile(const v1::TileOutputs& outputs, bool lights) {
 v1::ShadowOutputs WantedShadows(const v1::ShadowOutputs& outputs) {
   v1::ShadowOutputs wanted = outputs;
   const bool any = outputs.lit_bits() || outputs.lit_counts() || outputs.weighted_sums() ||
-                   outputs.first_blockers();
+                   outputs.first_blockers() || outputs.answered_by();
   if (!any) wanted.set_lit_bits(true);
   return wanted;
 }
@@ -56,19 +63,21 @@ ShadowOutputs DecodeShadowOutputs(const v1::ShadowOutputs& wanted) {
   return {.bits = wanted.lit_bits(),
           .counts = wanted.lit_counts(),
           .weighted_sums = wanted.weighted_sums(),
-          .blockers = wanted.first_blockers()};
+          .blockers = wanted.first_blockers(),
+          .answered_by = wanted.answered_by()};
 }
 
 uint64_t TileBytes(const v1::TileOutputs& wanted, uint64_t n) {
   return (wanted.hit_bits() ? BitBytes(n) : 0) + (wanted.object_ids() ? 4 * n : 0) +
          (wanted.triangle_ids() ? 4 * n : 0) + (wanted.depths() ? 4 * n : 0) +
-         (wanted.barycentrics() ? 8 * n : 0);
+         (wanted.barycentrics() ? 8 * n : 0) + (wanted.answered_by() ? n : 0);
 }
 
 uint64_t ShadowBytes(const v1::ShadowOutputs& wanted, uint64_t n, uint64_t samples) {
   return BitBytes(n) + 5 * samples +  // The valid bits, and at worst every sample's number.
          (wanted.lit_bits() ? samples * BitBytes(n) : 0) + (wanted.lit_counts() ? 4 * n : 0) +
-         (wanted.weighted_sums() ? 8 * n : 0) + (wanted.first_blockers() ? 12 * samples * n : 0);
+         (wanted.weighted_sums() ? 8 * n : 0) + (wanted.first_blockers() ? 12 * samples * n : 0) +
+         (wanted.answered_by() ? samples * n : 0);
 }
 
 uint64_t SegmentBytes(const v1::SegmentOutputs& wanted, uint64_t n) {
@@ -116,6 +125,7 @@ void EncodeTile(const SceneGeometry& geometry, const TileResult& result,
     Encode(result.u, out->mutable_barycentric_u());
     Encode(result.v, out->mutable_barycentric_v());
   }
+  if (wanted.answered_by()) Encode(result.answered_by, out->mutable_answered_by());
 }
 
 void EncodeShadows(const SceneGeometry& geometry, const ShadowResult& result,
@@ -131,6 +141,7 @@ void EncodeShadows(const SceneGeometry& geometry, const ShadowResult& result,
                     out->mutable_blocker_triangles());
     Encode(result.blocker_t, out->mutable_blocker_distances());
   }
+  if (wanted.answered_by()) Encode(result.answered_by, out->mutable_answered_by());
 }
 
 void EncodeSegments(const SceneGeometry& geometry, const SegmentResult& result,
@@ -189,6 +200,14 @@ ShadowResult SpreadOverPixels(const ShadowResult& of_hits, std::span<const uint3
       for (size_t i = 0; i < hits; ++i) {
         result.blocker[s * pixels + hit_pixels[i]] = of_hits.blocker[s * hits + i];
         result.blocker_t[s * pixels + hit_pixels[i]] = of_hits.blocker_t[s * hits + i];
+      }
+    }
+  }
+  if (outputs.answered_by) {
+    result.answered_by.assign(samples * pixels, AnsweredBy::kNoRay);
+    for (size_t s = 0; s < samples; ++s) {
+      for (size_t i = 0; i < hits; ++i) {
+        result.answered_by[s * pixels + hit_pixels[i]] = of_hits.answered_by[s * hits + i];
       }
     }
   }

@@ -49,8 +49,8 @@ class TileMethod::TileWork final : public TileMethod::Work {
                         tile_.width, static_cast<uint32_t>(range.count / tile_.width)};
     const v1::ShadowOutputs& wanted = method_.shadow_outputs_;
     const bool lights = !samples_->samples.empty();
-    // Bits come with the tile; whatever else is wanted of the lights is asked about the hits
-    // themselves.
+    // Bits (and what answered) come with the tile; whatever else is wanted of the lights is asked
+    // about the hits themselves.
     const bool bits_alone =
         !wanted.lit_counts() && !wanted.weighted_sums() && !wanted.first_blockers();
     TileOutputs outputs{
@@ -60,6 +60,8 @@ class TileMethod::TileWork final : public TileMethod::Work {
         .uv = method_.outputs_.barycentrics(),
         .lit = lights && bits_alone,
         .points = lights && !bits_alone,
+        .answered_by = method_.outputs_.answered_by(),
+        .lit_answered_by = wanted.answered_by(),
     };
     QueryOptions options = method_.options_.query;
     options.cancel = &cancel;
@@ -75,6 +77,7 @@ class TileMethod::TileWork final : public TileMethod::Work {
     ShadowResult shadows;
     if (bits_alone) {
       shadows.lit_bits = std::move(result.lit_bits);
+      shadows.answered_by = std::move(result.lit_answered_by);
       shadows.stats = result.shadow;
     } else {
       SL_RETURN_IF_ERROR(ShadeHits(result, range.count, options, &shadows));

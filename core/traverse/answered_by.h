@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What answered a ray: how far the work that rays share went for it. Not part of the answer: it
+// depends on the strategy, on which rays walk together, and on the instruction set.
+//
+// Thread safety: plain values.
+#ifndef SIGHTLINE_CORE_TRAVERSE_ANSWERED_BY_H_
+#define SIGHTLINE_CORE_TRAVERSE_ANSWERED_BY_H_
+
+#include <cstdint>
+
+namespace sightline {
+
+enum class AnsweredBy : uint8_t {
+  kNoRay = 0,      // Nothing was asked.
+  kShaft = 1,      // Whole shafts alone: found empty, or covered by triangles. No test of the ray.
+  kTriangles = 2,  // A shaft's relevant triangles, of which some took the exact test of the ray.
+  kPacket = 3,     // The boxes were shared, each triangle was tested with each ray.
+  kRay = 4,        // The ray walked by itself, or was put to every triangle.
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_TRAVERSE_ANSWERED_BY_H_
