@@ -118,6 +118,43 @@ TEST_F(RoundTripTest, TilesAreTheEnginesByEveryStrategy) {
   }
 }
 
+// What answered travels with tiles, and with whatever else is wanted of their lights.
+TEST_F(RoundTripTest, WhatAnsweredIsTheEngines) {
+  for (const bool sums : {false, true}) {
+    v1::TraceTilesRequest header = TileHeader(Strategy::kShaft);
+    header.mutable_header()->mutable_outputs()->set_answered_by(true);
+    v1::ShadowOutputs* wanted = header.mutable_header()->mutable_shadow_outputs();
+    wanted->set_answered_by(true);
+    wanted->set_weighted_sums(sums);
+    TileStream stream(harness_, header);
+    stream.Write(TileRequest(1, 0, 0, 64, 64));
+    const auto replies = stream.ReadAll();
+    EXPECT_TRUE(stream.Finish().ok());
+    ASSERT_EQ(replies.size(), 1u);
+    const v1::TileReply& reply = replies.begin()->second.at(0).reply();
+    const std::vector<LightSample> samples = Samples();
+    TileResult engine;
+    ASSERT_TRUE(TraceTile(*scene_, camera_, {0, 0, 64, 64}, samples,
+                          {.ids = true,
+                           .depth = true,
+                           .uv = true,
+                           .lit = true,
+                           .answered_by = true,
+                           .lit_answered_by = true},
+                          {.strategy = Strategy::kShaft}, &engine)
+                    .ok());
+    EXPECT_EQ(reply.tile().answered_by(), PackArray(engine.answered_by));
+    EXPECT_TRUE(reply.shadows().lit_bits().empty());
+    const std::string& by = reply.shadows().answered_by();
+    ASSERT_EQ(by.size(), engine.lit_answered_by.size());
+    for (size_t i = 0; i < by.size(); ++i) {
+      // Sums group the points otherwise, which may change what answers, but not whether.
+      const auto ours = static_cast<char>(engine.lit_answered_by[i]);
+      EXPECT_TRUE(sums ? (by[i] == 0) == (ours == 0) : by[i] == ours) << i;
+    }
+  }
+}
+
 TEST_F(RoundTripTest, TileSumsAndBlockersAreThoseOfItsHits) {
   v1::TraceTilesRequest header = TileHeader(Strategy::kAuto);
   v1::ShadowOutputs* wanted = header.mutable_header()->mutable_shadow_outputs();

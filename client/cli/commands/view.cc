@@ -3,6 +3,7 @@
 // sightline view: what a camera sees, which lights reach it, and pictures of both.
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <numeric>
@@ -34,6 +35,9 @@ constexpr uint64_t kMaxLit = uint64_t{1} << 32;
 // Of the lights' shares, in the line for people.
 constexpr size_t kSharesShown = 8;
 
+// Of pictures.
+constexpr const char* kKinds[] = {"lit", "depth", "cost", "strategy"};
+
 struct ViewArguments {
   ViewFlags view;
   uint32_t width = 1920, height = 1080;
@@ -41,6 +45,7 @@ struct ViewArguments {
   uint64_t auto_lights = 3;
   std::vector<std::string> outs;
   std::string picture = "lit";
+  std::optional<uint64_t> strategy_light;  // Of the strategy picture; none: the camera's rays.
   std::string ids, depth, lit;
   std::string strategy, output;
   bool stats = false;
@@ -91,9 +96,24 @@ void Register(FlagSet* flags, ViewArguments* a) {
                &a->auto_lights, 0, 3);
   flags->Heading("Results");
   flags->Texts("out", "[KIND:]FILE.png",
-               "a picture; KIND is lit, depth or cost, without it what --picture says", &a->outs);
-  flags->Choice("picture", {"lit", "depth", "cost"}, "the kind of picture that --out FILE.png is",
-                &a->picture);
+               "a picture; KIND is lit, depth, cost or strategy, without it what --picture says",
+               &a->outs);
+  flags->Choice("picture", {kKinds, kKinds + std::size(kKinds)},
+                "the kind of picture that --out FILE.png is", &a->picture);
+  flags->Custom(
+      "strategy-of", "eye|LIGHT",
+      "whose rays the strategy picture shows: the camera's, or those of a light's shadows "
+      "(its number from 0, in the order of --light, --sun, --sun-at, --sky)",
+      "eye", [a](const std::string& text) -> absl::Status {
+        uint64_t light = 0;
+        a->strategy_light.reset();
+        if (text == "eye") return absl::OkStatus();
+        if (!absl::SimpleAtoi(text, &light)) {
+          return absl::InvalidArgumentError("wants eye, or the number of a light from 0");
+        }
+        a->strategy_light = light;
+        return absl::OkStatus();
+      });
   flags->Text("ids", "FILE.npy",
               "object and triangle seen by each pixel, int32 [height, width, 2]; -1: none",
               &a->ids);
@@ -113,7 +133,12 @@ void Register(FlagSet* flags, ViewArguments* a) {
 }
 
 std::string Epilogue() {
-  return SceneHelp() +
+  std::string key = "\nColours of the strategy picture, by what answered the pixel's ray:\n";
+  for (const StrategyKeyEntry& entry : StrategyKey()) {
+    absl::StrAppend(&key, absl::StrFormat("  %-7s %s\n", entry.color, entry.what));
+  }
+  absl::StrAppend(&key, "  grey    no ray: nothing is seen that a light could reach\n");
+  return SceneHelp() + key +
          "\nWithout --eye and --at, built-in scenes use their own first view and lights. Other\n"
          "scenes are seen whole from outside, 35 degrees off the front and 25\n"
          "degrees from above (40 where they are flat); closed rooms in files from the\n"
@@ -125,7 +150,7 @@ absl::StatusOr<std::vector<Output>> ParseOutputs(const ViewArguments& a) {
   std::vector<Output> outputs;
   for (const std::string& out : a.outs) {
     Output output{a.picture, out};
-    for (const char* kind : {"lit", "depth", "cost"}) {
+    for (const char* kind : kKinds) {
       const std::string prefix = absl::StrCat(kind, ":");
       if (out.substr(0, prefix.size()) == prefix) output = {kind, out.substr(prefix.size())};
     }
@@ -173,6 +198,37 @@ std::vector<double> LitShares(const client::TileImage& image, uint64_t hits) {
   return shares;
 }
 
+// What answered the rays that the strategy picture is of; empty if there is none.
+std::span<const uint8_t> AnsweredBy(const client::TileImage& image, const ViewArguments& a) {
+  if (image.lit_answered_by.empty()) return image.answered_by;
+  const size_t n = size_t{image.width} * image.height;
+  return std::span(image.lit_answered_by).subspan(*a.strategy_light * n, n);
+}
+
+// The shares of rays by what answered them, in the order of StrategyKey().
+std::vector<double> AnsweredByShares(std::span<const uint8_t> answered_by) {
+  std::vector<double> shares(StrategyKey().size());
+  uint64_t rays = 0;
+  for (const uint8_t by : answered_by) {
+    if (by == 0 || by > shares.size()) continue;
+    ++rays;
+    ++shares[by - 1];
+  }
+  for (double& share : shares) share /= static_cast<double>(std::max<uint64_t>(1, rays));
+  return shares;
+}
+
+std::string AnsweredByText(std::span<const uint8_t> answered_by) {
+  static constexpr const char* kNames[] = {"shafts", "relevant triangles", "packets",
+                                           "single rays"};
+  const std::vector<double> shares = AnsweredByShares(answered_by);
+  std::string text;
+  for (size_t k = 0; k < shares.size(); ++k) {
+    absl::StrAppend(&text, k == 0 ? "" : ", ", kNames[k], " ", Percent(shares[k]));
+  }
+  return text;
+}
+
 Json ViewJson(const std::string& argument, const OpenedScene& scene, const ViewChoice& view,
               const std::vector<client::Light>& lights, const client::TileImage& image,
               const std::vector<Output>& outputs, const ViewArguments& a, uint64_t hits,
@@ -208,6 +264,11 @@ Json ViewJson(const std::string& argument, const OpenedScene& scene, const ViewC
   json["hit_pixels"] = hits;
   json["lit_shares"] = shares;
   AddSummaryJson(image.summary, threads, &json);
+  if (const std::span<const uint8_t> by = AnsweredBy(image, a); !by.empty()) {
+    const std::vector<double> of = AnsweredByShares(by);
+    json["answered_by_shares"] = {
+        {"shaft", of[0]}, {"triangles", of[1]}, {"packet", of[2]}, {"ray", of[3]}};
+  }
   json["outputs"] = Json::array();
   for (const Output& output : outputs) {
     json["outputs"].push_back({{"kind", output.kind}, {"path", output.path}});
@@ -275,11 +336,20 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
     return std::any_of(outputs.begin(), outputs.end(),
                        [&](const Output& o) { return o.kind == kind; });
   };
+  const bool strategy = has("strategy");
+  if (a.strategy_light && *a.strategy_light >= query.lights.size()) {
+    return UsageError(absl::StrCat("--strategy-of names light ", *a.strategy_light, ", but there ",
+                                   query.lights.size() == 1 ? "is " : "are ", query.lights.size(),
+                                   ", numbered from 0"));
+  }
   query.outputs.hits = true;
-  query.outputs.ids = has("lit") || !a.ids.empty();
-  query.outputs.depths = has("lit") || has("depth") || !a.depth.empty();
+  query.outputs.ids = has("lit") || strategy || !a.ids.empty();
+  query.outputs.depths = has("lit") || has("depth") || strategy || !a.depth.empty();
+  query.outputs.answered_by = strategy && !a.strategy_light;
+  query.outputs.lit_answered_by = strategy && a.strategy_light;
   // Statistics alone are asked for the whole work too.
-  query.outputs.lit = !query.lights.empty() && (has("lit") || !a.lit.empty() || a.stats || json);
+  query.outputs.lit = query.outputs.lit_answered_by ||
+                      (!query.lights.empty() && (has("lit") || !a.lit.empty() || a.stats || json));
 
   const uint64_t pixels = uint64_t{a.width} * a.height;
   if (query.outputs.lit && query.lights.size() > kMaxLit / pixels) {
@@ -297,11 +367,13 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   progress.Finish();
 
   SL_RETURN_IF_ERROR(WriteArrays(a, image));
+  const std::span<const uint8_t> answered_by = AnsweredBy(image, a);
   for (const Output& output : outputs) {
     const Image picture =
-        output.kind == "depth" ? DepthPicture(image)
-        : output.kind == "cost"
-            ? CostPicture(image)
+        output.kind == "depth"  ? DepthPicture(image)
+        : output.kind == "cost" ? CostPicture(image)
+        : output.kind == "strategy"
+            ? StrategyPicture(image, query.camera, answered_by)
             : LitPicture(image, query.camera,
                          query.outputs.lit ? std::span<const client::Light>(query.lights)
                                            : std::span<const client::Light>(),
@@ -349,6 +421,7 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
     }
   }
   context.out << line << '\n';
+  if (strategy) context.out << "answered by " << AnsweredByText(answered_by) << '\n';
   for (const Output& output : outputs) {
     context.out << "wrote " << output.path << " (" << output.kind << ")\n";
   }

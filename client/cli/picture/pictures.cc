@@ -70,7 +70,41 @@ float LogShare(double value, double lo, double hi) {
   return static_cast<float>(std::log(std::max(value, lo) / lo) / std::log(hi / lo));
 }
 
+// Alike in lightness but for the first, which most pixels have: what costs most stands out, for
+// readers with any colour vision.
+const StrategyKeyEntry kStrategyKey[] = {
+    {"blue", "whole shafts, no test of the ray", OklchToRgb(0.48f, 0.12f, 4.4f)},
+    {"yellow", "a shaft's relevant triangles, tested with the ray", OklchToRgb(0.86f, 0.15f, 1.6f)},
+    {"green", "a packet: boxes together, triangles ray by ray", OklchToRgb(0.68f, 0.14f, 2.6f)},
+    {"red", "the ray by itself", OklchToRgb(0.58f, 0.21f, 0.45f)}};
+
 }  // namespace
+
+std::span<const StrategyKeyEntry> StrategyKey() { return kStrategyKey; }
+
+Image StrategyPicture(const client::TileImage& image, const client::Camera& camera,
+                      std::span<const uint8_t> answered_by) {
+  const std::vector<Vec3d> normals = PixelNormals(image, camera);
+  SIGHTLINE_CHECK_EQ(answered_by.size(), normals.size());
+  const Rays ray(camera);
+  Image picture(image.width, image.height);
+  for (uint32_t y = 0; y < image.height; ++y) {
+    for (uint32_t x = 0; x < image.width; ++x) {
+      const size_t i = size_t{y} * image.width + x;
+      const size_t by = answered_by[i];
+      if (by == 0 || by > std::size(kStrategyKey)) {
+        picture.pixels[i] = {0.045f, 0.045f, 0.05f};
+        continue;
+      }
+      // What is seen of nothing is as if it faced the eye.
+      const Vec3d normal = normals[i];
+      const auto facing = static_cast<float>(
+          normal == Vec3d{} ? 1.0 : std::max(0.0, -Dot(normal, Unit(ray(x, y)))));
+      picture.pixels[i] = kStrategyKey[by - 1].light * (0.35f + 0.65f * facing);
+    }
+  }
+  return picture;
+}
 
 Rgb ObjectColor(uint32_t object) {
   // Multiples of the golden ratio spread any number of hues evenly (Weyl); lightness takes another

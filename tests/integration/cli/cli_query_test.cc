@@ -146,6 +146,42 @@ TEST_F(CliTest, SunsByTimeAndSkies) {
   EXPECT_THAT(view.out, HasSubstr("over 146 lights"));
 }
 
+TEST_F(CliTest, StrategyPictureTellsWhatAnswered) {
+  const auto shares = [&](std::vector<std::string> more) {
+    std::vector<std::string> args = {"view",     "builtin:box", "--size",
+                                     "256x192",  "--out",       "strategy:" + File("s.png"),
+                                     "--output", "json"};
+    args.insert(args.end(), more.begin(), more.end());
+    return nlohmann::json::parse(Good(args).out)["answered_by_shares"];
+  };
+  const nlohmann::json shaft = shares({"--strategy", "SHAFT"});
+  EXPECT_GT(shaft["shaft"].get<double>(), 0.1);
+  EXPECT_GT(shaft["triangles"].get<double>(), 0.05);
+  EXPECT_NEAR(shaft["shaft"].get<double>() + shaft["triangles"].get<double>() +
+                  shaft["packet"].get<double>() + shaft["ray"].get<double>(),
+              1, 1e-9);
+  EXPECT_EQ(shares({"--strategy", "SINGLE"})["ray"], 1.0);
+  EXPECT_EQ(shares({"--strategy", "PACKET"})["packet"], 1.0);
+  // Of the shadows of a light: packets have no walk for suns.
+  EXPECT_EQ(shares({"--strategy", "PACKET", "--light", "0,0,1", "--sun", "1,2,3", "--strategy-of",
+                    "1"})["ray"],
+            1.0);
+  EXPECT_EQ(shares({"--strategy", "PACKET", "--light", "0,0,1", "--sun", "1,2,3", "--strategy-of",
+                    "0"})["packet"],
+            1.0);
+  EXPECT_THAT(Good({"view", "builtin:box", "--size", "64x48", "--picture", "strategy", "--out",
+                    File("t.png")})
+                  .out,
+              HasSubstr("answered by shafts "));
+  EXPECT_THAT(Read(File("t.png")), testing::StartsWith("\x89PNG"));
+  Bad(kExitUsage,
+      {"view", "builtin:box", "--size", "64x48", "--sun", "1,2,3", "--strategy-of", "1", "--out",
+       "strategy:" + File("t.png")},
+      {"--strategy-of names light 1, but there is 1, numbered from 0"});
+  Bad(kExitUsage, {"view", "builtin:box", "--strategy-of", "sun", "--out", File("t.png")},
+      {"eye, or the number of a light"});
+}
+
 TEST_F(CliTest, StatisticsAsTableAndAsJson) {
   const RunResult text = Good(
       {"view", "builtin:box", "--size", "64x48", "--out", "cost:" + File("cost.png"), "--stats"});

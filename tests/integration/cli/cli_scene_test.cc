@@ -96,10 +96,11 @@ TEST_F(CliTest, HelpListsCommandsAndFlags) {
   }
   const std::string view = Good({"view", "--help"}).out;
   for (const char* flag :
-       {"--eye",     "--at",       "--up",      "--fov",        "--size",    "--light",  "--sun",
-        "--sun-at",  "--sky",      "--north",   "--out",        "--picture", "--ids",    "--depth",
-        "--lit",     "--strategy", "--stats",   "--tile",       "--threads", "--output", "--server",
-        "--timeout", "--retry",    "--streams", "--auto-lights"}) {
+       {"--eye",     "--at",         "--up",          "--fov",    "--size",     "--light",
+        "--sun",     "--sun-at",     "--strategy-of", "--sky",    "--north",    "--out",
+        "--picture", "--ids",        "--depth",       "--lit",    "--strategy", "--stats",
+        "--tile",    "--threads",    "--output",      "--server", "--timeout",  "--retry",
+        "--streams", "--auto-lights"}) {
     EXPECT_THAT(view, HasSubstr(absl::StrCat("\n  ", flag)));
   }
   EXPECT_THAT(Good({"--version"}).out, testing::StartsWith("sightline "));

@@ -149,6 +149,31 @@ TEST(DepthPictureTest, NearIsLight) {
   EXPECT_TRUE(Shown(picture.pixels[3]));
 }
 
+TEST(StrategyPictureTest, EachWayHasItsHueAndNoRayIsDark) {
+  const client::TileImage image = Plane(5, 1, 0, 0);
+  const std::vector<uint8_t> answered_by = {0, 1, 2, 3, 4};
+  const Image picture = StrategyPicture(image, LookingAhead(5, 1), answered_by);
+  EXPECT_LT(Luminance(picture.pixels[0]), 0.06f);
+  ASSERT_EQ(StrategyKey().size(), 4u);
+  for (size_t k = 0; k < 4; ++k) {
+    const Rgb c = picture.pixels[k + 1], key = StrategyKey()[k].light;
+    EXPECT_TRUE(Shown(key)) << k;
+    // The key's colour, a little darker: the plane is seen from straight ahead, but not everywhere.
+    const float share = Luminance(c) / Luminance(key);
+    EXPECT_GT(share, 0.5f) << k;
+    EXPECT_LE(share, 1.0001f) << k;
+    EXPECT_NEAR(c.r, key.r * share, 1e-3) << k;
+    EXPECT_NEAR(c.g, key.g * share, 1e-3) << k;
+    EXPECT_NEAR(c.b, key.b * share, 1e-3) << k;
+  }
+  // As their names say.
+  const auto key = [](size_t k) { return StrategyKey()[k].light; };
+  EXPECT_GT(key(0).b, std::max(key(0).r, key(0).g));
+  EXPECT_GT(std::min(key(1).r, key(1).g), 2 * key(1).b);
+  EXPECT_GT(key(2).g, std::max(key(2).r, key(2).b));
+  EXPECT_GT(key(3).r, 2 * std::max(key(3).g, key(3).b));
+}
+
 TEST(CostPictureTest, TilesOfMoreWorkAreLighter) {
   client::TileImage image;
   image.width = 6;
