@@ -150,10 +150,10 @@ TEST_F(DescriptorTest, EveryByteArrayStatesItsShape) {
       if (field.type() != FieldDescriptor::TYPE_BYTES) continue;
       ++arrays;
       const std::string comment = Comment(field);
-      const bool type = absl::StrContains(comment, "float32") ||
-                        absl::StrContains(comment, "float64") ||
-                        absl::StrContains(comment, "uint32") ||
-                        absl::StrContains(comment, "Bit [") || absl::StrContains(comment, "v, ");
+      const bool type =
+          absl::StrContains(comment, "float32") || absl::StrContains(comment, "float64") ||
+          absl::StrContains(comment, "uint32") || absl::StrContains(comment, "uint8") ||
+          absl::StrContains(comment, "Bit [") || absl::StrContains(comment, "v, ");
       EXPECT_TRUE(type) << field.full_name() << ": " << comment;
       EXPECT_TRUE(absl::StrContains(comment, "[") || absl::StrContains(comment, "as above") ||
                   absl::StrContains(comment, "Layout of"))

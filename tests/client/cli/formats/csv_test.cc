@@ -90,7 +90,8 @@ TEST(CsvTest, NoRandomTextCrashes) {
     std::string text;
     for (uint64_t k = rng.Below(60); k > 0; --k) text += alphabet[rng.Below(alphabet.size())];
     const absl::StatusOr<CsvTable> table = ParseCsv(text, "x");
-    if (table.ok()) EXPECT_EQ(table->values.size(), table->rows * table->columns) << text;
+    if (!table.ok()) continue;
+    EXPECT_EQ(table->values.size(), table->rows * table->columns) << text;
   }
 }
 
