@@ -190,7 +190,7 @@ HWY_INLINE int PushNearestOnTop(const BvhNode& node, uint32_t met, const float* 
 }
 
 // A depth-first walk, for closest hits nearer children first. With kAny it stops at the first
-// blocker. It goes a step at a time, so that several can take turns: what one will visit next is
+// blocker. It goes a visit at a time, so that several can take turns: what one will visit next is
 // fetched while the others work.
 template <bool kAny>
 class SingleWalk {
@@ -216,22 +216,25 @@ class SingleWalk {
     }
   }
 
-  // Visits a node or a leaf. False: the walk has ended.
-  HWY_INLINE bool Step(WalkStats* stats) {
-    do {
-      if (depth_ == 0) return false;
-      --depth_;
-    } while (stack_[depth_].after(limit_));
-    const ChildRef ref = stack_[depth_].ref();
-    if (ref.is_leaf()) {
-      // What comes next is known already.
-      if (depth_ > 0) PrefetchChild(scene_->bvh, stack_[depth_ - 1].ref());
-      if (VisitLeaf(ref, stats)) depth_ = 0;
-    } else {
+  // What the walk does next.
+  enum Next : uint32_t { kVisitNode, kVisitLeaf, kEnd };
+
+  // Finds it, and fetches what will be visited.
+  HWY_INLINE Next FindNext() {
+    while (depth_ > 0 && stack_[depth_ - 1].after(limit_)) --depth_;
+    if (depth_ == 0) return kEnd;
+    const ChildRef ref = stack_[depth_ - 1].ref();
+    PrefetchChild(scene_->bvh, ref);
+    return static_cast<Next>(ref.is_leaf());
+  }
+
+  HWY_INLINE void Visit(Next next, WalkStats* stats) {
+    const ChildRef ref = stack_[--depth_].ref();
+    if (next == kVisitNode) {
       VisitNode(scene_->bvh.nodes[ref.node()], stats);
-      if (depth_ > 0) PrefetchChild(scene_->bvh, stack_[depth_ - 1].ref());
+    } else if (VisitLeaf(ref, stats)) {
+      depth_ = 0;
     }
-    return depth_ > 0;
   }
 
   const Hit& best() const { return best_; }
@@ -294,49 +297,65 @@ class SingleWalk {
 
 template <bool kAny>
 HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, WalkStats* stats) {
-  SingleWalk<kAny> walk;
+  using Walk = SingleWalk<kAny>;
+  Walk walk;
   walk.Start(scene, query);
-  while (walk.Step(stats)) {
+  for (auto next = walk.FindNext(); next != Walk::kEnd; next = walk.FindNext()) {
+    walk.Visit(next, stats);
   }
   return walk.best();
 }
 
 // Walks that take turns. More than the memory system serves at a time bring nothing, and cost the
 // nearer caches their stacks.
-constexpr int kTurns = 8;
+constexpr int kTurns = 16;
 
+// Rays in rounds: first all that visit a node, then all that visit a leaf. Whether a ray does one
+// or the other cannot be foretold; a branch on it would cost as much as the visit.
 template <bool kAny>
 bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, std::span<Hit> hits,
                  const CancelToken* cancel, WalkStats* stats) {
-  SingleWalk<kAny> walks[kTurns];
-  size_t ray_of[kTurns];  // By walk.
-  int slots[kTurns];      // The walks under way come first.
-  size_t next = 0;
-  int active = 0;
-  if (cancel != nullptr && cancel->cancelled()) return false;
-  const auto start = [&](int walk) HWY_ATTR {
-    ray_of[walk] = next;
-    walks[walk].Start(scene, rays[next++]);
+  using Walk = SingleWalk<kAny>;
+  struct Round {
+    uint32_t count[3] = {};  // By what is next.
+    uint8_t walks[3][kTurns];
   };
-  for (; active < kTurns && next < rays.size(); ++active) {
-    slots[active] = active;
-    start(active);
-  }
-  while (active > 0) {
-    for (int i = 0; i < active;) {
-      const int walk = slots[i];
-      if (walks[walk].Step(stats)) {
-        ++i;
-        continue;
-      }
+  Walk walks[kTurns];
+  size_t ray_of[kTurns];  // By walk.
+  Round rounds[2];
+  Round* now = &rounds[0];
+  Round* then = &rounds[1];
+  size_t next_ray = 0;
+  const auto file = [&](uint8_t walk) HWY_ATTR {
+    const uint32_t next = walks[walk].FindNext();
+    then->walks[next][then->count[next]++] = walk;
+  };
+  const auto start = [&](uint8_t walk) HWY_ATTR {
+    ray_of[walk] = next_ray;
+    walks[walk].Start(scene, rays[next_ray++]);
+    file(walk);
+  };
+  if (cancel != nullptr && cancel->cancelled()) return false;
+  for (uint8_t walk = 0; walk < kTurns && next_ray < rays.size(); ++walk) start(walk);
+  while (then->count[0] + then->count[1] + then->count[2] > 0) {
+    std::swap(now, then);
+    std::fill_n(then->count, 3, 0u);
+    for (uint32_t i = 0; i < now->count[Walk::kVisitNode]; ++i) {
+      const uint8_t walk = now->walks[Walk::kVisitNode][i];
+      walks[walk].Visit(Walk::kVisitNode, stats);
+      file(walk);
+    }
+    for (uint32_t i = 0; i < now->count[Walk::kVisitLeaf]; ++i) {
+      const uint8_t walk = now->walks[Walk::kVisitLeaf][i];
+      walks[walk].Visit(Walk::kVisitLeaf, stats);
+      file(walk);
+    }
+    for (uint32_t i = 0; i < now->count[Walk::kEnd]; ++i) {
+      const uint8_t walk = now->walks[Walk::kEnd][i];
       hits[ray_of[walk]] = walks[walk].best();
-      if (next < rays.size()) {
-        if (next % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
-        start(walk);
-        ++i;
-      } else {
-        std::swap(slots[i], slots[--active]);
-      }
+      if (next_ray == rays.size()) continue;
+      if (next_ray % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
+      start(walk);
     }
   }
   return true;

@@ -7,17 +7,18 @@
 #include <vector>
 
 #include "core/accel/bvh.h"
+#include "core/geometry/box3.h"
 #include "core/intersect/predicate.h"
 #include "core/traverse/leaf_view.h"
 
 namespace sightline::bench {
 namespace {
 
-// Whether the ray or segment may meet child `slot` of the node.
-bool MayMeet(const BvhNode& node, uint32_t slot, const PredicateRay& ray) {
+// Whether the ray or segment may meet the box.
+bool MayMeet(Vec3f box_lo, Vec3f box_hi, const PredicateRay& ray) {
   double enter = 0, leave = ray.segment ? 1 : std::numeric_limits<double>::infinity();
   for (int axis = 0; axis < 3; ++axis) {
-    const double lo = node.bounds[axis][slot], hi = node.bounds[axis + 3][slot];
+    const double lo = box_lo[axis], hi = box_hi[axis];
     const double o = ray.origin[axis];
     const double d = ray.segment ? double{ray.target[axis]} - o : double{ray.target[axis]};
     if (d == 0) {  // Floats' difference is zero in doubles only if they are equal.
@@ -30,6 +31,17 @@ bool MayMeet(const BvhNode& node, uint32_t slot, const PredicateRay& ray) {
     leave = std::min(leave, far + std::abs(far) * kSlabMargin);
   }
   return enter <= leave;
+}
+
+bool MayMeet(const BvhNode& node, uint32_t slot, const PredicateRay& ray) {
+  return MayMeet({node.bounds[0][slot], node.bounds[1][slot], node.bounds[2][slot]},
+                 {node.bounds[3][slot], node.bounds[4][slot], node.bounds[5][slot]}, ray);
+}
+
+bool MayMeet(Vec3f a, Vec3f b, Vec3f c, const PredicateRay& ray) {
+  Box3f box;
+  for (const Vec3f corner : {a, b, c}) box.Extend(corner);
+  return MayMeet(box.lo, box.hi, ray);
 }
 
 bool Seen(const SceneGeometry& geometry, uint32_t id, const TraceRay& query) {
@@ -62,6 +74,7 @@ Hit WalkIndependently(const IndexedGeometry& scene, const TraceRay& query) {
       const uint32_t id = leaf.id(lane);
       if (id == query.from_source || id == query.to_source) continue;
       const auto [a, b, c] = scene.geometry.Corners(id);
+      if (!MayMeet(a, b, c, query.ray)) continue;
       if (!Blocks(query.ray, a, b, c) || !Seen(scene.geometry, id, query)) continue;
       const Hit hit{HitDistance(query.ray, a, b, c), id};
       // Not `best = min`: a hit beyond the largest float has t = +inf and still blocks.
