@@ -19,16 +19,12 @@ namespace {
 // 2^-53 / 2^-24 = 2^-29.
 constexpr double kSliverWidth = 0x1p-24;
 
-struct Box {
-  Vec3d lo, hi;
-};
-
-Vec3d Clamp(Vec3d p, const Box& box) {
+Vec3d Clamp(Vec3d p, const Box3d& box) {
   return {std::min(std::max(p.x, box.lo.x), box.hi.x), std::min(std::max(p.y, box.lo.y), box.hi.y),
           std::min(std::max(p.z, box.lo.z), box.hi.z)};
 }
 
-Box BoxOf(Vec3d a, Vec3d b) {
+Box3d BoxOf(Vec3d a, Vec3d b) {
   return {{std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)},
           {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}};
 }
@@ -111,54 +107,76 @@ float FloatAbove(double x, double r) {
 template <typename Found>
 void ForEachTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
                      Found found) {
-  // No triangle's corner is farther out than the farthest corner of all bounds, in rounded sums
-  // too.
-  const Vec3d lo = ToDouble(scene.bvh.bounds.lo), hi = ToDouble(scene.bvh.bounds.hi);
-  const Vec3d far = {std::max(std::abs(lo.x), std::abs(hi.x)),
-                     std::max(std::abs(lo.y), std::abs(hi.y)),
-                     std::max(std::abs(lo.z), std::abs(hi.z))};
-  const double largest = radius.base + radius.per_vertex * NormOne(far);
-  const Box3f around = {
-      .lo = {FloatBelow(p.x, largest), FloatBelow(p.y, largest), FloatBelow(p.z, largest)},
-      .hi = {FloatAbove(p.x, largest), FloatAbove(p.y, largest), FloatAbove(p.z, largest)}};
+  const Box3f around = BoxAround({p, p}, radius.Largest(scene));
   ForEachMeeting(scene, around, [&](const LeafView& leaf, uint32_t k) {
     const uint32_t id = leaf.id(k);
     if (id == skip) return true;
     const Vec3f a = leaf.corner(0, k), b = leaf.corner(1, k), c = leaf.corner(2, k);
-    const double r = radius.Of(a, b, c);
-    if (!(DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r)) return true;
-    return found(id);
+    return Touches(p, radius, a, b, c) ? found(id) : true;
   });
 }
 
 }  // namespace
 
-Vec3d ClosestPointOnTriangle(Vec3d p, Vec3f af, Vec3f bf, Vec3f cf) {
-  const Vec3d a = ToDouble(af), b = ToDouble(bf), c = ToDouble(cf);
-  const Vec3d ab = b - a, bc = c - b, ca = a - c;
-  const Vec3d n = Cross(ab, bc);
-  const double nn = Dot(n, n);
-  const double longest = std::max({Dot(ab, ab), Dot(bc, bc), Dot(ca, ca)});
-  if (nn >= (kSliverWidth * kSliverWidth) * (longest * longest)) {
-    const Vec3d ap = p - a;
-    if (Dot(Cross(ab, ap), n) > 0 && Dot(Cross(bc, p - b), n) > 0 && Dot(Cross(ca, p - c), n) > 0) {
-      Box box = BoxOf(a, b);
-      box = {BoxOf(box.lo, c).lo, BoxOf(box.hi, c).hi};
-      return Clamp(p - n * (Dot(n, ap) / nn), box);
+ClosestPoints::ClosestPoints(Vec3f a, Vec3f b, Vec3f c)
+    : a_(ToDouble(a)),
+      b_(ToDouble(b)),
+      c_(ToDouble(c)),
+      ab_(b_ - a_),
+      bc_(c_ - b_),
+      ca_(a_ - c_),
+      n_(Cross(ab_, bc_)),
+      nn_(Dot(n_, n_)) {
+  const double longest = std::max({Dot(ab_, ab_), Dot(bc_, bc_), Dot(ca_, ca_)});
+  sliver_ = !(nn_ >= (kSliverWidth * kSliverWidth) * (longest * longest));
+  box_ = BoxOf(a_, b_);
+  box_ = {BoxOf(box_.lo, c_).lo, BoxOf(box_.hi, c_).hi};
+}
+
+Vec3d ClosestPoints::To(Vec3d p) const {
+  if (!sliver_) {
+    const Vec3d ap = p - a_;
+    if (Dot(Cross(ab_, ap), n_) > 0 && Dot(Cross(bc_, p - b_), n_) > 0 &&
+        Dot(Cross(ca_, p - c_), n_) > 0) {
+      return Clamp(p - n_ * (Dot(n_, ap) / nn_), box_);
     }
   }
-  Vec3d best = ClosestPointOnEdge(p, a, b);
+  Vec3d best = ClosestPointOnEdge(p, a_, b_);
   double best_distance = DistanceSquared(p, best);
-  for (const Vec3d q : {ClosestPointOnEdge(p, b, c), ClosestPointOnEdge(p, c, a)}) {
+  for (const Vec3d q : {ClosestPointOnEdge(p, b_, c_), ClosestPointOnEdge(p, c_, a_)}) {
     const double distance = DistanceSquared(p, q);
     if (distance < best_distance) best = q, best_distance = distance;
   }
   return best;
 }
 
+Vec3d ClosestPointOnTriangle(Vec3d p, Vec3f a, Vec3f b, Vec3f c) {
+  return ClosestPoints(a, b, c).To(p);
+}
+
 double TouchRadius::Of(Vec3f a, Vec3f b, Vec3f c) const {
   return base +
          per_vertex * std::max({NormOne(ToDouble(a)), NormOne(ToDouble(b)), NormOne(ToDouble(c))});
+}
+
+// No triangle's corner is farther out than the farthest corner of all bounds, in rounded sums too.
+double TouchRadius::Largest(const IndexedGeometry& scene) const {
+  const Vec3d lo = ToDouble(scene.bvh.bounds.lo), hi = ToDouble(scene.bvh.bounds.hi);
+  const Vec3d far = {std::max(std::abs(lo.x), std::abs(hi.x)),
+                     std::max(std::abs(lo.y), std::abs(hi.y)),
+                     std::max(std::abs(lo.z), std::abs(hi.z))};
+  return base + per_vertex * NormOne(far);
+}
+
+bool Touches(Vec3d p, TouchRadius radius, Vec3f a, Vec3f b, Vec3f c) {
+  const double r = radius.Of(a, b, c);
+  return DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r;
+}
+
+Box3f BoxAround(const Box3d& points, double radius) {
+  const auto [lo, hi] = points;
+  return {.lo = {FloatBelow(lo.x, radius), FloatBelow(lo.y, radius), FloatBelow(lo.z, radius)},
+          .hi = {FloatAbove(hi.x, radius), FloatAbove(hi.y, radius), FloatAbove(hi.z, radius)}};
 }
 
 NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared) {

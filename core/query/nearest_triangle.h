@@ -16,12 +16,14 @@
 #ifndef SIGHTLINE_CORE_QUERY_NEAREST_TRIANGLE_H_
 #define SIGHTLINE_CORE_QUERY_NEAREST_TRIANGLE_H_
 
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <span>
 #include <vector>
 
 #include "core/accel/indexed_geometry.h"
+#include "core/geometry/box3.h"
 #include "core/geometry/vec3.h"
 #include "core/mesh/scene_geometry.h"
 
@@ -31,6 +33,21 @@ namespace sightline {
 // box. Exact at corners; on an edge the same bits for every triangle with that edge. REQUIRES: ABC
 // is not of zero area.
 Vec3d ClosestPointOnTriangle(Vec3d p, Vec3f a, Vec3f b, Vec3f c);
+
+// The same for many points and one triangle.
+class ClosestPoints {
+ public:
+  ClosestPoints() = default;
+  ClosestPoints(Vec3f a, Vec3f b, Vec3f c);
+  Vec3d To(Vec3d p) const;
+
+ private:
+  Vec3d a_, b_, c_, ab_, bc_, ca_;
+  Vec3d n_;  // Not normalized.
+  double nn_ = 0;
+  Box3d box_;
+  bool sliver_ = true;  // Its edges stand for it.
+};
 
 // (x² + y²) + z² of the difference.
 inline double DistanceSquared(Vec3d a, Vec3d b) {
@@ -54,7 +71,16 @@ struct TouchRadius {
   double base = 0;
   double per_vertex = 0;
   double Of(Vec3f a, Vec3f b, Vec3f c) const;
+  // No triangle of the scene has a larger one.
+  double Largest(const IndexedGeometry& scene) const;
 };
+
+// Whether p touches ABC: its distance is at most the radius, in doubles.
+bool Touches(Vec3d p, TouchRadius radius, Vec3f a, Vec3f b, Vec3f c);
+
+// Whatever does not meet this box is farther than `radius` from all points of `points`, in rounded
+// doubles, too.
+Box3f BoxAround(const Box3d& points, double radius);
 
 // The ids of all triangles but `skip` that `p` touches, ascending, into `ids`.
 void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,

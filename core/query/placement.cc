@@ -32,33 +32,6 @@ constexpr size_t kMaxTouched = 1024;
 // within 2^-50 of the coordinates, from where 60 reach past them.
 constexpr int kMaxDoublings = 60;
 
-// One oriented plane: the point belongs where normal·(P - anchor) > 0.
-struct Plane {
-  std::array<Vec3f, 3> corners;
-  int side = 0;
-  Vec3d normal;  // Unit, times side.
-  double conditioning =
-      0;  // |AB|·|AC| / |AB × AC|: how much worse than one double rounding the normal is.
-
-  bool Holds(Vec3f p) const {
-    return SideOfPlane(corners[0], corners[1], corners[2], p) * side > 0;
-  }
-};
-
-Plane MakePlane(const std::array<Vec3f, 3>& corners, int side) {
-  const Vec3d a = ToDouble(corners[0]);
-  const Vec3d ab = ToDouble(corners[1]) - a, ac = ToDouble(corners[2]) - a;
-  const Vec3d n = Cross(ab, ac);
-  const double length = Length(n);
-  Plane plane{.corners = corners, .side = side};
-  if (length > 0) {
-    plane.normal = n * (side / length);
-    plane.conditioning = Length(ab) * Length(ac) / length;
-  }
-  return plane;  // A zero normal (area lost in doubles) pushes nowhere; the source's fallback is
-                 // exact.
-}
-
 // Error of normal·(P - A) in doubles, u = 2^-53: the cross product carries three roundings per
 // product and one for the difference, 4u·|AB||AC| per component, hence 7u·conditioning in the
 // normal's direction; normalizing, P - A and the dot product add less than 8u. Together below
@@ -292,16 +265,34 @@ bool PlaceAmong(const IndexedGeometry& scene, const Placement& placement, const 
 
 }  // namespace
 
+Plane MakePlane(const std::array<Vec3f, 3>& corners, int side) {
+  const Vec3d a = ToDouble(corners[0]);
+  const Vec3d ab = ToDouble(corners[1]) - a, ac = ToDouble(corners[2]) - a;
+  const Vec3d n = Cross(ab, ac);
+  const double length = Length(n);
+  Plane plane{.corners = corners, .side = side};
+  if (length > 0) {
+    plane.normal = n * (side / length);
+    plane.conditioning = Length(ab) * Length(ac) / length;
+  }
+  return plane;  // A zero normal (area lost in doubles) pushes nowhere; the source's fallback is
+                 // exact.
+}
+
 double PlacementOffset(Vec3d n, Vec3d p, double slack) {
   const double rounding = (std::abs(n.x * p.x) + std::abs(n.y * p.y)) + std::abs(n.z * p.z);
   return 2 * (0x1p-24 * rounding + 2 * 0x1p-150) + slack;
 }
 
 Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch) {
-  Placed placed;
+  FindTouching(scene, placement.at, placement.radius, placement.source, &scratch->touched);
   const Plane source = MakePlane(scene.geometry.Corners(placement.source), placement.side);
-  std::vector<uint32_t>& touched = scratch->touched;
-  FindTouching(scene, placement.at, placement.radius, placement.source, &touched);
+  return PlaceTouching(scene, placement, source, scratch->touched);
+}
+
+Placed PlaceTouching(const IndexedGeometry& scene, const Placement& placement, const Plane& source,
+                     std::span<const uint32_t> touched) {
+  Placed placed;
   if (!touched.empty() && touched.size() <= kMaxTouched &&
       PlaceAmong(scene, placement, source, touched, &placed)) {
     return placed;

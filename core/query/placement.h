@@ -30,12 +30,14 @@
 #ifndef SIGHTLINE_CORE_QUERY_PLACEMENT_H_
 #define SIGHTLINE_CORE_QUERY_PLACEMENT_H_
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
 
 #include "core/accel/indexed_geometry.h"
 #include "core/geometry/vec3.h"
+#include "core/intersect/predicate.h"
 #include "core/query/nearest_triangle.h"
 
 namespace sightline {
@@ -62,6 +64,21 @@ inline constexpr TouchRadius HitTouchRadius(double norm_one, double along) {
   return {4 * 0x1p-24 * norm_one + (tied < most ? tied : most), 0x1p-44};
 }
 
+// One oriented plane: the point belongs where normal·(P - anchor) > 0.
+struct Plane {
+  std::array<Vec3f, 3> corners;
+  int side = 0;
+  Vec3d normal;  // Unit, times side.
+  double conditioning =
+      0;  // |AB|·|AC| / |AB × AC|: how much worse than one double rounding the normal is.
+
+  bool Holds(Vec3f p) const {
+    return SideOfPlane(corners[0], corners[1], corners[2], p) * side > 0;
+  }
+};
+
+Plane MakePlane(const std::array<Vec3f, 3>& corners, int side);
+
 struct Placement {
   Vec3d at;  // Where the point is, unrounded.
   uint32_t source = kNoTriangle;
@@ -87,6 +104,11 @@ double PlacementOffset(Vec3d n, Vec3d p, double slack);
 
 // REQUIRES: the source is not inert.
 Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch);
+
+// The same, with `source` its source's plane and the touched triangles at hand: FindTouching's
+// answer for placement.at without the source.
+Placed PlaceTouching(const IndexedGeometry& scene, const Placement& placement, const Plane& source,
+                     std::span<const uint32_t> touched);
 
 }  // namespace sightline
 

@@ -17,12 +17,6 @@ namespace {
 // Points between two looks at the cancel token: some hundred microseconds of work.
 constexpr size_t kCancelBlock = 256;
 
-// The most by which the exact parameter of a hit can differ from its float, relatively: one
-// rounding (2^-24), the slab test's hold on it (2^-20, kSegmentEnd), and the distance's own error
-// in doubles unless the ray grazes. A larger correction would say that doubles cannot tell where a
-// grazing ray meets the plane; then t is as good.
-constexpr double kParameterError = 0x1p-19;
-
 absl::Status CheckInput(const IndexedGeometry& scene, const PointInput& input,
                         const PointOptions& options) {
   const size_t n = input.positions.size();
@@ -157,32 +151,6 @@ absl::StatusOr<PreparedPoints> PreparePoints(const IndexedGeometry& scene, const
     preparer.Prepare(i);
   }
   return preparer.Take();
-}
-
-Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, float t,
-               uint32_t triangle) {
-  const auto [a, b, c] = scene.geometry.Corners(triangle);
-  const Vec3d ad = ToDouble(a), d = ToDouble(direction);
-  const Vec3d n = Cross(ToDouble(b) - ad, ToDouble(c) - ad);
-  // What rounding took from t, from the height left over the plane.
-  Vec3d p = ToDouble(origin) + d * static_cast<double>(t);
-  const double lost = Dot(n, ad - p) / Dot(n, d);
-  if (std::abs(lost) <= kParameterError * t) p = p + d * lost;
-
-  int side = SideOfPlane(a, b, c, origin);
-  if (side == 0)
-    side =
-        SideOfDirection(a, b, c, direction) > 0 ? -1 : 1;  // Not a hit of ours; any answer will do.
-  const Vec3d at = ClosestPointOnTriangle(p, a, b, c);
-  PlacementScratch scratch;
-  return Place(scene,
-               {.at = at,
-                .source = triangle,
-                .side = side,
-                .radius = HitTouchRadius(NormOne(at), NormOne(d) * t),
-                .reference = origin},
-               &scratch)
-      .position;
 }
 
 }  // namespace sightline

@@ -73,12 +73,6 @@ absl::StatusOr<PreparedPoints> PreparePoints(const IndexedGeometry& scene, const
                                              const PointOptions& options,
                                              const CancelToken* cancel = nullptr);
 
-// A camera hit on `triangle` at O + t·D, placed on O's side of it. What t lost by rounding to a
-// float is put back, and the point held within the triangle. Deterministic scalar double
-// arithmetic. REQUIRES: the triangle blocks the ray.
-Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, float t,
-               uint32_t triangle);
-
 }  // namespace sightline
 
 #endif  // SIGHTLINE_CORE_QUERY_POINTS_H_

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include "core/base/status_macros.h"
 #include "core/intersect/hit.h"
 #include "core/mesh/rebase.h"
+#include "core/query/hit_placement.h"
 #include "core/query/ray_block.h"
 #include "core/query/sample_tracer.h"
 #include "hwy/highway.h"
@@ -77,6 +79,7 @@ class TileTrace {
       positions_.resize(most * kBlockRays);
       sources_.resize(most * kBlockRays);
       point_pixel_.resize(most * kBlockRays);
+      placer_ = std::make_unique<HitPlacer>(scene);
     }
     // Every pixel's ids and numbers are written by its block: what a result of the same size held
     // before does not matter.
@@ -283,14 +286,13 @@ class TileTrace {
     // Placing belongs to the shadows' cost, though it asks about no ray.
     const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
     const size_t first = FirstPixel(group, block);
+    placer_->Place(packet_, placed_);
     ForEachRun(block, [&](const PixelRun& run) {
       for (uint32_t k = 0; k < run.count; ++k) {
-        const Hit hit = packet_.hit(run.lane + static_cast<int>(k));
-        if (hit.triangle == kNoTriangle) continue;
-        positions_[points] =
-            PlaceHit(scene_, packet_.origin, packet_.target(run.lane + static_cast<int>(k)), hit.t,
-                     hit.triangle);
-        sources_[points] = hit.triangle;
+        const uint32_t lane = static_cast<uint32_t>(run.lane) + k;
+        if (packet_.triangle[lane] == kNoTriangle) continue;
+        positions_[points] = placed_[lane];
+        sources_[points] = packet_.triangle[lane];
         point_pixel_[points++] =
             static_cast<uint32_t>(first + size_t{run.y} * tile_.width + run.x + k);
       }
@@ -359,6 +361,8 @@ class TileTrace {
   ShaftCut cut_;
   // PixelColumn and PixelRow of the group's columns and rows, by axis.
   double columns_[3][kGroupSide * kBlockSide], rows_[3][kGroupSide * kBlockSide];
+  std::unique_ptr<HitPlacer> placer_;  // Large, and not always needed.
+  Vec3f placed_[kBlockRays];           // By lane of the block.
   // The group's points.
   std::vector<Vec3f> positions_;
   std::vector<uint32_t> sources_, point_pixel_;

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/query/points.h"
+#include "core/query/hit_placement.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
 #include "tests/support/random.h"
