@@ -8,14 +8,6 @@
 namespace sightline {
 namespace {
 
-// Error of the double stage. With u = 2^-53, (x × y)·z for x, y, z that each carry one rounding
-// takes, per product of three components: three input roundings, two products, one difference, two
-// sums: 8 roundings, so the error is at most 8.1u times the permanent |x|,|y|,|z| (the sum of the
-// six products of absolute values). The permanent itself suffers as many, and its product with the
-// constant one more: 8.1(1 + 10u) < 9. Nothing under- or overflows: a difference of stored floats
-// is 0 or at least 2^-149, so products of three lie within 2^±450.
-constexpr double kDoubleBound = 9 * 0x1p-53;
-
 struct Determinant {
   double value;
   double bound;

@@ -2,7 +2,7 @@
 #include "core/query/hit_placement.h"
 
 #include <algorithm>
-#include <cmath>
+#include <array>
 
 #include "core/base/check.h"
 #include "core/intersect/predicate.h"
@@ -10,40 +10,13 @@
 namespace sightline {
 namespace {
 
-// The most by which the exact parameter of a hit can differ from its float, relatively: one
-// rounding (2^-24), the slab test's hold on it (2^-20, kSegmentEnd), and the distance's own error
-// in doubles unless the ray grazes. A larger correction would say that doubles cannot tell where a
-// grazing ray meets the plane; then t is as good.
-constexpr double kParameterError = 0x1p-19;
-
 // More candidates than this are not worth gathering for a group: each hit walks for itself.
 constexpr uint32_t kMostOfGroup = 64;
 
+// Sources among which a hit's is looked for before it gets one of its own.
+constexpr int kRecentSources = 8;
+
 }  // namespace
-
-HitSource::HitSource(const IndexedGeometry& scene, Vec3f origin, uint32_t triangle)
-    : triangle(triangle) {
-  const auto corners = scene.geometry.Corners(triangle);
-  const auto& [a, b, c] = corners;
-  anchor = ToDouble(a);
-  normal = Cross(ToDouble(b) - anchor, ToDouble(c) - anchor);
-  closest = ClosestPoints(a, b, c);
-  plane = MakePlane(corners, SideOfPlane(a, b, c, origin));
-}
-
-Placement HitSource::PlacementOf(Vec3f origin, Vec3f direction, float t) const {
-  const Vec3d d = ToDouble(direction);
-  // What rounding took from t, from the height left over the plane.
-  Vec3d p = ToDouble(origin) + d * static_cast<double>(t);
-  const double lost = Dot(normal, anchor - p) / Dot(normal, d);
-  if (std::abs(lost) <= kParameterError * t) p = p + d * lost;
-  const Vec3d at = closest.To(p);
-  return {.at = at,
-          .source = triangle,
-          .side = plane.side,
-          .radius = HitTouchRadius(NormOne(at), NormOne(d) * t),
-          .reference = origin};
-}
 
 Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, float t,
                uint32_t triangle) {
@@ -73,31 +46,71 @@ void HitPlacer::Group::Add(const Group& other) {
   norm_one = std::max(norm_one, other.norm_one);
 }
 
-void HitPlacer::Collect(const RayPacket& packet) {
-  hits_ = group_count_ = 0;
-  int sources = 0;
-  for (int first = 0; first < packet.count; first += kGroupLanes) {
-    Group group{.begin = hits_, .end = hits_};
-    const int end = std::min(first + kGroupLanes, packet.count);
-    for (int lane = first; lane < end; ++lane) {
-      const auto [t, triangle] = packet.hit(lane);
-      if (triangle == kNoTriangle) continue;
-      // Rows of pixels come one after another, so that of the last four one often is a neighbour.
-      int source = sources - 1;
-      while (source >= 0 && source >= sources - 4 && sources_[source].triangle != triangle)
-        --source;
-      if (source < 0 || source < sources - 4) {
-        source = sources++;
-        sources_[source] = HitSource(scene_, packet.origin, triangle);
-        SIGHTLINE_DCHECK(sources_[source].plane.side != 0);
-      }
-      lane_[hits_] = lane;
-      source_of_[hits_] = source;
-      placements_[hits_] = sources_[source].PlacementOf(packet.origin, packet.target(lane), t);
-      group.Add(placements_[hits_++]);
+void HitPlacer::CollectSources(const RayPacket& packet) {
+  hits_ = 0;
+  sources_.clear();
+  int hits_of[kMaxHits + 1];  // Of the source before; then where those of a source begin.
+  hits_of[0] = 0;
+  for (int lane = 0; lane < packet.count; ++lane) {
+    const uint32_t triangle = packet.triangle[lane];
+    if (triangle == kNoTriangle) continue;
+    // Short rows of pixels come one after another: a neighbour's source is among the last few.
+    const int sources = static_cast<int>(sources_.size());
+    const int oldest = std::max(sources - kRecentSources, 0);
+    int source = sources - 1;
+    while (source >= oldest && sources_[source].triangle != triangle) --source;
+    if (source < oldest) {
+      source = sources;
+      sources_.emplace_back(scene_, packet.origin, triangle);
+      SIGHTLINE_DCHECK(sources_.back().plane.side != 0);
+      hits_of[source + 1] = 0;
     }
-    group.end = hits_;
-    if (group.end > group.begin) groups_[group_count_++] = group;
+    lane_[hits_] = lane;
+    source_of_[hits_++] = source;
+    ++hits_of[source + 1];
+  }
+  for (size_t s = 0; s < sources_.size(); ++s) hits_of[s + 1] += hits_of[s];
+  for (int hit = 0; hit < hits_; ++hit) by_source_[hits_of[source_of_[hit]]++] = hit;
+}
+
+// fn(source, hits) for all hits, up to four of one source at a time; fewer are filled up with the
+// last.
+template <typename Fn>
+void HitPlacer::ForEachFour(const Fn& fn) const {
+  for (int i = 0; i < hits_;) {
+    const int source = source_of_[by_source_[i]];
+    std::array<int, 4> hits;
+    for (int& hit : hits) {
+      if (i < hits_ && source_of_[by_source_[i]] == source) {
+        hit = by_source_[i++];
+      } else {
+        hit = by_source_[i - 1];
+      }
+    }
+    fn(sources_[source], hits);
+  }
+}
+
+void HitPlacer::PlaceOnSources(const RayPacket& packet) {
+  ForEachFour([&](const HitSource& source, const std::array<int, 4>& hits) {
+    std::array<int, 4> lanes;
+    std::array<Placement*, 4> placements;
+    for (int i = 0; i < 4; ++i) {
+      lanes[i] = lane_[hits[i]];
+      placements[i] = &placements_[hits[i]];
+    }
+    source.PlacementsOf(packet, lanes, placements);
+  });
+}
+
+void HitPlacer::MakeGroups() {
+  group_count_ = 0;
+  for (int hit = 0; hit < hits_;) {
+    Group group{.begin = hit};
+    const int lanes = lane_[hit] / kGroupLanes;
+    for (; hit < hits_ && lane_[hit] / kGroupLanes == lanes; ++hit) group.Add(placements_[hit]);
+    group.end = hit;
+    groups_[group_count_++] = group;
   }
 }
 
@@ -131,19 +144,41 @@ void HitPlacer::FindTouched() {
   std::sort(touched_.begin(), touched_.end());
 }
 
-void HitPlacer::Place(const RayPacket& packet, std::span<Vec3f> positions) {
-  SIGHTLINE_DCHECK(!packet.segments);
-  Collect(packet);
-  FindTouched();
+void HitPlacer::PlaceBesideSources(std::span<Vec3f> positions) {
+  ForEachFour([&](const HitSource& source, const std::array<int, 4>& hits) {
+    std::array<const Placement*, 4> placements;
+    for (int i = 0; i < 4; ++i) placements[i] = &placements_[hits[i]];
+    std::array<Vec3f, 4> placed;
+    const uint32_t settled = source.PlaceBeside(placements, &placed);
+    for (int i = 0; i < 4; ++i) {
+      positions[lane_[hits[i]]] = placed[i];
+      settled_[hits[i]] = (settled >> i & 1) != 0;
+    }
+  });
+}
+
+// And those that one try does not settle.
+void HitPlacer::PlaceTouchers(std::span<Vec3f> positions) {
   size_t next = 0;
   for (int hit = 0; hit < hits_; ++hit) {
     ids_.clear();
     for (; next < touched_.size() && touched_[next].first == hit; ++next) {
       ids_.push_back(touched_[next].second);
     }
+    if (settled_[hit] && ids_.empty()) continue;
     positions[lane_[hit]] =
         PlaceTouching(scene_, placements_[hit], sources_[source_of_[hit]].plane, ids_).position;
   }
+}
+
+void HitPlacer::Place(const RayPacket& packet, std::span<Vec3f> positions) {
+  SIGHTLINE_DCHECK(!packet.segments);
+  CollectSources(packet);
+  PlaceOnSources(packet);
+  MakeGroups();
+  FindTouched();
+  PlaceBesideSources(positions);
+  PlaceTouchers(positions);
 }
 
 }  // namespace sightline

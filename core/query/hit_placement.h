@@ -23,6 +23,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/geometry/box3.h"
 #include "core/geometry/vec3.h"
+#include "core/query/hit_source.h"
 #include "core/query/nearest_triangle.h"
 #include "core/query/placement.h"
 #include "core/query/touch_candidates.h"
@@ -35,19 +36,6 @@ namespace sightline {
 // arithmetic. REQUIRES: the triangle blocks the ray.
 Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, float t,
                uint32_t triangle);
-
-// What the hits on one triangle share.
-struct HitSource {
-  uint32_t triangle = kNoTriangle;
-  Vec3d anchor, normal;  // A, and (B - A) × (C - A).
-  ClosestPoints closest;
-  Plane plane;  // Oriented toward the origin; side 0: the origin lies in it.
-
-  HitSource() = default;
-  HitSource(const IndexedGeometry& scene, Vec3f origin, uint32_t triangle);
-  // Of a hit on it, beside the plane.
-  Placement PlacementOf(Vec3f origin, Vec3f direction, float t) const;
-};
 
 class HitPlacer {
  public:
@@ -74,20 +62,28 @@ class HitPlacer {
     void Add(const Group& other);
   };
 
-  void Collect(const RayPacket& packet);
+  void CollectSources(const RayPacket& packet);
+  template <typename Fn>
+  void ForEachFour(const Fn& fn) const;
+  void PlaceOnSources(const RayPacket& packet);
+  void MakeGroups();
   void FindTouched();
   void FindTouchedAmongCandidates(const Group& group, const Box3f& around);
+  void PlaceBesideSources(std::span<Vec3f> positions);
+  void PlaceTouchers(std::span<Vec3f> positions);
 
   const IndexedGeometry& scene_;
   // The packet's hits, in the order of their lanes.
   int hits_ = 0;
   int lane_[kMaxHits];
-  int source_of_[kMaxHits];  // In sources_.
   Placement placements_[kMaxHits];
-  HitSource sources_[kMaxHits];
+  std::vector<HitSource> sources_;
+  int source_of_[kMaxHits];  // In sources_.
+  int by_source_[kMaxHits];  // The hits, ordered by their source.
   int group_count_ = 0;
   Group groups_[kMaxHits / kGroupLanes];
   TouchCandidates candidates_;
+  bool settled_[kMaxHits];  // Placed, unless it touches something.
   // What hits touch: (hit, triangle), ascending.
   std::vector<std::pair<int, uint32_t>> touched_;
   std::vector<uint32_t> ids_;

@@ -118,32 +118,31 @@ void ForEachTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, 
 
 }  // namespace
 
-ClosestPoints::ClosestPoints(Vec3f a, Vec3f b, Vec3f c)
-    : a_(ToDouble(a)),
-      b_(ToDouble(b)),
-      c_(ToDouble(c)),
-      ab_(b_ - a_),
-      bc_(c_ - b_),
-      ca_(a_ - c_),
-      n_(Cross(ab_, bc_)),
-      nn_(Dot(n_, n_)) {
-  const double longest = std::max({Dot(ab_, ab_), Dot(bc_, bc_), Dot(ca_, ca_)});
-  sliver_ = !(nn_ >= (kSliverWidth * kSliverWidth) * (longest * longest));
-  box_ = BoxOf(a_, b_);
-  box_ = {BoxOf(box_.lo, c_).lo, BoxOf(box_.hi, c_).hi};
+ClosestPoints::ClosestPoints(Vec3f af, Vec3f bf, Vec3f cf)
+    : a(ToDouble(af)),
+      b(ToDouble(bf)),
+      c(ToDouble(cf)),
+      ab(b - a),
+      bc(c - b),
+      ca(a - c),
+      n(Cross(ab, bc)),
+      nn(Dot(n, n)) {
+  const double longest = std::max({Dot(ab, ab), Dot(bc, bc), Dot(ca, ca)});
+  sliver = !(nn >= (kSliverWidth * kSliverWidth) * (longest * longest));
+  box = BoxOf(a, b);
+  box = {BoxOf(box.lo, c).lo, BoxOf(box.hi, c).hi};
 }
 
 Vec3d ClosestPoints::To(Vec3d p) const {
-  if (!sliver_) {
-    const Vec3d ap = p - a_;
-    if (Dot(Cross(ab_, ap), n_) > 0 && Dot(Cross(bc_, p - b_), n_) > 0 &&
-        Dot(Cross(ca_, p - c_), n_) > 0) {
-      return Clamp(p - n_ * (Dot(n_, ap) / nn_), box_);
+  if (!sliver) {
+    const Vec3d ap = p - a;
+    if (Dot(Cross(ab, ap), n) > 0 && Dot(Cross(bc, p - b), n) > 0 && Dot(Cross(ca, p - c), n) > 0) {
+      return Clamp(p - n * (Dot(n, ap) / nn), box);
     }
   }
-  Vec3d best = ClosestPointOnEdge(p, a_, b_);
+  Vec3d best = ClosestPointOnEdge(p, a, b);
   double best_distance = DistanceSquared(p, best);
-  for (const Vec3d q : {ClosestPointOnEdge(p, b_, c_), ClosestPointOnEdge(p, c_, a_)}) {
+  for (const Vec3d q : {ClosestPointOnEdge(p, b, c), ClosestPointOnEdge(p, c, a)}) {
     const double distance = DistanceSquared(p, q);
     if (distance < best_distance) best = q, best_distance = distance;
   }

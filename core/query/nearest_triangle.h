@@ -35,18 +35,16 @@ namespace sightline {
 Vec3d ClosestPointOnTriangle(Vec3d p, Vec3f a, Vec3f b, Vec3f c);
 
 // The same for many points and one triangle.
-class ClosestPoints {
- public:
+struct ClosestPoints {
+  Vec3d a, b, c, ab, bc, ca;
+  Vec3d n;  // (B - A) × (C - B), not normalized.
+  double nn = 0;
+  Box3d box;
+  bool sliver = true;  // Its edges stand for it.
+
   ClosestPoints() = default;
   ClosestPoints(Vec3f a, Vec3f b, Vec3f c);
   Vec3d To(Vec3d p) const;
-
- private:
-  Vec3d a_, b_, c_, ab_, bc_, ca_;
-  Vec3d n_;  // Not normalized.
-  double nn_ = 0;
-  Box3d box_;
-  bool sliver_ = true;  // Its edges stand for it.
 };
 
 // (x² + y²) + z² of the difference.

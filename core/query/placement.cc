@@ -11,11 +11,6 @@
 namespace sightline {
 namespace {
 
-// A point that is less than one offset from a plane is moved to this many. More than 1, so that
-// going back and forth between several planes ends: each move is a projection onto a half-space, so
-// it brings the point nearer to every point that is kAim offsets inside all of them, by at least
-// (kAim - 1)² offset² in squared distance.
-constexpr double kAim = 1.5;
 // Rounds of such moves. At right angles one or two are enough, and what kMaxReach lets through
 // needs few more; the result is verified, so this bounds time alone.
 constexpr int kSweeps = 32;
@@ -32,12 +27,8 @@ constexpr size_t kMaxTouched = 1024;
 // within 2^-50 of the coordinates, from where 60 reach past them.
 constexpr int kMaxDoublings = 60;
 
-// Error of normal·(P - A) in doubles, u = 2^-53: the cross product carries three roundings per
-// product and one for the difference, 4u·|AB||AC| per component, hence 7u·conditioning in the
-// normal's direction; normalizing, P - A and the dot product add less than 8u. Together below
-// 16u·conditioning·|P - A|₁, as conditioning >= 1.
 double Slack(const Plane& plane, Vec3d from_anchor) {
-  return 16 * 0x1p-53 * plane.conditioning * NormOne(from_anchor);
+  return kSlackPerConditioning * plane.conditioning * NormOne(from_anchor);
 }
 
 // Moves *x to kAim offsets from the plane if it is nearer than one, or behind. False if nothing had

@@ -64,6 +64,12 @@ inline constexpr TouchRadius HitTouchRadius(double norm_one, double along) {
   return {4 * 0x1p-24 * norm_one + (tied < most ? tied : most), 0x1p-44};
 }
 
+// A point that is less than one offset from a plane is moved to this many. More than 1, so that
+// going back and forth between several planes ends: each move is a projection onto a half-space, so
+// it brings the point nearer to every point that is kAim offsets inside all of them, by at least
+// (kAim - 1)² offset² in squared distance.
+inline constexpr double kAim = 1.5;
+
 // One oriented plane: the point belongs where normal·(P - anchor) > 0.
 struct Plane {
   std::array<Vec3f, 3> corners;
@@ -76,6 +82,12 @@ struct Plane {
     return SideOfPlane(corners[0], corners[1], corners[2], p) * side > 0;
   }
 };
+
+// Error of normal·(P - A) in doubles, u = 2^-53, by conditioning and |P - A|₁: the cross product
+// carries three roundings per product and one for the difference, 4u·|AB||AC| per component, hence
+// 7u·conditioning in the normal's direction; normalizing, P - A and the dot product add less than
+// 8u. Together below 16u·conditioning·|P - A|₁, as conditioning >= 1.
+inline constexpr double kSlackPerConditioning = 16 * 0x1p-53;
 
 Plane MakePlane(const std::array<Vec3f, 3>& corners, int side);
 
