@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Hits of a packet are placed where each of them alone is, to the last bit, and are found to touch
+// what each of them alone is found to touch.
+#include "core/query/hit_placement.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "core/query/touch_candidates.h"
+#include "core/traverse/kernels.h"
+#include "gtest/gtest.h"
+#include "tests/core/query/query_meshes.h"
+#include "tests/core/traverse/nasty_scenes.h"
+#include "tests/support/random.h"
+#include "tests/support/test_scale.h"
+
+namespace sightline {
+namespace {
+
+using namespace testing_support;  // NOLINT
+
+constexpr Vec3f kUntouched = {-7, -7, -7};
+
+std::array<uint32_t, 3> BitsOf(Vec3f p) {
+  return {std::bit_cast<uint32_t>(p.x), std::bit_cast<uint32_t>(p.y), std::bit_cast<uint32_t>(p.z)};
+}
+
+// Rays from `eye` to lanes of a patch `spread` wide around `at`, traced.
+void Trace(const IndexedGeometry& scene, TestRng& rng, Vec3f eye, Vec3d at, double spread,
+           RayPacket* packet) {
+  packet->origin = eye;
+  packet->segments = false;
+  packet->count = 1 + static_cast<int>(rng.Below(RayPacket::kMaxRays));
+  if (rng.Chance(0.5)) packet->count = RayPacket::kMaxRays;
+  const Vec3d right = RandomDirection(rng) * spread, down = RandomDirection(rng) * spread;
+  std::vector<TraceRay> rays;
+  for (int lane = 0; lane < packet->count; ++lane) {
+    const double x = lane % 16 / 16.0 - 0.5, y = lane / 16 / 16.0 - 0.5;
+    const Vec3f direction = ToFloat((at - ToDouble(eye)) + right * x + down * y);
+    packet->target_x[lane] = direction.x;
+    packet->target_y[lane] = direction.y;
+    packet->target_z[lane] = direction.z;
+    rays.push_back({.ray = PredicateRay::Ray(eye, direction)});
+  }
+  std::vector<Hit> hits(rays.size());
+  WalkStats stats;
+  ASSERT_TRUE(
+      KernelsFor(SimdTarget::kBest).closest_single(scene, rays, hits, /*cancel=*/nullptr, &stats));
+  for (int lane = 0; lane < packet->count; ++lane) {
+    packet->t[lane] = hits[lane].t;
+    packet->triangle[lane] = hits[lane].triangle;
+  }
+}
+
+struct Seen {
+  int64_t hits = 0, touching = 0;
+};
+
+// Places the packet's hits together and one by one.
+void ExpectPlacedAlike(const IndexedGeometry& scene, const RayPacket& packet, HitPlacer* placer,
+                       Seen* seen) {
+  std::vector<Vec3f> positions(RayPacket::kMaxRays, kUntouched);
+  placer->Place(packet, positions);
+  std::vector<uint32_t> touched;
+  for (int lane = 0; lane < RayPacket::kMaxRays; ++lane) {
+    Vec3f expected = kUntouched;
+    if (lane < packet.count && packet.triangle[lane] != kNoTriangle) {
+      const auto [t, triangle] = packet.hit(lane);
+      expected = PlaceHit(scene, packet.origin, packet.target(lane), t, triangle);
+      const Placement placement = HitSource(scene, packet.origin, triangle)
+                                      .PlacementOf(packet.origin, packet.target(lane), t);
+      FindTouching(scene, placement.at, placement.radius, triangle, &touched);
+      ++seen->hits;
+      seen->touching += !touched.empty();
+    }
+    ASSERT_EQ(BitsOf(positions[lane]), BitsOf(expected)) << "lane " << lane;
+  }
+}
+
+double RandomSpread(TestRng& rng, double size) { return size * std::exp2(-rng.Uniform(0, 30)); }
+
+TEST(HitPlacementTest, PacketsOfNastyScenesArePlacedAsSingleHits) {
+  TestRng rng;
+  Seen seen;
+  for (const NastyScene& nasty : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(nasty.name);
+    const IndexedGeometry& scene = nasty.indexed;
+    if (scene.bvh.empty()) continue;
+    NastyRays rays(scene, rng);
+    const auto placer = std::make_unique<HitPlacer>(scene);
+    const double size = Length(ToDouble(scene.bvh.bounds.Extent()));
+    for (int64_t i = ScaledCount(40); i-- > 0;) {
+      RayPacket packet;
+      Trace(scene, rng, rays.Point(), ToDouble(rays.Point()), RandomSpread(rng, size), &packet);
+      ASSERT_NO_FATAL_FAILURE(ExpectPlacedAlike(scene, packet, placer.get(), &seen));
+    }
+  }
+  EXPECT_GT(seen.hits, 100);
+  EXPECT_GT(seen.touching, 20);
+}
+
+// Meshes as they are: many triangles for one packet, some, two; whole objects and patches of less
+// than a rounding; with the rows of leaves at hand and without.
+TEST(HitPlacementTest, PacketsOnMeshesArePlacedAsSingleHits) {
+  Seen seen;
+  for (const Vec3d centre : {Vec3d{0, 0, 0}, Vec3d{1.5e5, -1.2e5, 1.4e5}}) {
+    for (const int level : {0, 2, 5}) {
+      TestRng rng(static_cast<uint64_t>(level));
+      const Affine3d placement = RandomPlacement(rng, centre);
+      BvhBuildOptions options;
+      options.leaf_rows = rng.Chance(0.5);
+      const IndexedGeometry scene = MakeScene(
+          {MakeIcosphere(level, 10, placement), MakeBox({6, 7, 8}, placement)}, Vec3d{}, options);
+      const auto placer = std::make_unique<HitPlacer>(scene);
+      for (int64_t i = ScaledCount(60); i-- > 0;) {
+        const Vec3f eye = ToFloat(centre + RandomDirection(rng) * rng.Uniform(1, 60));
+        const size_t aim = rng.Below(scene.geometry.triangles.size());
+        const Vec3d at = PointNearRim(rng, scene.geometry.Corners(static_cast<uint32_t>(aim)));
+        RayPacket packet;
+        Trace(scene, rng, eye, at, RandomSpread(rng, 30), &packet);
+        ASSERT_NO_FATAL_FAILURE(ExpectPlacedAlike(scene, packet, placer.get(), &seen));
+      }
+    }
+  }
+  EXPECT_GT(seen.hits, 100);
+  EXPECT_GT(seen.touching, 20);
+}
+
+// One try settles four hits of a plain triangle; else the fast path could be off unnoticed.
+TEST(HitPlacementTest, FourHitsInTheOpenAreSettledTogether) {
+  TestRng rng;
+  const IndexedGeometry scene =
+      MakeScene({{.vertices = {{-9, -9, 3}, {9, -9, 4}, {0, 12, 5}}, .indices = {0, 1, 2}}});
+  RayPacket packet;
+  Trace(scene, rng, {0, 0, -5}, {0, 0, 4}, 0.5, &packet);
+  const HitSource source(scene, packet.origin, 0);
+  std::array<Placement, 4> placements;
+  source.PlacementsOf(packet, {0, 0, 0, 0},
+                      {&placements[0], &placements[1], &placements[2], &placements[3]});
+  std::array<Vec3f, 4> placed;
+  EXPECT_EQ(
+      source.PlaceBeside({&placements[0], &placements[1], &placements[2], &placements[3]}, &placed),
+      0xFu);
+}
+
+// Points about as far from triangles as the radius is, where the planes must leave open what
+// measuring finds near.
+TEST(TouchCandidatesTest, FindWhatEachPointFinds) {
+  TestRng rng;
+  const auto candidates = std::make_unique<TouchCandidates>();
+  int64_t found = 0, asked = 0;
+  for (const NastyScene& nasty : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(nasty.name);
+    const IndexedGeometry& scene = nasty.indexed;
+    if (scene.bvh.empty()) continue;
+    NastyRays rays(scene, rng);
+    for (int64_t i = ScaledCount(300); i-- > 0;) {
+      const double per_vertex = rng.Chance(0.5) ? 0x1p-44 : 0x1p-24;
+      std::vector<Placement> points(1 + rng.Below(16));
+      Box3d box;
+      double base = 0, norm_one = 0;
+      for (Placement& point : points) {
+        const Vec3d near = ToDouble(rays.Point());
+        point.radius = {std::exp2(-rng.Uniform(0, 24)) * NormOne(near), per_vertex};
+        point.at = near + RandomDirection(rng) * (point.radius.base * rng.Uniform(0, 3));
+        if (rng.Chance(0.5)) {
+          point.source = static_cast<uint32_t>(rng.Below(scene.geometry.triangles.size()));
+        }
+        box.Extend(point.at);
+        base = std::max(base, point.radius.base);
+        norm_one = std::max(norm_one, NormOne(point.at));
+      }
+      const TouchRadius largest = {base, per_vertex};
+      const Box3f around = BoxAround(box, largest.Largest(scene));
+      if (!candidates->Gather(scene, around, norm_one, TouchCandidates::kMost)) continue;
+      std::vector<std::vector<uint32_t>> touched(points.size());
+      candidates->ForEachTouching(around, points,
+                                  [&](size_t k, uint32_t id) { touched[k].push_back(id); });
+      std::vector<uint32_t> expected;
+      for (size_t k = 0; k < points.size(); ++k) {
+        std::sort(touched[k].begin(), touched[k].end());
+        FindTouching(scene, points[k].at, points[k].radius, points[k].source, &expected);
+        ASSERT_EQ(touched[k], expected);
+        found += !expected.empty();
+        ++asked;
+      }
+    }
+  }
+  EXPECT_GT(found, 50);
+  EXPECT_GT(asked - found, 50);
+}
+
+TEST(TouchCandidatesTest, HoldNothingWhereThereIsTooMuch) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeScene({MakeIcosphere(2, 10, RandomPlacement(rng, {0, 0, 0}))});
+  ASSERT_GT(scene.geometry.triangles.size(), TouchCandidates::kMost);
+  const auto candidates = std::make_unique<TouchCandidates>();
+  const Box3f everything = {{-50, -50, -50}, {50, 50, 50}};
+  EXPECT_FALSE(candidates->Gather(scene, everything, 60, TouchCandidates::kMost));
+  const std::vector<Placement> points = {
+      {.at = ToDouble(scene.geometry.vertices[0]), .radius = {1e-3, 0}}};
+  int found = 0;
+  const auto count = [&](size_t, uint32_t) { ++found; };
+  candidates->ForEachTouching(everything, points, count);
+  EXPECT_EQ(found, 0);
+  const Box3f around = BoxAround({points[0].at, points[0].at}, 1e-3);
+  ASSERT_TRUE(candidates->Gather(scene, around, 60, TouchCandidates::kMost));
+  candidates->ForEachTouching(around, points, count);
+  EXPECT_GE(found, 5);  // The triangles about a vertex.
+}
+
+}  // namespace
+}  // namespace sightline
