@@ -24,7 +24,10 @@ struct Vec3 {
   friend constexpr Vec3 operator-(Vec3 a) { return {-a.x, -a.y, -a.z}; }
   friend constexpr Vec3 operator*(Vec3 a, T s) { return {a.x * s, a.y * s, a.z * s}; }
   friend constexpr Vec3 operator*(T s, Vec3 a) { return a * s; }
-  friend constexpr bool operator==(const Vec3&, const Vec3&) = default;
+  // Not defaulted: a vector of SIMD vectors, whose == gives no bool, must be a type.
+  friend constexpr bool operator==(const Vec3& a, const Vec3& b) {
+    return a.x == b.x && a.y == b.y && a.z == b.z;
+  }
 };
 
 using Vec3f = Vec3<float>;
