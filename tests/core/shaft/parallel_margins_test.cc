@@ -13,32 +13,10 @@
 #include "tests/core/shaft/margin_fixture.h"
 #include "tests/core/shaft/margin_hunt.h"
 
-namespace sightline {
+namespace sightline::testing_support {
 namespace {
 
 using HWY_NAMESPACE::kFloatUnderflow;
-using testing_support::Abs;
-using testing_support::AbsQ;
-using testing_support::Append;
-using testing_support::At;
-using testing_support::CrossF;
-using testing_support::CrossQ;
-using testing_support::DotF;
-using testing_support::DotQ;
-using testing_support::FrameOf;
-using testing_support::Hex;
-using testing_support::Hunt;
-using testing_support::HuntInput;
-using testing_support::kClimbs;
-using testing_support::kLoose;
-using testing_support::kTight;
-using testing_support::MarginsTest;
-using testing_support::Norm1;
-using testing_support::Quad;
-using testing_support::Ratio;
-using testing_support::ScaledCount;
-using testing_support::ToQuad;
-using testing_support::Vec3q;
 
 class ParallelMarginsTest : public MarginsTest {};
 
@@ -167,4 +145,4 @@ TEST_F(ParallelMarginsTest, CapsHoldTheirReceivers) {
 }
 
 }  // namespace
-}  // namespace sightline
+}  // namespace sightline::testing_support

@@ -10,24 +10,16 @@
 
 #include "core/traverse/kernels.h"
 #include "gtest/gtest.h"
+#include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
 
-namespace sightline {
+namespace sightline::testing_support {
 namespace {
 
-using testing_support::MakeNastyScenes;
-using testing_support::NastyRays;
-using testing_support::NastyScene;
-using testing_support::Printed;
-using testing_support::ScaledCount;
-using testing_support::TestRng;
-
-class HullCutTest : public testing::TestWithParam<SimdTarget> {
+class HullCutTest : public KernelsFixture {
  protected:
-  const Kernels& kernels() const { return KernelsFor(GetParam()); }
-
   // All of the packet's segments, by every walk that begins at `cut`.
   void Compare(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut* cut) {
     std::vector<TraceRay> queries;
@@ -59,15 +51,7 @@ class HullCutTest : public testing::TestWithParam<SimdTarget> {
   }
 };
 
-std::vector<SimdTarget> Targets() {
-  std::vector<SimdTarget> targets = {SimdTarget::kAvx2};
-  if (SimdTargetAvailable(SimdTarget::kAvx512)) targets.push_back(SimdTarget::kAvx512);
-  return targets;
-}
-
-INSTANTIATE_TEST_SUITE_P(Targets, HullCutTest, testing::ValuesIn(Targets()), [](const auto& param) {
-  return param.param == SimdTarget::kAvx2 ? "Avx2" : "Avx512";
-});
+SIGHTLINE_FOR_EACH_TARGET(HullCutTest);
 
 // `spread` of the middle's size about it, in all directions.
 Vec3f Near(Vec3f middle, float size, TestRng& rng) {
@@ -133,4 +117,4 @@ TEST_P(HullCutTest, LosesNothing) {
 }
 
 }  // namespace
-}  // namespace sightline
+}  // namespace sightline::testing_support

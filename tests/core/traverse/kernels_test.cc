@@ -13,28 +13,13 @@
 
 #include "core/base/cancel.h"
 #include "gtest/gtest.h"
+#include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
 
-namespace sightline {
+namespace sightline::testing_support {
 namespace {
-
-using testing_support::IndexObjects;
-using testing_support::MakeClosedSphere;
-using testing_support::MakeNastyScenes;
-using testing_support::NastyRays;
-using testing_support::NastyScene;
-using testing_support::Printed;
-using testing_support::ScaledCount;
-using testing_support::TestRng;
-using testing_support::TraceByDefinition;
-
-std::vector<SimdTarget> Targets() {
-  std::vector<SimdTarget> targets = {SimdTarget::kAvx2};
-  if (SimdTargetAvailable(SimdTarget::kAvx512)) targets.push_back(SimdTarget::kAvx512);
-  return targets;
-}
 
 bool SameBits(const Hit& a, const Hit& b) {
   return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
@@ -57,14 +42,9 @@ void ExpectBlocker(const SceneGeometry& geometry, const TraceRay& query, const H
   EXPECT_TRUE(BlocksExactly(query.ray, a, b, c));
 }
 
-class KernelsTest : public testing::TestWithParam<SimdTarget> {
- protected:
-  const Kernels& kernels() const { return KernelsFor(GetParam()); }
-};
+class KernelsTest : public KernelsFixture {};
 
-INSTANTIATE_TEST_SUITE_P(Targets, KernelsTest, testing::ValuesIn(Targets()), [](const auto& param) {
-  return param.param == SimdTarget::kAvx2 ? "Avx2" : "Avx512";
-});
+SIGHTLINE_FOR_EACH_TARGET(KernelsTest);
 
 TEST_P(KernelsTest, BruteForceIsTheDefinition) {
   TestRng rng;
@@ -314,4 +294,4 @@ TEST_P(KernelsTest, EveryWalkPollsItsToken) {
 }
 
 }  // namespace
-}  // namespace sightline
+}  // namespace sightline::testing_support
