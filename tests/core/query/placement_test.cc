@@ -18,9 +18,6 @@ namespace {
 
 using namespace testing_support;  // NOLINT
 
-// Where stored coordinates lie: about the origin, and so far out that a float's step is 2^-6.
-const Vec3d kCentres[] = {{0, 0, 0}, {1.5e5, -1.2e5, 1.4e5}};
-
 struct PlacedHit {
   uint32_t triangle = kNoTriangle;
   Vec3f position;
@@ -77,28 +74,23 @@ TEST(PlacementTest, HitsOnConvexMeshesAreLit) {
 // The four corners of a rotated box's face are not in one plane once rounded. What is in front of
 // both triangles of a face sees all of it.
 TEST(PlacementTest, HitsOnRotatedBoxesAreLit) {
-  for (Vec3d centre : kCentres) {
-    for (uint64_t b = 0; b < 10; ++b) {
-      TestRng rng(b);
-      const Vec3d half = {rng.Uniform(0.5, 5), rng.Uniform(0.5, 5), rng.Uniform(0.5, 5)};
-      const IndexedGeometry scene = MakeScene({MakeBox(half, RandomPlacement(rng, centre))});
-      for (int64_t i = ScaledCount(500); i-- > 0;) {
-        const Vec3f eye = ToFloat(centre + RandomDirection(rng) * 30.0);
-        const uint32_t aim = AnyTriangle(rng, scene);
-        if (SideOf(scene.geometry, aim, eye) <= 0) continue;
-        const PlacedHit hit = See(scene, eye, PointNearRim(rng, scene.geometry.Corners(aim)));
-        if (hit.triangle == kNoTriangle) continue;
-        const int side = SideOf(scene.geometry, hit.triangle, eye);
-        ASSERT_EQ(SideOf(scene.geometry, hit.triangle, hit.position), side);
-        if (side < 0) continue;  // On the silhouette, as above.
-        const Vec3f light = ToFloat(centre + RandomDirection(rng) * 20.0);
-        if (SideOf(scene.geometry, hit.triangle, light) <= 0) continue;
-        if (SideOf(scene.geometry, hit.triangle ^ 1, light) <= 0) continue;
-        ASSERT_TRUE(
-            IsLit(scene.geometry, PredicateRay::Segment(light, hit.position), hit.triangle));
-      }
+  ForEachRotatedBox(0.5, [](TestRng& rng, Vec3d centre, Vec3d half, const Affine3d& placement) {
+    const IndexedGeometry scene = MakeScene({MakeBox(half, placement)});
+    for (int64_t i = ScaledCount(500); i-- > 0;) {
+      const Vec3f eye = ToFloat(centre + RandomDirection(rng) * 30.0);
+      const uint32_t aim = AnyTriangle(rng, scene);
+      if (SideOf(scene.geometry, aim, eye) <= 0) continue;
+      const PlacedHit hit = See(scene, eye, PointNearRim(rng, scene.geometry.Corners(aim)));
+      if (hit.triangle == kNoTriangle) continue;
+      const int side = SideOf(scene.geometry, hit.triangle, eye);
+      ASSERT_EQ(SideOf(scene.geometry, hit.triangle, hit.position), side);
+      if (side < 0) continue;  // On the silhouette, as above.
+      const Vec3f light = ToFloat(centre + RandomDirection(rng) * 20.0);
+      if (SideOf(scene.geometry, hit.triangle, light) <= 0) continue;
+      if (SideOf(scene.geometry, hit.triangle ^ 1, light) <= 0) continue;
+      ASSERT_TRUE(IsLit(scene.geometry, PredicateRay::Segment(light, hit.position), hit.triangle));
     }
-  }
+  });
 }
 
 void ExpectRoomLit(const IndexedGeometry& scene, TestRng& rng, const Affine3d& placement,
@@ -125,29 +117,19 @@ void ExpectRoomLit(const IndexedGeometry& scene, TestRng& rng, const Affine3d& p
 
 // Concave corners: the wall across the edge must not block, whichever way fronts face.
 TEST(PlacementTest, HitsInRoomsAreLit) {
-  for (Vec3d centre : kCentres) {
-    for (uint64_t b = 0; b < 10; ++b) {
-      TestRng rng(b);
-      const Vec3d half = {rng.Uniform(2, 5), rng.Uniform(2, 5), rng.Uniform(2, 5)};
-      const Affine3d placement = RandomPlacement(rng, centre);
-      ObjectInput box = MakeBox(half, placement);
-      if (rng.Chance(0.5)) box = Flipped(box);
-      ExpectRoomLit(MakeScene({box}), rng, placement, half, ScaledCount(300));
-    }
-  }
+  ForEachRotatedBox(2, [](TestRng& rng, Vec3d, Vec3d half, const Affine3d& placement) {
+    ObjectInput box = MakeBox(half, placement);
+    if (rng.Chance(0.5)) box = Flipped(box);
+    ExpectRoomLit(MakeScene({box}), rng, placement, half, ScaledCount(300));
+  });
 }
 
 // Walls that share no vertices but the corners of the room, wound at random.
 TEST(PlacementTest, HitsInPatchedRoomsAreLit) {
-  for (Vec3d centre : kCentres) {
-    for (uint64_t b = 0; b < 10; ++b) {
-      TestRng rng(b);
-      const Vec3d half = {rng.Uniform(2, 5), rng.Uniform(2, 5), rng.Uniform(2, 5)};
-      const Affine3d placement = RandomPlacement(rng, centre);
-      ExpectRoomLit(MakeScene({MakePatchedBox(rng, half, placement)}), rng, placement, half,
-                    ScaledCount(300));
-    }
-  }
+  ForEachRotatedBox(2, [](TestRng& rng, Vec3d, Vec3d half, const Affine3d& placement) {
+    ExpectRoomLit(MakeScene({MakePatchedBox(rng, half, placement)}), rng, placement, half,
+                  ScaledCount(300));
+  });
 }
 
 // A box stands on a floor that knows nothing of it, sunk in by some roundings or by more (were it

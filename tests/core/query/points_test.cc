@@ -20,8 +20,6 @@ using ::testing::HasSubstr;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
-const Vec3d kCentres[] = {{0, 0, 0}, {1.5e5, -1.2e5, 1.4e5}};
-
 ObjectInput UnitTriangle() {
   return {.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}};
 }
@@ -254,29 +252,24 @@ TEST(PointsTest, AttachedVerticesOfConvexMeshes) {
 // Points anywhere on a rotated box, corners and edges favoured, known by world coordinates alone:
 // rounding has put them before or behind their faces.
 TEST(PointsTest, AttachedPointsOnRotatedBoxes) {
-  for (Vec3d centre : kCentres) {
-    for (uint64_t b = 0; b < 10; ++b) {
-      TestRng rng(b);
-      const Vec3d half = {rng.Uniform(0.5, 5), rng.Uniform(0.5, 5), rng.Uniform(0.5, 5)};
-      const IndexedGeometry scene = MakeScene({MakeBox(half, RandomPlacement(rng, centre))});
-      std::vector<Vec3d> at;
-      for (int64_t i = ScaledCount(300); i-- > 0;) {
-        at.push_back(PointNearRim(rng, scene.geometry.Corners(rng.Below(12))));
-      }
-      const PreparedPoints p = Prepare(scene, at, {.attach_distance = 0.5});
-      EXPECT_EQ(p.attached, p.size());
-      EXPECT_EQ(p.near_surface, 0u);
-      for (size_t i = 0; i < p.size(); ++i) {
-        const Vec3f light = ToFloat(centre + RandomDirection(rng) * 20.0);
-        const uint32_t source = p.sources[i];
-        if (SideOf(scene.geometry, source, light) <= 0 ||
-            SideOf(scene.geometry, source ^ 1, light) <= 0)
-          continue;
-        ASSERT_TRUE(IsLit(scene.geometry, PredicateRay::Segment(light, p.positions[i]), source))
-            << "box " << b;
-      }
+  ForEachRotatedBox(0.5, [](TestRng& rng, Vec3d centre, Vec3d half, const Affine3d& placement) {
+    const IndexedGeometry scene = MakeScene({MakeBox(half, placement)});
+    std::vector<Vec3d> at;
+    for (int64_t i = ScaledCount(300); i-- > 0;) {
+      at.push_back(PointNearRim(rng, scene.geometry.Corners(rng.Below(12))));
     }
-  }
+    const PreparedPoints p = Prepare(scene, at, {.attach_distance = 0.5});
+    EXPECT_EQ(p.attached, p.size());
+    EXPECT_EQ(p.near_surface, 0u);
+    for (size_t i = 0; i < p.size(); ++i) {
+      const Vec3f light = ToFloat(centre + RandomDirection(rng) * 20.0);
+      const uint32_t source = p.sources[i];
+      if (SideOf(scene.geometry, source, light) <= 0 ||
+          SideOf(scene.geometry, source ^ 1, light) <= 0)
+        continue;
+      ASSERT_TRUE(IsLit(scene.geometry, PredicateRay::Segment(light, p.positions[i]), source));
+    }
+  });
 }
 
 void ExpectLitInside(const IndexedGeometry& scene, const PreparedPoints& p, TestRng& rng,
@@ -295,37 +288,32 @@ void ExpectLitInside(const IndexedGeometry& scene, const PreparedPoints& p, Test
 // Rooms: fronts inward are enough; fronts outward need normals (or an offset). Corners, edges,
 // walls.
 TEST(PointsTest, AttachedPointsInRooms) {
-  for (Vec3d centre : kCentres) {
-    for (uint64_t b = 0; b < 10; ++b) {
-      TestRng rng(b);
-      const Vec3d half = {rng.Uniform(2, 5), rng.Uniform(2, 5), rng.Uniform(2, 5)};
-      const Affine3d placement = RandomPlacement(rng, centre);
-      const ObjectInput box = MakeBox(half, placement);
-      const IndexedGeometry inward = MakeScene({Flipped(box)}), outward = MakeScene({box});
-      std::vector<Vec3d> at = World(inward.geometry, inward.geometry.vertices), normals;
-      for (int64_t i = ScaledCount(300); i-- > 0;) {
-        at.push_back(PointNearRim(rng, inward.geometry.Corners(rng.Below(12))));
-      }
-      // Toward the middle: in front of every wall a point may touch.
-      for (Vec3d p : at) normals.push_back(centre - p);
-      const PointOptions attach = {.attach_distance = 0.5};
-      const PreparedPoints inside = Prepare(inward, at, attach);
-      EXPECT_EQ(inside.near_surface, 0u);
-      ExpectLitInside(inward, inside, rng, placement, half);
-      ExpectLitInside(outward, Prepare(outward, at, attach, normals), rng, placement, half);
-      // Without: outside, where the lights in the room do not reach.
-      const PreparedPoints outside = Prepare(outward, at, attach);
-      const Vec3f light = ToFloat(centre);
-      for (size_t i = 0; i < outside.size(); ++i) {
-        EXPECT_EQ(SideOf(outward.geometry, outside.sources[i], outside.positions[i]), 1);
-      }
-      // A corner is in front of all walls there, and more than its source is in the way.
-      for (size_t i = 0; i < 8; ++i) {
-        EXPECT_FALSE(IsLit(outward.geometry, PredicateRay::Segment(light, outside.positions[i]),
-                           kNoTriangle));
-      }
+  ForEachRotatedBox(2, [](TestRng& rng, Vec3d centre, Vec3d half, const Affine3d& placement) {
+    const ObjectInput box = MakeBox(half, placement);
+    const IndexedGeometry inward = MakeScene({Flipped(box)}), outward = MakeScene({box});
+    std::vector<Vec3d> at = World(inward.geometry, inward.geometry.vertices), normals;
+    for (int64_t i = ScaledCount(300); i-- > 0;) {
+      at.push_back(PointNearRim(rng, inward.geometry.Corners(rng.Below(12))));
     }
-  }
+    // Toward the middle: in front of every wall a point may touch.
+    for (Vec3d p : at) normals.push_back(centre - p);
+    const PointOptions attach = {.attach_distance = 0.5};
+    const PreparedPoints inside = Prepare(inward, at, attach);
+    EXPECT_EQ(inside.near_surface, 0u);
+    ExpectLitInside(inward, inside, rng, placement, half);
+    ExpectLitInside(outward, Prepare(outward, at, attach, normals), rng, placement, half);
+    // Without: outside, where the lights in the room do not reach.
+    const PreparedPoints outside = Prepare(outward, at, attach);
+    const Vec3f light = ToFloat(centre);
+    for (size_t i = 0; i < outside.size(); ++i) {
+      EXPECT_EQ(SideOf(outward.geometry, outside.sources[i], outside.positions[i]), 1);
+    }
+    // A corner is in front of all walls there, and more than its source is in the way.
+    for (size_t i = 0; i < 8; ++i) {
+      EXPECT_FALSE(
+          IsLit(outward.geometry, PredicateRay::Segment(light, outside.positions[i]), kNoTriangle));
+    }
+  });
 }
 
 // A wavy ground of gentle slopes under steep suns: nothing shadows anything, vertices and edges

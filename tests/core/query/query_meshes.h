@@ -17,6 +17,7 @@
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate.h"
 #include "core/mesh/object.h"
+#include "gtest/gtest.h"
 #include "tests/support/random.h"
 
 namespace sightline::testing_support {
@@ -48,6 +49,24 @@ Hit FirstHit(const SceneGeometry& geometry, const PredicateRay& ray);
 
 // Whether every vertex is on or behind every triangle's plane, exactly.
 bool IsExactlyConvex(const SceneGeometry& geometry);
+
+// Where stored coordinates lie: about the origin, and so far out that a float's step is 2^-6.
+inline constexpr Vec3d kCentres[] = {{0, 0, 0}, {1.5e5, -1.2e5, 1.4e5}};
+
+// Calls test(rng, centre, half, placement) for ten boxes of half sides from `least` to 5 about each
+// centre, rotated at random.
+template <typename Test>
+void ForEachRotatedBox(double least, const Test& test) {
+  for (const Vec3d centre : kCentres) {
+    for (uint64_t b = 0; b < 10; ++b) {
+      TestRng rng(b);
+      const double x = rng.Uniform(least, 5), y = rng.Uniform(least, 5), z = rng.Uniform(least, 5);
+      const Affine3d placement = RandomPlacement(rng, centre);
+      test(rng, centre, Vec3d{x, y, z}, placement);
+      if (testing::Test::HasFatalFailure()) return;
+    }
+  }
+}
 
 inline int SideOf(const SceneGeometry& geometry, uint32_t triangle, Vec3f p) {
   const auto [a, b, c] = geometry.Corners(triangle);
