@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <optional>
 #include <string>
 #include <vector>
@@ -26,15 +25,10 @@ namespace {
 using testing_support::AllWays;
 using testing_support::Bit;
 using testing_support::IndexObjects;
+using testing_support::SameBytes;
 using testing_support::ScaledCount;
 using testing_support::TestRng;
 using testing_support::Way;
-
-template <typename T>
-bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {
-  return a.size() == b.size() &&
-         (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
-}
 
 // A problem in world coordinates, all multiples of 2^-8 within ±64.
 struct Problem {

@@ -8,6 +8,7 @@
 #define SIGHTLINE_TESTS_PROPERTY_QUERY_CASES_H_
 
 #include <cstdint>
+#include <cstring>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -56,6 +57,12 @@ struct Way {
 };
 // Every strategy × instruction set of this machine; the first is brute force, the reference.
 std::vector<Way> AllWays();
+
+template <typename T>
+bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {
+  return a.size() == b.size() &&
+         (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
+}
 
 inline bool Bit(const std::vector<uint8_t>& bits, size_t i) { return bits[i / 8] >> (i % 8) & 1; }
 

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <bit>
 #include <cstdint>
-#include <cstring>
 #include <span>
 #include <string>
 #include <vector>
@@ -32,15 +31,10 @@ using testing_support::MakeSamples;
 using testing_support::MakeSegments;
 using testing_support::QueryScene;
 using testing_support::Rebuilt;
+using testing_support::SameBytes;
 using testing_support::ScaledCount;
 using testing_support::TestRng;
 using testing_support::Way;
-
-template <typename T>
-bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {
-  return a.size() == b.size() &&
-         (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
-}
 
 constexpr TileOutputs kAllOutputs = {
     .hits = true, .ids = true, .depth = true, .uv = true, .lit = true, .points = true};
