@@ -96,21 +96,17 @@ absl::StatusOr<Segments> Client::TestAllSegments(
   Segments all;
   const uint64_t n = query.segments.size() / 6;
   ResizeSegments(query, n, &all);
-  uint64_t done = 0;
-  absl::StatusOr<StreamSummary> summary = TestSegments(
-      query,
+  const absl::Status status = CollectParts<Segments>(
+      [&](const auto& on_part) { return TestSegments(query, on_part, options); },
       [&](const Segments& part) {
         Place(part.blocked, 1, part.offset, n, &all.blocked);
         Place(part.valid, 1, part.offset, n, &all.valid);
         PlaceBlockers(part, 1, n, &all);
-        done += part.segments;
-        if (on_progress) on_progress(done);
-        return absl::OkStatus();
+        return part.segments;
       },
-      options);
-  if (!summary.ok()) return summary.status();
-  all.statistics = summary->statistics;
-  all.summary = *summary;
+      on_progress, &all.summary);
+  if (!status.ok()) return status;
+  all.statistics = all.summary.statistics;
   return all;
 }
 

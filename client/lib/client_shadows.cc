@@ -157,9 +157,8 @@ absl::StatusOr<Shadows> Client::ComputeAllShadows(
     n = set->points;
   }
   ResizeShadows(query.outputs, n, &all);
-  uint64_t done = 0;
-  absl::StatusOr<StreamSummary> summary = ComputeShadows(
-      query,
+  const absl::Status status = CollectParts<Shadows>(
+      [&](const auto& on_part) { return ComputeShadows(query, on_part, options); },
       [&](const Shadows& part) {
         Place(part.lit, all.samples, part.offset, n, &all.lit);
         Place(part.valid, 1, part.offset, n, &all.valid);
@@ -169,14 +168,11 @@ absl::StatusOr<Shadows> Client::ComputeAllShadows(
         PlaceBlockers(part, all.samples, n, &all);
         Place(part.answered_by, all.samples, part.offset, n, &all.answered_by);
         all.near_surface_points += part.near_surface_points;
-        done += part.points;
-        if (on_progress) on_progress(done);
-        return absl::OkStatus();
+        return part.points;
       },
-      options);
-  if (!summary.ok()) return summary.status();
-  all.statistics = summary->statistics;
-  all.summary = *summary;
+      on_progress, &all.summary);
+  if (!status.ok()) return status;
+  all.statistics = all.summary.statistics;
   return all;
 }
 

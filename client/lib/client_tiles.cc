@@ -163,10 +163,10 @@ absl::StatusOr<TileImage> Client::TraceImage(
   image.height = query.camera.height;
   image.samples = query.outputs.lit ? static_cast<uint32_t>(TotalSamples(query.lights)) : 0;
   const uint64_t n = uint64_t{image.width} * image.height;
-  uint64_t done = 0;
+  bool sized = false;
   const auto place = [&](const Tile& tile) {
     // Not before the first answer: until then the sizes may be absurd.
-    if (done == 0) ResizePixels(query.outputs, image.samples, n, &image);
+    if (!std::exchange(sized, true)) ResizePixels(query.outputs, image.samples, n, &image);
     const TileRect& r = tile.rect;
     const auto copy = [&](const auto& from, auto* to, uint64_t planes) {
       if (from.empty()) return;
@@ -190,18 +190,12 @@ absl::StatusOr<TileImage> Client::TraceImage(
       if (image.costs.size() <= tile.index) image.costs.resize(tile.index + 1);
       image.costs[tile.index] = {r, tile.statistics};
     }
-    done += uint64_t{r.width} * r.height;
+    return uint64_t{r.width} * r.height;
   };
-  absl::StatusOr<StreamSummary> summary = TraceTiles(
-      query,
-      [&](const Tile& tile) {
-        place(tile);
-        if (on_progress) on_progress(done);
-        return absl::OkStatus();
-      },
-      options);
-  if (!summary.ok()) return summary.status();
-  image.summary = *summary;
+  const absl::Status status =
+      CollectParts<Tile>([&](const auto& on_part) { return TraceTiles(query, on_part, options); },
+                         place, on_progress, &image.summary);
+  if (!status.ok()) return status;
   return image;
 }
 

@@ -106,6 +106,24 @@ absl::StatusOr<StreamSummary> RunQuery(StreamJob<Request, Response> job, const D
   return summary;
 }
 
+// Runs a query to its end and puts its parts together in `all`: run(callback) calls back with every
+// part, place(part) puts one into `all` and returns how many elements it held; `on_progress`, if
+// any, hears how many are there.
+template <typename Part, typename Run, typename PlacePart>
+absl::Status CollectParts(const Run& run, const PlacePart& place,
+                          const std::function<void(uint64_t done)>& on_progress,
+                          StreamSummary* summary) {
+  uint64_t done = 0;
+  absl::StatusOr<StreamSummary> ran = run([&](const Part& part) {
+    done += place(part);
+    if (on_progress) on_progress(done);
+    return absl::OkStatus();
+  });
+  if (!ran.ok()) return ran.status();
+  *summary = *std::move(ran);
+  return absl::OkStatus();
+}
+
 }  // namespace sightline::client
 
 #endif  // SIGHTLINE_CLIENT_LIB_QUERY_RUN_H_
