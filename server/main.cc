@@ -2,6 +2,8 @@
 //
 // sightlined: a Sightline server as a process. Reads its flags, starts a Server, and drains it on
 // SIGTERM or SIGINT.
+#include <unistd.h>
+
 #include <csignal>
 #include <cstdio>
 #include <memory>
@@ -11,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "server/base/log.h"
+#include "server/option_sources.h"
 #include "server/options.h"
 #include "server/port_file.h"
 #include "server/server.h"
@@ -25,7 +28,7 @@ constexpr int kExitUnavailable = 69;
 constexpr int kExitSoftware = 70;
 
 int Run(int argc, char** argv) {
-  const absl::StatusOr<ParsedOptions> parsed = ParseFlags(argc, argv);
+  const absl::StatusOr<ParsedOptions> parsed = ReadOptions(argc, argv, environ);
   if (!parsed.ok()) {
     std::fprintf(stderr, "sightlined: %s\n", std::string(parsed.status().message()).c_str());
     return kExitUsage;
@@ -38,8 +41,23 @@ int Run(int argc, char** argv) {
     std::printf("sightlined %s\n", std::string(kVersion).c_str());
     return 0;
   }
+  if (const absl::Status status = CheckOptions(parsed->options); !status.ok()) {
+    std::fprintf(stderr, "sightlined: %s\n", std::string(status.message()).c_str());
+    return kExitUsage;
+  }
+  if (parsed->print_config) std::fputs(ConfigText(*parsed).c_str(), stdout);
+  if (parsed->check_config || parsed->print_config) {
+    for (const std::string& warning : parsed->warnings) {
+      std::fprintf(stderr, "sightlined: %s\n", warning.c_str());
+    }
+    if (parsed->check_config) std::fputs("the configuration is good\n", stderr);
+    return 0;
+  }
   const ServerOptions& options = parsed->options;
   SetLogLevel(options.log_level);
+  for (const std::string& warning : parsed->warnings) {
+    Log(LogLevel::kWarning, "configuration", {{"warning", warning}});
+  }
 
   // Blocked before any thread starts, so that all of them inherit it and sigwait alone hears the
   // signals: a handler could not shut gRPC down (it takes locks).

@@ -1,30 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/options.h"
 
-#include <functional>
 #include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
 #include "core/base/status_macros.h"
+#include "core/mesh/builtin/builtin.h"
+#include "server/base/resource_name.h"
 
 namespace sightline {
 namespace {
 
 constexpr int kMaxThreads = 1000;
-
-struct Option {
-  std::string name;   // With dashes.
-  std::string takes;  // What stands for the value in --help; empty for a switch.
-  std::string help;
-  std::string default_text;
-  std::function<absl::Status(absl::string_view, ParsedOptions*)> set;
-};
 
 absl::Status Bad(absl::string_view value, absl::string_view remedy) {
   return absl::InvalidArgumentError(absl::StrCat("\"", value, "\": ", remedy));
@@ -56,7 +48,8 @@ std::vector<Option> MakeTable() {
        [](absl::string_view value, ParsedOptions* out) {
          out->options.scenes.emplace_back(value);
          return absl::OkStatus();
-       }},
+       },
+       /*repeated=*/true},
       {"threads", "N", "threads that answer queries; 0: one per hardware thread", "0",
        [](absl::string_view value, ParsedOptions* out) {
          return SetThreads(value, &out->options.threads);
@@ -94,6 +87,22 @@ std::vector<Option> MakeTable() {
            return absl::OkStatus();
          }});
   }
+  table.push_back({"config", "FILE",
+                   "a YAML file of lines OPTION: VALUE; flags and SIGHTLINE_ variables win over it",
+                   "none", [](absl::string_view value, ParsedOptions* out) {
+                     out->config = std::string(value);
+                     return absl::OkStatus();
+                   }});
+  table.push_back({"check-config", "", "says whether the options are good, and stops", "",
+                   [](absl::string_view, ParsedOptions* out) {
+                     out->check_config = true;
+                     return absl::OkStatus();
+                   }});
+  table.push_back({"print-config", "", "prints every option and where its value is from, and stops",
+                   "", [](absl::string_view, ParsedOptions* out) {
+                     out->print_config = true;
+                     return absl::OkStatus();
+                   }});
   table.push_back({"help", "", "this text", "", [](absl::string_view, ParsedOptions* out) {
                      out->help = true;
                      return absl::OkStatus();
@@ -105,52 +114,37 @@ std::vector<Option> MakeTable() {
   return table;
 }
 
-const std::vector<Option>& Table() {
+}  // namespace
+
+const std::vector<Option>& OptionTable() {
   static const auto* const table = new std::vector<Option>(MakeTable());
   return *table;
 }
 
-const Option* Find(const std::string& name) {
-  for (const Option& option : Table()) {
-    if (option.name == name) return &option;
+absl::StatusOr<SceneOption> ParseSceneOption(absl::string_view text) {
+  SceneOption scene;
+  const size_t equals = text.find('=');
+  // "builtin:hall,seed=7" has an equals sign too, but no id before it.
+  const bool named = equals != absl::string_view::npos && equals < text.find(':');
+  absl::string_view spec = named ? text.substr(equals + 1) : text;
+  scene.spec = std::string(spec);
+  if (!absl::ConsumePrefix(&spec, "builtin:")) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--scene = \"", text, "\": must be [ID=]builtin:NAME[:TRIANGLES]"));
   }
-  return nullptr;
+  SL_RETURN_IF_ERROR(ParseBuiltin(std::string(spec)).status());
+  // Without an id: the built-in's own name.
+  scene.id = std::string(named ? text.substr(0, equals) : spec.substr(0, spec.find_first_of(":,")));
+  SL_RETURN_IF_ERROR(CheckId("--scene", scene.id));
+  return scene;
 }
 
-}  // namespace
-
-absl::StatusOr<ParsedOptions> ParseFlags(int argc, const char* const* argv) {
-  ParsedOptions parsed;
-  for (int i = 1; i < argc; ++i) {
-    absl::string_view argument = argv[i];
-    if (!absl::ConsumePrefix(&argument, "--")) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("\"", argv[i], "\" is no flag; --help lists them"));
-    }
-    const size_t equals = argument.find('=');
-    const std::string name = absl::StrReplaceAll(argument.substr(0, equals), {{"_", "-"}});
-    const Option* option = Find(name);
-    if (option == nullptr) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("there is no flag --", name, "; --help lists them"));
-    }
-    absl::string_view value;
-    if (equals != absl::string_view::npos) {
-      value = argument.substr(equals + 1);
-    } else if (!option->takes.empty()) {
-      if (++i == argc) {
-        return absl::InvalidArgumentError(absl::StrCat("--", name, " needs ", option->takes));
-      }
-      value = argv[i];
-    }
-    if (option->takes.empty() && equals != absl::string_view::npos) {
-      return absl::InvalidArgumentError(absl::StrCat("--", name, " takes no value"));
-    }
-    if (absl::Status status = option->set(value, &parsed); !status.ok()) {
-      return absl::InvalidArgumentError(absl::StrCat("--", name, " = ", status.message()));
-    }
+absl::Status CheckOptions(const ServerOptions& options) {
+  SL_RETURN_IF_ERROR(ValidateLimits(options.limits));
+  for (const std::string& text : options.scenes) {
+    SL_RETURN_IF_ERROR(ParseSceneOption(text).status());
   }
-  return parsed;
+  return absl::OkStatus();
 }
 
 std::string HelpText() {
@@ -160,8 +154,11 @@ std::string HelpText() {
       "Runs until SIGTERM or SIGINT, then finishes what is under way.\n"
       "Exit codes: 0 done, 64 wrong flags, 69 the server could not start, 70 the drain ran out of "
       "time.\n\n"
+      "An option is taken from its flag, else from the environment (--max-scenes is\n"
+      "SIGHTLINE_MAX_SCENES; several values are separated by blanks), else from the file of\n"
+      "--config (max-scenes: 10; several values are a list), else it has its default.\n\n"
       "Flags:\n";
-  for (const Option& option : Table()) {
+  for (const Option& option : OptionTable()) {
     absl::StrAppend(&text, "  --", option.name, option.takes.empty() ? "" : " ", option.takes,
                     "\n");
     absl::StrAppend(&text, "      ", option.help);

@@ -1,19 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a server is started with. One table (options.cc) holds every option's name, help and
-// meaning; flags are read through it, and so will be an environment and a file.
+// What a server is started with. One table holds every option's name, help and meaning; flags, the
+// environment and a file are read through it (option_sources.h).
 //
 // Thread safety: plain values and functions.
 //
-//   absl::StatusOr<ParsedOptions> parsed = ParseFlags(argc, argv);
+//   absl::StatusOr<ParsedOptions> parsed = ReadOptions(argc, argv, environ);
 //   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(parsed->options);
 #ifndef SIGHTLINE_SERVER_OPTIONS_H_
 #define SIGHTLINE_SERVER_OPTIONS_H_
 
+#include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "server/base/limits.h"
 #include "server/base/log.h"
@@ -32,14 +36,42 @@ struct ServerOptions {
   Limits limits;
 };
 
-struct ParsedOptions {
-  ServerOptions options;
-  bool help = false, version = false;
+// An option that something else than the default decided.
+struct GivenOption {
+  std::vector<std::string> values;  // As they were written.
+  std::string origin;  // "--threads", "SIGHTLINE_THREADS", "sightlined.yaml:3: threads".
 };
 
-// Reads --name=value and --name value; '-' and '_' are the same in names. InvalidArgument naming
-// the flag, its value and what it takes.
-absl::StatusOr<ParsedOptions> ParseFlags(int argc, const char* const* argv);
+struct ParsedOptions {
+  ServerOptions options;
+  std::string config;  // The configuration file; empty: none.
+  bool help = false, version = false, check_config = false, print_config = false;
+  std::map<std::string, GivenOption> given;  // By name.
+  std::vector<std::string> warnings;         // What was seen and is not used.
+};
+
+struct Option {
+  std::string name;   // With dashes.
+  std::string takes;  // What stands for the value in --help; empty for a switch, a flag alone.
+  std::string help;
+  std::string default_text;
+  // InvalidArgument: "VALUE": what it must be. Called once per value.
+  std::function<absl::Status(absl::string_view, ParsedOptions*)> set;
+  bool repeated = false;  // May be given more than once; else the last one counts.
+};
+
+// In the order of --help.
+const std::vector<Option>& OptionTable();
+
+struct SceneOption {
+  std::string id, spec;  // The spec with its "builtin:".
+};
+// One of ServerOptions::scenes. InvalidArgument.
+absl::StatusOr<SceneOption> ParseSceneOption(absl::string_view text);
+
+// What can be wrong with options together, or with what they name: found before anything starts, by
+// --check-config and by Server::Start. InvalidArgument.
+absl::Status CheckOptions(const ServerOptions& options);
 
 // The text of --help: every flag, what it takes, its default.
 std::string HelpText();

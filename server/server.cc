@@ -13,7 +13,6 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
@@ -32,12 +31,6 @@ constexpr int kKeepaliveTimeMs = 40'000;
 constexpr int kKeepaliveTimeoutMs = 20'000;
 // HTTP/2's own bound on what headers may take; ours carry nothing large.
 constexpr int kMaxMetadataBytes = 16 << 10;
-
-// The id a scene gets when its option names none: the built-in's own name.
-std::string DefaultSceneId(absl::string_view spec) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(spec, ':');
-  return std::string(parts.size() > 1 ? parts[1].substr(0, parts[1].find(',')) : spec);
-}
 
 bool IsLoopback(absl::string_view address) {
   return absl::StartsWith(address, "127.") || absl::StartsWith(address, "localhost:") ||
@@ -61,7 +54,7 @@ Server::Server(const ServerOptions& options)
       capability_service_(DescribeServer(options_.limits, query_pool_.threads())) {}
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
-  SL_RETURN_IF_ERROR(ValidateLimits(options.limits));
+  SL_RETURN_IF_ERROR(CheckOptions(options));
   std::unique_ptr<Server> server(new Server(options));
   SL_RETURN_IF_ERROR(server->MakeScenes());
   SL_RETURN_IF_ERROR(server->Listen());
@@ -76,16 +69,13 @@ Server::~Server() {
 
 absl::Status Server::MakeScenes() {
   for (const std::string& option : options_.scenes) {
-    const size_t equals = option.find('=');
-    // "builtin:hall,seed=7" has an equals sign too, but no id before it.
-    const bool named = equals != std::string::npos && equals < option.find(':');
-    const std::string spec = named ? option.substr(equals + 1) : option;
-    const std::string id = named ? option.substr(0, equals) : DefaultSceneId(spec);
-    SL_RETURN_IF_ERROR(CheckId("--scene", id));
-    SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, scenes_.MakeBuiltinObjects(spec));
-    SL_ASSIGN_OR_RETURN(const SceneView view, scenes_.Create({.scene_id = id}, objects, nullptr));
+    SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(option));
+    SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects,
+                        scenes_.MakeBuiltinObjects(scene.spec));
+    SL_ASSIGN_OR_RETURN(const SceneView view,
+                        scenes_.Create({.scene_id = scene.id}, objects, nullptr));
     Log(LogLevel::kInfo, "scene_created",
-        {{"scene", id},
+        {{"scene", scene.id},
          {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});
   }
   return absl::OkStatus();

@@ -11,8 +11,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
-#include "client/cli/edit_distance.h"
 #include "client/cli/exit_code.h"
+#include "core/base/edit_distance.h"
 
 namespace sightline::cli {
 

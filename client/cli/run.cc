@@ -11,8 +11,8 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
 #include "client/cli/commands/command.h"
-#include "client/cli/edit_distance.h"
 #include "client/cli/exit_code.h"
+#include "core/base/edit_distance.h"
 
 namespace sightline::cli {
 namespace {

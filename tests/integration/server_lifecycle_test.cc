@@ -262,6 +262,22 @@ TEST(SightlinedTest, WrongFlagsAreAUsageError) {
   EXPECT_EQ(process.Wait(), 64);
 }
 
+TEST(SightlinedTest, TheConfigurationIsCheckedAndPrinted) {
+  const testing_support::TempDir dir;
+  std::ofstream(dir.File("good.yaml")) << "threads: 3\n";
+  std::ofstream(dir.File("bad.yaml")) << "threads: 3\nscene: builtin:nothing\n";
+  Process good({"--config", dir.File("good.yaml"), "--check-config"});
+  EXPECT_TRUE(absl::StrContains(good.ReadUntil("good"), "the configuration is good"));
+  EXPECT_EQ(good.Wait(), 0);
+  Process bad({"--config", dir.File("bad.yaml"), "--check-config"});
+  EXPECT_TRUE(absl::StrContains(bad.ReadUntil("nothing"), "nothing"));
+  EXPECT_EQ(bad.Wait(), 64);
+  Process print({"--config", dir.File("good.yaml"), "--print-config"});
+  EXPECT_TRUE(absl::StrContains(print.ReadUntil("threads: 3"), "good.yaml:1"));
+  print.ReadUntil("no such line");
+  EXPECT_EQ(print.Wait(), 0);
+}
+
 TEST(SightlinedTest, HelpAndVersion) {
   Process help({"--help"});
   EXPECT_TRUE(absl::StrContains(help.ReadUntil("--drain-timeout"), "DURATION"));

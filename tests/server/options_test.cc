@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "gtest/gtest.h"
+#include "server/option_sources.h"
 #include "server/services/capability_service.h"
 
 namespace sightline {
@@ -16,7 +17,7 @@ namespace {
 
 absl::StatusOr<ParsedOptions> Parse(std::vector<const char*> arguments) {
   arguments.insert(arguments.begin(), "sightlined");
-  return ParseFlags(static_cast<int>(arguments.size()), arguments.data());
+  return ReadOptions(static_cast<int>(arguments.size()), arguments.data(), nullptr);
 }
 
 TEST(OptionsTest, DefaultsToLoopbackOnAFreePort) {

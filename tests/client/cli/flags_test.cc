@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/flags.h"
 
-#include "client/cli/edit_distance.h"
 #include "client/cli/exit_code.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -99,18 +98,6 @@ TEST_F(FlagsTest, HelpListsEveryFlagWithValueAndDefault) {
         "--light X,Y,Z", "--strategy AUTO|SINGLE", "(default: AUTO)"}) {
     EXPECT_THAT(help, HasSubstr(part));
   }
-}
-
-TEST(NearestWordTest, CountsEdits) {
-  EXPECT_EQ(EditDistance("kitten", "sitting"), 3u);
-  EXPECT_EQ(EditDistance("", "abc"), 3u);
-  EXPECT_EQ(EditDistance("same", "same"), 0u);
-  const std::vector<std::string> words = {"view", "shade", "segments"};
-  EXPECT_EQ(EditDistance("siez", "size"), 1u);
-  EXPECT_EQ(NearestWord("veiw", words), "view");
-  EXPECT_EQ(NearestWord("wive", words), "");
-  EXPECT_EQ(NearestWord("viev", words), "view");
-  EXPECT_EQ(NearestWord("seg", words), "segments");
 }
 
 TEST(ExitCodeTest, FollowsTheStatus) {

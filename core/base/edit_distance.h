@@ -4,8 +4,8 @@
 // exchanged, to make one word another.
 //
 // Thread safety: free functions.
-#ifndef SIGHTLINE_CLIENT_CLI_EDIT_DISTANCE_H_
-#define SIGHTLINE_CLIENT_CLI_EDIT_DISTANCE_H_
+#ifndef SIGHTLINE_CORE_BASE_EDIT_DISTANCE_H_
+#define SIGHTLINE_CORE_BASE_EDIT_DISTANCE_H_
 
 #include <algorithm>
 #include <numeric>
@@ -15,7 +15,7 @@
 
 #include "absl/strings/string_view.h"
 
-namespace sightline::cli {
+namespace sightline {
 
 inline size_t EditDistance(absl::string_view a, absl::string_view b) {
   // Rows of the usual table: for the prefixes of `a` that are two and one shorter, and this one.
@@ -53,6 +53,6 @@ inline std::string NearestWord(absl::string_view word, std::span<const std::stri
   return best;
 }
 
-}  // namespace sightline::cli
+}  // namespace sightline
 
-#endif  // SIGHTLINE_CLIENT_CLI_EDIT_DISTANCE_H_
+#endif  // SIGHTLINE_CORE_BASE_EDIT_DISTANCE_H_

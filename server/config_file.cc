@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/config_file.h"
+
+#include <yaml-cpp/yaml.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <exception>
+#include <map>
+#include <memory>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+
+namespace sightline {
+namespace {
+
+// A configuration is written by people; beyond this it is some other file.
+constexpr size_t kMaxFileBytes = 1 << 20;
+
+absl::Status At(absl::string_view name, int line, absl::string_view what) {
+  return absl::InvalidArgumentError(absl::StrCat(name, ":", line, ": ", what));
+}
+
+int LineOf(const YAML::Mark& mark) { return mark.line + 1; }
+
+absl::StatusOr<std::vector<std::string>> Values(absl::string_view name, const std::string& key,
+                                                const YAML::Node& node) {
+  std::vector<std::string> values;
+  if (node.IsScalar()) return values = {node.Scalar()};
+  const std::string wants = absl::StrCat("\"", key, "\" wants one value or a list of values");
+  if (!node.IsSequence()) return At(name, LineOf(node.Mark()), wants);
+  for (const YAML::Node& element : node) {
+    if (!element.IsScalar()) return At(name, LineOf(element.Mark()), wants);
+    values.push_back(element.Scalar());
+  }
+  if (values.empty()) return At(name, LineOf(node.Mark()), wants);
+  return values;
+}
+
+absl::StatusOr<std::vector<ConfigEntry>> Entries(absl::string_view name, const YAML::Node& root) {
+  std::vector<ConfigEntry> entries;
+  if (root.IsNull()) return entries;  // Comments alone.
+  if (!root.IsMap()) return At(name, LineOf(root.Mark()), "must be lines of OPTION: VALUE");
+  std::map<std::string, int> lines;
+  for (const auto& pair : root) {
+    const YAML::Node& key = pair.first;
+    const int line = LineOf(key.Mark());
+    if (!key.IsScalar()) return At(name, line, "an option's name must be a word");
+    ConfigEntry entry{.key = key.Scalar(), .line = line};
+    const auto [first, inserted] = lines.emplace(entry.key, line);
+    if (!inserted) {
+      return At(name, line,
+                absl::StrCat("\"", entry.key, "\" stands in line ", first->second,
+                             " already; an option with several values takes a list"));
+    }
+    SL_ASSIGN_OR_RETURN(entry.values, Values(name, entry.key, pair.second));
+    entries.push_back(std::move(entry));
+  }
+  return entries;
+}
+
+}  // namespace
+
+absl::StatusOr<std::vector<ConfigEntry>> ParseConfig(absl::string_view name,
+                                                     absl::string_view text) {
+  // The only way in which yaml-cpp says that something is wrong.
+  try {
+    return Entries(name, YAML::Load(std::string(text)));
+  } catch (const YAML::Exception& error) {
+    return At(name, LineOf(error.mark), error.msg);
+  } catch (const std::exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat(name, ": ", error.what()));
+  }
+}
+
+absl::StatusOr<std::vector<ConfigEntry>> ReadConfigFile(const std::string& path) {
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"),
+                                                             &std::fclose);
+  if (file == nullptr) {
+    return absl::ErrnoToStatus(errno, absl::StrCat("cannot read the configuration file ", path));
+  }
+  std::string text(kMaxFileBytes + 1, '\0');
+  text.resize(std::fread(text.data(), 1, text.size(), file.get()));
+  if (std::ferror(file.get()) != 0) {
+    return absl::UnavailableError(
+        absl::StrCat("cannot read the configuration file ", path, ": ", std::strerror(errno)));
+  }
+  if (text.size() > kMaxFileBytes) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": is longer than ", kMaxFileBytes, " bytes: is it a configuration?"));
+  }
+  return ParseConfig(path, text);
+}
+
+}  // namespace sightline

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/option_sources.h"
+
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/config_file.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+class OptionSourcesTest : public ::testing::Test {
+ protected:
+  // A file with `text`.
+  std::string Config(const std::string& text) const {
+    std::ofstream(dir_.File("sightlined.yaml")) << text;
+    return dir_.File("sightlined.yaml");
+  }
+  static absl::StatusOr<ParsedOptions> Read(std::vector<std::string> flags,
+                                            std::vector<std::string> variables = {}) {
+    std::vector<const char*> argv = {"sightlined"}, environment;
+    for (const std::string& flag : flags) argv.push_back(flag.c_str());
+    for (const std::string& variable : variables) environment.push_back(variable.c_str());
+    environment.push_back(nullptr);
+    return ReadOptions(static_cast<int>(argv.size()), argv.data(), environment.data());
+  }
+  static std::string ErrorOf(const absl::StatusOr<ParsedOptions>& parsed) {
+    EXPECT_EQ(parsed.status().code(), absl::StatusCode::kInvalidArgument);
+    return std::string(parsed.status().message());
+  }
+
+  const testing_support::TempDir dir_;
+};
+
+TEST_F(OptionSourcesTest, FlagBeatsEnvironmentBeatsFileBeatsDefault) {
+  const std::string file = Config(
+      "threads: 1\nbuild-threads: 1\nmax_scenes: 1\nscene: [a=builtin:box, b=builtin:box]\n");
+  const std::vector<std::string> variables = {"SIGHTLINE_THREADS=2", "SIGHTLINE_BUILD_THREADS=2",
+                                              "PATH=x", "SIGHTLINE_SCENE=c=builtin:box "};
+  const absl::StatusOr<ParsedOptions> parsed = Read({"--threads=3", "--config", file}, variables);
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->options.threads, 3);
+  EXPECT_EQ(parsed->options.build_threads, 2);
+  EXPECT_EQ(parsed->options.limits.max_scenes, 1u);
+  EXPECT_EQ(parsed->options.limits.max_lights, Limits().max_lights);
+  // Sources are not mixed.
+  EXPECT_THAT(parsed->options.scenes, ElementsAre("c=builtin:box"));
+  EXPECT_THAT(parsed->warnings, IsEmpty());
+  EXPECT_EQ(parsed->given.at("threads").origin, "--threads");
+  EXPECT_EQ(parsed->given.at("build-threads").origin, "SIGHTLINE_BUILD_THREADS");
+  EXPECT_EQ(parsed->given.at("max-scenes").origin, file + ":3: max-scenes");
+  EXPECT_EQ(parsed->given.count("max-lights"), 0u);
+}
+
+TEST_F(OptionSourcesTest, TheEnvironmentNamesTheFileToo) {
+  const std::string file = Config("threads: 5\n");
+  EXPECT_EQ(Read({}, {"SIGHTLINE_CONFIG=" + file})->options.threads, 5);
+  // A flag's file takes the place of the variable's.
+  EXPECT_EQ(Read({"--config=" + file}, {"SIGHTLINE_CONFIG=none"})->options.threads, 5);
+  EXPECT_EQ(Read({}, {"SIGHTLINE_CONFIG=" + dir_.File("none")}).status().code(),
+            absl::StatusCode::kNotFound);
+}
+
+TEST_F(OptionSourcesTest, TheLastOfAFlagCounts) {
+  EXPECT_EQ(Read({"--threads=3", "--threads=4"})->options.threads, 4);
+  EXPECT_THAT(Read({"--scene=x", "--scene=y"})->options.scenes, ElementsAre("x", "y"));
+}
+
+TEST_F(OptionSourcesTest, UnknownNamesSuggestTheNearest) {
+  EXPECT_THAT(ErrorOf(Read({"--thread=2"})),
+              HasSubstr("there is no flag --thread; did you mean --threads?"));
+  const std::string file = Config("threads: 1\n\nmax-scnes: 3\n");
+  EXPECT_THAT(ErrorOf(Read({"--config", file})),
+              HasSubstr(file + ":3: there is no option \"max-scnes\"; did you mean max-scenes?"));
+  EXPECT_THAT(ErrorOf(Read({"--config", Config("qwertz: 3\n")})),
+              ::testing::EndsWith("there is no option \"qwertz\""));
+  // Variables that nobody meant for us are named and ignored.
+  const absl::StatusOr<ParsedOptions> parsed =
+      Read({}, {"SIGHTLINE_THREAD=2", "SIGHTLINE_SERVICE_HOST=10.0.0.1", "SIGHTLINE_HELP=1"});
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->options.threads, 0);
+  EXPECT_FALSE(parsed->help);
+  ASSERT_EQ(parsed->warnings.size(), 3u);
+  EXPECT_THAT(parsed->warnings[0], HasSubstr("did you mean SIGHTLINE_THREADS?"));
+  EXPECT_THAT(parsed->warnings[1], HasSubstr("SIGHTLINE_SERVICE_HOST"));
+}
+
+TEST_F(OptionSourcesTest, ErrorsNameTheSource) {
+  const std::string file = Config("log-level: info\nthreads: many\n");
+  EXPECT_THAT(ErrorOf(Read({"--config", file})), HasSubstr(file + ":2: threads = \"many\""));
+  EXPECT_THAT(ErrorOf(Read({}, {"SIGHTLINE_MAX_SCENES=0"})),
+              HasSubstr("SIGHTLINE_MAX_SCENES = \"0\": must be 1 .. "));
+  // What a stronger source decides is not looked at, however wrong.
+  EXPECT_TRUE(Read({"--config", file, "--threads=2"}).ok());
+  EXPECT_THAT(ErrorOf(Read({"--config", Config("threads: [1, 2]\n")})), HasSubstr("not a list"));
+  EXPECT_THAT(ErrorOf(Read({"--config", Config("version: yes\n")})), HasSubstr("command line"));
+  EXPECT_THAT(ErrorOf(Read({"--config", Config("config: x\n")})), HasSubstr("command line"));
+}
+
+TEST_F(OptionSourcesTest, TheConfigTextGivesTheSameOptionsAgain) {
+  const std::string file = Config("drain-timeout: 7s\nscene: ['a=builtin:box,seed=2']\n");
+  const absl::StatusOr<ParsedOptions> first =
+      Read({"--config", file, "--scene=x=builtin:hall", "--scene=builtin:box,seed=3",
+            "--port-file=a # b: c", "--max-scenes=7"},
+           {"SIGHTLINE_THREADS=2"});
+  ASSERT_TRUE(first.ok()) << first.status();
+  const std::string text = ConfigText(*first);
+  EXPECT_THAT(text, HasSubstr("threads: 2  # SIGHTLINE_THREADS\n"));
+  EXPECT_THAT(text, HasSubstr("drain-timeout: 7s  # " + file + ":1: drain-timeout\n"));
+  EXPECT_THAT(text, HasSubstr("max-scenes: 7  # --max-scenes\n"));
+  EXPECT_THAT(text, HasSubstr("# build-threads: 0  # default\n"));
+  const absl::StatusOr<ParsedOptions> second = Read({"--config", Config(text)});
+  ASSERT_TRUE(second.ok()) << second.status() << "\n" << text;
+  EXPECT_EQ(second->options.scenes, first->options.scenes);
+  EXPECT_EQ(second->options.port_file, first->options.port_file);
+  EXPECT_EQ(second->options.threads, 2);
+  EXPECT_EQ(second->options.drain_timeout, absl::Seconds(7));
+  EXPECT_EQ(second->options.limits.max_scenes, 7u);
+}
+
+TEST_F(OptionSourcesTest, WhatTheOptionsNameIsChecked) {
+  ServerOptions options;
+  options.scenes = {"builtin:box", "a=builtin:hall:30k,seed=3"};
+  EXPECT_TRUE(CheckOptions(options).ok());
+  EXPECT_EQ(ParseSceneOption(options.scenes[1])->id, "a");
+  EXPECT_EQ(ParseSceneOption("builtin:hall,seed=7")->id, "hall");
+  for (const char* scene : {"hall.obj", "builtin:hal", "A B=builtin:hall", "builtin:hall:-1"}) {
+    options.scenes = {scene};
+    EXPECT_EQ(CheckOptions(options).code(), absl::StatusCode::kInvalidArgument) << scene;
+  }
+}
+
+}  // namespace
+}  // namespace sightline
