@@ -26,17 +26,18 @@ absl::Status At(absl::string_view name, int line, absl::string_view what) {
 
 int LineOf(const YAML::Mark& mark) { return mark.line + 1; }
 
-absl::StatusOr<std::vector<std::string>> Values(absl::string_view name, const std::string& key,
+absl::StatusOr<std::vector<std::string>> Values(absl::string_view name, const ConfigEntry& entry,
                                                 const YAML::Node& node) {
   std::vector<std::string> values;
   if (node.IsScalar()) return values = {node.Scalar()};
-  const std::string wants = absl::StrCat("\"", key, "\" wants one value or a list of values");
-  if (!node.IsSequence()) return At(name, LineOf(node.Mark()), wants);
+  const std::string wants = absl::StrCat("\"", entry.key, "\" wants one value or a list of values");
+  // The key's line: a value that is missing has the mark of whatever comes next.
+  if (!node.IsSequence()) return At(name, entry.line, wants);
   for (const YAML::Node& element : node) {
     if (!element.IsScalar()) return At(name, LineOf(element.Mark()), wants);
     values.push_back(element.Scalar());
   }
-  if (values.empty()) return At(name, LineOf(node.Mark()), wants);
+  if (values.empty()) return At(name, entry.line, wants);
   return values;
 }
 
@@ -56,7 +57,7 @@ absl::StatusOr<std::vector<ConfigEntry>> Entries(absl::string_view name, const Y
                 absl::StrCat("\"", entry.key, "\" stands in line ", first->second,
                              " already; an option with several values takes a list"));
     }
-    SL_ASSIGN_OR_RETURN(entry.values, Values(name, entry.key, pair.second));
+    SL_ASSIGN_OR_RETURN(entry.values, Values(name, entry, pair.second));
     entries.push_back(std::move(entry));
   }
   return entries;

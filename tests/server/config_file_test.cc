@@ -41,7 +41,7 @@ TEST(ConfigFileTest, ErrorsNameFileAndLine) {
   const std::pair<const char*, const char*> cases[] = {
       {"threads: 8\nthreads: 9\n", "a.yaml:2: \"threads\" stands in line 1 already"},
       {"threads:\n", "a.yaml:1: \"threads\" wants one value"},
-      {"a: 1\nlimits:\n  max-scenes: 3\n", "a.yaml:3: \"limits\" wants one value"},
+      {"a: 1\nlimits:\n  max-scenes: 3\n", "a.yaml:2: \"limits\" wants one value"},
       {"scene: [a, [b]]\n", "a.yaml:1: \"scene\" wants one value"},
       {"scene: []\n", "a.yaml:1: \"scene\" wants one value"},
       {"- a\n", "a.yaml:1: must be lines of OPTION: VALUE"},
