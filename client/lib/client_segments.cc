@@ -10,6 +10,7 @@
 #include "client/lib/convert.h"
 #include "client/lib/query_run.h"
 #include "client/lib/query_support.h"
+#include "client/lib/query_wire.h"
 #include "client/lib/stream_runner.h"
 #include "client/lib/upload.h"
 
@@ -24,10 +25,25 @@ void ResizeSegments(const SegmentQuery& query, uint64_t n, Segments* out) {
   if (query.blockers) ResizeBlockers(n, out);
 }
 
-absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t offset, uint64_t n,
+}  // namespace
+
+v1::TestSegmentsHeader SegmentsHeader(const SegmentQuery& query, int64_t revision) {
+  v1::TestSegmentsHeader header;
+  FillHeader(query.scene, revision, query.options, header.mutable_stream());
+  header.mutable_outputs()->set_blocked_bits(query.blocked);
+  header.mutable_outputs()->set_first_blockers(query.blockers);
+  return header;
+}
+
+void FillSegmentItem(const SegmentQuery& query, uint64_t begin, uint64_t count,
+                     v1::SegmentItem* item) {
+  item->set_segments(PackRows(query.segments, 6, begin, count));
+}
+
+absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t begin, uint64_t n,
                                         std::vector<v1::SegmentReply> replies) {
   Segments out;
-  out.offset = offset;
+  out.offset = begin;
   ResizeSegments(query, n, &out);
   const absl::Status status = DecodeReplies(
       std::move(replies), n, &out.statistics,
@@ -48,8 +64,6 @@ absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t offs
   return out;
 }
 
-}  // namespace
-
 absl::StatusOr<StreamSummary> Client::TestSegments(
     const SegmentQuery& query, const std::function<absl::Status(Segments)>& on_segments,
     const StreamOptions& options) const {
@@ -69,17 +83,14 @@ absl::StatusOr<StreamSummary> Client::TestSegments(
 
   StreamJob<v1::TestSegmentsRequest, v1::TestSegmentsResponse> job;
   job.item_count = cut.items();
-  v1::TestSegmentsHeader* header = job.header.mutable_header();
-  FillHeader(query.scene, *revision, query.options, header->mutable_stream());
-  header->mutable_outputs()->set_blocked_bits(query.blocked);
-  header->mutable_outputs()->set_first_blockers(query.blockers);
+  *job.header.mutable_header() = SegmentsHeader(query, *revision);
   job.open = [this](int lane, const CallOptions& stream_call) {
     return shared_->connection->OpenSegments(lane, stream_call);
   };
   job.make_item = [&](size_t i) {
     v1::TestSegmentsRequest request;
     FillItem(i, options, request.mutable_item()->mutable_item());
-    request.mutable_item()->set_segments(PackRows(query.segments, 6, cut.begin(i), cut.count(i)));
+    FillSegmentItem(query, cut.begin(i), cut.count(i), request.mutable_item());
     return request;
   };
   job.cost = [&](size_t i) { return static_cast<int64_t>(cut.count(i)); };

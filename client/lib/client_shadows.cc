@@ -10,6 +10,7 @@
 #include "client/lib/convert.h"
 #include "client/lib/query_run.h"
 #include "client/lib/query_support.h"
+#include "client/lib/query_wire.h"
 #include "client/lib/stream_runner.h"
 #include "client/lib/upload.h"
 
@@ -45,10 +46,39 @@ void ResizeShadows(const ShadowOutputs& want, uint64_t n, Shadows* out) {
   if (want.answered_by) out->answered_by.resize(pairs);
 }
 
-absl::StatusOr<Shadows> DecodeShadows(const ShadowOutputs& want, uint64_t samples, uint64_t offset,
-                                      uint64_t n, std::vector<v1::ShadowReply> replies) {
+}  // namespace
+
+v1::ComputeShadowsHeader ShadowsHeader(const ShadowQuery& query, int64_t revision) {
+  v1::ComputeShadowsHeader header;
+  FillHeader(query.scene, revision, query.options, header.mutable_stream());
+  for (const Light& light : query.lights) ToProto(light, header.add_lights());
+  ToProto(query.point_options, header.mutable_point_options());
+  header.set_t_min(query.t_min);
+  header.mutable_outputs()->set_lit_bits(query.outputs.lit);
+  header.mutable_outputs()->set_lit_counts(query.outputs.counts);
+  header.mutable_outputs()->set_weighted_sums(query.outputs.weighted_sums);
+  header.mutable_outputs()->set_first_blockers(query.outputs.blockers);
+  header.mutable_outputs()->set_answered_by(query.outputs.answered_by);
+  return header;
+}
+
+void FillShadowItem(const ShadowQuery& query, uint64_t begin, uint64_t count,
+                    v1::ShadowItem* item) {
+  if (query.point_set.empty()) {
+    PackPoints(query.points, begin, count, item->mutable_points());
+    return;
+  }
+  item->mutable_point_set_range()->set_point_set(query.point_set);
+  item->mutable_point_set_range()->set_offset(begin);
+  item->mutable_point_set_range()->set_count(count);
+}
+
+absl::StatusOr<Shadows> DecodeShadows(const ShadowQuery& query, uint64_t begin, uint64_t n,
+                                      std::vector<v1::ShadowReply> replies) {
+  const ShadowOutputs& want = query.outputs;
+  const uint64_t samples = TotalSamples(query.lights);
   Shadows out;
-  out.offset = offset;
+  out.offset = begin;
   out.samples = static_cast<uint32_t>(samples);
   ResizeShadows(want, n, &out);
   const absl::Status status = DecodeReplies(
@@ -81,8 +111,6 @@ absl::StatusOr<Shadows> DecodeShadows(const ShadowOutputs& want, uint64_t sample
   return out;
 }
 
-}  // namespace
-
 absl::StatusOr<StreamSummary> Client::ComputeShadows(
     const ShadowQuery& query, const std::function<absl::Status(Shadows)>& on_shadows,
     const StreamOptions& options) const {
@@ -111,16 +139,7 @@ absl::StatusOr<StreamSummary> Client::ComputeShadows(
 
   StreamJob<v1::ComputeShadowsRequest, v1::ComputeShadowsResponse> job;
   job.item_count = cut.items();
-  v1::ComputeShadowsHeader* header = job.header.mutable_header();
-  FillHeader(query.scene, revision, query.options, header->mutable_stream());
-  for (const Light& light : query.lights) ToProto(light, header->add_lights());
-  ToProto(query.point_options, header->mutable_point_options());
-  header->set_t_min(query.t_min);
-  header->mutable_outputs()->set_lit_bits(query.outputs.lit);
-  header->mutable_outputs()->set_lit_counts(query.outputs.counts);
-  header->mutable_outputs()->set_weighted_sums(query.outputs.weighted_sums);
-  header->mutable_outputs()->set_first_blockers(query.outputs.blockers);
-  header->mutable_outputs()->set_answered_by(query.outputs.answered_by);
+  *job.header.mutable_header() = ShadowsHeader(query, revision);
   job.open = [this](int lane, const CallOptions& stream_call) {
     return shared_->connection->OpenShadows(lane, stream_call);
   };
@@ -128,18 +147,12 @@ absl::StatusOr<StreamSummary> Client::ComputeShadows(
     v1::ComputeShadowsRequest request;
     v1::ShadowItem* item = request.mutable_item();
     FillItem(i, options, item->mutable_item());
-    if (!query.point_set.empty()) {
-      item->mutable_point_set_range()->set_point_set(query.point_set);
-      item->mutable_point_set_range()->set_offset(cut.begin(i));
-      item->mutable_point_set_range()->set_count(cut.count(i));
-    } else {
-      PackPoints(query.points, cut.begin(i), cut.count(i), item->mutable_points());
-    }
+    FillShadowItem(query, cut.begin(i), cut.count(i), item);
     return request;
   };
   job.cost = [&](size_t i) { return static_cast<int64_t>(cut.count(i) * samples); };
   const auto decode = [&](size_t i, std::vector<v1::ShadowReply> replies) {
-    return DecodeShadows(query.outputs, samples, cut.begin(i), cut.count(i), std::move(replies));
+    return DecodeShadows(query, cut.begin(i), cut.count(i), std::move(replies));
   };
   return RunQuery(std::move(job), decode, on_shadows, *start, options,
                   shared_->connection->channel_count());

@@ -10,6 +10,7 @@
 #include "client/lib/convert.h"
 #include "client/lib/query_run.h"
 #include "client/lib/query_support.h"
+#include "client/lib/query_wire.h"
 #include "client/lib/stream_runner.h"
 
 namespace sightline::client {
@@ -28,8 +29,54 @@ void ResizePixels(const TileOutputs& want, uint64_t samples, uint64_t n, Pixels*
   if (want.lit && want.lit_answered_by) out->lit_answered_by.resize(samples * n);
 }
 
-absl::StatusOr<Tile> DecodeTile(const TileQuery& query, uint64_t samples,
-                                std::vector<v1::TileReply> replies, Tile tile) {
+absl::Status CheckImage(const TileQuery& query, const Limits& limits) {
+  const Camera& camera = query.camera;
+  if (camera.width == 0 || camera.height == 0) {
+    return absl::InvalidArgumentError(absl::StrCat("camera.width × height is ", camera.width, " × ",
+                                                   camera.height, "; both must be above 0"));
+  }
+  if (camera.width > limits.max_image_width || camera.height > limits.max_image_height) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the image has ", camera.width, " × ", camera.height,
+                     " pixels; max_image_width × max_image_height is ", limits.max_image_width,
+                     " × ", limits.max_image_height));
+  }
+  if (query.tile_size == 0) return absl::InvalidArgumentError("tile_size is 0");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+v1::TraceTilesHeader TilesHeader(const TileQuery& query, int64_t revision) {
+  v1::TraceTilesHeader header;
+  FillHeader(query.scene, revision, query.options, header.mutable_stream());
+  ToProto(query.camera, header.mutable_camera());
+  if (query.outputs.lit) {
+    for (const Light& light : query.lights) ToProto(light, header.add_lights());
+    header.mutable_shadow_outputs()->set_lit_bits(true);
+    header.mutable_shadow_outputs()->set_answered_by(query.outputs.lit_answered_by);
+  }
+  v1::TileOutputs* outputs = header.mutable_outputs();
+  outputs->set_hit_bits(query.outputs.hits);
+  outputs->set_object_ids(query.outputs.ids);
+  outputs->set_triangle_ids(query.outputs.ids);
+  outputs->set_depths(query.outputs.depths);
+  outputs->set_barycentrics(query.outputs.barycentrics);
+  outputs->set_answered_by(query.outputs.answered_by);
+  return header;
+}
+
+void FillTileItem(const TileRect& rect, v1::TileItem* item) {
+  item->set_x(rect.x);
+  item->set_y(rect.y);
+  item->set_width(rect.width);
+  item->set_height(rect.height);
+}
+
+absl::StatusOr<Tile> DecodeTile(const TileQuery& query, size_t index, const TileRect& rect,
+                                std::vector<v1::TileReply> replies) {
+  Tile tile{.index = index, .rect = rect};
+  const uint64_t samples = query.outputs.lit ? TotalSamples(query.lights) : 0;
   const uint64_t n = uint64_t{tile.rect.width} * tile.rect.height;
   const TileOutputs& want = query.outputs;
   ResizePixels(want, samples, n, &tile);
@@ -67,24 +114,6 @@ absl::StatusOr<Tile> DecodeTile(const TileQuery& query, uint64_t samples,
   return tile;
 }
 
-absl::Status CheckImage(const TileQuery& query, const Limits& limits) {
-  const Camera& camera = query.camera;
-  if (camera.width == 0 || camera.height == 0) {
-    return absl::InvalidArgumentError(absl::StrCat("camera.width × height is ", camera.width, " × ",
-                                                   camera.height, "; both must be above 0"));
-  }
-  if (camera.width > limits.max_image_width || camera.height > limits.max_image_height) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the image has ", camera.width, " × ", camera.height,
-                     " pixels; max_image_width × max_image_height is ", limits.max_image_width,
-                     " × ", limits.max_image_height));
-  }
-  if (query.tile_size == 0) return absl::InvalidArgumentError("tile_size is 0");
-  return absl::OkStatus();
-}
-
-}  // namespace
-
 absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
                                                  const std::function<absl::Status(Tile)>& on_tile,
                                                  const StreamOptions& options) const {
@@ -115,21 +144,7 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
 
   StreamJob<v1::TraceTilesRequest, v1::TraceTilesResponse> job;
   job.item_count = size_t{columns} * rows;
-  v1::TraceTilesHeader* header = job.header.mutable_header();
-  FillHeader(query.scene, *revision, query.options, header->mutable_stream());
-  ToProto(query.camera, header->mutable_camera());
-  if (query.outputs.lit) {
-    for (const Light& light : query.lights) ToProto(light, header->add_lights());
-    header->mutable_shadow_outputs()->set_lit_bits(true);
-    header->mutable_shadow_outputs()->set_answered_by(query.outputs.lit_answered_by);
-  }
-  v1::TileOutputs* outputs = header->mutable_outputs();
-  outputs->set_hit_bits(query.outputs.hits);
-  outputs->set_object_ids(query.outputs.ids);
-  outputs->set_triangle_ids(query.outputs.ids);
-  outputs->set_depths(query.outputs.depths);
-  outputs->set_barycentrics(query.outputs.barycentrics);
-  outputs->set_answered_by(query.outputs.answered_by);
+  *job.header.mutable_header() = TilesHeader(query, *revision);
   job.open = [this](int lane, const CallOptions& stream_call) {
     return shared_->connection->OpenTiles(lane, stream_call);
   };
@@ -137,11 +152,7 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
     v1::TraceTilesRequest request;
     v1::TileItem* item = request.mutable_item();
     FillItem(i, options, item->mutable_item());
-    const TileRect r = rect(i);
-    item->set_x(r.x);
-    item->set_y(r.y);
-    item->set_width(r.width);
-    item->set_height(r.height);
+    FillTileItem(rect(i), item);
     return request;
   };
   job.cost = [&](size_t i) {
@@ -149,7 +160,7 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
     return static_cast<int64_t>(uint64_t{r.width} * r.height * rays_per_pixel);
   };
   const auto decode = [&](size_t i, std::vector<v1::TileReply> replies) {
-    return DecodeTile(query, samples, std::move(replies), Tile{.index = i, .rect = rect(i)});
+    return DecodeTile(query, i, rect(i), std::move(replies));
   };
   return RunQuery(std::move(job), decode, on_tile, *start, options,
                   shared_->connection->channel_count());

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/load/driver.h"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+namespace sightline::load {
+namespace {
+
+// How late a Stop may be noticed.
+constexpr absl::Duration kPoll = absl::Milliseconds(50);
+
+std::chrono::steady_clock::time_point PollTime() {
+  return std::chrono::steady_clock::now() + absl::ToChronoMilliseconds(kPoll);
+}
+
+}  // namespace
+
+Driver::Driver(const RunPlan& plan, Clock& clock, Target& target, Recorder& recorder, Pick pick)
+    : plan_(plan), clock_(clock), target_(target), recorder_(recorder), pick_(std::move(pick)) {}
+
+absl::Status Driver::Run() {
+  start_ = clock_.Now();
+  measure_ = start_ + plan_.warm_up;
+  end_ = measure_ + plan_.duration;
+  recorder_.Begin(measure_, end_);
+  target_.SetOnDone([this](const Outcome& outcome) { OnDone(outcome); });
+  if (plan_.mode == Mode::kOpen) {
+    RunOpen();
+  } else {
+    RunClosed();
+  }
+  WaitForAnswers();
+  return target_.status();
+}
+
+void Driver::Stop() {
+  MutexLock lock(mutex_);
+  stopped_ = true;
+  answered_.SignalAll();
+}
+
+absl::Time Driver::last_outcome() const {
+  MutexLock lock(mutex_);
+  return last_outcome_;
+}
+
+bool Driver::Over(absl::Time time) const {
+  return stopped_ || time >= end_ || (plan_.max_requests > 0 && measured_ >= plan_.max_requests);
+}
+
+// Makes the next request, due at `planned`; false when the run is over.
+bool Driver::Next(absl::Time planned, Request* request) {
+  if (Over(planned)) return false;
+  *request = {.number = planned_, .work = pick_(planned_), .planned = planned};
+  ++planned_;
+  if (planned >= measure_) ++measured_;
+  ++outstanding_;
+  return true;
+}
+
+void Driver::RunOpen() {
+  ArrivalSchedule arrivals(plan_.arrivals, plan_.rate, plan_.seed);
+  while (true) {
+    const absl::Time due = start_ + arrivals.Next();
+    // In steps, so that Stop ends a slow schedule soon.
+    for (absl::Time now = clock_.Now(); now < due; now = clock_.Now()) {
+      {
+        MutexLock lock(mutex_);
+        if (Over(due)) return;
+      }
+      if (!target_.status().ok()) return;
+      clock_.WaitUntil(std::min(due, now + kPoll));
+    }
+    if (!WaitForRoom()) return;
+    Request request;
+    {
+      MutexLock lock(mutex_);
+      if (!Next(due, &request)) return;
+    }
+    target_.Send(request);
+  }
+}
+
+// False if the run ends meanwhile.
+bool Driver::WaitForRoom() {
+  MutexLock lock(mutex_);
+  while (outstanding_ >= plan_.max_outstanding) {
+    // Late is late: past the end and the time to drain nothing more is sent.
+    if (stopped_ || clock_.Now() >= end_ + plan_.drain) return false;
+    answered_.WaitUntil(mutex_, PollTime());
+  }
+  return !stopped_;
+}
+
+void Driver::RunClosed() {
+  for (uint64_t i = 0; i < plan_.concurrency; ++i) {
+    Request request;
+    {
+      MutexLock lock(mutex_);
+      if (!Next(clock_.Now(), &request)) return;
+    }
+    target_.Send(request);
+  }
+}
+
+void Driver::WaitForAnswers() {
+  absl::Time give_up = absl::InfiniteFuture();
+  MutexLock lock(mutex_);
+  while (outstanding_ > 0) {
+    const absl::Time now = clock_.Now();
+    // An open loop has planned everything by now; a closed one goes on by itself.
+    const bool planned_all = plan_.mode == Mode::kOpen || Over(now) || !target_.status().ok();
+    if (give_up == absl::InfiniteFuture() && planned_all) give_up = now + plan_.drain;
+    if (now >= give_up) break;
+    answered_.WaitUntil(mutex_, PollTime());
+  }
+  if (outstanding_ == 0) return;
+  stopped_ = true;
+  mutex_.Unlock();
+  target_.CancelAll();
+  mutex_.Lock();
+  while (outstanding_ > 0) answered_.Wait(mutex_);
+}
+
+void Driver::OnDone(const Outcome& outcome) {
+  recorder_.Add(outcome);
+  Request request;
+  {
+    MutexLock lock(mutex_);
+    last_outcome_ = std::max(last_outcome_, outcome.received);
+    --outstanding_;
+    if (plan_.mode == Mode::kOpen || !target_.status().ok() || !Next(clock_.Now(), &request)) {
+      // Under the lock: once Run sees the last one, the driver may go.
+      answered_.SignalAll();
+      return;
+    }
+  }
+  target_.Send(request);
+}
+
+}  // namespace sightline::load

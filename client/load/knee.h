@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Searches the highest rate of an open loop at which an objective holds: the knee, beyond which
+// latencies climb. The rate is doubled until a trial misses, then the gap between the highest that
+// held and the lowest that missed is halved until it is within 5 %. A rate counts as missed once
+// two trials of it have missed: one bad trial on a busy machine does not end the search.
+//
+// Bounded: at most kMaxTrials trials.
+//
+// Thread safety: none; FindKnee runs in the caller's thread.
+//
+//   absl::StatusOr<Knee> knee = FindKnee(50, [&](double rate) { return RunTrial(rate); });
+#ifndef SIGHTLINE_CLIENT_LOAD_KNEE_H_
+#define SIGHTLINE_CLIENT_LOAD_KNEE_H_
+
+#include <functional>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+namespace sightline::load {
+
+inline constexpr int kMaxTrials = 40;
+inline constexpr double kKneePrecision = 0.05;
+// An open loop that answers less than this share of what is due is beyond the knee, whatever the
+// latencies of its first seconds say.
+inline constexpr double kKeepsUp = 0.95;
+
+struct KneeTrial {
+  double rate = 0;          // Asked for, requests per second.
+  double answered = 0;      // Achieved.
+  double p50 = 0, p99 = 0;  // Milliseconds, from the planned time.
+  bool held = false;
+};
+
+struct Knee {
+  double rate = 0;                // The highest that held; 0: not even the lowest tried.
+  double missed = 0;              // The lowest that missed; 0: none did.
+  std::vector<KneeTrial> trials;  // In the order in which they ran.
+};
+
+// `trial` runs one rate; its error ends the search. REQUIRES: first_rate > 0.
+absl::StatusOr<Knee> FindKnee(double first_rate,
+                              const std::function<absl::StatusOr<KneeTrial>(double rate)>& trial);
+
+}  // namespace sightline::load
+
+#endif  // SIGHTLINE_CLIENT_LOAD_KNEE_H_

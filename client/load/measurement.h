@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a run measured. Requests that were planned within the measured interval count, whenever they
+// were answered; rates and windows count answers that came within it.
+//
+// Thread safety: plain values.
+#ifndef SIGHTLINE_CLIENT_LOAD_MEASUREMENT_H_
+#define SIGHTLINE_CLIENT_LOAD_MEASUREMENT_H_
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "absl/time/time.h"
+#include "client/load/histogram.h"
+#include "client/load/request.h"
+
+namespace sightline::load {
+
+// Of one kind of request, or of all.
+struct Series {
+  uint64_t requests = 0;  // Planned within the interval; answered + failed once the run has ended.
+  uint64_t answered = 0, failed = 0;
+  uint64_t answered_in_time = 0;  // Within the interval, whenever they were planned.
+  uint64_t rays_in_time = 0, bytes_received_in_time = 0, bytes_sent_in_time = 0;
+  LatencyHistogram planned;  // From the planned time to the last reply; answers alone.
+  LatencyHistogram sent;     // From the send.
+};
+
+// An equal part of the interval.
+struct Window {
+  uint64_t answered = 0, failed = 0, rays = 0;
+  LatencyHistogram planned;
+};
+
+struct Measurement {
+  absl::Time begin;
+  absl::Duration elapsed;  // Of the interval.
+  absl::Duration window;   // Of one window.
+  Series all;
+  std::array<Series, kKinds> by_kind;
+  std::vector<Window> windows;             // Complete ones.
+  std::map<std::string, uint64_t> errors;  // By code and reason: "RESOURCE_EXHAUSTED QUEUE_FULL".
+  LatencyHistogram server_queue, server_compute;
+  uint64_t checked = 0, wrong = 0;  // Warm-up included.
+  std::string first_wrong;
+
+  double Rate() const { return PerSecond(all.answered_in_time); }
+  double PerSecond(uint64_t count) const {
+    const double seconds = absl::ToDoubleSeconds(elapsed);
+    return seconds > 0 ? static_cast<double>(count) / seconds : 0;
+  }
+  double ErrorShare() const {
+    return all.requests == 0 ? 0
+                             : static_cast<double>(all.failed) / static_cast<double>(all.requests);
+  }
+};
+
+}  // namespace sightline::load
+
+#endif  // SIGHTLINE_CLIENT_LOAD_MEASUREMENT_H_

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/load/recorder.h"
+
+#include <gtest/gtest.h>
+
+#include "absl/strings/cord.h"
+#include "client/lib/status.h"
+#include "sightline/v1/status.pb.h"
+
+namespace sightline::load {
+namespace {
+
+const absl::Time kStart = absl::UnixEpoch() + absl::Hours(1);
+
+absl::Time At(double seconds) { return kStart + absl::Seconds(seconds); }
+
+Outcome Answer(double planned, double sent, double received) {
+  return {.request = {.work = {.kind = Kind::kPoints}, .planned = At(planned)},
+          .sent = At(sent),
+          .received = At(received),
+          .rays = 100,
+          .bytes_sent = 7,
+          .bytes_received = 50};
+}
+
+TEST(RecorderTest, BothLatenciesAreKept) {
+  Recorder recorder(absl::Seconds(1));
+  recorder.Begin(At(0), At(10));
+  recorder.Add(Answer(1, 3, 4));
+  const Measurement m = recorder.Result(At(20));
+  EXPECT_EQ(m.all.planned.max(), absl::Seconds(3));
+  EXPECT_EQ(m.all.sent.max(), absl::Seconds(1));
+  EXPECT_EQ(m.by_kind[static_cast<size_t>(Kind::kPoints)].answered, 1u);
+  EXPECT_EQ(m.by_kind[static_cast<size_t>(Kind::kTiles)].requests, 0u);
+  EXPECT_EQ(m.elapsed, absl::Seconds(10));
+}
+
+TEST(RecorderTest, RequestsCountByTheirPlanAndRatesByTheirAnswers) {
+  Recorder recorder(absl::Seconds(1));
+  recorder.Begin(At(0), At(10));
+  recorder.Add(Answer(-1, -1, 0.5));  // Of the warm-up, answered within the interval.
+  recorder.Add(Answer(1, 1, 2));
+  recorder.Add(Answer(9, 9, 11));    // Answered too late for the rate.
+  recorder.Add(Answer(-3, -3, -2));  // Neither.
+  const Measurement m = recorder.Result(At(20));
+  EXPECT_EQ(m.all.requests, 2u);
+  EXPECT_EQ(m.all.answered, 2u);
+  EXPECT_EQ(m.all.planned.count(), 2u);
+  EXPECT_EQ(m.all.answered_in_time, 2u);
+  EXPECT_EQ(m.all.rays_in_time, 200u);
+  EXPECT_EQ(m.all.bytes_received_in_time, 100u);
+  EXPECT_EQ(m.Rate(), 0.2);
+  ASSERT_EQ(m.windows.size(), 10u);
+  EXPECT_EQ(m.windows[0].answered, 1u);
+  EXPECT_EQ(m.windows[2].answered, 1u);
+  EXPECT_EQ(m.windows[9].answered, 0u);
+}
+
+TEST(RecorderTest, FailuresHaveACodeAndNoLatency) {
+  Recorder recorder(absl::Seconds(1));
+  recorder.Begin(At(0), At(10));
+  Outcome failed = Answer(1, 1, 2);
+  failed.status = absl::ResourceExhaustedError("full");
+  v1::ErrorInfo info;
+  info.set_reason("QUEUE_FULL");
+  failed.status.SetPayload(client::kErrorInfoUrl, absl::Cord(info.SerializeAsString()));
+  recorder.Add(failed);
+  failed.status = absl::CancelledError("");
+  recorder.Add(failed);
+  recorder.Add(Answer(1, 1, 1.5));
+  const Measurement m = recorder.Result(At(20));
+  EXPECT_EQ(m.all.failed, 2u);
+  EXPECT_EQ(m.all.answered, 1u);
+  EXPECT_EQ(m.all.planned.count(), 1u);
+  EXPECT_EQ(m.errors.at("RESOURCE_EXHAUSTED QUEUE_FULL"), 1u);
+  EXPECT_EQ(m.errors.at("CANCELLED"), 1u);
+  EXPECT_DOUBLE_EQ(m.ErrorShare(), 2.0 / 3);
+  EXPECT_EQ(m.windows[2].failed, 2u);
+}
+
+TEST(RecorderTest, AShortRunEndsWhenItIsAskedFor) {
+  Recorder recorder(absl::Seconds(1));
+  recorder.Begin(At(0), At(10));
+  recorder.Add(Answer(0, 0, 0.1));
+  const Measurement m = recorder.Result(At(2.5));
+  EXPECT_EQ(m.elapsed, absl::Seconds(2.5));
+  EXPECT_EQ(m.windows.size(), 2u);
+  EXPECT_EQ(recorder.Result(At(-1)).elapsed, absl::ZeroDuration());
+}
+
+TEST(RecorderTest, WrongAnswersAreCountedAndTheFirstIsKept) {
+  Recorder recorder(absl::Seconds(1));
+  recorder.Begin(At(0), At(10));
+  Outcome outcome = Answer(1, 1, 2);
+  outcome.verdict = Verdict::kEqual;
+  recorder.Add(outcome);
+  outcome.verdict = Verdict::kWrong;
+  outcome.difference = "pixel 3";
+  recorder.Add(outcome);
+  outcome.difference = "pixel 4";
+  outcome.request.planned = At(-1);  // In the warm-up a wrong answer is as wrong.
+  recorder.Add(outcome);
+  const Measurement m = recorder.Result(At(20));
+  EXPECT_EQ(m.checked, 3u);
+  EXPECT_EQ(m.wrong, 2u);
+  EXPECT_EQ(m.first_wrong, "pixel 3");
+}
+
+TEST(RecorderTest, WindowsAreBounded) {
+  Recorder recorder(absl::Milliseconds(1));
+  recorder.Begin(At(0), At(3600));
+  recorder.Add(Answer(3000, 3000, 3001));
+  const Measurement m = recorder.Result(At(4000));
+  EXPECT_EQ(m.windows.size(), Recorder::kMaxWindows);
+  EXPECT_EQ(m.all.answered, 1u);
+}
+
+}  // namespace
+}  // namespace sightline::load
