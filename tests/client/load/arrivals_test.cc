@@ -12,7 +12,8 @@ TEST(ArrivalsTest, ConstantOnesAreEvenAndDoNotDrift) {
   ArrivalSchedule arrivals(Arrivals::kConstant, 3, 1);
   for (int i = 0; i < 3'000'000; ++i) {
     const absl::Duration due = arrivals.Next();
-    if (i % 3 == 0) ASSERT_EQ(due, absl::Seconds(i / 3)) << i;
+    if (i % 3 != 0) continue;
+    ASSERT_EQ(due, absl::Seconds(i / 3)) << i;
   }
 }
 
