@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/paper_report.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace sightline::bench {
+namespace {
+
+constexpr double kWidth = 640, kHeight = 360, kLeft = 60, kRight = 170, kTop = 30, kBottom = 40;
+constexpr std::array<const char*, 8> kColours = {"#1b6ca8", "#c0392b", "#2e8b57", "#8e44ad",
+                                                 "#d68910", "#16a085", "#7f8c8d", "#2c3e50"};
+
+std::string Escaped(const std::string& text) {
+  std::string out;
+  for (const char c : text) {
+    if (c == '<') {
+      out += "&lt;";
+    } else if (c == '&') {
+      out += "&amp;";
+    } else {
+      out += c;
+    }
+  }
+  return out;
+}
+
+struct Line {
+  std::string name;
+  std::vector<std::pair<double, double>> points;
+};
+
+std::vector<Line> LinesOf(const std::vector<Row>& rows, const PlotSpec& spec) {
+  std::vector<Line> lines;
+  for (const Row& row : rows) {
+    if (!row.at(spec.x).is_number() || !row.at(spec.y).is_number()) continue;
+    const std::string name = PaperCell(row.at(spec.series));
+    auto line = std::find_if(lines.begin(), lines.end(),
+                             [&](const Line& other) { return other.name == name; });
+    if (line == lines.end()) line = lines.insert(lines.end(), {name, {}});
+    const double x = row.at(spec.x).get<double>();
+    line->points.emplace_back(spec.log_x ? std::log10(x) : x, row.at(spec.y).get<double>());
+  }
+  return lines;
+}
+
+// From the table's title to a file name.
+std::string Slug(const std::string& text) {
+  std::string slug;
+  for (const char c : text) {
+    const bool plain = (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9');
+    const bool upper = c >= 'A' && c <= 'Z';
+    if (plain || upper) {
+      slug += static_cast<char>(upper ? c + ('a' - 'A') : c);
+    } else if (!slug.empty() && slug.back() != '-') {
+      slug += '-';
+    }
+  }
+  return slug;
+}
+
+}  // namespace
+
+std::string PaperCell(const Row& value) {
+  if (value.is_null()) return "-";
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_boolean()) return value.get<bool>() ? "yes" : "no";
+  if (value.is_number_integer()) return absl::StrCat(value.get<int64_t>());
+  const double x = value.get<double>();
+  const double size = std::abs(x);
+  if (size != 0 && (size < 1e-3 || size >= 1e7)) return absl::StrFormat("%.2e", x);
+  return absl::StrFormat("%.*f", size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3, x);
+}
+
+std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const std::string& title) {
+  const std::vector<Line> lines = LinesOf(rows, spec);
+  double x0 = std::numeric_limits<double>::infinity(), x1 = -x0, y1 = 0;
+  for (const Line& line : lines) {
+    for (const auto& [x, y] : line.points) {
+      x0 = std::min(x0, x);
+      x1 = std::max(x1, x);
+      y1 = std::max(y1, y);
+    }
+  }
+  if (!(x1 > x0)) x1 = x0 + 1;
+  if (!(y1 > 0)) y1 = 1;
+  const auto px = [&](double x) {
+    return kLeft + (x - x0) / (x1 - x0) * (kWidth - kLeft - kRight);
+  };
+  const auto py = [&](double y) { return kHeight - kBottom - y / y1 * (kHeight - kTop - kBottom); };
+  std::string svg = absl::StrFormat(
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" "
+      "font-family=\"sans-serif\" font-size=\"11\">\n<rect width=\"100%%\" height=\"100%%\" "
+      "fill=\"white\"/>\n<text x=\"%.0f\" y=\"16\" font-size=\"13\">%s</text>\n",
+      kWidth, kHeight, kLeft, Escaped(title));
+  for (int i = 0; i <= 4; ++i) {
+    const double y = y1 * i / 4, x = x0 + (x1 - x0) * i / 4;
+    absl::StrAppend(
+        &svg,
+        absl::StrFormat("<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"#ddd\"/>\n",
+                        kLeft, kWidth - kRight, py(y), py(y)),
+        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">%s</text>\n", kLeft - 6,
+                        py(y) + 4, PaperCell(y)),
+        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">%s</text>\n", px(x),
+                        kHeight - kBottom + 16, PaperCell(spec.log_x ? std::pow(10, x) : x)));
+  }
+  absl::StrAppend(&svg, absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\">%s, over %s</text>\n", kLeft,
+                                        kHeight - 6, Escaped(spec.y), Escaped(spec.x)));
+  for (size_t i = 0; i < lines.size(); ++i) {
+    const char* const colour = kColours[i % kColours.size()];
+    std::string points;
+    for (const auto& [x, y] : lines[i].points) {
+      absl::StrAppend(&points, absl::StrFormat("%.1f,%.1f ", px(x), py(y)));
+    }
+    absl::StrAppend(
+        &svg,
+        absl::StrFormat(
+            "<polyline points=\"%s\" fill=\"none\" stroke=\"%s\" stroke-width=\"2\"/>\n", points,
+            colour),
+        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" fill=\"%s\">%s</text>\n", kWidth - kRight + 10,
+                        kTop + 12 + 16 * static_cast<double>(i), colour, Escaped(lines[i].name)));
+  }
+  return svg + "</svg>\n";
+}
+
+void PaperReport::Begin(std::string paper, std::string title, std::string remark) {
+  paper_ = std::move(paper);
+  title_ = std::move(title);
+  remark_ = std::move(remark);
+  rows_.clear();
+  plots_.clear();
+  conclusions_.clear();
+}
+
+void PaperReport::Add(Row row) {
+  if (json_) {
+    Row line = {{"paper", paper_}, {"table", title_}};
+    for (const auto& [key, value] : row.items()) line[key] = value;
+    out_ << line.dump() << std::endl;
+  }
+  rows_.push_back(std::move(row));
+}
+
+void PaperReport::End() {
+  if (json_) {
+    for (const std::string& sentence : conclusions_) {
+      out_ << Row({{"paper", paper_}, {"table", title_}, {"conclusion", sentence}}).dump()
+           << std::endl;
+    }
+  } else {
+    EndText();
+  }
+  if (!markdown_path_.empty()) EndMarkdown();
+}
+
+void PaperReport::EndText() const {
+  out_ << "\nPaper " << paper_ << ", " << title_ << ": " << remark_ << "\n\n";
+  if (!rows_.empty()) {
+    std::vector<Column> columns;
+    for (const auto& [key, value] : rows_[0].items()) {
+      columns.push_back(
+          {key, [key = key](const Row& row) { return PaperCell(row.at(key)); }, value.is_string()});
+    }
+    Report table(std::move(columns), /*json=*/false, out_);
+    for (const Row& row : rows_) table.Add(row);
+    table.Finish();
+  }
+  for (const std::string& sentence : conclusions_) out_ << sentence << '\n';
+  out_.flush();
+}
+
+void PaperReport::EndMarkdown() {
+  absl::StrAppend(&markdown_, "## Paper ", paper_, ", ", title_, "\n\n", remark_, "\n\n");
+  if (!rows_.empty()) {
+    std::string heads("|"), rule("|");
+    for (const auto& [key, value] : rows_[0].items()) {
+      absl::StrAppend(&heads, " ", key, " |");
+      absl::StrAppend(&rule, value.is_string() ? "---|" : "--:|");
+    }
+    absl::StrAppend(&markdown_, heads, "\n", rule, "\n");
+    for (const Row& row : rows_) {
+      absl::StrAppend(&markdown_, "|");
+      for (const auto& [key, value] : row.items()) {
+        absl::StrAppend(&markdown_, " ", PaperCell(value), " |");
+      }
+      absl::StrAppend(&markdown_, "\n");
+    }
+    absl::StrAppend(&markdown_, "\n");
+  }
+  for (const PlotSpec& plot : plots_) {
+    const std::string stem = std::filesystem::path(markdown_path_).stem().string();
+    const std::string name =
+        absl::StrCat(stem, "-", paper_, "-", Slug(title_), "-", Slug(plot.y), ".svg");
+    pictures_.emplace_back(name, PlotSvg(rows_, plot, absl::StrCat(paper_, ", ", title_)));
+    absl::StrAppend(&markdown_, "![", plot.y, " over ", plot.x, "](", name, ")\n\n");
+  }
+  for (const std::string& sentence : conclusions_) absl::StrAppend(&markdown_, sentence, "\n\n");
+}
+
+absl::Status PaperReport::Finish() {
+  if (markdown_path_.empty()) return absl::OkStatus();
+  const std::filesystem::path path(markdown_path_);
+  const auto write = [](const std::filesystem::path& to, const std::string& text) {
+    std::ofstream file(to, std::ios::binary);
+    file << text;
+    file.close();
+    return file.fail() ? absl::UnavailableError(absl::StrCat("cannot write '", to.string(), "'"))
+                       : absl::OkStatus();
+  };
+  absl::Status status =
+      write(path, absl::StrCat("# The papers' tables, and ours beside them\n\n", markdown_));
+  for (const auto& [name, svg] : pictures_) {
+    if (status.ok()) status = write(path.parent_path() / name, svg);
+  }
+  return status;
+}
+
+}  // namespace sightline::bench

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// How `sightline-bench papers` prints: tables for people, one JSON object per line, and on request
+// a Markdown file with the same tables and SVG plots beside it.
+//
+// A table's rows are ordered JSON objects with the same keys, which are its columns. Numbers are
+// shown with three significant digits, counts whole, null as "-".
+//
+// Thread safety: none.
+//
+//   PaperReport report(/*json=*/false, std::cout, "report.md");
+//   report.Begin("003", "Table I", "million tests per second");
+//   report.Add({{"test", "Wald"}, {"single", 109.2}, {"paper_single", 109}});
+//   report.Plot({.x = "ratio", .y = "cycles", .series = "culling"});
+//   report.End();
+//   absl::Status status = report.Finish();
+#ifndef SIGHTLINE_TESTS_BENCH_PAPER_REPORT_H_
+#define SIGHTLINE_TESTS_BENCH_PAPER_REPORT_H_
+
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "tests/bench/report.h"
+
+namespace sightline::bench {
+
+// One line per value of `series`, over `x`. Rows without a number in x or y are left out.
+struct PlotSpec {
+  std::string x, y, series;
+  bool log_x = false;
+};
+
+// The text of a table's cell.
+std::string PaperCell(const Row& value);
+// An SVG picture of the rows' lines. REQUIRES: every row has the keys.
+std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const std::string& title);
+
+class PaperReport {
+ public:
+  // `markdown_path` empty: no Markdown.
+  PaperReport(bool json, std::ostream& out, std::string markdown_path)
+      : json_(json), out_(out), markdown_path_(std::move(markdown_path)) {}
+
+  void Begin(std::string paper, std::string title, std::string remark);
+  void Add(Row row);  // JSON goes out at once, with "paper" and "table" in front.
+  void Plot(PlotSpec spec) { plots_.push_back(std::move(spec)); }
+  // A sentence below the table that is open: how the paper's claim fared.
+  void Conclude(std::string sentence) { conclusions_.push_back(std::move(sentence)); }
+  void End();
+  // Writes the Markdown file and its plots. Unavailable names the file that could not be written.
+  absl::Status Finish();
+
+ private:
+  void EndText() const;
+  void EndMarkdown();
+
+  const bool json_;
+  std::ostream& out_;
+  const std::string markdown_path_;
+  std::string paper_, title_, remark_, markdown_;
+  std::vector<Row> rows_;
+  std::vector<PlotSpec> plots_;
+  std::vector<std::string> conclusions_;
+  std::vector<std::pair<std::string, std::string>> pictures_;  // File names and SVG.
+};
+
+}  // namespace sightline::bench
+
+#endif  // SIGHTLINE_TESTS_BENCH_PAPER_REPORT_H_

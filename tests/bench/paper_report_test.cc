@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/paper_report.h"
+
+#include <fstream>
+#include <sstream>
+
+#include "gtest/gtest.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline::bench {
+namespace {
+
+std::string ReadAll(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::stringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+TEST(PaperReportTest, CellsShowThreeDigitsAndWholeCounts) {
+  EXPECT_EQ(PaperCell(Row(3.14159)), "3.14");
+  EXPECT_EQ(PaperCell(Row(31.4159)), "31.4");
+  EXPECT_EQ(PaperCell(Row(314.159)), "314");
+  EXPECT_EQ(PaperCell(Row(0.0314159)), "0.031");
+  EXPECT_EQ(PaperCell(Row(2.5e-13)), "2.50e-13");
+  EXPECT_EQ(PaperCell(Row(42)), "42");
+  EXPECT_EQ(PaperCell(Row(nullptr)), "-");
+  EXPECT_EQ(PaperCell(Row("Wald")), "Wald");
+}
+
+TEST(PaperReportTest, JsonIsOneObjectPerLineNamingPaperAndTable) {
+  std::stringstream out;
+  PaperReport report(/*json=*/true, out, "");
+  report.Begin("003", "Table I", "speed");
+  report.Add({{"test", "Wald"}, {"single", 1.5}});
+  report.Conclude("it holds");
+  report.End();
+  EXPECT_EQ(out.str(),
+            "{\"paper\":\"003\",\"table\":\"Table I\",\"test\":\"Wald\",\"single\":1.5}\n"
+            "{\"paper\":\"003\",\"table\":\"Table I\",\"conclusion\":\"it holds\"}\n");
+  EXPECT_TRUE(report.Finish().ok());
+}
+
+TEST(PaperReportTest, MarkdownHasTheTableAndItsPlot) {
+  const testing_support::TempDir folder;
+  std::stringstream out;
+  PaperReport report(/*json=*/false, out, folder.path() + "/r.md");
+  report.Begin("000", "Figure 3", "cycles");
+  report.Add({{"culling", "base"}, {"ratio", 1}, {"cycles", 8.5}});
+  report.Add({{"culling", "base"}, {"ratio", 2}, {"cycles", 4.0}});
+  report.Add({{"culling", "planes <4>"}, {"ratio", 2}, {"cycles", nullptr}});
+  report.Plot({.x = "ratio", .y = "cycles", .series = "culling"});
+  report.End();
+  ASSERT_TRUE(report.Finish().ok());
+  EXPECT_NE(out.str().find("Paper 000, Figure 3: cycles"), std::string::npos);
+  const std::string text = ReadAll(folder.path() + "/r.md");
+  EXPECT_NE(text.find("| culling | ratio | cycles |\n|---|--:|--:|\n| base | 1 | 8.50 |"),
+            std::string::npos)
+      << text;
+  EXPECT_NE(text.find("](r-000-figure-3-cycles.svg)"), std::string::npos);
+  const std::string svg = ReadAll(folder.path() + "/r-000-figure-3-cycles.svg");
+  EXPECT_NE(svg.find("<polyline"), std::string::npos);
+  EXPECT_EQ(svg.find("<4>"), std::string::npos) << "a name must not become a tag";
+}
+
+TEST(PaperReportTest, AFileThatCannotBeWrittenIsNamed) {
+  std::stringstream out;
+  PaperReport report(false, out, "no-such-folder/report.md");
+  const absl::Status status = report.Finish();
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
+  EXPECT_NE(status.message().find("no-such-folder/report.md"), absl::string_view::npos);
+}
+
+}  // namespace
+}  // namespace sightline::bench

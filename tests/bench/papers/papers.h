@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The papers' tables, one function each: measured here, the papers' own figures beside them.
+//
+// Thread safety: none; one at a time, and nothing else on the machine.
+//
+//   absl::Status status = Paper003(options, &report, context);
+#ifndef SIGHTLINE_TESTS_BENCH_PAPERS_PAPERS_H_
+#define SIGHTLINE_TESTS_BENCH_PAPERS_PAPERS_H_
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "tests/bench/command.h"
+#include "tests/bench/measure.h"
+#include "tests/bench/paper_report.h"
+
+namespace sightline::bench {
+
+struct PaperOptions {
+  uint64_t repeats = 5;
+  // Of real scenes; where a table is over scenes. Files that are not there are left out, and named.
+  std::string scenes_folder;
+  uint64_t width = 512, height = 512;
+  uint64_t threads = 1;
+};
+
+// The median over `repeats` rounds of the calls' seconds: one round calls each in turn, each often
+// enough for a few milliseconds.
+std::vector<double> SecondsByTurns(const std::vector<std::function<void()>>& calls,
+                                   uint64_t repeats);
+
+absl::Status Paper003(const PaperOptions& options, PaperReport* report, Context& context);
+
+}  // namespace sightline::bench
+
+#endif  // SIGHTLINE_TESTS_BENCH_PAPERS_PAPERS_H_
