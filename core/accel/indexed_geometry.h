@@ -6,7 +6,10 @@
 #ifndef SIGHTLINE_CORE_ACCEL_INDEXED_GEOMETRY_H_
 #define SIGHTLINE_CORE_ACCEL_INDEXED_GEOMETRY_H_
 
+#include <optional>
+
 #include "core/accel/bvh.h"
+#include "core/accel/kd_tree.h"
 #include "core/mesh/scene_geometry.h"
 
 namespace sightline {
@@ -14,8 +17,11 @@ namespace sightline {
 struct IndexedGeometry {
   SceneGeometry geometry;
   Bvh bvh;
+  std::optional<KdTree> kd_tree;  // Where it was asked for.
 
-  size_t MemoryBytes() const { return geometry.MemoryBytes() + bvh.MemoryBytes(); }
+  size_t MemoryBytes() const {
+    return geometry.MemoryBytes() + bvh.MemoryBytes() + (kd_tree ? kd_tree->MemoryBytes() : 0);
+  }
 };
 
 }  // namespace sightline

@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/accel/kd_validation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "core/accel/kd_clip.h"
+#include "core/base/status_macros.h"
+
+namespace sightline {
+namespace {
+
+template <typename... Args>
+absl::Status Fault(const Args&... args) {
+  return absl::DataLossError(absl::StrCat("invalid kd-tree: ", args...));
+}
+
+bool Contains(const Box3f& outer, const Box3f& inner) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(outer.lo[axis] <= inner.lo[axis] && inner.hi[axis] <= outer.hi[axis])) return false;
+  }
+  return true;
+}
+
+class Validator {
+ public:
+  Validator(const KdTree& tree, const SceneGeometry& geometry) : tree_(tree), geometry_(geometry) {}
+
+  absl::Status Validate() {
+    const size_t live = geometry_.triangles.size() - geometry_.inert.size();
+    if (tree_.triangle_count != live) {
+      return Fault("it counts ", tree_.triangle_count, " triangles, the geometry ", live);
+    }
+    if (tree_.nodes.empty()) return ValidateEmpty();
+    if (live == 0) return Fault("it has nodes, but the geometry no triangles");
+    if (tree_.nodes.size() > KdNode::kMaxIndex || tree_.leaves.size() > KdNode::kMaxIndex) {
+      return Fault("it has more nodes or leaves than can be numbered");
+    }
+    if (tree_.perfect() && tree_.reach.size() != tree_.nodes.size()) {
+      return Fault(tree_.reach.size(), " reaches for ", tree_.nodes.size(), " nodes");
+    }
+    inert_.assign(geometry_.triangles.size(), false);
+    for (uint32_t id : geometry_.inert) inert_[id] = true;
+    SL_RETURN_IF_ERROR(CheckBounds());
+    SL_RETURN_IF_ERROR(WalkDown());
+    SL_RETURN_IF_ERROR(CheckReferences());
+    return CheckReach();
+  }
+
+ private:
+  absl::Status ValidateEmpty() const {
+    if (tree_.triangle_count != 0 || !tree_.leaves.empty() || !tree_.ids.empty() ||
+        !tree_.reach.empty() || tree_.max_depth != 0 || !tree_.bounds.empty()) {
+      return Fault("it has no nodes, but triangles, leaves, a depth or bounds");
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status CheckBounds() const {
+    Box3f bounds;
+    for (size_t id = 0; id < inert_.size(); ++id) {
+      if (!inert_[id]) bounds.Extend(BoxOf(static_cast<uint32_t>(id)));
+    }
+    if (bounds != tree_.bounds) return Fault("its bounds are not its triangles'");
+    return absl::OkStatus();
+  }
+
+  Box3f BoxOf(uint32_t id) const {
+    Box3f box;
+    for (const Vec3f& corner : geometry_.Corners(id)) box.Extend(corner);
+    return box;
+  }
+
+  struct Pending {
+    uint32_t node, depth;
+    Box3f cell;
+  };
+
+  // Checks the nodes, depth-first with the lower child before the upper one, and the leaves'
+  // ranges.
+  absl::Status WalkDown() {
+    std::vector<bool> unseen(tree_.nodes.size(), true);
+    std::vector<Pending> pending = {{0, 0, tree_.bounds}};
+    uint32_t deepest = 0, leaves = 0;
+    uint64_t ids = 0;
+    while (!pending.empty()) {
+      const Pending next = pending.back();
+      pending.pop_back();
+      if (!unseen[next.node]) return Fault("node ", next.node, " is reached twice");
+      unseen[next.node] = false;
+      order_.push_back(next.node);
+      deepest = std::max(deepest, next.depth);
+      const KdNode node = tree_.nodes[next.node];
+      if (node.is_empty_leaf()) continue;
+      if (node.is_leaf()) {
+        if (node.leaf() != leaves || leaves >= tree_.leaves.size()) {
+          return Fault("node ", next.node, " has leaf ", node.leaf(), " of ", tree_.leaves.size(),
+                       " where leaf ", leaves, " comes next");
+        }
+        SL_RETURN_IF_ERROR(CheckLeaf(leaves, next.cell, &ids));
+        ++leaves;
+        continue;
+      }
+      if (next.depth >= kMaxKdDepth) {
+        return Fault("node ", next.node, " is an inner node at depth ", next.depth + 1, ", beyond ",
+                     kMaxKdDepth);
+      }
+      const int axis = node.axis();
+      if (!(node.split() > next.cell.lo[axis] && node.split() < next.cell.hi[axis])) {
+        return Fault("node ", next.node, " splits axis ", axis, " at ", node.split(),
+                     ", not within its cell of ", next.cell.lo[axis], " .. ", next.cell.hi[axis]);
+      }
+      const uint64_t child = node.first_child();
+      if (child + 1 >= tree_.nodes.size()) {
+        return Fault("node ", next.node, " refers to nodes ", child, " and ", child + 1, " of ",
+                     tree_.nodes.size());
+      }
+      Pending below = {static_cast<uint32_t>(child), next.depth + 1, next.cell};
+      Pending above = {static_cast<uint32_t>(child) + 1, next.depth + 1, next.cell};
+      below.cell.hi[axis] = above.cell.lo[axis] = node.split();
+      pending.push_back(above);
+      pending.push_back(below);
+    }
+    for (size_t i = 0; i < unseen.size(); ++i) {
+      if (unseen[i]) return Fault("node ", i, " is never reached");
+    }
+    if (leaves != tree_.leaves.size()) return Fault("leaf ", leaves, " is never reached");
+    if (ids != tree_.ids.size()) {
+      return Fault("its leaves hold ", ids, " ids of ", tree_.ids.size());
+    }
+    if (deepest != tree_.max_depth) {
+      return Fault("its depth is ", deepest, ", but it says ", tree_.max_depth);
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status CheckLeaf(uint32_t index, const Box3f& cell, uint64_t* ids) const {
+    const KdLeaf& leaf = tree_.leaves[index];
+    if (leaf.first != *ids || leaf.count == 0 || leaf.count > tree_.ids.size() - *ids) {
+      return Fault("leaf ", index, " has ids ", leaf.first, " and ", leaf.count, " more of ",
+                   tree_.ids.size(), " where id ", *ids, " comes next");
+    }
+    *ids += leaf.count;
+    const Box3f box = leaf.box();
+    if (box.empty() || !Contains(cell, box)) {
+      return Fault("leaf ", index, " has a box that is not within its cell");
+    }
+    Box3f hull;
+    for (uint32_t i = 0; i < leaf.count; ++i) {
+      const uint32_t id = tree_.ids[leaf.first + i];
+      if (id >= inert_.size()) {
+        return Fault("leaf ", index, " holds triangle ", id, " of ", inert_.size());
+      }
+      if (inert_[id]) return Fault("leaf ", index, " holds triangle ", id, ", which is inert");
+      if (i > 0 && id <= tree_.ids[leaf.first + i - 1]) {
+        return Fault("leaf ", index, " does not hold its ids in order");
+      }
+      hull.Extend(CutTo(cell, BoxOf(id)));
+    }
+    // With perfect splits it may be smaller.
+    if (tree_.perfect() ? !Contains(hull, box) : box != hull) {
+      return Fault("leaf ", index, " has a box that is not its triangles'");
+    }
+    return absl::OkStatus();
+  }
+
+  static Box3f CutTo(const Box3f& cell, const Box3f& box) {
+    Box3f cut;
+    for (int axis = 0; axis < 3; ++axis) {
+      cut.lo[axis] = std::max(cell.lo[axis], box.lo[axis]);
+      cut.hi[axis] = std::min(cell.hi[axis], box.hi[axis]);
+    }
+    return cut;
+  }
+
+  // A triangle on its way down, as far as it reaches into the cell.
+  struct Reference {
+    uint32_t id;
+    Box3f box;
+  };
+  struct PendingReferences {
+    uint32_t node;
+    std::vector<Reference> references;
+  };
+
+  // Sends every triangle down to the leaves it must stand in, and looks for it there.
+  absl::Status CheckReferences() const {
+    std::vector<PendingReferences> pending(1);
+    pending[0].node = 0;
+    for (size_t id = 0; id < inert_.size(); ++id) {
+      if (inert_[id]) continue;
+      pending[0].references.push_back(
+          {static_cast<uint32_t>(id), BoxOf(static_cast<uint32_t>(id))});
+    }
+    std::vector<uint8_t> flat_found(inert_.size(), 1);  // 0: lies in a plane, and not met yet.
+    std::vector<uint32_t> flats;
+    while (!pending.empty()) {
+      const PendingReferences next = std::move(pending.back());
+      pending.pop_back();
+      const KdNode node = tree_.nodes[next.node];
+      if (node.is_leaf()) {
+        SL_RETURN_IF_ERROR(CheckLeafReferences(node, next, &flat_found));
+        continue;
+      }
+      PendingReferences half[2];
+      for (int h = 0; h < 2; ++h) half[h].node = node.first_child() + static_cast<uint32_t>(h);
+      const int axis = node.axis();
+      const float at = node.split();
+      for (const Reference& reference : next.references) {
+        const float lo = reference.box.lo[axis], hi = reference.box.hi[axis];
+        const bool flat = lo == at && hi == at;
+        if (flat && flat_found[reference.id] == 1) {
+          flat_found[reference.id] = 0;
+          flats.push_back(reference.id);
+        }
+        if (lo < at || flat) {
+          half[0].references.push_back(reference);
+          half[0].references.back().box.hi[axis] = std::min(hi, at);
+        }
+        if (hi > at || flat) {
+          half[1].references.push_back(reference);
+          half[1].references.back().box.lo[axis] = std::max(lo, at);
+        }
+      }
+      pending.push_back(std::move(half[0]));
+      pending.push_back(std::move(half[1]));
+    }
+    for (const uint32_t id : flats) {
+      if (flat_found[id] == 0) return Fault("triangle ", id, " lies in a split and in no leaf");
+    }
+    return absl::OkStatus();
+  }
+
+  // flat_found[id]: 1 as long as the triangle lies in no split met, 0 then, 2 once it was found.
+  absl::Status CheckLeafReferences(KdNode node, const PendingReferences& at,
+                                   std::vector<uint8_t>* flat_found) const {
+    std::span<const uint32_t> ids;
+    if (!node.is_empty_leaf()) ids = tree_.LeafIds(tree_.leaves[node.leaf()]);
+    size_t found = 0;
+    for (const Reference& reference : at.references) {
+      const bool stands = std::binary_search(ids.begin(), ids.end(), reference.id);
+      found += stands;
+      if (stands && !tree_.perfect() && !Contains(tree_.leaves[node.leaf()].box(), reference.box)) {
+        return Fault("the leaf of node ", at.node, " has a box that does not hold triangle ",
+                     reference.id);
+      }
+      uint8_t& flat = (*flat_found)[reference.id];
+      if (flat != 1) {
+        flat = stands ? 2 : flat;
+      } else if (!stands && MustStand(reference)) {
+        return Fault("triangle ", reference.id, " reaches into the cell of node ", at.node,
+                     " and does not stand in its leaf");
+      }
+    }
+    if (found != ids.size()) {
+      return Fault("the leaf of node ", at.node, " holds ", ids.size() - found,
+                   " triangles that do not reach into its cell");
+    }
+    return absl::OkStatus();
+  }
+
+  // With perfect splits, what only the padding of a clipping reaches may be left out.
+  bool MustStand(const Reference& reference) const {
+    if (!tree_.perfect()) return true;
+    Box3f inner = reference.box;
+    const float slack =
+        0x1p-22f * std::max({MaxAbs(tree_.bounds.lo), MaxAbs(tree_.bounds.hi), 0x1p-100f});
+    for (int axis = 0; axis < 3; ++axis) {
+      inner.lo[axis] += slack;
+      inner.hi[axis] -= slack;
+      if (!(inner.lo[axis] <= inner.hi[axis])) return false;
+    }
+    return !ClipToBox(geometry_.Corners(reference.id), inner).empty();
+  }
+
+  // Children come after their parents in order_, so backwards every box is complete when it is
+  // needed.
+  absl::Status CheckReach() const {
+    if (!tree_.perfect()) return absl::OkStatus();
+    std::vector<Box3f> reach(tree_.nodes.size());
+    for (size_t i = order_.size(); i-- > 0;) {
+      const uint32_t at = order_[i];
+      const KdNode node = tree_.nodes[at];
+      if (!node.is_leaf()) {
+        reach[at].Extend(reach[node.first_child()]);
+        reach[at].Extend(reach[node.first_child() + 1]);
+      } else if (!node.is_empty_leaf()) {
+        for (const uint32_t id : tree_.LeafIds(tree_.leaves[node.leaf()])) {
+          reach[at].Extend(BoxOf(id));
+        }
+      }
+      if (reach[at] != tree_.reach[at]) return Fault("node ", at, " has another reach");
+    }
+    return absl::OkStatus();
+  }
+
+  const KdTree& tree_;
+  const SceneGeometry& geometry_;
+  std::vector<bool> inert_;      // By triangle.
+  std::vector<uint32_t> order_;  // The nodes, parents first.
+};
+
+}  // namespace
+
+absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry) {
+  return Validator(tree, geometry).Validate();
+}
+
+}  // namespace sightline

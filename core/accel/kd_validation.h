@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Whether a kd-tree is one of a given geometry: what kd_tree.h promises, checked. For tests, and
+// for trees that come from files.
+//
+// Thread safety: functions only.
+//
+//   SL_RETURN_IF_ERROR(ValidateKdTree(tree, geometry));
+#ifndef SIGHTLINE_CORE_ACCEL_KD_VALIDATION_H_
+#define SIGHTLINE_CORE_ACCEL_KD_VALIDATION_H_
+
+#include "absl/status/status.h"
+#include "core/accel/kd_tree.h"
+#include "core/mesh/scene_geometry.h"
+
+namespace sightline {
+
+// OK, or DataLoss naming the first fault found and where it is. Checks that every index is in range
+// and every node, leaf and id is reached once, in order; that splits lie within their cells; that
+// every triangle stands in each leaf it must; leaf boxes, reach, bounds, counts and depth. Takes
+// time and memory in proportion to the references times the depth; never reads out of bounds.
+absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_ACCEL_KD_VALIDATION_H_
