@@ -41,13 +41,16 @@ bool IsLoopback(absl::string_view address) {
 
 Server::Server(const ServerOptions& options)
     : options_(options),
-      ray_queue_(options.limits.max_queued_rays),
+      ray_queue_(options.limits.max_queued_rays, options.limits.max_queued_rays_per_client),
       upload_slots_(options.limits.max_concurrent_uploads),
       query_pool_(options.threads),
       build_pool_(options.build_threads),
+      scheduler_(query_pool_.threads(),
+                 [this](absl::AnyInvocable<void()> work) { query_pool_.Submit(std::move(work)); }),
       scenes_(options_.limits, build_pool_),
       point_sets_(options_.limits, [] { return absl::Now(); }),
-      env_{options_.limits, scenes_, point_sets_, query_pool_, build_pool_, ray_queue_, calls_},
+      env_{options_.limits, scenes_,    point_sets_, query_pool_,
+           build_pool_,     ray_queue_, scheduler_,  calls_},
       scene_service_(env_, upload_slots_),
       point_set_service_(env_, upload_slots_),
       visibility_service_(env_),

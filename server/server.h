@@ -30,6 +30,7 @@
 #include "core/base/parallel.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
+#include "server/admission/scheduler.h"
 #include "server/admission/upload_slots.h"
 #include "server/options.h"
 #include "server/points/point_set_store.h"
@@ -82,6 +83,7 @@ class Server {
   RayQueue ray_queue_;
   UploadSlots upload_slots_;
   ThreadPool query_pool_, build_pool_;
+  Scheduler scheduler_;
   SceneCatalog scenes_;
   PointSetStore point_sets_;
   const QueryEnvironment env_;

@@ -34,11 +34,13 @@ class Backoff {
       : options_(options), bound_(options.initial_delay) {}
 
   // A random time between half the current bound and all of it; the bound then grows. Never less
-  // than what the server asked for.
+  // than what the server asked for, and up to half as much again, so that clients that were refused
+  // together do not return together.
   absl::Duration Next(const absl::Status& status) {
     const absl::Duration wait = bound_ * absl::Uniform(random_, 0.5, 1.0);
     bound_ = std::min(bound_ * options_.multiplier, options_.max_delay);
-    return std::max(wait, RetryDelay(status).value_or(absl::ZeroDuration()));
+    const absl::Duration asked = RetryDelay(status).value_or(absl::ZeroDuration());
+    return std::max(wait, asked * absl::Uniform(random_, 1.0, 1.5));
   }
   void Reset() { bound_ = options_.initial_delay; }
 

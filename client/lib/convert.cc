@@ -263,6 +263,7 @@ Capabilities FromProto(const v1::Capabilities& capabilities) {
   limits.max_pin_duration = FromProto(in.max_pin_duration());
   limits.max_coordinate = in.max_coordinate();
   limits.max_concurrent_uploads = in.max_concurrent_uploads();
+  limits.max_queued_rays_per_client = in.max_queued_rays_per_client();
   out.instruction_set = capabilities.instruction_set();
   out.available_instruction_sets.assign(capabilities.available_instruction_sets().begin(),
                                         capabilities.available_instruction_sets().end());

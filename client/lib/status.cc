@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/lib/status.h"
 
-#include <google/protobuf/duration.pb.h>
-#include <google/protobuf/unknown_field_set.h>
-
 #include "absl/strings/cord.h"
 #include "absl/strings/strip.h"
 
@@ -40,6 +37,11 @@ absl::Status FromItem(const v1::ItemStatus& status) {
     *info.mutable_metadata() = status.metadata();
     result.SetPayload(kErrorInfoUrl, absl::Cord(info.SerializeAsString()));
   }
+  if (status.has_retry_delay()) {
+    v1::RetryInfo retry;
+    *retry.mutable_retry_delay() = status.retry_delay();
+    result.SetPayload(kRetryInfoUrl, absl::Cord(retry.SerializeAsString()));
+  }
   return result;
 }
 
@@ -57,25 +59,18 @@ bool IsRetryable(const absl::Status& status) {
   if (absl::IsUnavailable(status)) return true;
   if (!absl::IsResourceExhausted(status)) return false;
   const std::optional<ErrorDetail> detail = GetErrorDetail(status);
-  return (detail && detail->reason == "QUEUE_FULL") || RetryDelay(status).has_value();
+  return (detail && (detail->reason == "QUEUE_FULL" || detail->reason == "QUOTA_EXCEEDED")) ||
+         RetryDelay(status).has_value();
 }
 
 std::optional<absl::Duration> RetryDelay(const absl::Status& status) {
   const auto payload = status.GetPayload(kRetryInfoUrl);
-  // google.rpc.RetryInfo is one Duration in field 1; its generated class is in no Debian package.
-  google::protobuf::UnknownFieldSet fields;
-  if (!payload || !fields.ParseFromString(std::string(*payload))) return std::nullopt;
-  for (int i = 0; i < fields.field_count(); ++i) {
-    const google::protobuf::UnknownField& field = fields.field(i);
-    google::protobuf::Duration delay;
-    if (field.number() != 1 ||
-        field.type() != google::protobuf::UnknownField::TYPE_LENGTH_DELIMITED ||
-        !delay.ParseFromString(field.length_delimited())) {
-      continue;
-    }
-    return absl::Seconds(delay.seconds()) + absl::Nanoseconds(delay.nanos());
+  v1::RetryInfo retry;
+  if (!payload || !retry.ParseFromString(std::string(*payload)) || !retry.has_retry_delay()) {
+    return std::nullopt;
   }
-  return std::nullopt;
+  return absl::Seconds(retry.retry_delay().seconds()) +
+         absl::Nanoseconds(retry.retry_delay().nanos());
 }
 
 }  // namespace sightline::client

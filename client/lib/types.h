@@ -346,6 +346,7 @@ struct Limits {
   absl::Duration max_lease, max_pin_duration;
   double max_coordinate = 0;
   uint32_t max_concurrent_uploads = 0;
+  int64_t max_queued_rays_per_client = 0;
 };
 
 struct Capabilities {

@@ -5,20 +5,50 @@
 #include "server/base/error.h"
 
 namespace sightline {
+namespace {
 
-void RayTicket::Release() {
-  if (queue_ != nullptr) std::exchange(queue_, nullptr)->Release(rays_);
+bool Fits(uint64_t rays, uint64_t held, uint64_t most) {
+  return held <= most && rays <= most - held;
 }
 
-absl::StatusOr<RayTicket> RayQueue::Admit(uint64_t rays) {
+}  // namespace
+
+void RayTicket::Release() {
+  if (queue_ == nullptr) return;
+  std::exchange(queue_, nullptr)->Release(account_.held_.get(), rays_);
+  account_ = RayAccount();
+}
+
+RayAccount RayQueue::Open(const std::string& client) {
   MutexLock lock(mutex_);
-  if (tickets_ > 0 && (queued_ > max_rays_ || rays > max_rays_ - queued_)) {
+  // Names of clients that are gone go with the next one that comes: no more are kept than are open.
+  std::erase_if(accounts_, [](const auto& entry) { return entry.second.expired(); });
+  std::weak_ptr<RayAccount::Held>& entry = accounts_[client];
+  std::shared_ptr<RayAccount::Held> held = entry.lock();
+  if (held == nullptr) {
+    held = std::make_shared<RayAccount::Held>();
+    entry = held;
+  }
+  return RayAccount(std::move(held));
+}
+
+absl::StatusOr<RayTicket> RayQueue::Admit(const RayAccount& account, uint64_t rays) {
+  MutexLock lock(mutex_);
+  RayAccount::Held& held = *account.held_;
+  if (held.tickets > 0 && !Fits(rays, held.rays, max_rays_per_client_)) {
+    return OverLimit("the client's rays waiting for an answer", held.rays + rays,
+                     "max_queued_rays_per_client", max_rays_per_client_,
+                     v1::ERROR_REASON_QUOTA_EXCEEDED);
+  }
+  if (tickets_ > 0 && !Fits(rays, queued_, max_rays_)) {
     return OverLimit("rays waiting for an answer", queued_ + rays, "max_queued_rays", max_rays_,
                      v1::ERROR_REASON_QUEUE_FULL);
   }
   queued_ += rays;
   ++tickets_;
-  return RayTicket(this, rays);
+  held.rays += rays;
+  ++held.tickets;
+  return RayTicket(this, account, rays);
 }
 
 uint64_t RayQueue::queued_rays() const {
@@ -26,11 +56,13 @@ uint64_t RayQueue::queued_rays() const {
   return queued_;
 }
 
-void RayQueue::Release(uint64_t rays) {
+void RayQueue::Release(RayAccount::Held* held, uint64_t rays) {
   MutexLock lock(mutex_);
   SIGHTLINE_CHECK(tickets_ > 0 && queued_ >= rays) << "a ticket was given back twice";
   queued_ -= rays;
   --tickets_;
+  held->rays -= rays;
+  --held->tickets;
 }
 
 }  // namespace sightline

@@ -1,21 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The bound on what the whole server has accepted and not yet answered, in rays. A ticket takes its
-// share and gives it back when it goes; an item that does not fit is refused at once, never kept
-// waiting.
+// The bounds on what the whole server, and each of its clients, has accepted and not yet answered,
+// in rays. A ticket takes its share of both and gives it back when it goes; an item that does not
+// fit is refused at once, never kept waiting.
 //
-// Invariant: the tickets alive never hold more than the limit together, except that one ticket is
-// granted whenever none is alive (so that a single item larger than the queue can be answered at
-// all).
+// Invariant: the tickets alive never hold more than the limit together, nor those of one client
+// more than its quota, except that one ticket is granted whenever none is alive (so that a single
+// item larger than the queue, or than the quota, can be answered at all).
 //
-// Thread safety: every method of RayQueue from any thread; a ticket belongs to one owner at a time.
-// The queue outlives its tickets.
+// Thread safety: every method of RayQueue from any thread; a ticket or an account belongs to one
+// owner at a time. The queue outlives both; an account is gone when its last copy and ticket are.
 //
-//   absl::StatusOr<RayTicket> ticket = queue.Admit(cost);   // RESOURCE_EXHAUSTED (QUEUE_FULL)
+//   RayAccount account = queue.Open("10.1.2.3");
+//   absl::StatusOr<RayTicket> ticket = queue.Admit(account, cost);
+//   // RESOURCE_EXHAUSTED (QUEUE_FULL or QUOTA_EXCEEDED)
 #ifndef SIGHTLINE_SERVER_ADMISSION_RAY_QUEUE_H_
 #define SIGHTLINE_SERVER_ADMISSION_RAY_QUEUE_H_
 
 #include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
 #include <utility>
 
 #include "absl/status/statusor.h"
@@ -25,14 +30,33 @@ namespace sightline {
 
 class RayQueue;
 
+// What one client has in the queue; copies are the same account.
+class RayAccount {
+ public:
+  RayAccount() = default;
+
+ private:
+  friend class RayQueue;
+  friend class RayTicket;
+  struct Held {
+    uint64_t rays = 0, tickets = 0;  // Guarded by the queue's lock.
+  };
+  explicit RayAccount(std::shared_ptr<Held> held) : held_(std::move(held)) {}
+
+  std::shared_ptr<Held> held_;
+};
+
 class RayTicket {
  public:
   RayTicket() = default;
   RayTicket(RayTicket&& other) noexcept
-      : queue_(std::exchange(other.queue_, nullptr)), rays_(other.rays_) {}
+      : queue_(std::exchange(other.queue_, nullptr)),
+        account_(std::move(other.account_)),
+        rays_(other.rays_) {}
   RayTicket& operator=(RayTicket&& other) noexcept {
     Release();
     queue_ = std::exchange(other.queue_, nullptr);
+    account_ = std::move(other.account_);
     rays_ = other.rays_;
     return *this;
   }
@@ -42,29 +66,35 @@ class RayTicket {
 
  private:
   friend class RayQueue;
-  RayTicket(RayQueue* queue, uint64_t rays) : queue_(queue), rays_(rays) {}
+  RayTicket(RayQueue* queue, RayAccount account, uint64_t rays)
+      : queue_(queue), account_(std::move(account)), rays_(rays) {}
 
   RayQueue* queue_ = nullptr;
+  RayAccount account_;
   uint64_t rays_ = 0;
 };
 
 class RayQueue {
  public:
-  explicit RayQueue(uint64_t max_rays) : max_rays_(max_rays) {}
+  RayQueue(uint64_t max_rays, uint64_t max_rays_per_client)
+      : max_rays_(max_rays), max_rays_per_client_(max_rays_per_client) {}
   RayQueue(const RayQueue&) = delete;
   RayQueue& operator=(const RayQueue&) = delete;
 
-  absl::StatusOr<RayTicket> Admit(uint64_t rays);
+  // The account of the client of that name; the same one as long as somebody has it.
+  RayAccount Open(const std::string& client);
+  absl::StatusOr<RayTicket> Admit(const RayAccount& account, uint64_t rays);
   uint64_t queued_rays() const;
 
  private:
   friend class RayTicket;
-  void Release(uint64_t rays);
+  void Release(RayAccount::Held* held, uint64_t rays);
 
-  const uint64_t max_rays_;
+  const uint64_t max_rays_, max_rays_per_client_;
   mutable Mutex mutex_;
   uint64_t queued_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t tickets_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::map<std::string, std::weak_ptr<RayAccount::Held>> accounts_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace sightline

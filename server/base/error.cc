@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/base/error.h"
 
+#include <algorithm>
+
 #include "absl/strings/cord.h"
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
@@ -82,6 +84,16 @@ absl::Status OverLimit(absl::string_view what, uint64_t value, absl::string_view
        {"value", absl::StrCat(value)}});
 }
 
+absl::Status WithRetryDelay(absl::Status status, absl::Duration delay) {
+  const int64_t nanos = absl::ToInt64Nanoseconds(
+      std::clamp(delay, absl::Duration(absl::Milliseconds(1)), absl::Duration(absl::Minutes(1))));
+  v1::RetryInfo info;
+  info.mutable_retry_delay()->set_seconds(nanos / 1'000'000'000);
+  info.mutable_retry_delay()->set_nanos(static_cast<int32_t>(nanos % 1'000'000'000));
+  status.SetPayload(kRetryInfoUrl, absl::Cord(info.SerializeAsString()));
+  return status;
+}
+
 v1::ErrorReason ReasonOf(const absl::Status& status) {
   if (status.ok()) return v1::ERROR_REASON_UNSPECIFIED;
   v1::ErrorInfo info;
@@ -102,6 +114,11 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
   google::protobuf::Any* any = details.add_details();
   any->set_type_url(std::string(kErrorInfoUrl));
   any->set_value(std::string(*full.GetPayload(kErrorInfoUrl)));
+  if (const auto retry = full.GetPayload(kRetryInfoUrl); retry.has_value()) {
+    any = details.add_details();
+    any->set_type_url(std::string(kRetryInfoUrl));
+    any->set_value(std::string(*retry));
+  }
   return grpc::Status(static_cast<grpc::StatusCode>(full.code()), std::string(full.message()),
                       details.SerializeAsString());
 }
@@ -114,6 +131,11 @@ void ToItemStatus(const absl::Status& status, v1::ItemStatus* out) {
   out->set_message(std::string(status.message()));
   v1::ErrorInfo info;
   if (ReadInfo(status, &info)) *out->mutable_metadata() = info.metadata();
+  v1::RetryInfo retry;
+  if (const auto payload = status.GetPayload(kRetryInfoUrl);
+      payload.has_value() && retry.ParseFromString(std::string(*payload))) {
+    out->mutable_retry_delay()->Swap(retry.mutable_retry_delay());
+  }
 }
 
 }  // namespace sightline

@@ -24,14 +24,16 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "absl/time/time.h"
 #include "sightline/v1/status.pb.h"
 
 namespace sightline {
 
 using ErrorMetadata = std::vector<std::pair<std::string, std::string>>;
 
-// The payload's key, and the type URL in gRPC details.
+// The payloads' keys, and the type URLs in gRPC details.
 inline constexpr absl::string_view kErrorInfoUrl = "type.googleapis.com/google.rpc.ErrorInfo";
+inline constexpr absl::string_view kRetryInfoUrl = "type.googleapis.com/google.rpc.RetryInfo";
 
 // REQUIRES: code is not OK.
 absl::Status MakeError(absl::StatusCode code, v1::ErrorReason reason, absl::string_view message,
@@ -55,6 +57,10 @@ absl::Status InvalidField(absl::string_view field, const T& value, absl::string_
 absl::Status OverLimit(absl::string_view what, uint64_t value, absl::string_view limit,
                        uint64_t limit_value,
                        v1::ErrorReason reason = v1::ERROR_REASON_LIMIT_EXCEEDED);
+
+// `status`, which is an error, with word that it may be tried again after `delay`: made at least a
+// millisecond (a client must not spin) and at most a minute (nobody knows further ahead).
+absl::Status WithRetryDelay(absl::Status status, absl::Duration delay);
 
 // The reason in the payload, or the one that stands for the code.
 v1::ErrorReason ReasonOf(const absl::Status& status);

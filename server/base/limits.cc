@@ -43,6 +43,8 @@ constexpr LimitEntry kTable[] = {
     {"max_pin_seconds", &Limits::max_pin_seconds, 1, 366 * 86400,
      "longest time a stream keeps an exact revision"},
     {"max_concurrent_uploads", &Limits::max_concurrent_uploads, 1, 1 << 16, "uploads at once"},
+    {"max_queued_rays_per_client", &Limits::max_queued_rays_per_client, 1, kMany,
+     "unanswered rays of one client"},
 };
 
 }  // namespace

@@ -48,6 +48,8 @@ struct Limits {
   uint64_t max_lease_seconds = 24 * 3600;
   uint64_t max_pin_seconds = 3600;
   uint64_t max_concurrent_uploads = 16;
+  // Half of all: one client alone never fills the queue.
+  uint64_t max_queued_rays_per_client = 128 << 20;
 };
 
 // One row of the table: which limit, and what it may be set to.

@@ -30,16 +30,14 @@ struct PartRange {
 };
 
 // Cuts `elements` into parts. Each holds whole multiples of `unit` elements (but the last), starts
-// at a multiple of 8, asks for about kPartRays rays, and its reply stays near the target size.
-// ResourceExhausted (max_message_bytes) if the smallest legal part makes too long a reply;
-// `bytes(n)` is what a reply of n elements takes at most.
+// at a multiple of 8, asks for about `part_rays` rays (Scheduler::Flow::PartRays: so that it keeps
+// a thread for a few milliseconds), and its reply stays near the target size. ResourceExhausted
+// (max_message_bytes) if the smallest legal part makes too long a reply; `bytes(n)` is what a reply
+// of n elements takes at most.
 template <typename Bytes>
 absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t unit,
-                                                    uint64_t rays_per_element, const Limits& limits,
-                                                    const Bytes& bytes) {
-  // A part of 64 Ki rays takes a thread some 10 ms: long enough to share a walk between neighbours,
-  // short enough to keep all threads busy and one stream from holding up another.
-  constexpr uint64_t kPartRays = 64 << 10;
+                                                    uint64_t rays_per_element, uint64_t part_rays,
+                                                    const Limits& limits, const Bytes& bytes) {
   // Room for the reply's other fields beside its arrays.
   constexpr uint64_t kHeaderBytes = 1024;
   const uint64_t step = std::min(std::lcm(unit, uint64_t{8}), elements);
@@ -49,7 +47,7 @@ absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t 
                      limits.max_message_bytes);
   }
   const uint64_t target_bytes = std::min(limits.target_reply_bytes, reply_limit);
-  const uint64_t by_rays = std::max<uint64_t>(1, kPartRays / rays_per_element / step);
+  const uint64_t by_rays = std::max<uint64_t>(1, part_rays / rays_per_element / step);
   const uint64_t by_bytes =
       std::max<uint64_t>(1, target_bytes / std::max<uint64_t>(1, bytes(step)));
   const uint64_t size = step * std::min(by_rays, by_bytes);

@@ -10,6 +10,7 @@
 #include "core/base/parallel.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
+#include "server/admission/scheduler.h"
 #include "server/base/limits.h"
 #include "server/points/point_set_store.h"
 #include "server/scenes/scene_catalog.h"
@@ -23,6 +24,7 @@ struct QueryEnvironment {
   ThreadPool& query_pool;  // Answers queries; never builds.
   ThreadPool& build_pool;  // Builds scenes and prepares uploads; never answers.
   RayQueue& ray_queue;
+  Scheduler& scheduler;  // Shares the query pool's threads.
   CallTracker& calls;
 };
 

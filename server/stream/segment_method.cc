@@ -64,12 +64,12 @@ uint64_t SegmentMethod::Rays(const Item& item) const {
 }
 
 absl::StatusOr<std::unique_ptr<SegmentMethod::Work>> SegmentMethod::Prepare(
-    const Item& item, const CancelToken&) const {
+    const Item& item, const CancelToken&, uint64_t part_rays) const {
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   std::vector<std::array<Vec3d, 2>> ends;
   SL_RETURN_IF_ERROR(DecodeSegments(item.segments(), &ends));
   SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
-                      CutIntoParts(ends.size(), 1, 1, env_.limits,
+                      CutIntoParts(ends.size(), 1, 1, part_rays, env_.limits,
                                    [&](uint64_t n) { return SegmentBytes(outputs_, n); }));
   return std::unique_ptr<Work>(
       new SegmentWork(*this, std::move(scene), std::move(ends), std::move(parts)));

@@ -132,15 +132,15 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
 }
 
 absl::StatusOr<std::unique_ptr<ShadowMethod::Work>> ShadowMethod::Prepare(
-    const Item& item, const CancelToken& cancel) const {
+    const Item& item, const CancelToken& cancel, uint64_t part_rays) const {
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
   SL_ASSIGN_OR_RETURN(Points points, FindPoints(item, scene, cancel));
   const uint64_t sample_count = samples->samples.size();
-  SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
-                      CutIntoParts(points.count, 1, sample_count, env_.limits, [&](uint64_t n) {
-                        return ShadowBytes(outputs_, n, sample_count);
-                      }));
+  SL_ASSIGN_OR_RETURN(
+      std::vector<PartRange> parts,
+      CutIntoParts(points.count, 1, sample_count, part_rays, env_.limits,
+                   [&](uint64_t n) { return ShadowBytes(outputs_, n, sample_count); }));
   return std::unique_ptr<Work>(new ShadowWork(*this, std::move(scene), std::move(samples),
                                               std::move(points), std::move(parts)));
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One unanswered item of a visibility stream, and the key by which waiting work is ordered.
+// One unanswered item of a visibility stream.
 //
 // Thread safety: plain data, guarded by the stream's lock, except the token (safe by itself) and
 // `work` (constant once prepared).
@@ -10,7 +10,6 @@
 #include <grpcpp/alarm.h>
 
 #include <chrono>
-#include <compare>
 #include <cstdint>
 #include <memory>
 
@@ -18,19 +17,9 @@
 #include "core/base/cancel.h"
 #include "core/query/options.h"
 #include "server/admission/ray_queue.h"
+#include "server/admission/scheduler.h"
 
 namespace sightline {
-
-// Higher priority first, then order of arrival, then parts in order.
-struct TaskKey {
-  int32_t negative_priority = 0;
-  uint64_t sequence = 0;
-  uint64_t part = 0;  // 0: decode and prepare; k + 1: part k.
-
-  // clang-tidy 14 takes a 0 within the defaulted comparison for a pointer.
-  // NOLINTNEXTLINE(modernize-use-nullptr)
-  friend auto operator<=>(const TaskKey&, const TaskKey&) = default;
-};
 
 template <typename Method>
 struct StreamItem {
@@ -41,6 +30,7 @@ struct StreamItem {
   RayTicket ticket;   // Its share of the server's queue.
   int32_t priority = 0;
   uint64_t sequence = 0;
+  uint64_t to_come = 0;           // Rays announced to the scheduler, of tasks not yet added.
   typename Method::Item request;  // Emptied once prepared.
   CancelToken token;
   std::chrono::steady_clock::time_point arrival;
@@ -53,6 +43,10 @@ struct StreamItem {
   absl::Status status;      // The first thing that went wrong.
   QueryStats stats;
   bool closed = false;  // Its last reply is in the outbox.
+
+  TaskKey Key(uint64_t part) const {
+    return {.negative_priority = -priority, .sequence = sequence, .part = part};
+  }
 };
 
 }  // namespace sightline

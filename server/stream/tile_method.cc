@@ -127,7 +127,8 @@ uint64_t TileMethod::Rays(const Item& item) const {
 }
 
 absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item& item,
-                                                                      const CancelToken&) const {
+                                                                      const CancelToken&,
+                                                                      uint64_t part_rays) const {
   SL_RETURN_IF_ERROR(CheckTile(item, camera_));
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
@@ -139,7 +140,7 @@ absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item
   };
   SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
                       CutIntoParts(uint64_t{tile.width} * tile.height, tile.width, 1 + sample_count,
-                                   env_.limits, bytes));
+                                   part_rays, env_.limits, bytes));
   return std::unique_ptr<Work>(
       new TileWork(*this, std::move(scene), std::move(samples), tile, std::move(parts)));
 }

@@ -32,7 +32,8 @@ class TileMethod final : public StreamMethod {
 
   // What the item asks for, in rays; saturating. Cheap: called in a reaction.
   uint64_t Rays(const Item& item) const;
-  absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel) const;
+  absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel,
+                                                uint64_t part_rays) const;
 
  private:
   class TileWork;

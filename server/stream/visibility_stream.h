@@ -5,8 +5,8 @@
 // deadlines, draining. The rules it keeps are written in visibility_service.proto.
 //
 // Invariants
-//  1. Reactions never compute: opening, decoding and answering are tasks of the query pool, at most
-//     one per thread and stream at a time, so that streams take turns.
+//  1. Reactions never compute: opening, decoding and answering are tasks of the scheduler, by which
+//     clients and streams take turns.
 //  2. At most one Write is outstanding; Finish is called exactly once, with no Write outstanding
 //     and no task running. The reactor lives until OnDone and until its last task is gone.
 //  3. Reading never stops while the stream is open, so that a client's writes always go through.
@@ -30,7 +30,6 @@
 #include <algorithm>
 #include <chrono>
 #include <deque>
-#include <map>
 #include <memory>
 #include <string>
 #include <unordered_map>
@@ -45,6 +44,8 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "server/admission/call_tracker.h"
+#include "server/admission/client_name.h"
+#include "server/admission/timeout_check.h"
 #include "server/base/error.h"
 #include "server/base/log.h"
 #include "server/codec/query_codec.h"
@@ -156,6 +157,8 @@ class VisibilityStream final
     self_ = this->shared_from_this();
     if (call.ok()) {
       call_ = *std::move(call);
+      account_ = env_.ray_queue.Open(ClientOf(*context_));
+      flow_ = env_.scheduler.Open(ClientOf(*context_));
       Read();
     } else {
       Fail(call.status());
@@ -198,12 +201,20 @@ class VisibilityStream final
     }
     limit_results_ = result_credit > 0;
     result_credit_ = result_credit;
-    ++running_;
-    env_.query_pool.Submit(
-        [self = this->shared_from_this(), header = std::move(header)] { self->RunOpen(header); });
+    flow_->Announce(1);
+    flow_->Add({.negative_priority = -kMaxPriority}, 1,
+               [self = this->shared_from_this(), header = std::move(header)] {
+                 self->RunOpen(header);
+                 return false;
+               });
   }
 
   void RunOpen(const typename Method::Header& header) {
+    {
+      MutexLock lock(mutex_);
+      if (!failure_.ok()) return;
+      ++running_;
+    }
     absl::StatusOr<std::unique_ptr<Method>> method = Method::Open(header, env_);
     MutexLock lock(mutex_);
     --running_;
@@ -254,7 +265,9 @@ class VisibilityStream final
     ++accepted_;
     last_accepted_ = id;
     item->request = std::move(request);
-    waiting_.emplace(TaskKey{-item->priority, item->sequence, 0}, item);
+    flow_->Announce(item->cost);
+    item->to_come = item->cost;
+    AddTask(item, 0, std::min(item->cost, flow_->PartRays()));
   }
 
   // Whether the item may wait for its turn; sets its cost, priority and deadline.
@@ -274,7 +287,15 @@ class VisibilityStream final
       return OverLimit("item rays", rays, "max_item_rays", env_.limits.max_item_rays);
     }
     item->cost = std::max(rays, env_.limits.min_item_cost_rays);
-    SL_ASSIGN_OR_RETURN(item->ticket, env_.ray_queue.Admit(item->cost));
+    if (timeout < kLongestTimeout) {
+      SL_RETURN_IF_ERROR(CheckTimeout(timeout, flow_->Foresee(item->cost)));
+    }
+    absl::StatusOr<RayTicket> ticket = env_.ray_queue.Admit(account_, item->cost);
+    if (!ticket.ok()) {
+      // By then the server will have answered about as much as this item asks for.
+      return WithRetryDelay(ticket.status(), absl::FromChrono(env_.scheduler.TimeFor(item->cost)));
+    }
+    item->ticket = *std::move(ticket);
     if (timeout < kLongestTimeout) SetDeadline(item, timeout);
     return absl::OkStatus();
   }
@@ -336,35 +357,24 @@ class VisibilityStream final
   }
 
   void DropWaiting(const ItemPtr& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    auto task = waiting_.lower_bound(TaskKey{-item->priority, item->sequence, 0});
-    while (task != waiting_.end() && task->second == item) {
-      task = waiting_.erase(task);
-      --item->tasks_left;
-    }
+    item->tasks_left -= flow_->Drop(-item->priority, item->sequence);
   }
 
   // --- Computing ---------------------------------------------------------------------------------
 
-  // Has the pool run as many tasks as there are and may be: see invariant 1.
-  void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    while (submitted_ < env_.query_pool.threads() &&
-           static_cast<size_t>(submitted_) < waiting_.size() && outbox_bytes_ <= kMaxOutboxBytes) {
-      ++submitted_;
-      env_.query_pool.Submit([self = this->shared_from_this()] { self->RunNext(); });
-    }
+  // Part 0 is the preparation, together with the first part; k + 1 is part k.
+  void AddTask(const ItemPtr& item, uint64_t part, uint64_t rays)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    item->to_come -= rays;
+    flow_->Add(item->Key(part), rays,
+               [self = this->shared_from_this(), item, part] { return self->RunTask(item, part); });
   }
 
-  void RunNext() {
-    ItemPtr item;
-    uint64_t part;
+  // Whether the work was done.
+  bool RunTask(const ItemPtr& item, uint64_t part) {
     {
       MutexLock lock(mutex_);
-      --submitted_;
-      if (!failure_.ok() || waiting_.empty() || outbox_bytes_ > kMaxOutboxBytes) return Advance();
-      const auto first = waiting_.begin();
-      item = first->second;
-      part = first->first.part;
-      waiting_.erase(first);
+      if (!failure_.ok()) return false;
       ++running_;
       if (!item->started) {
         item->started = true;
@@ -372,43 +382,52 @@ class VisibilityStream final
             std::chrono::nanoseconds(std::chrono::steady_clock::now() - item->arrival).count());
       }
     }
-    if (part == 0) {
-      Prepare(item);
-    } else {
-      Compute(item, part - 1);
-    }
+    const bool done = part == 0 ? Prepare(item) : Compute(item, part - 1);
     MutexLock lock(mutex_);
     --running_;
     Advance();
+    return done;
   }
 
-  void Prepare(const ItemPtr& item) {
+  bool Prepare(const ItemPtr& item) {
     absl::Status status = item->token.ToStatus();
     std::unique_ptr<typename Method::Work> work;
     if (status.ok()) {
       absl::StatusOr<std::unique_ptr<typename Method::Work>> prepared =
-          method_->Prepare(item->request, item->token);
+          method_->Prepare(item->request, item->token, flow_->PartRays());
       status = prepared.status();
       if (status.ok()) work = *std::move(prepared);
     }
     item->request.Clear();
     {
       MutexLock lock(mutex_);
-      if (!failure_.ok()) return;
-      if (!status.ok() || !item->status.ok()) return FinishTask(item, status);
-      item->work = std::move(work);
-      const size_t parts = item->work->parts().size();
-      item->tasks_left = parts;
-      // The first part follows at once on this thread; the others wait for whoever comes.
-      for (size_t part = 1; part < parts; ++part) {
-        waiting_.emplace(TaskKey{-item->priority, item->sequence, part + 1}, item);
+      if (!failure_.ok()) return false;
+      if (!status.ok() || !item->status.ok()) {
+        FinishTask(item, status);
+        return false;
       }
-      Schedule();
+      item->work = std::move(work);
+      AddParts(item);
     }
-    Compute(item, 0);
+    return Compute(item, 0);
   }
 
-  void Compute(const ItemPtr& item, size_t part) {
+  // The first part follows at once on the thread that prepared; the others wait for their turns.
+  void AddParts(const ItemPtr& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const std::vector<PartRange>& parts = item->work->parts();
+    item->tasks_left = parts.size();
+    const uint64_t elements = parts.back().offset + parts.back().count;
+    const auto rays = [&](size_t part) {
+      return std::max<uint64_t>(1, item->cost / elements * parts[part].count);
+    };
+    uint64_t planned = 0;
+    for (size_t part = 1; part < parts.size(); ++part) planned += rays(part);
+    flow_->Withdraw(std::exchange(item->to_come, planned));
+    flow_->Announce(planned);
+    for (size_t part = 1; part < parts.size(); ++part) AddTask(item, part + 1, rays(part));
+  }
+
+  bool Compute(const ItemPtr& item, size_t part) {
     auto response = std::make_unique<Response>();
     QueryStats stats;
     absl::Status status = item->token.ToStatus();
@@ -426,10 +445,12 @@ class VisibilityStream final
       } else {
         item->work->Complete(response.get());
         --item->tasks_left;
-        return Close(item, std::move(response));
+        Close(item, std::move(response));
+        return true;
       }
     }
     FinishTask(item, status);
+    return status.ok();
   }
 
   void FinishTask(const ItemPtr& item, const absl::Status& status)
@@ -455,6 +476,7 @@ class VisibilityStream final
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (item->closed) return;
     item->closed = true;
+    flow_->Withdraw(std::exchange(item->to_come, 0));
     if (response == nullptr) response = std::make_unique<Response>();
     v1::ReplyHeader* header = response->mutable_reply()->mutable_header();
     FillHeader(*item, header);
@@ -481,13 +503,21 @@ class VisibilityStream final
     const uint64_t bytes = response->ByteSizeLong();
     outbox_bytes_ += bytes;
     outbox_.push_back({std::move(response), bytes, std::move(last_of)});
+    HoldBack();
+  }
+
+  // The answers of a client that does not read stay uncomputed.
+  void HoldBack() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const bool hold = outbox_bytes_ > kMaxOutboxBytes;
+    if (hold != std::exchange(held_, hold)) flow_->Hold(hold);
   }
 
   void Fail(absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (!failure_.ok() || finished_) return;
     failure_ = std::move(status);
     token_.Cancel();
-    waiting_.clear();
+    for (const auto& [id, item] : items_) flow_->Withdraw(std::exchange(item->to_come, 0));
+    if (flow_ != nullptr) flow_->Clear();
     outbox_.clear();
     outbox_bytes_ = 0;
     if (!absl::IsCancelled(failure_)) {
@@ -499,10 +529,7 @@ class VisibilityStream final
   // Does whatever can be done next. Called at the end of every reaction and task.
   void Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (finished_) return;
-    if (failure_.ok()) {
-      Schedule();
-      Write();
-    }
+    if (failure_.ok()) Write();
     if (writing_ != nullptr || running_ > 0) return;
     if (!failure_.ok() || cancelled_) return End(failure_);
     if (!items_.empty() || !outbox_.empty()) return;
@@ -524,7 +551,7 @@ class VisibilityStream final
       items_.erase(item->id);
     }
     outbox_.pop_front();
-    Schedule();
+    HoldBack();
     this->StartWrite(writing_.get());
   }
 
@@ -542,6 +569,9 @@ class VisibilityStream final
   Mutex mutex_;
   std::shared_ptr<VisibilityStream> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
+  // Set once, before the first message is read; null for a call that was refused.
+  RayAccount account_;
+  std::unique_ptr<Scheduler::Flow> flow_;
   // Set once, before the first item; read without the lock by tasks of items.
   std::unique_ptr<Method> method_;
   bool header_seen_ ABSL_GUARDED_BY(mutex_) = false;
@@ -552,11 +582,10 @@ class VisibilityStream final
   absl::Status failure_ ABSL_GUARDED_BY(mutex_);
   uint64_t discarded_ ABSL_GUARDED_BY(mutex_) = 0;
   std::unordered_map<uint64_t, ItemPtr> items_ ABSL_GUARDED_BY(mutex_);  // Unanswered, by id.
-  std::map<TaskKey, ItemPtr> waiting_ ABSL_GUARDED_BY(mutex_);
-  int submitted_ ABSL_GUARDED_BY(mutex_) = 0;  // Tasks that the pool has yet to start.
-  int running_ ABSL_GUARDED_BY(mutex_) = 0;
+  int running_ ABSL_GUARDED_BY(mutex_) = 0;                              // Tasks.
   std::deque<Outgoing> outbox_ ABSL_GUARDED_BY(mutex_);
   uint64_t outbox_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  bool held_ ABSL_GUARDED_BY(mutex_) = false;  // Nothing is computed until something is read.
   std::unique_ptr<Response> writing_ ABSL_GUARDED_BY(mutex_);
   int64_t credit_ ABSL_GUARDED_BY(mutex_);
   bool limit_results_ ABSL_GUARDED_BY(mutex_) = false;

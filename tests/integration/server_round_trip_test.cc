@@ -83,6 +83,24 @@ class RoundTripTest : public testing::Test {
   Camera camera_;
 };
 
+// The rows of `field` of each part, put together: `rows` 1 for arrays of one value per element. How
+// an item is cut into parts is the server's affair.
+template <typename Parts, typename Field>
+std::string Joined(const Parts& parts, size_t rows, const Field& field) {
+  std::map<uint64_t, std::string> by_offset;
+  for (const auto& part : parts) {
+    by_offset[part.reply().header().offset()] = field(part.reply());
+  }
+  std::string joined;
+  for (size_t row = 0; row < rows; ++row) {
+    for (const auto& [offset, bytes] : by_offset) {
+      const size_t length = bytes.size() / rows;
+      joined += bytes.substr(row * length, length);
+    }
+  }
+  return joined;
+}
+
 TEST_F(RoundTripTest, TilesAreTheEnginesByEveryStrategy) {
   const std::vector<TileRect> tiles = {{0, 0, 32, 32}, {32, 0, 64, 64}, {3, 33, 29, 31}};
   std::vector<TileResult> expected;
@@ -97,23 +115,29 @@ TEST_F(RoundTripTest, TilesAreTheEnginesByEveryStrategy) {
     EXPECT_TRUE(stream.Finish().ok());
     ASSERT_EQ(replies.size(), tiles.size()) << StrategyName(strategy);
     for (const auto& [id, parts] : replies) {
-      ASSERT_EQ(parts.size(), 1u);
-      const v1::TileReply& reply = parts[0].reply();
+      SCOPED_TRACE(StrategyName(strategy));
+      const v1::ReplyHeader& last = parts.back().reply().header();
       const TileResult& engine = expected[id];
-      EXPECT_TRUE(reply.header().last());
-      EXPECT_EQ(reply.header().status().code(), 0) << reply.header().status().message();
-      EXPECT_EQ(reply.header().revision(), 1);
-      EXPECT_EQ(reply.header().element_count(), tiles[id].width * tiles[id].height);
-      EXPECT_GT(reply.header().statistics().ray_count(), 0u);
-      EXPECT_EQ(reply.tile().hit_bits(), PackArray(engine.hit_bits)) << StrategyName(strategy);
+      EXPECT_TRUE(last.last());
+      EXPECT_EQ(last.status().code(), 0) << last.status().message();
+      EXPECT_EQ(last.revision(), 1);
+      EXPECT_GT(last.statistics().ray_count(), 0u);
+      uint64_t elements = 0;
+      for (const auto& part : parts) elements += part.reply().header().element_count();
+      EXPECT_EQ(elements, tiles[id].width * tiles[id].height);
+      const auto tile = [&](const std::string& (v1::TileResult::*field)() const) {
+        return Joined(parts, 1, [&](const v1::TileReply& r) { return (r.tile().*field)(); });
+      };
+      EXPECT_EQ(tile(&v1::TileResult::hit_bits), PackArray(engine.hit_bits));
       std::string objects, triangles;
       EncodeTriangles(scene_->geometry, engine.triangle, &objects, &triangles);
-      EXPECT_EQ(reply.tile().object_ids(), objects) << StrategyName(strategy);
-      EXPECT_EQ(reply.tile().triangle_ids(), triangles) << StrategyName(strategy);
-      EXPECT_EQ(reply.tile().depths(), PackArray(engine.depth)) << StrategyName(strategy);
-      EXPECT_EQ(reply.tile().barycentric_u(), PackArray(engine.u));
-      EXPECT_EQ(reply.tile().barycentric_v(), PackArray(engine.v));
-      EXPECT_EQ(reply.shadows().lit_bits(), PackArray(engine.lit_bits)) << StrategyName(strategy);
+      EXPECT_EQ(tile(&v1::TileResult::object_ids), objects);
+      EXPECT_EQ(tile(&v1::TileResult::triangle_ids), triangles);
+      EXPECT_EQ(tile(&v1::TileResult::depths), PackArray(engine.depth));
+      EXPECT_EQ(tile(&v1::TileResult::barycentric_u), PackArray(engine.u));
+      EXPECT_EQ(tile(&v1::TileResult::barycentric_v), PackArray(engine.v));
+      const auto lit = [](const v1::TileReply& r) { return r.shadows().lit_bits(); };
+      EXPECT_EQ(Joined(parts, 4, lit), PackArray(engine.lit_bits));
     }
   }
 }
@@ -131,26 +155,31 @@ TEST_F(RoundTripTest, WhatAnsweredIsTheEngines) {
     const auto replies = stream.ReadAll();
     EXPECT_TRUE(stream.Finish().ok());
     ASSERT_EQ(replies.size(), 1u);
-    const v1::TileReply& reply = replies.begin()->second.at(0).reply();
-    const std::vector<LightSample> samples = Samples();
-    TileResult engine;
-    ASSERT_TRUE(TraceTile(*scene_, camera_, {0, 0, 64, 64}, samples,
-                          {.ids = true,
-                           .depth = true,
-                           .uv = true,
-                           .lit = true,
-                           .answered_by = true,
-                           .lit_answered_by = true},
-                          {.strategy = Strategy::kShaft}, &engine)
-                    .ok());
-    EXPECT_EQ(reply.tile().answered_by(), PackArray(engine.answered_by));
-    EXPECT_TRUE(reply.shadows().lit_bits().empty());
-    const std::string& by = reply.shadows().answered_by();
-    ASSERT_EQ(by.size(), engine.lit_answered_by.size());
-    for (size_t i = 0; i < by.size(); ++i) {
-      // Sums group the points otherwise, which may change what answers, but not whether.
-      const auto ours = static_cast<char>(engine.lit_answered_by[i]);
-      EXPECT_TRUE(sums ? (by[i] == 0) == (ours == 0) : by[i] == ours) << i;
+    // Which shafts there are depends on the cut into parts.
+    for (const v1::TraceTilesResponse& part : replies.begin()->second) {
+      const v1::TileReply& reply = part.reply();
+      const auto row = static_cast<uint32_t>(reply.header().offset() / 64);
+      const auto rows = static_cast<uint32_t>(reply.header().element_count() / 64);
+      const std::vector<LightSample> samples = Samples();
+      TileResult engine;
+      ASSERT_TRUE(TraceTile(*scene_, camera_, {0, row, 64, rows}, samples,
+                            {.ids = true,
+                             .depth = true,
+                             .uv = true,
+                             .lit = true,
+                             .answered_by = true,
+                             .lit_answered_by = true},
+                            {.strategy = Strategy::kShaft}, &engine)
+                      .ok());
+      EXPECT_EQ(reply.tile().answered_by(), PackArray(engine.answered_by));
+      EXPECT_TRUE(reply.shadows().lit_bits().empty());
+      const std::string& by = reply.shadows().answered_by();
+      ASSERT_EQ(by.size(), engine.lit_answered_by.size());
+      for (size_t i = 0; i < by.size(); ++i) {
+        // Sums group the points otherwise, which may change what answers, but not whether.
+        const auto ours = static_cast<char>(engine.lit_answered_by[i]);
+        EXPECT_TRUE(sums ? (by[i] == 0) == (ours == 0) : by[i] == ours) << i;
+      }
     }
   }
 }
@@ -166,12 +195,15 @@ TEST_F(RoundTripTest, TileSumsAndBlockersAreThoseOfItsHits) {
   stream.Write(TileRequest(1, 0, 0, 96, 64));
   const auto replies = stream.ReadAll();
   ASSERT_TRUE(stream.Finish().ok());
-  const v1::ShadowResult& got = replies.at(1).at(0).reply().shadows();
+  const auto joined = [&](size_t rows, const std::string& (v1::ShadowResult::*field)() const) {
+    return Joined(replies.at(1), rows,
+                  [&](const v1::TileReply& reply) { return (reply.shadows().*field)(); });
+  };
   const TileResult engine = Engine({0, 0, 96, 64});
-  EXPECT_EQ(got.lit_bits(), PackArray(engine.lit_bits));
-  const auto counts = UnpackArray<uint32_t>(got.lit_counts());
-  const auto sums = UnpackArray<double>(got.weighted_sums());
-  const auto blockers = UnpackArray<uint32_t>(got.blocker_objects());
+  EXPECT_EQ(joined(4, &v1::ShadowResult::lit_bits), PackArray(engine.lit_bits));
+  const auto counts = UnpackArray<uint32_t>(joined(1, &v1::ShadowResult::lit_counts));
+  const auto sums = UnpackArray<double>(joined(1, &v1::ShadowResult::weighted_sums));
+  const auto blockers = UnpackArray<uint32_t>(joined(4, &v1::ShadowResult::blocker_objects));
   ASSERT_EQ(counts.size(), 96u * 64u);
   ASSERT_EQ(blockers.size(), 4u * 96u * 64u);
   const size_t row = 96 * 64 / 8;
@@ -282,7 +314,8 @@ TEST_F(RoundTripTest, PointSetsFromACameraAreRelit) {
   ASSERT_TRUE(stream.Finish().ok());
   for (uint32_t i = 0; i < 2; ++i) {
     const TileResult engine = Engine({0, i * 32, 96, 32});
-    EXPECT_EQ(replies.at(i).at(0).reply().shadows().lit_bits(), PackArray(engine.lit_bits));
+    const auto lit = [](const v1::ShadowReply& reply) { return reply.shadows().lit_bits(); };
+    EXPECT_EQ(Joined(replies.at(i), 4, lit), PackArray(engine.lit_bits));
   }
 }
 

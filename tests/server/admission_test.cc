@@ -6,6 +6,7 @@
 
 #include "gtest/gtest.h"
 #include "server/admission/call_tracker.h"
+#include "server/admission/client_name.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/error.h"
@@ -14,13 +15,14 @@ namespace sightline {
 namespace {
 
 TEST(RayQueueTest, RefusesWhatDoesNotFitAndTakesItOnceThereIsRoom) {
-  RayQueue queue(100);
-  absl::StatusOr<RayTicket> first = queue.Admit(70);
+  RayQueue queue(100, 1000);
+  const RayAccount account = queue.Open("a");
+  absl::StatusOr<RayTicket> first = queue.Admit(account, 70);
   ASSERT_TRUE(first.ok());
-  const absl::StatusOr<RayTicket> second = queue.Admit(31);
+  const absl::StatusOr<RayTicket> second = queue.Admit(account, 31);
   EXPECT_EQ(second.status().code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(ReasonOf(second.status()), v1::ERROR_REASON_QUEUE_FULL);
-  EXPECT_TRUE(queue.Admit(30).ok());
+  EXPECT_TRUE(queue.Admit(account, 30).ok());
   EXPECT_EQ(queue.queued_rays(), 70u);
   first->Release();
   first->Release();  // Once is enough.
@@ -28,19 +30,50 @@ TEST(RayQueueTest, RefusesWhatDoesNotFitAndTakesItOnceThereIsRoom) {
 }
 
 TEST(RayQueueTest, AnItemLargerThanTheQueueIsTakenAlone) {
-  RayQueue queue(100);
-  absl::StatusOr<RayTicket> large = queue.Admit(1000);
+  RayQueue queue(100, 1000);
+  const RayAccount account = queue.Open("a");
+  absl::StatusOr<RayTicket> large = queue.Admit(account, 1000);
   ASSERT_TRUE(large.ok());
-  EXPECT_FALSE(queue.Admit(1).ok());
+  EXPECT_FALSE(queue.Admit(account, 1).ok());
   *large = RayTicket();
-  EXPECT_TRUE(queue.Admit(1).ok());
+  EXPECT_TRUE(queue.Admit(account, 1).ok());
 }
 
 TEST(RayQueueTest, SumsDoNotWrapAround) {
-  RayQueue queue(100);
-  const absl::StatusOr<RayTicket> first = queue.Admit(1);
+  RayQueue queue(100, 1000);
+  const RayAccount account = queue.Open("a");
+  const absl::StatusOr<RayTicket> first = queue.Admit(account, 1);
   ASSERT_TRUE(first.ok());
-  EXPECT_FALSE(queue.Admit(~uint64_t{0}).ok());
+  EXPECT_FALSE(queue.Admit(account, ~uint64_t{0}).ok());
+}
+
+TEST(RayQueueTest, EachClientHasItsQuota) {
+  RayQueue queue(100, 60);
+  const RayAccount a = queue.Open("a");
+  absl::StatusOr<RayTicket> first = queue.Admit(a, 50);
+  ASSERT_TRUE(first.ok());
+  // Another stream of the same client has the same account.
+  const absl::Status refused = queue.Admit(queue.Open("a"), 11).status();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_QUOTA_EXCEEDED);
+  // Others have theirs, as long as the queue has room.
+  absl::StatusOr<RayTicket> other = queue.Admit(queue.Open("b"), 50);
+  EXPECT_TRUE(other.ok());
+  EXPECT_EQ(ReasonOf(queue.Admit(queue.Open("c"), 1).status()), v1::ERROR_REASON_QUEUE_FULL);
+  other->Release();
+  // One item beyond the quota is answered when it is the client's only one.
+  EXPECT_TRUE(queue.Admit(queue.Open("b"), 50).ok());
+  EXPECT_FALSE(queue.Admit(a, 61).ok());
+  first->Release();
+  EXPECT_TRUE(queue.Admit(a, 61).ok());
+}
+
+TEST(ClientNameTest, AnAddressIsAClientWhateverThePort) {
+  EXPECT_EQ(ClientOfPeer("ipv4:10.1.2.3:40211"), "ipv4:10.1.2.3");
+  EXPECT_EQ(ClientOfPeer("ipv6:%5B::1%5D:443"), "ipv6:%5B::1%5D");
+  EXPECT_EQ(ClientOfPeer("unix:"), "unix");
+  EXPECT_EQ(ClientOfPeer("unix:run/sightline.sock"), "unix");
+  EXPECT_EQ(ClientOfPeer("inproc"), "inproc");
 }
 
 class Listener : public DrainListener {

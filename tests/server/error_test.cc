@@ -82,6 +82,31 @@ TEST(ResourceNameTest, TakesGoodNamesAndNothingElse) {
   EXPECT_NE(MakeId("scene"), MakeId("scene"));
 }
 
+TEST(ErrorTest, SaysWhenToTryAgain) {
+  const absl::Status refused =
+      WithRetryDelay(OverLimit("rays", 2, "max_queued_rays", 1, v1::ERROR_REASON_QUEUE_FULL),
+                     absl::Milliseconds(1250));
+  v1::ItemStatus item;
+  ToItemStatus(refused, &item);
+  EXPECT_EQ(item.reason(), v1::ERROR_REASON_QUEUE_FULL);
+  EXPECT_EQ(item.retry_delay().seconds(), 1);
+  EXPECT_EQ(item.retry_delay().nanos(), 250'000'000);
+  v1::Status details;
+  ASSERT_TRUE(details.ParseFromString(ToGrpcStatus(refused).error_details()));
+  ASSERT_EQ(details.details_size(), 2);
+  EXPECT_EQ(details.details(1).type_url(), kRetryInfoUrl);
+  v1::RetryInfo retry;
+  ASSERT_TRUE(retry.ParseFromString(details.details(1).value()));
+  EXPECT_EQ(retry.retry_delay().seconds(), 1);
+  // Never at once, and never for ever.
+  ToItemStatus(WithRetryDelay(refused, absl::ZeroDuration()), &item);
+  EXPECT_EQ(item.retry_delay().nanos(), 1'000'000);
+  ToItemStatus(WithRetryDelay(refused, absl::InfiniteDuration()), &item);
+  EXPECT_EQ(item.retry_delay().seconds(), 60);
+  ToItemStatus(absl::CancelledError("gone"), &item);
+  EXPECT_FALSE(item.has_retry_delay());
+}
+
 TEST(PageTest, TokensGoBackAndForthAndNothingElseIsOne) {
   EXPECT_EQ(ParsePage(0, "")->size, 100u);
   EXPECT_EQ(ParsePage(5000, "")->size, 1000u);

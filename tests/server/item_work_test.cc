@@ -8,6 +8,8 @@
 namespace sightline {
 namespace {
 
+constexpr uint64_t kPartRays = 64 << 10;
+
 // Whatever the shape: parts cover every element once, in order, at multiples of 8 and of whole
 // units, and their replies stay within the message limit.
 TEST(CutIntoPartsTest, CoversEverythingOnceAtLegalOffsets) {
@@ -17,7 +19,7 @@ TEST(CutIntoPartsTest, CoversEverythingOnceAtLegalOffsets) {
       for (const uint64_t rays : {1u, 4u, 1000u, 100000u}) {
         const uint64_t elements = unit * units;
         const auto bytes = [](uint64_t n) { return n / 8 + 1; };
-        const auto parts = CutIntoParts(elements, unit, rays, limits, bytes);
+        const auto parts = CutIntoParts(elements, unit, rays, kPartRays, limits, bytes);
         ASSERT_TRUE(parts.ok()) << parts.status();
         uint64_t next = 0;
         for (const PartRange& part : *parts) {
@@ -39,11 +41,12 @@ TEST(CutIntoPartsTest, LargeRepliesAreCutAndTooLargeOnesRefused) {
   Limits limits;
   limits.max_message_bytes = 1 << 20;
   limits.target_reply_bytes = 1 << 16;
-  const auto parts = CutIntoParts(100000, 1, 1, limits, [](uint64_t n) { return 20 * n; });
+  const auto parts =
+      CutIntoParts(100000, 1, 1, kPartRays, limits, [](uint64_t n) { return 20 * n; });
   ASSERT_TRUE(parts.ok());
   for (const PartRange& part : *parts) EXPECT_LE(20 * part.count, limits.target_reply_bytes);
   const absl::Status refused =
-      CutIntoParts(100000, 1, 1, limits, [](uint64_t n) { return n << 20; }).status();
+      CutIntoParts(100000, 1, 1, kPartRays, limits, [](uint64_t n) { return n << 20; }).status();
   EXPECT_EQ(refused.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_LIMIT_EXCEEDED);
 }

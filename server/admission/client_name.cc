@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/admission/client_name.h"
+
+#include <memory>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+
+namespace sightline {
+
+std::string ClientOfPeer(absl::string_view peer) {
+  if (absl::StartsWith(peer, "unix")) return "unix";
+  // "ipv6:%5B::1%5D:443": the port is behind the last colon here, too.
+  return std::string(peer.substr(0, peer.rfind(':')));
+}
+
+std::string ClientOf(const grpc::ServerContextBase& context) {
+  const std::shared_ptr<const grpc::AuthContext> auth = context.auth_context();
+  if (auth != nullptr && auth->IsPeerAuthenticated()) {
+    const std::vector<grpc::string_ref> identity = auth->GetPeerIdentity();
+    if (!identity.empty()) {
+      return absl::StrCat("identity:",
+                          absl::string_view(identity.front().data(), identity.front().size()));
+    }
+  }
+  return ClientOfPeer(context.peer());
+}
+
+}  // namespace sightline

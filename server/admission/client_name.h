@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Who a call comes from, as far as sharing and quotas go: an authenticated identity, or else the
+// address without its port, so that many connections of one machine are one client. All callers
+// through a Unix socket are one, as are those behind one proxy.
+//
+// Thread safety: functions only.
+//
+//   scheduler.Open(ClientOf(*context));   // "ipv4:10.1.2.3"
+#ifndef SIGHTLINE_SERVER_ADMISSION_CLIENT_NAME_H_
+#define SIGHTLINE_SERVER_ADMISSION_CLIENT_NAME_H_
+
+#include <grpcpp/server_context.h>
+
+#include <string>
+
+#include "absl/strings/string_view.h"
+
+namespace sightline {
+
+std::string ClientOf(const grpc::ServerContextBase& context);
+
+// Of gRPC's name of a peer, such as "ipv4:10.1.2.3:40211" or "unix:".
+std::string ClientOfPeer(absl::string_view peer);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_SERVER_ADMISSION_CLIENT_NAME_H_
