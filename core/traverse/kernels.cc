@@ -15,6 +15,8 @@
 // clang-format on
 
 #include "core/traverse/hull_cut-inl.h"
+#include "core/traverse/kd_packet-inl.h"
+#include "core/traverse/kd_single-inl.h"
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
@@ -33,6 +35,10 @@ const Kernels& TargetKernels() {
       .closest_brute = &TraceBrute<false>,
       .occluded_packet = &TracePacket<true>,
       .closest_packet = &TracePacket<false>,
+      .occluded_kd_single = &TraceKdSingle<true>,
+      .closest_kd_single = &TraceKdSingle<false>,
+      .occluded_kd_packet = &TraceKdPacket<true>,
+      .closest_kd_packet = &TraceKdPacket<false>,
       .occluded_shaft = &TraceShaft<true>,
       .closest_shaft = &TraceShaft<false>,
       .occluded_parallel_shaft = &TraceParallelShaft,

@@ -50,7 +50,10 @@ struct Kernels {
   TraceRaysFn occluded_single, closest_single;    // Depth-first over the BVH, one ray at a time.
   TraceRaysFn occluded_brute, closest_brute;      // Every triangle of the geometry; no structure.
   TracePacketFn occluded_packet, closest_packet;  // Depth-first, rays together.
-  TraceShaftFn occluded_shaft, closest_shaft;     // Depth-first, all rays as one convex shaft.
+  // The same over the kd-tree. REQUIRES: the scene has one.
+  TraceRaysFn occluded_kd_single, closest_kd_single;
+  TracePacketFn occluded_kd_packet, closest_kd_packet;
+  TraceShaftFn occluded_shaft, closest_shaft;  // Depth-first, all rays as one convex shaft.
   TraceParallelFn occluded_parallel_shaft;
   CutShaftFn cut_shaft;
   CutParallelFn cut_parallel_shaft;
