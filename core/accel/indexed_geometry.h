@@ -8,6 +8,7 @@
 
 #include <optional>
 
+#include "core/accel/binary_bvh.h"
 #include "core/accel/bvh.h"
 #include "core/accel/kd_tree.h"
 #include "core/mesh/scene_geometry.h"
@@ -17,10 +18,14 @@ namespace sightline {
 struct IndexedGeometry {
   SceneGeometry geometry;
   Bvh bvh;
-  std::optional<KdTree> kd_tree;  // Where it was asked for.
+  std::optional<KdTree> kd_tree;           // Where it was asked for, as the next two.
+  std::optional<LeafTriangles> kd_leaves;  // Of kd_tree's ids, for walks that cull in leaves.
+  std::optional<BinaryBvh> binary_bvh;
 
   size_t MemoryBytes() const {
-    return geometry.MemoryBytes() + bvh.MemoryBytes() + (kd_tree ? kd_tree->MemoryBytes() : 0);
+    return geometry.MemoryBytes() + bvh.MemoryBytes() + (kd_tree ? kd_tree->MemoryBytes() : 0) +
+           (kd_leaves ? kd_leaves->MemoryBytes() : 0) +
+           (binary_bvh ? binary_bvh->MemoryBytes() : 0);
   }
 };
 
