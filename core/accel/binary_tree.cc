@@ -18,7 +18,7 @@ constexpr size_t kGrain = 1 << 14;
 void MakePrimitives(const SceneGeometry& geometry, const CancelToken* cancel, Primitive* primitives,
                     RangeBuilder::Range& range) {
   const size_t n = geometry.triangles.size();
-  const std::vector<uint32_t>& inert = geometry.inert;
+  const AlignedVector<uint32_t>& inert = geometry.inert;
   std::vector<std::pair<BuildBox, BuildBox>> boxes((n + kGrain - 1) / kGrain);
   ParallelFor(
       n, kGrain,

@@ -168,7 +168,7 @@ class GridTreeBuilder {
         [this](size_t begin, size_t end) {
           AlignedVector<CellSum>& sums = sums_[begin / chunk_];
           sums.resize(grid_.cells());
-          const std::vector<uint32_t>& inert = geometry_.inert;
+          const AlignedVector<uint32_t>& inert = geometry_.inert;
           auto skip = std::lower_bound(inert.begin(), inert.end(), begin);
           for (size_t id = begin; id < end; ++id) {
             if (skip != inert.end() && *skip == id) {

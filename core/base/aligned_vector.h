@@ -5,6 +5,10 @@
 // std::vector's usual part it can grow without initializing, for arrays that are about to be
 // overwritten whole.
 //
+// An array may also be borrowed from memory that somebody else holds, such as a mapped file: it is
+// read as any other, may not be written in place, and whatever changes its size copies it first. A
+// copy of it is an ordinary array.
+//
 // Invariants: data() is 64-byte aligned (null while capacity is 0); size() <= capacity(). Growth
 // moves the elements: pointers and spans into it end there. Running out of memory throws
 // std::bad_alloc, as std::vector does.
@@ -19,12 +23,14 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <initializer_list>
 #include <iterator>
 #include <limits>
 #include <memory>
 #include <new>
+#include <span>
 #include <type_traits>
 #include <utility>
 
@@ -69,21 +75,40 @@ class AlignedVector {
     swap(taken);
     return *this;
   }
-  ~AlignedVector() { Free(data_, capacity_); }
+  ~AlignedVector() { Free(); }
 
-  T* data() { return data_; }
+  // The elements of `values` where they are, for as long as `owner` is held. REQUIRES: `owner` is
+  // not null, values.data() is 64-byte aligned, and nobody changes the elements.
+  static AlignedVector Borrow(std::span<const T> values, std::shared_ptr<const void> owner) {
+    SIGHTLINE_CHECK(owner != nullptr);
+    SIGHTLINE_CHECK_EQ(reinterpret_cast<uintptr_t>(values.data()) % kAlignment, 0u);
+    AlignedVector array;
+    if (values.empty()) return array;
+    array.data_ = const_cast<T*>(values.data());
+    array.size_ = array.capacity_ = values.size();
+    array.owner_ = std::move(owner);
+    return array;
+  }
+  bool borrowed() const { return owner_ != nullptr; }
+
+  // REQUIRES, of this and of all that hand out elements to write: !borrowed().
+  T* data() {
+    SIGHTLINE_DCHECK(!borrowed());
+    return data_;
+  }
   const T* data() const { return data_; }
   size_t size() const { return size_; }
   size_t capacity() const { return capacity_; }
   bool empty() const { return size_ == 0; }
-  T* begin() { return data_; }
-  T* end() { return data_ + size_; }
+  T* begin() { return data(); }
+  T* end() { return data() + size_; }
   const T* begin() const { return data_; }
   const T* end() const { return data_ + size_; }
 
   // REQUIRES: i < size().
   T& operator[](size_t i) {
     SIGHTLINE_DCHECK_LT(i, size_);
+    SIGHTLINE_DCHECK(!borrowed());
     return data_[i];
   }
   const T& operator[](size_t i) const {
@@ -98,7 +123,9 @@ class AlignedVector {
 
   // `value` may be an element of this array: it is copied before the array moves.
   void push_back(T value) {
-    if (size_ == capacity_) Reallocate(std::max<size_t>(kMinCapacity, 2 * capacity_));
+    if (size_ == capacity_ || borrowed()) {
+      Reallocate(std::max<size_t>(kMinCapacity, 2 * capacity_));
+    }
     std::memcpy(static_cast<void*>(data_ + size_), &value, sizeof(T));
     ++size_;
   }
@@ -109,7 +136,15 @@ class AlignedVector {
   }
 
   void reserve(size_t n) {
-    if (n > capacity_) Reallocate(n);
+    if (n > capacity_ || borrowed()) Reallocate(std::max(n, size_));
+  }
+  // REQUIRES: `values` is no part of this array.
+  void Append(std::span<const T> values) {
+    if (values.empty()) return;
+    const size_t old = size_;
+    if (old + values.size() > capacity_) reserve(std::max(old + values.size(), 2 * capacity_));
+    ResizeUninitialized(old + values.size());
+    std::memcpy(static_cast<void*>(data_ + old), values.data(), values.size_bytes());
   }
   // New elements are copies of `value`.
   void resize(size_t n, T value = T()) {
@@ -122,7 +157,10 @@ class AlignedVector {
     reserve(n);
     size_ = n;
   }
-  void clear() { size_ = 0; }
+  void clear() {
+    if (borrowed()) Free();
+    size_ = 0;
+  }
   void shrink_to_fit() {
     if (capacity_ > size_) Reallocate(size_);
   }
@@ -130,6 +168,7 @@ class AlignedVector {
     std::swap(data_, other.data_);
     std::swap(size_, other.size_);
     std::swap(capacity_, other.capacity_);
+    owner_.swap(other.owner_);
   }
 
   friend bool operator==(const AlignedVector& a, const AlignedVector& b) {
@@ -146,18 +185,24 @@ class AlignedVector {
       throw std::bad_array_new_length();
     return static_cast<T*>(AllocateArray(n * sizeof(T)));
   }
-  static void Free(T* data, size_t n) { FreeArray(data, n * sizeof(T)); }
+  // Leaves no memory, and size_ as it is.
+  void Free() {
+    if (!borrowed()) FreeArray(data_, capacity_ * sizeof(T));
+    data_ = nullptr;
+    capacity_ = 0;
+    owner_.reset();
+  }
 
   // REQUIRES: n >= size_.
   void Reallocate(size_t n) {
     T* const data = Allocate(n);
     if (size_ > 0) std::memcpy(static_cast<void*>(data), data_, size_ * sizeof(T));
-    Free(data_, capacity_);
+    Free();
     data_ = data;
     capacity_ = n;
   }
   void Assign(const T* values, size_t n) {
-    if (n > capacity_) size_ = 0;  // Nothing of the old contents need be moved.
+    if (n > capacity_ || borrowed()) size_ = 0;  // Nothing of the old contents need be moved.
     ResizeUninitialized(n);
     if (n > 0) std::memcpy(static_cast<void*>(data_), values, n * sizeof(T));
   }
@@ -165,6 +210,7 @@ class AlignedVector {
   T* data_ = nullptr;
   size_t size_ = 0;
   size_t capacity_ = 0;
+  std::shared_ptr<const void> owner_;  // Of borrowed elements; null for elements of its own.
 };
 
 }  // namespace sightline

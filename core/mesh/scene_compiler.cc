@@ -388,7 +388,7 @@ class Compiler {
         },
         cancel_);
     for (const Block& block : blocks) {
-      out_.inert.insert(out_.inert.end(), block.inert.begin(), block.inert.end());
+      out_.inert.Append(block.inert);
       out_.report.non_finite_triangles += block.non_finite;
       out_.bounds.Extend(block.bounds);
     }

@@ -31,6 +31,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/base/aligned_vector.h"
 #include "core/base/cancel.h"
 #include "core/geometry/affine.h"
 #include "core/geometry/box3.h"
@@ -71,11 +72,11 @@ struct MeshReport {
 
 struct SceneGeometry {
   Vec3d origin;
-  std::vector<Vec3f> vertices;                     // Relative to origin.
-  std::vector<std::array<uint32_t, 3>> triangles;  // Into `vertices`.
-  std::vector<ObjectRecord> objects;               // Sorted by first_triangle.
-  std::vector<uint32_t> inert;                     // Ids that never block, ascending.
-  Box3f bounds;                                    // Of the triangles that are not inert.
+  AlignedVector<Vec3f> vertices;                     // Relative to origin.
+  AlignedVector<std::array<uint32_t, 3>> triangles;  // Into `vertices`.
+  std::vector<ObjectRecord> objects;                 // Sorted by first_triangle.
+  AlignedVector<uint32_t> inert;                     // Ids that never block, ascending.
+  Box3f bounds;                                      // Of the triangles that are not inert.
   // True when every object has the full mask and no culling: no hit needs a look at its object.
   bool uniform = true;
   MeshReport report;

@@ -62,7 +62,8 @@ bool EmbreeDevice::OnMemory(void* self, ssize_t bytes, bool) {
 std::string EmbreeDevice::Name() { return absl::StrCat("Embree ", RTC_VERSION_STRING); }
 
 PeerMesh::PeerMesh(const SceneGeometry& geometry)
-    : vertices_(geometry.vertices), triangles_(geometry.triangles) {
+    : vertices_(geometry.vertices.begin(), geometry.vertices.end()),
+      triangles_(geometry.triangles.begin(), geometry.triangles.end()) {
   vertices_.push_back({});
   triangles_.push_back({});
 }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <memory>
 #include <new>
 #include <span>
 #include <utility>
@@ -102,6 +103,76 @@ TEST(AlignedVectorTest, ReserveAndShrink) {
   v.pop_back();
   v.shrink_to_fit();
   EXPECT_EQ(v.data(), nullptr);
+}
+
+class BorrowedVectorTest : public ::testing::Test {
+ protected:
+  AlignedVector<int> Borrow(size_t n) {
+    return AlignedVector<int>::Borrow(std::span(std::as_const(*lent_)).first(n), lent_);
+  }
+  const std::shared_ptr<AlignedVector<int>> lent_ =
+      std::make_shared<AlignedVector<int>>(AlignedVector<int>{1, 2, 3, 4});
+};
+
+TEST_F(BorrowedVectorTest, ReadsWhatItsOwnerHoldsAndHoldsTheOwner) {
+  {
+    const AlignedVector<int> v = Borrow(3);
+    EXPECT_TRUE(v.borrowed());
+    EXPECT_EQ(v.data(), std::as_const(*lent_).data());
+    EXPECT_THAT(v, ElementsAre(1, 2, 3));
+    EXPECT_EQ(lent_.use_count(), 2);
+    const AlignedVector<int> moved = Borrow(2);
+    EXPECT_EQ(lent_.use_count(), 3);
+  }
+  EXPECT_EQ(lent_.use_count(), 1);
+  EXPECT_FALSE(Borrow(0).borrowed());
+}
+
+TEST_F(BorrowedVectorTest, CopiesAreOrdinaryAndMovesStayBorrowed) {
+  AlignedVector<int> v = Borrow(3);
+  AlignedVector<int> copy = v;
+  EXPECT_FALSE(copy.borrowed());
+  copy[0] = 9;
+  const AlignedVector<int> moved = std::move(v);
+  EXPECT_TRUE(moved.borrowed());
+  copy = moved;
+  EXPECT_FALSE(copy.borrowed());
+  EXPECT_EQ(copy, moved);
+  copy = Borrow(1);
+  copy = AlignedVector<int>{7, 8};
+  EXPECT_THAT(copy, ElementsAre(7, 8));
+  EXPECT_THAT(*lent_, ElementsAre(1, 2, 3, 4));
+}
+
+TEST_F(BorrowedVectorTest, WhateverChangesItsSizeCopiesFirst) {
+  AlignedVector<int> pushed = Borrow(3), resized = Borrow(3), shorter = Borrow(3),
+                     appended = Borrow(3), cleared = Borrow(3), reserved = Borrow(3);
+  pushed.push_back(7);
+  EXPECT_THAT(pushed, ElementsAre(1, 2, 3, 7));
+  resized.resize(5, 9);
+  EXPECT_THAT(resized, ElementsAre(1, 2, 3, 9, 9));
+  shorter.resize(2);
+  shorter.push_back(8);
+  EXPECT_THAT(shorter, ElementsAre(1, 2, 8));
+  appended.Append(std::vector<int>{5, 6});
+  EXPECT_THAT(appended, ElementsAre(1, 2, 3, 5, 6));
+  cleared.clear();
+  EXPECT_TRUE(cleared.empty());
+  cleared.push_back(4);
+  EXPECT_THAT(cleared, ElementsAre(4));
+  reserved.reserve(1);
+  reserved[0] = 6;
+  EXPECT_THAT(*lent_, ElementsAre(1, 2, 3, 4));
+  EXPECT_EQ(lent_.use_count(), 1);
+}
+
+TEST(AlignedVectorTest, AppendGrowsByMoreThanOne) {
+  AlignedVector<int> v;
+  v.Append({});
+  for (int i = 0; i < 100; ++i) v.Append(std::vector<int>{i, i});
+  EXPECT_EQ(v.size(), 200u);
+  EXPECT_EQ(v[199], 99);
+  EXPECT_LE(v.capacity(), 400u);
 }
 
 TEST(AlignedVectorTest, AnImpossibleSizeThrowsInsteadOfWrapping) {

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -32,7 +33,7 @@ PreparedPoints Prepare(const IndexedGeometry& scene, const std::vector<Vec3d>& p
   return points.ok() ? *std::move(points) : PreparedPoints{};
 }
 
-std::vector<Vec3d> World(const SceneGeometry& geometry, const std::vector<Vec3f>& stored) {
+std::vector<Vec3d> World(const SceneGeometry& geometry, std::span<const Vec3f> stored) {
   std::vector<Vec3d> world;
   for (Vec3f v : stored) world.push_back(ToDouble(v) + geometry.origin);
   return world;
