@@ -3,12 +3,15 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <limits>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/aligned_vector.h"
+#include "core/base/parallel.h"
 #include "core/base/status_macros.h"
 
 namespace sightline {
@@ -21,7 +24,8 @@ absl::Status Fault(const Args&... args) {
 
 class Validator {
  public:
-  Validator(const Bvh& bvh, const SceneGeometry& geometry) : bvh_(bvh), geometry_(geometry) {}
+  Validator(const Bvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel)
+      : bvh_(bvh), geometry_(geometry), cancel_(cancel) {}
 
   absl::Status Validate() {
     const size_t live = geometry_.triangles.size() - geometry_.inert.size();
@@ -30,13 +34,16 @@ class Validator {
     }
     if (bvh_.nodes.empty()) return ValidateEmpty();
     SL_RETURN_IF_ERROR(ValidateSizes());
-    // What may still be met; inert triangles may not.
-    unseen_triangles_.assign(geometry_.triangles.size(), true);
-    for (uint32_t id : geometry_.inert) unseen_triangles_[id] = false;
+    triangles_.resize(geometry_.triangles.size(), kUnseen);
+    for (uint32_t id : geometry_.inert) triangles_[id] = kInert;
+    units_seen_.resize(units_, kUnseen);
     unseen_nodes_.assign(bvh_.nodes.size(), true);
-    unseen_units_.assign(units_, true);
-    boxes_.assign(bvh_.nodes.size(), Box3f());
+    boxes_.resize(bvh_.nodes.size());
     SL_RETURN_IF_ERROR(WalkDown());
+    for (size_t i = 0; i < unseen_nodes_.size(); ++i) {
+      if (unseen_nodes_[i]) return Fault("node ", i, " is never reached");
+    }
+    SL_RETURN_IF_ERROR(CheckLeaves());
     SL_RETURN_IF_ERROR(CheckAllSeen());
     return CheckInnerBoxes();
   }
@@ -74,7 +81,7 @@ class Validator {
     uint32_t node, depth;
   };
 
-  // Checks the structure and the leaves' boxes; leaves the visited nodes in order_, parents first.
+  // Checks the nodes; leaves them in order_, parents first.
   absl::Status WalkDown() {
     std::vector<Pending> pending = {{0, 1}};
     unseen_nodes_[0] = false;
@@ -99,9 +106,7 @@ class Validator {
         }
         if (child.is_empty()) {
           SL_RETURN_IF_ERROR(CheckEmptySlot(next.node, slot));
-        } else if (child.is_leaf()) {
-          SL_RETURN_IF_ERROR(CheckLeaf(next.node, slot));
-        } else {
+        } else if (child.is_inner()) {
           const uint32_t below = child.node();
           if (below >= bvh_.nodes.size()) {
             return Fault("node ", next.node, " slot ", slot, " refers to node ", below, " of ",
@@ -131,19 +136,63 @@ class Validator {
     return absl::OkStatus();
   }
 
-  absl::Status CheckLeaf(uint32_t node, uint32_t slot) {
+  // What a block of nodes has seen in its leaves.
+  struct Seen {
+    absl::Status fault;  // The first.
+    uint64_t leaves = 0, units = 0, triangles = 0;
+  };
+
+  // Nearly all of the work, and so in parallel. Blocks mark what they see without agreeing on it:
+  // two leaves that hold the same triangle may both take it for unseen. The sums tell then.
+  absl::Status CheckLeaves() {
+    const size_t nodes = bvh_.nodes.size();
+    std::vector<Seen> blocks((nodes + kNodesPerBlock - 1) / kNodesPerBlock);
+    ParallelFor(
+        nodes, kNodesPerBlock,
+        [&](size_t begin, size_t end) {
+          Seen& seen = blocks[begin / kNodesPerBlock];
+          for (size_t node = begin; node < end && seen.fault.ok(); ++node) {
+            const uint32_t count = bvh_.nodes[node].child_count;
+            for (uint32_t slot = 0; slot < count && seen.fault.ok(); ++slot) {
+              if (!bvh_.nodes[node].child[slot].is_leaf()) continue;
+              seen.fault = CheckLeaf(static_cast<uint32_t>(node), slot, &seen);
+            }
+          }
+        },
+        cancel_);
+    if (cancel_ != nullptr) SL_RETURN_IF_ERROR(cancel_->ToStatus());
+    for (const Seen& seen : blocks) {
+      SL_RETURN_IF_ERROR(seen.fault);
+      seen_.leaves += seen.leaves;
+      seen_.units += seen.units;
+      seen_.triangles += seen.triangles;
+    }
+    return absl::OkStatus();
+  }
+
+  // Marks `flag` as seen; whether it was unseen.
+  static bool See(uint8_t& flag) {
+    std::atomic_ref<uint8_t> shared(flag);
+    if (shared.load(std::memory_order_relaxed) != kUnseen) return false;
+    shared.store(kSeen, std::memory_order_relaxed);
+    return true;
+  }
+
+  absl::Status CheckLeaf(uint32_t node, uint32_t slot, Seen* seen) {
     const ChildRef child = bvh_.nodes[node].child[slot];
-    const std::string where = absl::StrCat("the leaf of node ", node, " slot ", slot);
+    const auto fault = [&](const auto&... args) {
+      return Fault("the leaf of node ", node, " slot ", slot, args...);
+    };
     const uint64_t unit = child.leaf_unit();
     if (unit + child.leaf_units() > units_) {
-      return Fault(where, " needs units ", unit, " to ", unit + child.leaf_units() - 1, " of ",
-                   units_);
+      return fault(" needs units ", unit, " to ", unit + child.leaf_units() - 1, " of ", units_);
     }
     for (uint64_t u = unit; u < unit + child.leaf_units(); ++u) {
-      if (!unseen_units_[u]) return Fault(where, " shares unit ", u, " with another");
-      unseen_units_[u] = false;
+      if (!See(units_seen_[u])) return fault(" shares unit ", u, " with another");
     }
-    ++leaves_seen_;
+    ++seen->leaves;
+    seen->units += child.leaf_units();
+    seen->triangles += child.leaf_count();
     const uint32_t lanes = kUnitTriangles * child.leaf_units();
     const bool has_rows = bvh_.has_leaf_rows();
     const float* const rows = has_rows ? &bvh_.leaves[unit * kUnitFloats] : nullptr;
@@ -154,46 +203,48 @@ class Validator {
                                    : bvh_.leaf_ids[unit * kUnitTriangles + lane];
       std::array<Vec3f, 3> corners{};
       if (lane < child.leaf_count()) {
-        if (id >= unseen_triangles_.size()) {
-          return Fault(where, " holds triangle ", id, " of ", unseen_triangles_.size());
+        if (id >= triangles_.size()) {
+          return fault(" holds triangle ", id, " of ", triangles_.size());
         }
-        if (!unseen_triangles_[id]) {
-          return Fault(where, " holds triangle ", id,
-                       ", which is inert or stands in a leaf already");
+        if (lane > 0 && id < previous) return fault(" does not hold its ids in order");
+        if (!See(triangles_[id])) {
+          return fault(" holds triangle ", id, ", which is inert or stands in a leaf already");
         }
-        if (lane > 0 && id < previous) return Fault(where, " does not hold its ids in order");
-        unseen_triangles_[id] = false;
         previous = id;
         corners = geometry_.Corners(id);
         for (const Vec3f& corner : corners) box.Extend(corner);
       } else if (id != kNoTriangle) {
-        return Fault(where, " has triangle ", id, " in unused lane ", lane);
+        return fault(" has triangle ", id, " in unused lane ", lane);
       }
       for (int row = 0; has_rows && row < 9; ++row) {
         const float stored = corners[row / 3][row % 3];
         if (std::bit_cast<uint32_t>(rows[row * lanes + lane]) != std::bit_cast<uint32_t>(stored)) {
-          return Fault(where, " has another coordinate in row ", row, " lane ", lane,
-                       " than triangle ", id, " stores");
+          return fault(" has another coordinate in row ", row, " lane ", lane, " than triangle ",
+                       id, " stores");
         }
       }
     }
-    if (box != BoxOf(node, slot)) return Fault(where, " has a box that is not its triangles'");
+    if (box != BoxOf(node, slot)) return fault(" has a box that is not its triangles'");
     boxes_[node].Extend(box);
     return absl::OkStatus();
   }
 
   absl::Status CheckAllSeen() const {
-    for (size_t i = 0; i < unseen_nodes_.size(); ++i) {
-      if (unseen_nodes_[i]) return Fault("node ", i, " is never reached");
+    const auto unit = std::find(units_seen_.begin(), units_seen_.end(), kUnseen);
+    if (unit != units_seen_.end()) {
+      return Fault("leaf unit ", unit - units_seen_.begin(), " is never reached");
     }
-    for (size_t i = 0; i < unseen_units_.size(); ++i) {
-      if (unseen_units_[i]) return Fault("leaf unit ", i, " is never reached");
+    const auto triangle = std::find(triangles_.begin(), triangles_.end(), kUnseen);
+    if (triangle != triangles_.end()) {
+      return Fault("triangle ", triangle - triangles_.begin(), " stands in no leaf");
     }
-    for (size_t i = 0; i < unseen_triangles_.size(); ++i) {
-      if (unseen_triangles_[i]) return Fault("triangle ", i, " stands in no leaf");
+    if (seen_.units != units_ || seen_.triangles != bvh_.triangle_count) {
+      return Fault("its leaves hold ", seen_.units, " units and ", seen_.triangles,
+                   " triangles, but there are ", units_, " and ", bvh_.triangle_count,
+                   ": some stand in two leaves");
     }
-    if (leaves_seen_ != bvh_.leaf_count) {
-      return Fault("it has ", leaves_seen_, " leaves, but says ", bvh_.leaf_count);
+    if (seen_.leaves != bvh_.leaf_count) {
+      return Fault("it has ", seen_.leaves, " leaves, but says ", bvh_.leaf_count);
     }
     return absl::OkStatus();
   }
@@ -217,19 +268,24 @@ class Validator {
     return absl::OkStatus();
   }
 
+  static constexpr uint8_t kUnseen = 0, kSeen = 1, kInert = 2;
+  static constexpr size_t kNodesPerBlock = 256;
+
   const Bvh& bvh_;
   const SceneGeometry& geometry_;
+  const CancelToken* const cancel_;
   uint64_t units_ = 0;
-  uint64_t leaves_seen_ = 0;
-  std::vector<bool> unseen_triangles_, unseen_nodes_, unseen_units_;
+  Seen seen_;
+  AlignedVector<uint8_t> triangles_, units_seen_;
+  std::vector<bool> unseen_nodes_;
   std::vector<uint32_t> order_;
-  std::vector<Box3f> boxes_;  // Per node: of what has been seen below it.
+  AlignedVector<Box3f> boxes_;  // Per node: of what has been seen below it.
 };
 
 }  // namespace
 
-absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry) {
-  return Validator(bvh, geometry).Validate();
+absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel) {
+  return Validator(bvh, geometry, cancel).Validate();
 }
 
 }  // namespace sightline
