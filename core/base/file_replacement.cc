@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/base/file_replacement.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cstdint>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+
+namespace sightline {
+namespace {
+
+constexpr absl::string_view kTemporaryEnd = ".tmp";
+// Linux writes at most 2 GiB less a page at once.
+constexpr size_t kMostAtOnce = size_t{1} << 30;
+
+}  // namespace
+
+absl::StatusOr<FileReplacement> FileReplacement::Create(FileCalls& calls, int folder,
+                                                        const std::string& name,
+                                                        const std::string& shown) {
+  static std::atomic<uint64_t> number{0};
+  std::string temporary =
+      absl::StrCat(".", name, ".", ::getpid(), "-", number.fetch_add(1, std::memory_order_relaxed),
+                   kTemporaryEnd);
+  const int flags = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
+  const int file = calls.OpenAt(folder, temporary.c_str(), flags, 0644);
+  if (file < 0) return FileError(errno, "cannot write", shown);
+  // Held until the file is closed, by whatever end: so others see that it is still being written.
+  (void)::flock(file, LOCK_EX | LOCK_NB);
+  return FileReplacement(calls, folder, file, name, std::move(temporary), shown);
+}
+
+FileReplacement::FileReplacement(FileCalls& calls, int folder, int file, std::string name,
+                                 std::string temporary, std::string shown)
+    : calls_(calls),
+      folder_(folder),
+      file_(file),
+      name_(std::move(name)),
+      temporary_(std::move(temporary)),
+      shown_(std::move(shown)) {}
+
+FileReplacement::FileReplacement(FileReplacement&& other) noexcept
+    : calls_(other.calls_),
+      folder_(other.folder_),
+      file_(std::exchange(other.file_, -1)),
+      name_(other.name_),
+      temporary_(other.temporary_),
+      shown_(other.shown_),
+      renamed_(std::exchange(other.renamed_, true)) {}
+
+FileReplacement::~FileReplacement() {
+  if (file_ >= 0) ::close(file_);
+  // What cannot be taken away now is taken away at the next start.
+  if (!renamed_) (void)calls_.UnlinkAt(folder_, temporary_.c_str());
+}
+
+absl::Status FileReplacement::Append(std::span<const std::byte> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = calls_.Write(file_, bytes.data(), std::min(bytes.size(), kMostAtOnce));
+    if (written < 0) {
+      if (errno == EINTR) continue;
+      return FileError(errno, "cannot write", shown_);
+    }
+    // A write of nothing would go on for ever; a short one goes on with the rest, and the system
+    // says then what was wrong.
+    if (written == 0) return FileError(ENOSPC, "cannot write", shown_);
+    bytes = bytes.subspan(static_cast<size_t>(written));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status FileReplacement::Commit() {
+  if (calls_.Sync(file_) != 0) return FileError(errno, "cannot sync", shown_);
+  if (::close(std::exchange(file_, -1)) != 0) return FileError(errno, "cannot close", shown_);
+  if (calls_.RenameAt(folder_, temporary_.c_str(), name_.c_str()) != 0) {
+    return FileError(errno, "cannot rename a new file to", shown_);
+  }
+  renamed_ = true;
+  if (calls_.Sync(folder_) != 0) return FileError(errno, "cannot sync the folder of", shown_);
+  return absl::OkStatus();
+}
+
+bool IsTemporaryName(absl::string_view name) {
+  return absl::StartsWith(name, ".") && absl::EndsWith(name, kTemporaryEnd);
+}
+
+}  // namespace sightline

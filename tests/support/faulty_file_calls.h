@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A file system that fails where a test wants it to: each kind of call has a script of what its
+// next calls do, and goes on as the real one when the script has run out.
+//
+// Thread safety: as the real one, but set the faults while nobody calls.
+//
+//   FaultyFileCalls calls;
+//   calls.write_error = ENOSPC;
+//   calls.writes_before_fault = 3;
+//   Folder::Open(dir.path(), calls);
+#ifndef SIGHTLINE_TESTS_SUPPORT_FAULTY_FILE_CALLS_H_
+#define SIGHTLINE_TESTS_SUPPORT_FAULTY_FILE_CALLS_H_
+
+#include <sys/mman.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cstddef>
+
+#include "core/base/file_calls.h"
+
+namespace sightline::testing_support {
+
+class FaultyFileCalls final : public FileCalls {
+ public:
+  // errno values; 0: no fault.
+  std::atomic<int> open_error{0}, write_error{0}, sync_error{0}, rename_error{0}, unlink_error{0},
+      map_error{0};
+  // Calls that still succeed before the fault sets in.
+  std::atomic<int> writes_before_fault{0}, syncs_before_fault{0};
+  // The most bytes that a write takes; 0: as many as it likes.
+  std::atomic<size_t> short_write{0};
+  // Writes that are interrupted before one goes through.
+  std::atomic<int> interrupts{0};
+
+  int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
+    if (open_error != 0) return Fail(open_error);
+    return FileCalls::OpenAt(folder, name, flags, mode);
+  }
+  ssize_t Write(int file, const void* data, size_t bytes) override {
+    if (interrupts > 0) {
+      --interrupts;
+      return Fail(EINTR);
+    }
+    if (write_error != 0 && writes_before_fault-- <= 0) return Fail(write_error);
+    if (short_write != 0) bytes = std::min<size_t>(bytes, short_write);
+    return FileCalls::Write(file, data, bytes);
+  }
+  int Sync(int file) override {
+    if (sync_error != 0 && syncs_before_fault-- <= 0) return Fail(sync_error);
+    return FileCalls::Sync(file);
+  }
+  int RenameAt(int folder, const char* from, const char* to) override {
+    if (rename_error != 0) return Fail(rename_error);
+    return FileCalls::RenameAt(folder, from, to);
+  }
+  int UnlinkAt(int folder, const char* name) override {
+    if (unlink_error != 0) return Fail(unlink_error);
+    return FileCalls::UnlinkAt(folder, name);
+  }
+  void* Map(int file, size_t bytes) override {
+    if (map_error != 0) {
+      errno = map_error;
+      return MAP_FAILED;
+    }
+    return FileCalls::Map(file, bytes);
+  }
+
+ private:
+  static int Fail(int error) {
+    errno = error;
+    return -1;
+  }
+};
+
+}  // namespace sightline::testing_support
+
+#endif  // SIGHTLINE_TESTS_SUPPORT_FAULTY_FILE_CALLS_H_
