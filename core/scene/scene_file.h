@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Native scene files (.slscene; layout: scene_file_format.h): a scene's geometry with the
+// structures built over it, written once and mapped from then on. A loaded scene's large arrays are
+// those of the file, so that a scene of ten million triangles in the system's cache answers within
+// a second.
+//
+// A file is believed in nothing: before a scene is handed out its header, its sizes, its sums, its
+// coordinates, every index, every count, every box and the shape of the tree were checked. Whatever
+// is wrong with it is an error that names the file, the section and the fault:
+//
+//   InvalidArgument     it is no scene file
+//   Unimplemented       it is of another version
+//   DataLoss            truncated, changed, or not consistent
+//   ResourceExhausted   over a limit
+//
+// Answers on a loaded scene are those on the scene that was written, bit for bit.
+//
+// Thread safety: functions only.
+//
+//   SL_RETURN_IF_ERROR(WriteSceneFile(*scene, folder, "hall.slscene", pool));
+//   SL_ASSIGN_OR_RETURN(SceneBytes bytes, MapSceneFile(folder, "hall.slscene"));
+//   SL_ASSIGN_OR_RETURN(auto again, LoadScene(bytes, "hall", {}, pool));
+#ifndef SIGHTLINE_CORE_SCENE_SCENE_FILE_H_
+#define SIGHTLINE_CORE_SCENE_SCENE_FILE_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/base/cancel.h"
+#include "core/base/folder.h"
+#include "core/base/parallel.h"
+#include "core/mesh/scene_geometry.h"
+#include "core/scene/scene.h"
+#include "core/scene/scene_file_format.h"
+
+namespace sightline {
+
+inline constexpr char kSceneFileEnding[] = ".slscene";
+
+// A file's bytes, wherever they are. REQUIRES of whoever makes one: they start at a multiple of 64,
+// and stay as they are while `owner` is held.
+struct SceneBytes {
+  std::span<const std::byte> bytes;
+  std::shared_ptr<const void> owner;
+  std::string shown;  // What errors call it.
+};
+
+absl::StatusOr<SceneBytes> MapSceneFile(const Folder& folder, const std::string& name);
+
+// What can be told without reading the arrays.
+struct SceneFileInfo {
+  uint32_t version = 0;
+  uint64_t file_bytes = 0;
+  std::vector<SceneFileSection> sections;
+  uint64_t objects = 0, triangles = 0, vertices = 0;
+  uint64_t revision = 0;
+  // About what a scene of it holds; most of it is the file itself.
+  uint64_t scene_bytes = 0;
+};
+
+// Checks the header, the table and the sizes: after it every section lies within the file. A few
+// kilobytes are read.
+absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file);
+
+struct LoadOptions {
+  MeshLimits limits;
+  uint64_t revision = 0;  // Of the scene; 0: the one it was written with.
+};
+
+// Checks everything, and hands out the scene. Its arrays hold `file.owner`.
+absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(
+    const SceneBytes& file, std::string name, const LoadOptions& options, ThreadPool& pool,
+    const CancelToken* cancel = nullptr, const std::function<void(double)>& progress = nullptr);
+
+// Writes beside the target, syncs, and renames: afterwards the file is the whole scene, after an
+// error what it was before. FileError's errors; Cancelled or DeadlineExceeded from `cancel`.
+absl::Status WriteSceneFile(const Scene& scene, const Folder& folder, const std::string& name,
+                            ThreadPool& pool, const CancelToken* cancel = nullptr,
+                            const std::function<void(double)>& progress = nullptr);
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_SCENE_SCENE_FILE_H_

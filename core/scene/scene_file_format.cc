@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/scene/scene_file_format.h"
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <vector>
+
+#include "core/accel/bvh.h"
+#include "core/base/parallel.h"
+#include "core/geometry/vec3.h"
+
+namespace sightline {
+
+static_assert(std::endian::native == std::endian::little);
+
+namespace {
+
+// Of bytes followed by fewer than 64 zeros.
+uint64_t BlockSum(std::span<const std::byte> bytes, size_t zeros) {
+  if (zeros == 0) return XXH3_64bits(bytes.data(), bytes.size());
+  static constexpr std::array<std::byte, kSectionAlignment> kZeros{};
+  XXH3_state_t state;
+  XXH3_64bits_reset(&state);
+  XXH3_64bits_update(&state, bytes.data(), bytes.size());
+  XXH3_64bits_update(&state, kZeros.data(), zeros);
+  return XXH3_64bits_digest(&state);
+}
+
+}  // namespace
+
+absl::string_view SectionName(uint32_t kind) {
+  switch (static_cast<SectionKind>(kind)) {
+    case SectionKind::kScene:
+      return "scene";
+    case SectionKind::kObjects:
+      return "objects";
+    case SectionKind::kNames:
+      return "names";
+    case SectionKind::kSourceVertices:
+      return "source vertices";
+    case SectionKind::kVertices:
+      return "vertices";
+    case SectionKind::kTriangles:
+      return "triangles";
+    case SectionKind::kInert:
+      return "inert triangles";
+    case SectionKind::kBvhNodes:
+      return "bvh nodes";
+    case SectionKind::kBvhLeaves:
+      return "bvh leaves";
+    case SectionKind::kBvhLeafIds:
+      return "bvh leaf ids";
+    case SectionKind::kFirstOptional:
+      break;
+  }
+  return "addition";
+}
+
+uint32_t SectionElementBytes(SectionKind kind) {
+  switch (kind) {
+    case SectionKind::kScene:
+      return sizeof(SceneFileScene);
+    case SectionKind::kObjects:
+      return sizeof(SceneFileObject);
+    case SectionKind::kSourceVertices:
+      return sizeof(Vec3d);
+    case SectionKind::kVertices:
+      return sizeof(Vec3f);
+    case SectionKind::kTriangles:
+      return 3 * sizeof(uint32_t);
+    case SectionKind::kBvhNodes:
+      return sizeof(BvhNode);
+    case SectionKind::kInert:
+    case SectionKind::kBvhLeaves:
+    case SectionKind::kBvhLeafIds:
+      return sizeof(uint32_t);
+    case SectionKind::kNames:
+    case SectionKind::kFirstOptional:
+      break;
+  }
+  return 1;
+}
+
+uint64_t SectionSum(std::span<const std::byte> bytes, const CancelToken* cancel) {
+  const uint64_t padded = PaddedSection(bytes.size());
+  const size_t blocks = (padded + kSumBlockBytes - 1) / kSumBlockBytes;
+  std::vector<uint64_t> sums(blocks);
+  ParallelFor(
+      blocks, 1,
+      [&](size_t begin, size_t end) {
+        for (size_t block = begin; block < end; ++block) {
+          const uint64_t first = block * kSumBlockBytes;
+          const uint64_t last = std::min(padded, first + kSumBlockBytes);
+          const uint64_t there = std::min<uint64_t>(last, bytes.size());
+          sums[block] = BlockSum(bytes.subspan(first, there - first), last - there);
+        }
+      },
+      cancel);
+  return XXH3_64bits(sums.data(), sums.size() * sizeof(uint64_t));
+}
+
+uint64_t HeaderSum(const SceneFileHeader& header) {
+  return XXH3_64bits(&header, offsetof(SceneFileHeader, header_sum));
+}
+
+}  // namespace sightline

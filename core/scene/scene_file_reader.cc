@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <new>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/accel/bvh_validation.h"
+#include "core/base/status_macros.h"
+#include "core/mesh/geometry_validation.h"
+#include "core/scene/scene_file.h"
+
+namespace sightline {
+namespace {
+
+// Share of the time that the sums take, for the progress.
+constexpr double kSumShare = 0.3;
+
+template <typename... Args>
+absl::Status Fault(const SceneBytes& file, const Args&... args) {
+  return absl::DataLossError(absl::StrCat(file.shown, ": ", args...));
+}
+
+// `status` with the file named in front.
+absl::Status Named(const SceneBytes& file, const absl::Status& status) {
+  return status.ok()
+             ? status
+             : absl::Status(status.code(), absl::StrCat(file.shown, ": ", status.message()));
+}
+
+absl::StatusOr<SceneFileHeader> ReadHeader(const SceneBytes& file) {
+  SceneFileHeader header;
+  if (file.bytes.size() < sizeof(header.magic) ||
+      std::memcmp(file.bytes.data(), kSceneFileMagic, sizeof(kSceneFileMagic)) != 0) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(file.shown, " is no native scene file: make one with sightline import"));
+  }
+  if (file.bytes.size() < sizeof(header)) {
+    return Fault(file, "truncated: ", file.bytes.size(), " bytes are less than a header");
+  }
+  std::memcpy(&header, file.bytes.data(), sizeof(header));
+  if (header.header_sum != HeaderSum(header)) {
+    return Fault(file, "the header was changed: its sum is wrong");
+  }
+  if (header.version != kSceneFileVersion || header.byte_order != kSceneFileByteOrder) {
+    return absl::UnimplementedError(absl::StrCat(
+        file.shown, " is of version ", header.version, ", and version ", kSceneFileVersion,
+        " is read: write it again with this version's sightline import"));
+  }
+  if (header.file_bytes != file.bytes.size()) {
+    return Fault(file, file.bytes.size() < header.file_bytes ? "truncated" : "something follows",
+                 ": it has ", file.bytes.size(), " bytes, and says ", header.file_bytes);
+  }
+  if (header.section_count < kRequiredSections || header.section_count > kMaxSections) {
+    return Fault(file, "it has ", header.section_count, " sections, not ", kRequiredSections,
+                 " to ", kMaxSections);
+  }
+  return header;
+}
+
+// The table, each section of it within the file, right behind the one before.
+absl::StatusOr<std::vector<SceneFileSection>> ReadTable(const SceneBytes& file,
+                                                        const SceneFileHeader& header) {
+  std::vector<SceneFileSection> table(header.section_count);
+  const uint64_t table_bytes = table.size() * sizeof(SceneFileSection);
+  uint64_t offset = sizeof(header) + PaddedSection(table_bytes);
+  if (offset > file.bytes.size()) return Fault(file, "truncated within the table of sections");
+  // With the padding, whose zeros the sum stands for.
+  const auto padded = file.bytes.subspan(sizeof(header), PaddedSection(table_bytes));
+  if (SectionSum(padded) != header.table_sum) {
+    return Fault(file, "the table of sections was changed: its sum is wrong");
+  }
+  std::memcpy(table.data(), padded.data(), table_bytes);
+  for (size_t i = 0; i < table.size(); ++i) {
+    const SceneFileSection& section = table[i];
+    const bool required = i < kRequiredSections;
+    const auto name = SectionName(section.kind);
+    if (required ? section.kind != i + 1
+                 : section.kind < static_cast<uint32_t>(SectionKind::kFirstOptional) ||
+                       section.kind <= table[i - 1].kind) {
+      return Fault(file, "section ", i, " is of kind ", section.kind, ", out of order");
+    }
+    const uint32_t element = SectionElementBytes(static_cast<SectionKind>(section.kind));
+    if (required ? section.element_bytes != element : section.element_bytes == 0) {
+      return Fault(file, "elements of the ", name, " have ", section.element_bytes, " bytes");
+    }
+    const uint64_t left = file.bytes.size() - offset;
+    if (section.offset != offset || section.count > left / section.element_bytes ||
+        PaddedSection(section.count * section.element_bytes) > left) {
+      return Fault(file, "the ", name, " do not lie within the file: ", section.count, " of ",
+                   section.element_bytes, " bytes from ", section.offset);
+    }
+    offset += PaddedSection(section.count * section.element_bytes);
+  }
+  if (offset != file.bytes.size()) {
+    return Fault(file, file.bytes.size() - offset, " bytes belong to no section");
+  }
+  if (table[0].count != 1) return Fault(file, "it has ", table[0].count, " scenes");
+  return table;
+}
+
+// Reads the parts of a file whose header and table are good.
+class Reader {
+ public:
+  Reader(const SceneBytes& file, const SceneFileInfo& info, const CancelToken* cancel)
+      : file_(file), info_(info), cancel_(cancel) {}
+
+  absl::Status CheckSums() const {
+    for (const SceneFileSection& section : info_.sections) {
+      const uint64_t bytes = PaddedSection(section.count * section.element_bytes);
+      const uint64_t sum = SectionSum(file_.bytes.subspan(section.offset, bytes), cancel_);
+      if (cancel_ != nullptr) SL_RETURN_IF_ERROR(cancel_->ToStatus());
+      if (sum != section.sum) {
+        return Fault(file_, "the ", SectionName(section.kind), " were changed: their sum is wrong");
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status Read(Scene* scene) const {
+    SceneFileScene record;
+    std::memcpy(&record, Section(SectionKind::kScene).data(), sizeof(record));
+    SceneGeometry& geometry = scene->geometry;
+    for (int axis = 0; axis < 3; ++axis) {
+      geometry.origin[axis] = record.origin[axis];
+      geometry.bounds.lo[axis] = record.bounds[axis];
+      geometry.bounds.hi[axis] = record.bounds[axis + 3];
+    }
+    geometry.vertices = Borrow<Vec3f>(SectionKind::kVertices);
+    geometry.triangles = Borrow<std::array<uint32_t, 3>>(SectionKind::kTriangles);
+    geometry.inert = Borrow<uint32_t>(SectionKind::kInert);
+    SL_RETURN_IF_ERROR(ReadObjects(&geometry));
+    MeshReport& report = geometry.report;
+    report.triangles = geometry.triangles.size();
+    report.vertices = geometry.vertices.size();
+    report.non_finite_vertices = record.non_finite_vertices;
+    report.non_finite_triangles = record.non_finite_triangles;
+    report.zero_area_triangles = record.zero_area_triangles;
+    report.duplicate_triangles = record.duplicate_triangles;
+    report.inert_triangles = geometry.inert.size();
+    report.largest_rounding = record.largest_rounding;
+    SL_RETURN_IF_ERROR(Named(file_, ValidateGeometry(geometry, cancel_)));
+
+    Bvh& bvh = scene->bvh;
+    bvh.nodes = Borrow<BvhNode>(SectionKind::kBvhNodes);
+    bvh.leaves = Borrow<float>(SectionKind::kBvhLeaves);
+    bvh.leaf_ids = Borrow<uint32_t>(SectionKind::kBvhLeafIds);
+    bvh.bounds = geometry.bounds;
+    bvh.leaf_count = record.leaf_count;
+    bvh.max_depth = record.max_depth;
+    bvh.triangle_count = static_cast<uint32_t>(geometry.triangles.size() - geometry.inert.size());
+    SL_RETURN_IF_ERROR(Named(file_, ValidateBvh(bvh, geometry, cancel_)));
+
+    if (!(record.compile_seconds >= 0 && record.structure_seconds >= 0) ||
+        !std::isfinite(record.compile_seconds + record.structure_seconds)) {
+      return Fault(file_, "the times of its build are none");
+    }
+    scene->report = {.mesh = report,
+                     .compile_seconds = record.compile_seconds,
+                     .bvh_seconds = record.structure_seconds,
+                     .bvh_nodes = bvh.nodes.size(),
+                     .bvh_leaves = bvh.leaf_count,
+                     .bvh_depth = bvh.max_depth,
+                     .memory_bytes = scene->MemoryBytes()};
+    return absl::OkStatus();
+  }
+
+ private:
+  std::span<const std::byte> Section(SectionKind kind) const {
+    const SceneFileSection& section = info_.sections[static_cast<uint32_t>(kind) - 1];
+    return file_.bytes.subspan(section.offset, section.count * section.element_bytes);
+  }
+  template <typename T>
+  std::span<const T> Elements(SectionKind kind) const {
+    const std::span<const std::byte> bytes = Section(kind);
+    return {reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)};
+  }
+  template <typename T>
+  AlignedVector<T> Borrow(SectionKind kind) const {
+    return AlignedVector<T>::Borrow(Elements<T>(kind), file_.owner);
+  }
+
+  absl::Status ReadObjects(SceneGeometry* geometry) const {
+    auto names = Elements<char>(SectionKind::kNames);
+    auto sources = Elements<Vec3d>(SectionKind::kSourceVertices);
+    uint64_t triangles = 0, vertices = 0;
+    for (const SceneFileObject& object : Elements<SceneFileObject>(SectionKind::kObjects)) {
+      ObjectRecord record;
+      if (object.name_bytes > names.size()) return Fault(file_, "its names are cut short");
+      record.name.assign(names.data(), object.name_bytes);
+      names = names.subspan(object.name_bytes);
+      if (object.culling > static_cast<uint32_t>(Culling::kFront) || object.dynamic > 1) {
+        return Fault(file_, "object \"", record.name, "\" has flags that are none");
+      }
+      // Sums beyond 32 bits are found where the objects are compared with the arrays: the counts
+      // are kept in 64 until then.
+      record.first_triangle = static_cast<uint32_t>(triangles);
+      record.first_vertex = static_cast<uint32_t>(vertices);
+      record.triangle_count = object.triangle_count;
+      record.vertex_count = object.vertex_count;
+      triangles += object.triangle_count;
+      vertices += object.vertex_count;
+      if (triangles > geometry->triangles.size() || vertices > geometry->vertices.size()) {
+        return Fault(file_, "its objects have more triangles or vertices than there are");
+      }
+      record.mask = object.mask;
+      record.culling = static_cast<Culling>(object.culling);
+      std::copy(std::begin(object.transform), std::end(object.transform),
+                record.transform.m.begin());
+      record.largest_rounding = object.largest_rounding;
+      if (object.dynamic != 0) {
+        if (object.vertex_count > sources.size()) {
+          return Fault(file_, "its source vertices are cut short");
+        }
+        record.source_vertices = std::make_shared<const std::vector<Vec3d>>(
+            sources.begin(), sources.begin() + object.vertex_count);
+        sources = sources.subspan(object.vertex_count);
+      }
+      geometry->uniform =
+          geometry->uniform && record.mask == 0xFFFFFFFFu && record.culling == Culling::kNone;
+      geometry->objects.push_back(std::move(record));
+    }
+    if (!names.empty() || !sources.empty()) {
+      return Fault(file_, "it has more names or source vertices than objects");
+    }
+    return absl::OkStatus();
+  }
+
+  const SceneBytes& file_;
+  const SceneFileInfo& info_;
+  const CancelToken* const cancel_;
+};
+
+absl::Status CheckLimit(const SceneBytes& file, const char* what, uint64_t count, uint64_t limit) {
+  if (count <= limit) return absl::OkStatus();
+  return absl::ResourceExhaustedError(absl::StrCat(file.shown, ": the scene has ", count, " ", what,
+                                                   "; max_", what, " is ", limit));
+}
+
+}  // namespace
+
+absl::StatusOr<SceneBytes> MapSceneFile(const Folder& folder, const std::string& name) {
+  SL_ASSIGN_OR_RETURN(std::shared_ptr<const MappedFile> file, folder.Map(name));
+  const std::span<const std::byte> bytes = file->bytes();
+  return SceneBytes{bytes, std::move(file), absl::StrCat(folder.path(), "/", name)};
+}
+
+absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
+  SL_ASSIGN_OR_RETURN(const SceneFileHeader header, ReadHeader(file));
+  SceneFileInfo info;
+  SL_ASSIGN_OR_RETURN(info.sections, ReadTable(file, header));
+  const auto count = [&info](SectionKind kind) {
+    return info.sections[static_cast<uint32_t>(kind) - 1].count;
+  };
+  info.version = header.version;
+  info.file_bytes = header.file_bytes;
+  info.objects = count(SectionKind::kObjects);
+  info.triangles = count(SectionKind::kTriangles);
+  info.vertices = count(SectionKind::kVertices);
+  info.scene_bytes = header.file_bytes + info.objects * sizeof(ObjectRecord) + sizeof(Scene);
+  SceneFileScene scene;
+  std::memcpy(&scene, file.bytes.data() + info.sections[0].offset, sizeof(scene));
+  info.revision = scene.revision;
+  return info;
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(
+    const SceneBytes& file, std::string name, const LoadOptions& options, ThreadPool& pool,
+    const CancelToken* cancel, const std::function<void(double)>& progress) try {
+  SL_ASSIGN_OR_RETURN(const SceneFileInfo info, InspectSceneFile(file));
+  SL_RETURN_IF_ERROR(CheckLimit(file, "objects", info.objects, options.limits.max_objects));
+  SL_RETURN_IF_ERROR(CheckLimit(file, "triangles", info.triangles, options.limits.max_triangles));
+  SL_RETURN_IF_ERROR(CheckLimit(file, "vertices", info.vertices, options.limits.max_vertices));
+  auto scene = std::make_shared<Scene>();
+  scene->name = std::move(name);
+  scene->revision = options.revision != 0 ? options.revision : std::max<uint64_t>(1, info.revision);
+  absl::Status status;
+  // One block: the calling thread enters the pool, and everything below runs within it.
+  pool.ParallelFor(1, 1, [&](size_t, size_t) {
+    const Reader reader(file, info, cancel);
+    status = reader.CheckSums();
+    if (progress) progress(kSumShare);
+    if (status.ok()) status = reader.Read(scene.get());
+    if (progress) progress(1.0);
+  });
+  SL_RETURN_IF_ERROR(status);
+  return scene;
+} catch (const std::bad_alloc&) {
+  return absl::ResourceExhaustedError(
+      absl::StrCat("out of memory while reading ", file.shown, ": free some"));
+} catch (const std::exception& e) {
+  return absl::InternalError(absl::StrCat("reading ", file.shown, " failed: ", e.what()));
+}
+
+}  // namespace sightline

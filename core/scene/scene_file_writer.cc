@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/aligned_vector.h"
+#include "core/base/status_macros.h"
+#include "core/scene/scene_file.h"
+
+namespace sightline {
+namespace {
+
+// Written at once, between two looks at the cancel token.
+constexpr size_t kPieceBytes = size_t{16} << 20;
+
+SceneFileScene DescribeScene(const Scene& scene) {
+  const SceneGeometry& geometry = scene.geometry;
+  SceneFileScene out = {};
+  for (int axis = 0; axis < 3; ++axis) {
+    out.origin[axis] = geometry.origin[axis];
+    out.bounds[axis] = geometry.bounds.lo[axis];
+    out.bounds[axis + 3] = geometry.bounds.hi[axis];
+  }
+  const MeshReport& report = geometry.report;
+  out.largest_rounding = report.largest_rounding;
+  out.revision = scene.revision;
+  out.non_finite_vertices = report.non_finite_vertices;
+  out.non_finite_triangles = report.non_finite_triangles;
+  out.zero_area_triangles = report.zero_area_triangles;
+  out.duplicate_triangles = report.duplicate_triangles;
+  out.compile_seconds = scene.report.compile_seconds;
+  out.structure_seconds = scene.report.bvh_seconds;
+  out.leaf_count = scene.bvh.leaf_count;
+  out.max_depth = scene.bvh.max_depth;
+  return out;
+}
+
+SceneFileObject DescribeObject(const ObjectRecord& record) {
+  SceneFileObject out = {};
+  out.name_bytes = static_cast<uint32_t>(record.name.size());
+  out.triangle_count = record.triangle_count;
+  out.vertex_count = record.vertex_count;
+  out.mask = record.mask;
+  out.culling = static_cast<uint32_t>(record.culling);
+  out.dynamic = record.source_vertices != nullptr ? 1 : 0;
+  std::copy(record.transform.m.begin(), record.transform.m.end(), out.transform);
+  out.largest_rounding = record.largest_rounding;
+  return out;
+}
+
+// The file as spans of what is in memory, with the header and the table before them.
+class Image {
+ public:
+  explicit Image(const Scene& scene) : scene_(DescribeScene(scene)) {
+    for (const ObjectRecord& record : scene.geometry.objects) {
+      objects_.push_back(DescribeObject(record));
+      names_ += record.name;
+      if (record.source_vertices != nullptr) source_vertices_.Append(*record.source_vertices);
+    }
+    Add(SectionKind::kScene, std::span(&scene_, 1));
+    Add(SectionKind::kObjects, std::span<const SceneFileObject>(objects_));
+    Add(SectionKind::kNames, std::span<const char>(names_));
+    Add(SectionKind::kSourceVertices, std::span<const Vec3d>(source_vertices_));
+    Add(SectionKind::kVertices, std::span<const Vec3f>(scene.geometry.vertices));
+    Add(SectionKind::kTriangles,
+        std::span<const std::array<uint32_t, 3>>(scene.geometry.triangles));
+    Add(SectionKind::kInert, std::span<const uint32_t>(scene.geometry.inert));
+    Add(SectionKind::kBvhNodes, std::span<const BvhNode>(scene.bvh.nodes));
+    Add(SectionKind::kBvhLeaves, std::span<const float>(scene.bvh.leaves));
+    Add(SectionKind::kBvhLeafIds, std::span<const uint32_t>(scene.bvh.leaf_ids));
+  }
+
+  void Sum(const CancelToken* cancel) {
+    uint64_t offset = sizeof(SceneFileHeader) + PaddedSection(table_.size() * sizeof(table_[0]));
+    for (size_t i = 0; i < table_.size(); ++i) {
+      table_[i].offset = offset;
+      table_[i].sum = SectionSum(sections_[i], cancel);
+      offset += PaddedSection(sections_[i].size());
+    }
+    std::memcpy(header_.magic, kSceneFileMagic, sizeof(kSceneFileMagic));
+    header_.version = kSceneFileVersion;
+    header_.byte_order = kSceneFileByteOrder;
+    header_.file_bytes = offset;
+    header_.section_count = static_cast<uint32_t>(table_.size());
+    header_.table_sum = SectionSum(std::as_bytes(std::span(table_)));
+    header_.header_sum = HeaderSum(header_);
+  }
+
+  absl::Status Write(FileReplacement* file, const CancelToken* cancel,
+                     const std::function<void(double)>& progress) const {
+    SL_RETURN_IF_ERROR(file->Append(std::as_bytes(std::span(&header_, 1))));
+    SL_RETURN_IF_ERROR(Append(std::as_bytes(std::span(table_)), file, cancel, {}));
+    uint64_t before = 0;
+    for (const std::span<const std::byte> section : sections_) {
+      SL_RETURN_IF_ERROR(Append(section, file, cancel, [&](uint64_t written) {
+        if (progress) {
+          progress(static_cast<double>(before + written) / static_cast<double>(header_.file_bytes));
+        }
+      }));
+      before += section.size();
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  template <typename T>
+  void Add(SectionKind kind, std::span<const T> elements) {
+    SIGHTLINE_CHECK_EQ(sizeof(T), SectionElementBytes(kind));
+    sections_.push_back(std::as_bytes(elements));
+    table_.push_back({.kind = static_cast<uint32_t>(kind),
+                      .element_bytes = sizeof(T),
+                      .count = elements.size()});
+  }
+
+  static absl::Status Append(std::span<const std::byte> bytes, FileReplacement* file,
+                             const CancelToken* cancel,
+                             const std::function<void(uint64_t)>& written) {
+    static constexpr std::array<std::byte, kSectionAlignment> kZeros{};
+    const size_t padding = PaddedSection(bytes.size()) - bytes.size();
+    for (size_t done = 0; done < bytes.size();) {
+      if (cancel != nullptr) SL_RETURN_IF_ERROR(cancel->ToStatus());
+      const size_t piece = std::min(kPieceBytes, bytes.size() - done);
+      SL_RETURN_IF_ERROR(file->Append(bytes.subspan(done, piece)));
+      done += piece;
+      if (written) written(done);
+    }
+    return file->Append(std::span(kZeros).first(padding));
+  }
+
+  const SceneFileScene scene_;
+  std::vector<SceneFileObject> objects_;
+  std::string names_;
+  AlignedVector<Vec3d> source_vertices_;
+  SceneFileHeader header_ = {};
+  std::vector<SceneFileSection> table_;
+  std::vector<std::span<const std::byte>> sections_;
+};
+
+}  // namespace
+
+absl::Status WriteSceneFile(const Scene& scene, const Folder& folder, const std::string& name,
+                            ThreadPool& pool, const CancelToken* cancel,
+                            const std::function<void(double)>& progress) {
+  Image image(scene);
+  // One block: the calling thread enters the pool, and the sums run within it.
+  pool.ParallelFor(1, 1, [&](size_t, size_t) { image.Sum(cancel); });
+  if (cancel != nullptr) SL_RETURN_IF_ERROR(cancel->ToStatus());
+  SL_ASSIGN_OR_RETURN(FileReplacement file, folder.Replace(name));
+  SL_RETURN_IF_ERROR(image.Write(&file, cancel, progress));
+  return file.Commit();
+}
+
+}  // namespace sightline
