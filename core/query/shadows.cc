@@ -65,8 +65,8 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
   if (outputs.answered_by) tracer.RecordAnsweredBy();
   std::vector<uint32_t> order;
-  const bool ordered = IsScattered(points.positions, points.valid);
-  if (ordered) order = MortonOrder(points.positions, points.valid);
+  const bool ordered = OrderingPays(points.positions, points.valid, samples.size());
+  if (ordered) order = SpatialOrder(points.positions, points.valid);
   const size_t end = ordered ? order.size() : n;
   for (size_t next = 0; next < end;) {
     // A group of valid points, put to every sample in turn, so that sums run in sample order.

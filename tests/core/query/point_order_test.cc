@@ -4,10 +4,13 @@
 #include "core/query/point_order.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <numeric>
+#include <span>
 #include <vector>
 
+#include "core/geometry/box3.h"
 #include "core/query/shadows.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
@@ -55,29 +58,66 @@ Points Permuted(const Points& points, const std::vector<size_t>& order) {
   return out;
 }
 
-TEST(PointOrderTest, OnlyScatteredPointsAreOrdered) {
-  TestRng rng;
-  const Points rows = MakeRows(64);
-  EXPECT_FALSE(IsScattered(rows.positions, rows.valid));
-  const Points mixed = Permuted(rows, Shuffled(rows.positions.size(), rng));
-  EXPECT_TRUE(IsScattered(mixed.positions, mixed.valid));
-  const std::vector<Vec3f> same(5000, Vec3f{1, 2, 3});
-  EXPECT_FALSE(IsScattered(same, std::vector<uint8_t>(5000, 1)));
-  EXPECT_FALSE(IsScattered(same, std::vector<uint8_t>(5000, 0)));
+// The square's points by squares of four by four.
+std::vector<size_t> InSquares(size_t side) {
+  std::vector<size_t> order;
+  for (size_t square = 0; square < side * side / 16; ++square) {
+    const size_t row = square / (side / 4) * 4, column = square % (side / 4) * 4;
+    for (size_t i = 0; i < 16; ++i) order.push_back((row + i / 4) * side + column + i % 4);
+  }
+  return order;
 }
 
-TEST(PointOrderTest, TheOrderHoldsEachValidPointOnceAndNeighboursTogether) {
+TEST(PointOrderTest, PaysForWideBlocksAndManySamples) {
   TestRng rng;
   const Points rows = MakeRows(64);
   const Points mixed = Permuted(rows, Shuffled(rows.positions.size(), rng));
-  const std::vector<uint32_t> order = MortonOrder(mixed.positions, mixed.valid);
+  const Points squares = Permuted(rows, InSquares(64));
+  EXPECT_TRUE(OrderingPays(mixed.positions, mixed.valid, 1));
+  EXPECT_FALSE(OrderingPays(mixed.positions, mixed.valid, 0));
+  EXPECT_FALSE(OrderingPays(rows.positions, rows.valid, 1));
+  EXPECT_TRUE(OrderingPays(rows.positions, rows.valid, 100));
+  EXPECT_FALSE(OrderingPays(squares.positions, squares.valid, 1000));
+  const std::vector<Vec3f> same(5000, Vec3f{1, 2, 3});
+  EXPECT_FALSE(OrderingPays(same, std::vector<uint8_t>(5000, 1), 1000));
+  EXPECT_FALSE(OrderingPays(same, std::vector<uint8_t>(5000, 0), 1000));
+  EXPECT_FALSE(
+      OrderingPays(std::span(mixed.positions).first(500), std::span(mixed.valid).first(500), 1000));
+}
+
+TEST(PointOrderTest, TheOrderHoldsEachValidPointOnce) {
+  TestRng rng;
+  const Points rows = MakeRows(64);
+  const Points mixed = Permuted(rows, Shuffled(rows.positions.size(), rng));
+  const std::vector<uint32_t> order = SpatialOrder(mixed.positions, mixed.valid);
   std::vector<int> seen(mixed.positions.size());
   for (uint32_t i : order) ++seen[i];
   for (size_t i = 0; i < seen.size(); ++i) EXPECT_EQ(seen[i], mixed.valid[i] ? 1 : 0) << i;
-  std::vector<Vec3f> walked;
-  walked.reserve(order.size());
-  for (uint32_t i : order) walked.push_back(mixed.positions[i]);
-  EXPECT_FALSE(IsScattered(walked, std::vector<uint8_t>(walked.size(), 1)));
+}
+
+// Blocks of 2^k are parted from each other: of any two that share a parent, some axis has all of
+// one before all of the other.
+TEST(PointOrderTest, BlocksOfTheOrderArePartedByPlanes) {
+  TestRng rng;
+  std::vector<Vec3f> points(3000);
+  for (Vec3f& p : points) {
+    for (int k = 0; k < 3; ++k) p[k] = static_cast<float>(std::floor(rng.Uniform(0, 40)));
+  }
+  const std::vector<uint32_t> order = SpatialOrder(points, std::vector<uint8_t>(points.size(), 1));
+  ASSERT_EQ(order.size(), points.size());
+  int pairs = 0;
+  for (size_t size = 16; size < points.size(); size *= 2) {
+    for (size_t first = 0; first + size < points.size(); first += 2 * size, ++pairs) {
+      Box3f box[2];
+      for (size_t i = first; i < std::min(first + 2 * size, points.size()); ++i) {
+        box[i >= first + size].Extend(points[order[i]]);
+      }
+      bool parted = false;
+      for (int k = 0; k < 3; ++k) parted |= box[0].hi[k] <= box[1].lo[k];
+      EXPECT_TRUE(parted) << "blocks of " << size << " from " << first;
+    }
+  }
+  EXPECT_GT(pairs, 180);
 }
 
 TEST(PointOrderTest, ShuffledPointsGetTheirOwnAnswers) {
@@ -90,6 +130,8 @@ TEST(PointOrderTest, ShuffledPointsGetTheirOwnAnswers) {
   const Points rows = MakeRows(64);
   const std::vector<size_t> order = Shuffled(rows.positions.size(), rng);
   const Points mixed = Permuted(rows, order);
+  ASSERT_TRUE(OrderingPays(mixed.positions, mixed.valid, samples.size()));
+  ASSERT_FALSE(OrderingPays(rows.positions, rows.valid, samples.size()));
   const ShadowOutputs outputs = {
       .bits = true, .counts = true, .weighted_sums = true, .blockers = true};
   for (const bool blockers : {false, true}) {
