@@ -79,7 +79,8 @@ int Run(int argc, char** argv) {
   Log(LogLevel::kInfo, "serving",
       {{"version", std::string(kVersion)},
        {"listen", options.listen},
-       {"port", absl::StrCat((*server)->port())}});
+       {"port", absl::StrCat((*server)->port())},
+       {"metrics_port", absl::StrCat((*server)->metrics_port())}});
 
   int signal = 0;
   sigwait(&signals, &signal);

@@ -27,6 +27,13 @@ absl::Status SetThreads(absl::string_view value, int* out) {
   return Bad(value, "must be 0 .. 1000");
 }
 
+absl::Status SetDuration(absl::string_view value, absl::Duration* out) {
+  if (absl::ParseDuration(value, out) && *out >= absl::ZeroDuration() && *out <= absl::Hours(24)) {
+    return absl::OkStatus();
+  }
+  return Bad(value, "must be a duration of 0s to 24h, such as 30s or 1m30s");
+}
+
 std::vector<Option> MakeTable() {
   const ServerOptions defaults;
   std::vector<Option> table = {
@@ -61,12 +68,18 @@ std::vector<Option> MakeTable() {
       {"drain-timeout", "DURATION", "how long SIGTERM waits for what is under way, such as 30s",
        absl::FormatDuration(defaults.drain_timeout),
        [](absl::string_view value, ParsedOptions* out) {
-         absl::Duration* timeout = &out->options.drain_timeout;
-         if (absl::ParseDuration(value, timeout) && *timeout >= absl::ZeroDuration() &&
-             *timeout <= absl::Hours(24)) {
-           return absl::OkStatus();
-         }
-         return Bad(value, "must be a duration of 0s to 24h, such as 30s or 1m30s");
+         return SetDuration(value, &out->options.drain_timeout);
+       }},
+      {"metrics-listen", "HOST:PORT",
+       "where /metrics, /livez and /readyz are served over HTTP; port 0 takes a free one", "none",
+       [](absl::string_view value, ParsedOptions* out) {
+         out->options.metrics_listen = std::string(value);
+         return absl::OkStatus();
+       }},
+      {"slow-query-log", "DURATION",
+       "items that took at least so long are logged, with what they cost", "none",
+       [](absl::string_view value, ParsedOptions* out) {
+         return SetDuration(value, &out->options.slow_query_log);
        }},
       {"log-level", "LEVEL", "debug, info, warning, error or off", "info",
        [](absl::string_view value, ParsedOptions* out) -> absl::Status {

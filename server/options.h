@@ -31,6 +31,9 @@ struct ServerOptions {
   std::vector<std::string> scenes;  // [ID=]builtin:NAME[:TRIANGLES], made before the port is bound.
   int threads = 0;                  // That answer queries; 0: one per hardware thread.
   int build_threads = 0;            // That build scenes; 0: one per hardware thread.
+  // HOST:PORT of probes and metrics over HTTP; empty: none.
+  std::string metrics_listen;
+  absl::Duration slow_query_log = absl::InfiniteDuration();  // Items that took as long are logged.
   absl::Duration drain_timeout = absl::Seconds(30);
   LogLevel log_level = LogLevel::kInfo;
   Limits limits;

@@ -19,11 +19,15 @@
 #include "server/base/log.h"
 #include "server/base/resource_name.h"
 #include "server/lease_sweeper.h"
+#include "server/metrics/liveness.h"
+#include "server/net/socket_address.h"
 
 namespace sightline {
 namespace {
 
 constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
+// Below what a prober waits (a second in Kubernetes, unless told otherwise, so tell it).
+constexpr absl::Duration kLivenessTimeout = absl::Seconds(2);
 // A client that pings more often than this is told to go away; one that is gone is noticed within a
 // minute.
 constexpr int kLeastPingIntervalMs = 10'000;
@@ -49,8 +53,10 @@ Server::Server(const ServerOptions& options)
                  [this](absl::AnyInvocable<void()> work) { query_pool_.Submit(std::move(work)); }),
       scenes_(options_.limits, build_pool_),
       point_sets_(options_.limits, [] { return absl::Now(); }),
-      env_{options_.limits, scenes_,    point_sets_, query_pool_,
-           build_pool_,     ray_queue_, scheduler_,  calls_},
+      metrics_([this] { return StateNow(); }),
+      slow_queries_(options.slow_query_log),
+      env_{options_.limits, scenes_,    point_sets_, query_pool_, build_pool_,
+           ray_queue_,      scheduler_, calls_,      &metrics_,   &slow_queries_},
       scene_service_(env_, upload_slots_),
       point_set_service_(env_, upload_slots_),
       visibility_service_(env_),
@@ -59,14 +65,18 @@ Server::Server(const ServerOptions& options)
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   SL_RETURN_IF_ERROR(CheckOptions(options));
   std::unique_ptr<Server> server(new Server(options));
+  // First of all, so that whoever starts the server sees it start.
+  SL_RETURN_IF_ERROR(server->ServeHttp());
   SL_RETURN_IF_ERROR(server->MakeScenes());
   SL_RETURN_IF_ERROR(server->Listen());
+  server->serving_ = true;
   server->sweeper_ = std::make_unique<LeaseSweeper>(server->point_sets_, kSweepPeriod);
   return server;
 }
 
 Server::~Server() {
   Shutdown();
+  http_.reset();
   scenes_.SetListener(nullptr);
 }
 
@@ -82,6 +92,65 @@ absl::Status Server::MakeScenes() {
          {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});
   }
   return absl::OkStatus();
+}
+
+absl::Status Server::ServeHttp() {
+  if (options_.metrics_listen.empty()) return absl::OkStatus();
+  HttpEndpoint::Handlers handlers = {
+      {"/metrics",
+       [this](const HttpRequest&) {
+         return HttpReply{.body = metrics_.Text(),
+                          .content_type = "text/plain; version=0.0.4; charset=utf-8"};
+       }},
+      {"/livez", [this](const HttpRequest&) { return Livez(); }},
+      {"/readyz", [this](const HttpRequest&) { return Readyz(); }},
+  };
+  SL_ASSIGN_OR_RETURN(http_, HttpEndpoint::Start(options_.metrics_listen, std::move(handlers)));
+  return absl::OkStatus();
+}
+
+ServerState Server::StateNow() const {
+  ServerState state;
+  for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) {
+    ServerState::Scene& scene = state.scenes.emplace_back();
+    scene.id = view.status.name;
+    if (view.status.latest == nullptr) continue;
+    scene.revision = view.status.latest->revision;
+    scene.bytes = view.status.latest->report.memory_bytes;
+    scene.triangles = view.status.latest->geometry.triangles.size();
+  }
+  state.scene_bytes = scenes_.MemoryBytes();
+  state.point_set_bytes = point_sets_.memory_bytes();
+  state.active_calls = calls_.active_calls();
+  state.active_uploads = upload_slots_.taken();
+  state.queued_rays = ray_queue_.queued_rays();
+  const Scheduler::Load load = scheduler_.load();
+  state.clients = load.clients;
+  state.waiting_tasks = load.waiting_tasks;
+  state.running_tasks = static_cast<uint64_t>(load.running_tasks);
+  state.rays_per_second = load.rays_per_second;
+  state.draining = calls_.draining();
+  return state;
+}
+
+HttpReply Server::Livez() const {
+  // Before and after there is no port to try; the process itself is well.
+  if (!serving_) return {.body = "not serving yet, or no longer\n"};
+  if (options_.listen.empty()) return {.body = "alive, in this process alone\n"};
+  absl::StatusOr<ListenAddress> address = ParseListenAddress(options_.listen);
+  absl::Status alive = address.status();
+  if (alive.ok()) {
+    address->addresses[0].set_port(port_);
+    alive = CheckAlive(address->addresses[0], kLivenessTimeout);
+  }
+  if (alive.ok()) return {.body = "alive\n"};
+  Log(LogLevel::kError, "not_alive", {{"status", alive.ToString()}});
+  return {.code = 503, .body = absl::StrCat("not alive: ", alive.ToString(), "\n")};
+}
+
+HttpReply Server::Readyz() const {
+  if (serving_) return {.body = "ready\n"};
+  return {.code = 503, .body = calls_.draining() ? "draining\n" : "starting\n"};
 }
 
 absl::Status Server::Listen() {
@@ -138,6 +207,7 @@ std::shared_ptr<grpc::Channel> Server::InProcessChannel(const grpc::ChannelArgum
 }
 
 absl::Status Server::Drain(absl::Duration timeout) {
+  serving_ = false;
   const absl::Time deadline = absl::Now() + timeout;
   calls_.StartDrain();
   server_->GetHealthCheckService()->SetServingStatus(false);
@@ -158,6 +228,7 @@ void Server::ShutdownWithin(absl::Duration timeout) {
   if (server_ == nullptr) return;
   MutexLock lock(shutdown_mutex_);
   if (shut_down_) return;
+  serving_ = false;
   calls_.StartDrain();
   // Without a deadline a stalled call could hold this up for ever.
   server_->Shutdown(absl::ToChronoTime(absl::Now() + std::max(timeout, absl::ZeroDuration())));

@@ -20,6 +20,7 @@
 #include <grpcpp/server.h>
 #include <grpcpp/support/channel_arguments.h>
 
+#include <atomic>
 #include <memory>
 #include <string>
 
@@ -32,6 +33,9 @@
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
 #include "server/admission/upload_slots.h"
+#include "server/metrics/http_endpoint.h"
+#include "server/metrics/metrics.h"
+#include "server/metrics/slow_query_log.h"
 #include "server/options.h"
 #include "server/points/point_set_store.h"
 #include "server/scenes/scene_catalog.h"
@@ -56,6 +60,8 @@ class Server {
 
   // The bound port; 0 without a socket.
   int port() const { return port_; }
+  // That of probes and metrics; 0 without.
+  int metrics_port() const { return http_ == nullptr ? 0 : http_->port(); }
   // A channel that needs no socket. It must be gone before the server is.
   std::shared_ptr<grpc::Channel> InProcessChannel(const grpc::ChannelArguments& arguments);
 
@@ -73,7 +79,11 @@ class Server {
   explicit Server(const ServerOptions& options);
 
   absl::Status MakeScenes();
+  absl::Status ServeHttp();
   absl::Status Listen();
+  ServerState StateNow() const;
+  HttpReply Livez() const;
+  HttpReply Readyz() const;
   void ReportHealth(const SceneView& view);
   void ShutdownWithin(absl::Duration timeout);
 
@@ -86,6 +96,8 @@ class Server {
   Scheduler scheduler_;
   SceneCatalog scenes_;
   PointSetStore point_sets_;
+  Metrics metrics_;
+  const SlowQueryLog slow_queries_;
   const QueryEnvironment env_;
   SceneService scene_service_;
   PointSetService point_set_service_;
@@ -93,6 +105,8 @@ class Server {
   CapabilityService capability_service_;
   std::unique_ptr<LeaseSweeper> sweeper_;
   std::unique_ptr<grpc::Server> server_;
+  std::atomic<bool> serving_ = false;  // From the bound port to the beginning of a drain.
+  std::unique_ptr<HttpEndpoint> http_;
   Mutex shutdown_mutex_;
   bool shut_down_ ABSL_GUARDED_BY(shutdown_mutex_) = false;
 };

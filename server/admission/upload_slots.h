@@ -50,6 +50,10 @@ class UploadSlots {
     ++taken_;
     return UploadSlot(this);
   }
+  uint64_t taken() const {
+    MutexLock lock(mutex_);
+    return taken_;
+  }
 
  private:
   friend class UploadSlot;
@@ -59,7 +63,7 @@ class UploadSlots {
   }
 
   const uint64_t count_;
-  Mutex mutex_;
+  mutable Mutex mutex_;
   uint64_t taken_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 

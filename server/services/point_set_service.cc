@@ -47,6 +47,7 @@ absl::Status FindPointSet(const QueryEnvironment& env, const std::string& name,
 class CreateSteps {
  public:
   using Request = v1::CreatePointSetRequest;
+  static constexpr Operation kOperation = Operation::kCreatePointSet;
   using Response = v1::PointSet;
   using Upload = PointUpload;
   using Header = PointSetHeader;

@@ -62,6 +62,7 @@ class SceneSteps {
 class CreateSteps : public SceneSteps {
  public:
   using Request = v1::CreateSceneRequest;
+  static constexpr Operation kOperation = Operation::kCreateScene;
   using Upload = SceneUpload;
   using Header = SceneHeader;
   using SceneSteps::SceneSteps;
@@ -91,6 +92,7 @@ class CreateSteps : public SceneSteps {
 class UpdateSteps : public SceneSteps {
  public:
   using Request = v1::UpdateSceneRequest;
+  static constexpr Operation kOperation = Operation::kUpdateScene;
   using Upload = SceneEditUpload;
   using Header = EditHeader;
   using SceneSteps::SceneSteps;

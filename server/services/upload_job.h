@@ -25,6 +25,7 @@ namespace sightline {
 
 // A Job of UploadReactor. Steps is made from a QueryEnvironment and must have:
 //   using Request, Response;
+//   static constexpr Operation kOperation;
 //   using Upload, Header;         // Such as SceneUpload and SceneHeader.
 //   RequestLog& requests() const;
 //   absl::Status CheckHeader(const Header&);  // Of a new request; told before the upload.
@@ -36,6 +37,7 @@ class UploadJob {
  public:
   using Request = typename Steps::Request;
   using Response = typename Steps::Response;
+  static constexpr Operation kOperation = Steps::kOperation;
 
   explicit UploadJob(const QueryEnvironment& env) : steps_(env), upload_(env.limits) {}
 
@@ -68,6 +70,7 @@ template <typename Steps>
 UploadReactor<UploadJob<Steps>>* StartUpload(typename Steps::Response* response,
                                              const QueryEnvironment& env, UploadSlots& slots) {
   return UploadReactor<UploadJob<Steps>>::Start(response, env.calls, slots, env.build_pool,
+                                                env.metrics,
                                                 std::make_unique<UploadJob<Steps>>(env));
 }
 

@@ -15,6 +15,7 @@
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
+#include <chrono>
 #include <memory>
 #include <utility>
 
@@ -25,11 +26,13 @@
 #include "server/admission/call_tracker.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/error.h"
+#include "server/metrics/metrics.h"
 
 namespace sightline {
 
 // Job must have:
 //   using Request, Response;
+//   static constexpr Operation kOperation;
 //   absl::Status Add(const Request&);           // One message, in order.
 //   bool answered() const;                      // The response is known before the upload's end.
 //   absl::Status Finish(const CancelToken&, Response*);
@@ -40,10 +43,11 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   using Request = typename Job::Request;
   using Response = typename Job::Response;
 
+  // `metrics` may be null.
   static UploadReactor* Start(Response* response, CallTracker& calls, UploadSlots& slots,
-                              ThreadPool& pool, std::unique_ptr<Job> job) {
+                              ThreadPool& pool, Metrics* metrics, std::unique_ptr<Job> job) {
     auto reactor =
-        std::shared_ptr<UploadReactor>(new UploadReactor(response, pool, std::move(job)));
+        std::shared_ptr<UploadReactor>(new UploadReactor(response, pool, metrics, std::move(job)));
     reactor->Begin(calls, slots);
     return reactor.get();
   }
@@ -74,8 +78,8 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   }
 
  private:
-  UploadReactor(Response* response, ThreadPool& pool, std::unique_ptr<Job> job)
-      : response_(response), pool_(pool), job_(std::move(job)) {}
+  UploadReactor(Response* response, ThreadPool& pool, Metrics* metrics, std::unique_ptr<Job> job)
+      : response_(response), pool_(pool), metrics_(metrics), job_(std::move(job)) {}
 
   void Begin(CallTracker& calls, UploadSlots& slots) {
     MutexLock lock(mutex_);
@@ -109,11 +113,17 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (std::exchange(finished_, true)) return;
+    if (metrics_ != nullptr) {
+      metrics_->RecordUpload(Job::kOperation, status.code(),
+                             std::chrono::steady_clock::now() - arrival_);
+    }
     this->Finish(ToGrpcStatus(status));
   }
 
   Response* const response_;
   ThreadPool& pool_;
+  Metrics* const metrics_;
+  const std::chrono::steady_clock::time_point arrival_ = std::chrono::steady_clock::now();
   const std::unique_ptr<Job> job_;  // Used by one task at a time.
   Request request_;
   CancelToken cancel_;

@@ -12,6 +12,8 @@
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
 #include "server/base/limits.h"
+#include "server/metrics/metrics.h"
+#include "server/metrics/slow_query_log.h"
 #include "server/points/point_set_store.h"
 #include "server/scenes/scene_catalog.h"
 
@@ -26,6 +28,8 @@ struct QueryEnvironment {
   RayQueue& ray_queue;
   Scheduler& scheduler;  // Shares the query pool's threads.
   CallTracker& calls;
+  Metrics* metrics = nullptr;  // Null: nothing is counted.
+  const SlowQueryLog* slow_queries = nullptr;
 };
 
 }  // namespace sightline

@@ -11,6 +11,7 @@
 #include <memory>
 
 #include "absl/status/statusor.h"
+#include "server/metrics/metrics.h"
 #include "server/stream/item_work.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/stream_method.h"
@@ -25,6 +26,7 @@ class SegmentMethod final : public StreamMethod {
   using Header = v1::TestSegmentsHeader;
   using Item = v1::SegmentItem;
   using Work = ItemWork<Response>;
+  static constexpr Operation kOperation = Operation::kTestSegments;
 
   static absl::StatusOr<std::unique_ptr<SegmentMethod>> Open(const Header& header,
                                                              const QueryEnvironment& env);

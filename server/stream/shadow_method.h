@@ -13,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "core/query/points.h"
 #include "core/query/shadows.h"
+#include "server/metrics/metrics.h"
 #include "server/stream/item_work.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/stream_method.h"
@@ -27,6 +28,7 @@ class ShadowMethod final : public StreamMethod {
   using Header = v1::ComputeShadowsHeader;
   using Item = v1::ShadowItem;
   using Work = ItemWork<Response>;
+  static constexpr Operation kOperation = Operation::kComputeShadows;
 
   static absl::StatusOr<std::unique_ptr<ShadowMethod>> Open(const Header& header,
                                                             const QueryEnvironment& env);

@@ -13,6 +13,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 
 #include "absl/status/status.h"
 #include "server/codec/query_codec.h"
@@ -29,6 +30,7 @@ class StreamMethod {
   StreamMethod& operator=(const StreamMethod&) = delete;
 
   bool statistics() const { return options_.statistics; }
+  const std::string& scene_id() const { return pin_->scene_id(); }
   // The current revision when the stream was opened.
   uint64_t opened_revision() const { return opened_revision_; }
   // Of all lights together; 0 for a method without.

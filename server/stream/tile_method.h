@@ -12,6 +12,7 @@
 
 #include "absl/status/statusor.h"
 #include "core/geometry/camera.h"
+#include "server/metrics/metrics.h"
 #include "server/stream/item_work.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/stream_method.h"
@@ -26,6 +27,7 @@ class TileMethod final : public StreamMethod {
   using Header = v1::TraceTilesHeader;
   using Item = v1::TileItem;
   using Work = ItemWork<Response>;
+  static constexpr Operation kOperation = Operation::kTraceTiles;
 
   static absl::StatusOr<std::unique_ptr<TileMethod>> Open(const Header& header,
                                                           const QueryEnvironment& env);

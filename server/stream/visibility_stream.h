@@ -485,9 +485,30 @@ class VisibilityStream final
     if (method_->statistics()) {
       EncodeStatistics(item->stats, item->queue_nanos, header->mutable_statistics());
     }
+    Report(*item);
     item->work.reset();
     item->deadline_alarm.reset();
     Send(std::move(response), item);
+  }
+
+  // Counts what became of the item, and logs it if it was slow.
+  void Report(const Item& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (env_.metrics == nullptr) return;
+    ItemRecord record;
+    record.operation = Method::kOperation;
+    record.code = item.status.code();
+    record.total = std::chrono::steady_clock::now() - item.arrival;
+    // What never began waited all its life.
+    record.queue = item.started ? std::chrono::nanoseconds(item.queue_nanos) : record.total;
+    record.stats = item.stats;
+    env_.metrics->RecordItem(record);
+    if (env_.slow_queries == nullptr || !env_.slow_queries->Wants(record.total)) return;
+    SlowQueryLog::Write({.record = record,
+                         .scene = method_->scene_id(),
+                         .peer = context_->peer(),
+                         .revision = item.work == nullptr ? 0 : item.work->revision(),
+                         .item_id = item.id,
+                         .cost_rays = item.cost});
   }
 
   void SendDraining() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -557,6 +578,12 @@ class VisibilityStream final
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     finished_ = true;
+    // Those that nobody will hear of.
+    for (const auto& [id, item] : items_) {
+      if (item->closed) continue;
+      if (item->status.ok()) item->status = failure_;
+      Report(*item);
+    }
     items_.clear();
     this->Finish(ToGrpcStatus(status));
   }

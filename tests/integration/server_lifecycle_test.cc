@@ -221,7 +221,8 @@ class Process {
 TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
   const testing_support::TempDir dir;
   const std::string port_file = dir.File("port");
-  Process process({"--scene=builtin:box:1000", "--port-file", port_file, "--threads=2"});
+  Process process(
+      {"--scene=builtin:box:1000", "--port-file", port_file, "--threads=2", "--slow-query-log=0s"});
   const std::string serving = process.ReadUntil("event=serving");
   ASSERT_TRUE(absl::StrContains(serving, "event=serving")) << serving;
   int port = 0;
@@ -247,6 +248,11 @@ TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
   EXPECT_TRUE(response.has_opened());
   ASSERT_TRUE(stream->Read(&response));
   EXPECT_EQ(response.reply().header().status().code(), 0);
+  const std::string slow = process.ReadUntil("event=slow_query");
+  for (const char* field : {" method=TraceTiles", " scene=box", " revision=1", " item=1",
+                            " status=OK", " rays=4096", " total_ms=", " nodes="}) {
+    EXPECT_TRUE(absl::StrContains(slow, field)) << field << " in " << slow;
+  }
   process.Signal(SIGTERM);
   while (stream->Read(&response)) {
   }

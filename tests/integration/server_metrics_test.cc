@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Probes and metrics of a real server, scraped over HTTP.
+#include <string>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "gmock/gmock.h"
+#include "tests/integration/server_harness.h"
+#include "tests/support/http_get.h"
+
+namespace sightline {
+namespace {
+
+using ::testing::HasSubstr;
+using testing_support::HttpGet;
+
+ServerOptions WithMetrics() {
+  ServerOptions options;
+  options.metrics_listen = "127.0.0.1:0";
+  return options;
+}
+
+// The value of the sample that `name` (with its labels) has; -1 without.
+double Sample(const ServerHarness& harness, const std::string& name) {
+  const std::string page = HttpGet(harness.server->metrics_port(), "/metrics").body;
+  for (const absl::string_view line : absl::StrSplit(page, '\n')) {
+    double value = 0;
+    if (line.substr(0, name.size() + 1) == absl::StrCat(name, " ") &&
+        absl::SimpleAtod(line.substr(name.size() + 1), &value)) {
+      return value;
+    }
+  }
+  return -1;
+}
+
+v1::TraceTilesRequest BoxHeader() {
+  v1::TraceTilesRequest request;
+  request.mutable_header()->mutable_stream()->set_scene("scenes/box");
+  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
+                   request.mutable_header()->mutable_camera());
+  return request;
+}
+
+TEST(ServerMetricsTest, WhatWasAskedIsCounted) {
+  ServerOptions options = WithMetrics();
+  options.scenes = {"builtin:box:1000"};
+  ServerHarness harness(options);
+  {
+    TileStream stream(harness, BoxHeader());
+    stream.Write(TileRequest(1, 0, 0, 64, 64));
+    stream.Write(TileRequest(2, 0, 0, 16, 16));
+    stream.Write(TileRequest(3, 60, 0, 64, 64));  // Beyond the image.
+    v1::TraceTilesRequest late = TileRequest(4, 0, 0, 64, 64);
+    late.mutable_item()->mutable_item()->mutable_timeout()->set_nanos(1);
+    stream.Write(late);
+    EXPECT_EQ(stream.ReadAll().size(), 4u);
+    EXPECT_TRUE(stream.Finish().ok());
+  }
+  v1::Scene scene;
+  EXPECT_TRUE(harness.CreateScene(WallUpload("wall"), &scene).ok());
+  EXPECT_FALSE(harness.CreateScene(WallUpload("wall"), &scene).ok());
+  const std::string tiles = "sightline_requests_total{method=\"TraceTiles\",result=";
+  EXPECT_EQ(Sample(harness, tiles + "\"ok\"}"), 2);
+  EXPECT_EQ(Sample(harness, tiles + "\"failed\"}"), 1);
+  EXPECT_EQ(Sample(harness, tiles + "\"expired\"}"), 1);
+  EXPECT_EQ(Sample(harness, "sightline_rays_total{method=\"TraceTiles\"}"), 64 * 64 + 16 * 16);
+  EXPECT_EQ(Sample(harness, "sightline_compute_seconds_count{method=\"TraceTiles\"}"), 4);
+  EXPECT_GT(Sample(harness, "sightline_compute_seconds_sum{method=\"TraceTiles\"}"), 0);
+  EXPECT_GT(Sample(harness, "sightline_nodes_total"), 0);
+  const std::string creations = "sightline_requests_total{method=\"CreateScene\",result=";
+  EXPECT_EQ(Sample(harness, creations + "\"ok\"}"), 1);
+  EXPECT_EQ(Sample(harness, creations + "\"failed\"}"), 1);
+  EXPECT_EQ(Sample(harness, "sightline_scenes"), 2);
+  EXPECT_GT(Sample(harness, "sightline_scene_bytes{scene=\"box\"}"), 0);
+  EXPECT_EQ(Sample(harness, "sightline_scene_triangles{scene=\"wall\"}"), 2);
+  EXPECT_EQ(Sample(harness, "sightline_pending_rays"), 0);
+  EXPECT_EQ(Sample(harness, "sightline_waiting_tasks"), 0);
+  EXPECT_GT(Sample(harness, "sightline_rays_per_second"), 0);
+  EXPECT_GT(Sample(harness, "process_resident_memory_bytes"), 1 << 20);
+}
+
+TEST(ServerMetricsTest, ProbesFollowTheServersLife) {
+  ServerHarness harness(WithMetrics());
+  const int port = harness.server->metrics_port();
+  EXPECT_EQ(HttpGet(port, "/readyz").code, 200);
+  EXPECT_EQ(HttpGet(port, "/livez").code, 200);
+  EXPECT_THAT(HttpGet(port, "/livez").body, HasSubstr("alive"));
+  EXPECT_EQ(HttpGet(port, "/other").code, 404);
+  ASSERT_TRUE(harness.server->Drain(absl::Seconds(20)).ok());
+  EXPECT_EQ(HttpGet(port, "/readyz").code, 503);
+  EXPECT_THAT(HttpGet(port, "/readyz").body, HasSubstr("draining"));
+  EXPECT_EQ(HttpGet(port, "/livez").code, 200);
+  EXPECT_EQ(Sample(harness, "sightline_draining"), 1);
+}
+
+TEST(ServerMetricsTest, AMetricsPortThatIsTakenStopsTheStart) {
+  ServerHarness harness(WithMetrics());
+  ServerOptions options;
+  options.metrics_listen = absl::StrCat("127.0.0.1:", harness.server->metrics_port());
+  const absl::Status status = Server::Start(options).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(status.message()), HasSubstr(options.metrics_listen));
+}
+
+}  // namespace
+}  // namespace sightline

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/net/socket_address.h"
+
+#include <string>
+
+#include "gtest/gtest.h"
+
+namespace sightline {
+namespace {
+
+TEST(SocketAddressTest, ReadsWhatItWrites) {
+  for (const char* text : {"127.0.0.1:7070", "0.0.0.0:0", "[::1]:65535", "[::]:1"}) {
+    const absl::StatusOr<ListenAddress> address = ParseListenAddress(text);
+    ASSERT_TRUE(address.ok()) << address.status();
+    ASSERT_EQ(address->addresses.size(), 1u);
+    EXPECT_EQ(address->addresses[0].ToString(), text);
+    EXPECT_EQ(address->unix_path, "");
+  }
+  EXPECT_EQ(ParseListenAddress("unix:run/s.sock")->unix_path, "run/s.sock");
+  EXPECT_EQ(UnixAddress("run/s.sock")->ToString(), "unix:run/s.sock");
+}
+
+TEST(SocketAddressTest, KnowsWhatStaysOnThisMachine) {
+  const std::pair<const char*, bool> cases[] = {
+      {"127.0.0.1:1", true}, {"127.9.9.9:1", true}, {"[::1]:1", true},
+      {"unix:a", true},      {"localhost:1", true}, {"0.0.0.0:1", false},
+      {"[::]:1", false},     {"10.0.0.1:1", false}, {"[2001:db8::1]:1", false}};
+  for (const auto& [text, loopback] : cases) {
+    const absl::StatusOr<ListenAddress> address = ParseListenAddress(text);
+    ASSERT_TRUE(address.ok()) << address.status();
+    EXPECT_EQ(address->IsLoopback(), loopback) << text;
+  }
+}
+
+TEST(SocketAddressTest, EveryInterfaceIsReachedByLoopback) {
+  EXPECT_EQ(ParseListenAddress("0.0.0.0:7")->addresses[0].Reachable().ToString(), "127.0.0.1:7");
+  EXPECT_EQ(ParseListenAddress("[::]:7")->addresses[0].Reachable().ToString(), "[::1]:7");
+  EXPECT_EQ(ParseListenAddress("10.0.0.1:7")->addresses[0].Reachable().ToString(), "10.0.0.1:7");
+}
+
+TEST(SocketAddressTest, RefusesWhatIsNoAddress) {
+  for (const char* text : {"", ":", "7070", ":7070", "host", "127.0.0.1:", "127.0.0.1:65536",
+                           "127.0.0.1:-1", "127.0.0.1:http", "::1:70", "[::1]70", "unix:"}) {
+    EXPECT_EQ(ParseListenAddress(text).status().code(), absl::StatusCode::kInvalidArgument) << text;
+  }
+  EXPECT_EQ(ParseListenAddress("unix:" + std::string(108, 'x')).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  EXPECT_TRUE(ParseListenAddress("unix:" + std::string(107, 'x')).ok());
+}
+
+}  // namespace
+}  // namespace sightline
