@@ -74,6 +74,11 @@ absl::Status InvalidFieldText(absl::string_view field, absl::string_view value,
                    {{"field", std::string(field)}, {"value", std::string(value)}});
 }
 
+absl::Status BadSequence(absl::string_view field, absl::string_view remedy) {
+  return MakeError(absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_BAD_SEQUENCE,
+                   absl::StrCat(field, ": ", remedy), {{"field", std::string(field)}});
+}
+
 absl::Status OverLimit(absl::string_view what, uint64_t value, absl::string_view limit,
                        uint64_t limit_value, v1::ErrorReason reason) {
   return MakeError(

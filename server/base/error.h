@@ -53,6 +53,9 @@ absl::Status InvalidField(absl::string_view field, const T& value, absl::string_
   return InvalidFieldText(field, absl::StrCat(value), remedy, reason);
 }
 
+// INVALID_ARGUMENT (BAD_SEQUENCE), "<field>: <remedy>".
+absl::Status BadSequence(absl::string_view field, absl::string_view remedy);
+
 // RESOURCE_EXHAUSTED, "<what> = <value> is over the limit <limit> = <limit_value>".
 absl::Status OverLimit(absl::string_view what, uint64_t value, absl::string_view limit,
                        uint64_t limit_value,

@@ -11,15 +11,6 @@
 #include "server/codec/geometry_codec.h"
 
 namespace sightline {
-namespace {
-
-absl::Status BadSequence(absl::string_view field, absl::string_view remedy) {
-  return MakeError(absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_BAD_SEQUENCE,
-                   absl::StrCat(field, ": ", remedy), {{"field", std::string(field)}});
-}
-
-}  // namespace
-
 absl::Status PointUpload::Add(const v1::CreatePointSetRequest& message) {
   if (failure_.ok()) failure_ = AddPart(message);
   return failure_;

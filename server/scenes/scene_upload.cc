@@ -14,11 +14,6 @@
 namespace sightline {
 namespace {
 
-absl::Status BadSequence(absl::string_view field, absl::string_view remedy) {
-  return MakeError(absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_BAD_SEQUENCE,
-                   absl::StrCat(field, ": ", remedy), {{"field", std::string(field)}});
-}
-
 absl::Status CheckMeshCounts(uint64_t triangles, uint64_t vertices, const Limits& limits) {
   if (triangles > limits.max_triangles_per_scene) {
     return OverLimit("triangles", triangles, "max_triangles_per_scene",

@@ -38,7 +38,6 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "core/base/cancel.h"
 #include "core/base/mutex.h"
@@ -50,6 +49,7 @@
 #include "server/base/log.h"
 #include "server/codec/query_codec.h"
 #include "server/codec/result_codec.h"
+#include "server/stream/item_report.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/stream_item.h"
 
@@ -146,11 +146,6 @@ class VisibilityStream final
       : context_(context),
         env_(env),
         credit_(static_cast<int64_t>(env.limits.stream_credit_rays)) {}
-
-  static absl::Status BadSequence(absl::string_view field, absl::string_view remedy) {
-    return MakeError(absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_BAD_SEQUENCE,
-                     absl::StrCat(field, ": ", remedy), {{"field", std::string(field)}});
-  }
 
   void Begin(absl::StatusOr<ActiveCall> call) {
     MutexLock lock(mutex_);
@@ -485,30 +480,10 @@ class VisibilityStream final
     if (method_->statistics()) {
       EncodeStatistics(item->stats, item->queue_nanos, header->mutable_statistics());
     }
-    Report(*item);
+    ReportItem(env_, *context_, *method_, *item);
     item->work.reset();
     item->deadline_alarm.reset();
     Send(std::move(response), item);
-  }
-
-  // Counts what became of the item, and logs it if it was slow.
-  void Report(const Item& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (env_.metrics == nullptr) return;
-    ItemRecord record;
-    record.operation = Method::kOperation;
-    record.code = item.status.code();
-    record.total = std::chrono::steady_clock::now() - item.arrival;
-    // What never began waited all its life.
-    record.queue = item.started ? std::chrono::nanoseconds(item.queue_nanos) : record.total;
-    record.stats = item.stats;
-    env_.metrics->RecordItem(record);
-    if (env_.slow_queries == nullptr || !env_.slow_queries->Wants(record.total)) return;
-    SlowQueryLog::Write({.record = record,
-                         .scene = method_->scene_id(),
-                         .peer = context_->peer(),
-                         .revision = item.work == nullptr ? 0 : item.work->revision(),
-                         .item_id = item.id,
-                         .cost_rays = item.cost});
   }
 
   void SendDraining() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -578,12 +553,7 @@ class VisibilityStream final
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     finished_ = true;
-    // Those that nobody will hear of.
-    for (const auto& [id, item] : items_) {
-      if (item->closed) continue;
-      if (item->status.ok()) item->status = failure_;
-      Report(*item);
-    }
+    if (method_ != nullptr) ReportLost(env_, *context_, *method_, items_, failure_);
     items_.clear();
     this->Finish(ToGrpcStatus(status));
   }
