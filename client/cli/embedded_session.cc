@@ -19,8 +19,9 @@ namespace {
 
 class EmbeddedSession final : public Session {
  public:
-  EmbeddedSession(client::Client client, std::shared_ptr<void> server, const SessionFlags& flags)
-      : Session(std::move(client), std::move(server), flags) {}
+  EmbeddedSession(std::shared_ptr<client::Connection> connection, std::shared_ptr<void> server,
+                  const SessionFlags& flags)
+      : Session(std::move(connection), std::move(server), flags) {}
 };
 
 // Scenes may take three quarters of the machine's memory: nobody else uses this server.
@@ -43,15 +44,14 @@ absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags)
   options.limits.max_scene_bytes = SceneBudget(options.limits.max_scene_bytes);
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Server> server, Server::Start(options));
   std::vector<std::shared_ptr<grpc::Channel>> channels;
-  const uint64_t count = flags.streams == 0 ? 1 : std::min<uint64_t>(flags.streams, 8);
+  const uint64_t count = std::max<uint64_t>(1, flags.ConnectionCount());
   for (uint64_t i = 0; i < count; ++i) {
     channels.push_back(server->InProcessChannel(client::DefaultChannelArguments()));
   }
   client::ConnectionOptions connection;
   connection.retry.give_up_after = absl::Seconds(flags.retry_seconds);
-  return std::make_unique<EmbeddedSession>(
-      client::Client(client::MakeConnection(std::move(channels), connection)), std::move(server),
-      flags);
+  return std::make_unique<EmbeddedSession>(client::MakeConnection(std::move(channels), connection),
+                                           std::move(server), flags);
 }
 
 }  // namespace sightline::cli

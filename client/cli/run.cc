@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/run.h"
 
-#include <exception>
-#include <new>
 #include <span>
+#include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
@@ -12,6 +11,7 @@
 #include "absl/strings/str_replace.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
+#include "client/cli/finish.h"
 #include "core/base/edit_distance.h"
 
 namespace sightline::cli {
@@ -122,30 +122,9 @@ int RunCli(const std::vector<std::string>& args, std::ostream& out, std::ostream
            bool err_is_terminal) {
   Context context{out, err, err_is_terminal};
   std::string command;
-  absl::Status status;
-  try {
-    status = Dispatch(args, context, &command);
-  } catch (const std::bad_alloc&) {  // The one boundary at which library exceptions end.
-    status = absl::ResourceExhaustedError("out of memory");
-  } catch (const std::exception& e) {
-    status = absl::InternalError(absl::StrCat("unexpected exception: ", e.what()));
-  }
-  if (status.ok()) {
-    out.flush();
-    if (out.good()) return kExitOk;
-    status =
-        WithExitCode(absl::DataLossError("standard output cannot be written"), kExitCannotCreate);
-  }
-  // One line, whatever the message holds.
-  const std::string message =
-      absl::StrReplaceAll(std::string(status.message()), {{"\n", " "}, {"\r", " "}});
-  err << "sightline" << (command.empty() ? "" : " ") << command << ": " << message;
-  const ExitCode code = ToExitCode(status);
-  if (code == kExitUsage)
-    err << (command.empty() ? "" : absl::StrCat(" (see sightline ", command, " --help)"));
-  err << '\n';
-  err.flush();
-  return code;
+  absl::Status status = WithoutExceptions([&] { return Dispatch(args, context, &command); });
+  return Finish(std::move(status),
+                command.empty() ? "sightline" : absl::StrCat("sightline ", command), out, err);
 }
 
 }  // namespace sightline::cli

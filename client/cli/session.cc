@@ -13,8 +13,8 @@ namespace {
 
 class RemoteSession final : public Session {
  public:
-  RemoteSession(client::Client client, const SessionFlags& flags)
-      : Session(std::move(client), /*server=*/nullptr, flags) {}
+  RemoteSession(std::shared_ptr<client::Connection> connection, const SessionFlags& flags)
+      : Session(std::move(connection), /*server=*/nullptr, flags) {}
 };
 
 client::RetryOptions RetriesOf(const SessionFlags& flags) {
@@ -25,7 +25,7 @@ client::RetryOptions RetriesOf(const SessionFlags& flags) {
 
 }  // namespace
 
-void SessionFlags::Register(FlagSet* flags, bool embeddable) {
+void SessionFlags::Register(FlagSet* flags, bool embeddable, bool streams_too) {
   flags->Heading("Server");
   flags->Custom("server", "HOST:PORT",
                 embeddable ? "the server to ask; without it one is started in this process"
@@ -49,10 +49,14 @@ void SessionFlags::Register(FlagSet* flags, bool embeddable) {
   flags->Number("retry", "SECONDS",
                 "go on so long while the server cannot be reached or is busy, 0: try once",
                 &retry_seconds);
-  if (embeddable) {
+  if (embeddable && streams_too) {
     flags->Count("streams", "N", "streams to the server at once, 0: one per connection", &streams,
                  0, 64);
   }
+}
+
+uint64_t SessionFlags::ConnectionCount() const {
+  return connections > 0 ? connections : std::min<uint64_t>(streams, 8);
 }
 
 absl::Status SessionFlags::Check() const {
@@ -65,9 +69,11 @@ absl::Status SessionFlags::Check() const {
   return absl::OkStatus();
 }
 
-Session::Session(client::Client client, std::shared_ptr<void> server, const SessionFlags& flags)
+Session::Session(std::shared_ptr<client::Connection> connection, std::shared_ptr<void> server,
+                 const SessionFlags& flags)
     : server_(std::move(server)),
-      client_(std::move(client)),
+      connection_(std::move(connection)),
+      client_(connection_),
       flags_(flags),
       deadline_(flags.timeout_seconds > 0 ? absl::Now() + absl::Seconds(flags.timeout_seconds)
                                           : absl::InfiniteFuture()) {}
@@ -87,9 +93,10 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags
   if (flags.server.empty()) return OpenEmbedded(flags);
   client::ConnectionOptions options;
   options.retry = RetriesOf(flags);
-  if (flags.streams > 0) options.channels = static_cast<int>(std::min<uint64_t>(flags.streams, 8));
-  return std::make_unique<RemoteSession>(
-      client::Client(client::MakeConnection(flags.server, options)), flags);
+  if (const uint64_t count = flags.ConnectionCount(); count > 0) {
+    options.channels = static_cast<int>(count);
+  }
+  return std::make_unique<RemoteSession>(client::MakeConnection(flags.server, options), flags);
 }
 
 }  // namespace sightline::cli

@@ -18,6 +18,7 @@
 #include "absl/time/time.h"
 #include "client/cli/flags.h"
 #include "client/lib/client.h"
+#include "client/lib/connection.h"
 
 namespace sightline::cli {
 
@@ -27,9 +28,13 @@ struct SessionFlags {
   double timeout_seconds = 0;  // 0: none.
   double retry_seconds = 10;   // How long to go on without an answer.
   uint64_t streams = 0;        // 0: one per network connection.
+  uint64_t connections = 0;    // Network connections; 0: as many as streams, at most 8.
 
-  // `embeddable`: the command also works without a server.
-  void Register(FlagSet* flags, bool embeddable);
+  // `embeddable`: the command also works without a server. `streams_too`: with
+  // --streams, for commands whose streams the library makes.
+  void Register(FlagSet* flags, bool embeddable, bool streams_too = true);
+  // Network connections to make; 0: as many as the library makes by itself.
+  uint64_t ConnectionCount() const;
   // Usage errors that one flag alone does not show.
   absl::Status Check() const;
 };
@@ -40,6 +45,8 @@ class Session {
   virtual ~Session() = default;
 
   const client::Client& client() const { return client_; }
+  // What the client stands on, for callers that keep streams of their own.
+  const std::shared_ptr<client::Connection>& connection() const { return connection_; }
   bool embedded() const { return server_ != nullptr; }
   // For calls that are made now.
   client::CallOptions call() const { return {.deadline = deadline_}; }
@@ -47,10 +54,12 @@ class Session {
 
  protected:
   // `server`: the embedded one, null for a remote one.
-  Session(client::Client client, std::shared_ptr<void> server, const SessionFlags& flags);
+  Session(std::shared_ptr<client::Connection> connection, std::shared_ptr<void> server,
+          const SessionFlags& flags);
 
  private:
-  const std::shared_ptr<void> server_;  // Outlives client_, whose channels end in it.
+  const std::shared_ptr<void> server_;  // Outlives the connection, whose channels end in it.
+  const std::shared_ptr<client::Connection> connection_;
   const client::Client client_;
   const SessionFlags flags_;
   const absl::Time deadline_;
