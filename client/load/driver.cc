@@ -32,18 +32,21 @@ absl::Status Driver::Run() {
     RunClosed();
   }
   WaitForAnswers();
-  return target_.status();
+  absl::Status status = target_.status();
+  if (!status.ok()) Stop();
+  return status;
 }
 
 void Driver::Stop() {
   MutexLock lock(mutex_);
-  stopped_ = true;
+  stopped_ = stopped_early_ = true;
   answered_.SignalAll();
 }
 
-absl::Time Driver::last_outcome() const {
+absl::Time Driver::end() const {
   MutexLock lock(mutex_);
-  return last_outcome_;
+  const bool early = stopped_early_ || (plan_.max_requests > 0 && measured_ >= plan_.max_requests);
+  return early ? std::min(last_outcome_, end_) : end_;
 }
 
 bool Driver::Over(absl::Time time) const {

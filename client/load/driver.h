@@ -55,8 +55,8 @@ class Driver {
   absl::Status Run();
   // Ends the run early; what is unanswered may still be answered.
   void Stop();
-  // When the last request was answered or given up; the end of the run's interval if it was short.
-  absl::Time last_outcome() const;
+  // When the run ended: its time was over, or the last request had its outcome before that.
+  absl::Time end() const;
 
  private:
   bool Next(absl::Time planned, Request* request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -78,7 +78,8 @@ class Driver {
   uint64_t planned_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t measured_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t outstanding_ ABSL_GUARDED_BY(mutex_) = 0;
-  bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
+  bool stopped_ ABSL_GUARDED_BY(mutex_) = false;        // Nothing more is sent.
+  bool stopped_early_ ABSL_GUARDED_BY(mutex_) = false;  // By Stop, or since the target is gone.
   absl::Time last_outcome_ ABSL_GUARDED_BY(mutex_);
 };
 

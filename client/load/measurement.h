@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "client/load/histogram.h"
 #include "client/load/request.h"
@@ -43,6 +44,7 @@ struct Measurement {
   std::array<Series, kKinds> by_kind;
   std::vector<Window> windows;             // Complete ones.
   std::map<std::string, uint64_t> errors;  // By code and reason: "RESOURCE_EXHAUSTED QUEUE_FULL".
+  absl::Status first_error;
   LatencyHistogram server_queue, server_compute;
   uint64_t checked = 0, wrong = 0;  // Warm-up included.
   std::string first_wrong;

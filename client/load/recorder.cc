@@ -62,6 +62,7 @@ void Recorder::Add(const Outcome& outcome) {
     AddRequest(outcome, &of_kind);
     if (!outcome.status.ok()) {
       ++m.errors[ErrorName(outcome.status)];
+      if (m.first_error.ok()) m.first_error = outcome.status;
     } else if (outcome.server_compute > absl::ZeroDuration()) {
       m.server_queue.Record(outcome.server_queue);
       m.server_compute.Record(outcome.server_compute);
@@ -87,16 +88,36 @@ void Recorder::Add(const Outcome& outcome) {
   }
 }
 
+absl::Duration Recorder::Elapsed(absl::Time now) const {
+  return std::max(absl::ZeroDuration(), std::min(now, end_) - measured_.begin);
+}
+
+size_t Recorder::CompleteWindows(absl::Time now) const {
+  return static_cast<size_t>(std::min<int64_t>(
+      kMaxWindows,
+      absl::ToInt64Nanoseconds(Elapsed(now)) / absl::ToInt64Nanoseconds(measured_.window)));
+}
+
 Measurement Recorder::Result(absl::Time now) const {
   MutexLock lock(mutex_);
   Measurement result = measured_;
-  result.elapsed = std::max(absl::ZeroDuration(), std::min(now, end_) - result.begin);
-  const auto complete = static_cast<size_t>(std::min<int64_t>(
-      kMaxWindows,
-      absl::ToInt64Nanoseconds(result.elapsed) / absl::ToInt64Nanoseconds(result.window)));
+  result.elapsed = Elapsed(now);
   // Windows in which nothing was answered count, too.
-  result.windows.resize(complete);
+  result.windows.resize(CompleteWindows(now));
   return result;
+}
+
+Glance Recorder::Look(absl::Time now, size_t windows) const {
+  MutexLock lock(mutex_);
+  Glance glance{.elapsed = Elapsed(now),
+                .answered = measured_.all.answered,
+                .failed = measured_.all.failed,
+                .wrong = measured_.wrong};
+  const size_t complete = CompleteWindows(now);
+  for (size_t i = complete - std::min(complete, windows); i < complete; ++i) {
+    glance.last.push_back(i < measured_.windows.size() ? measured_.windows[i] : Window());
+  }
+  return glance;
 }
 
 }  // namespace sightline::load

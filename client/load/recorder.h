@@ -11,6 +11,11 @@
 #ifndef SIGHTLINE_CLIENT_LOAD_RECORDER_H_
 #define SIGHTLINE_CLIENT_LOAD_RECORDER_H_
 
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
 #include "absl/base/thread_annotations.h"
 #include "absl/time/time.h"
 #include "client/load/measurement.h"
@@ -20,6 +25,13 @@ namespace sightline::load {
 
 // A name for what went wrong: the code, and the server's reason where it gave one.
 std::string ErrorName(const absl::Status& status);
+
+// A run so far, in little.
+struct Glance {
+  absl::Duration elapsed;  // Of the measured interval; not above zero during the warm-up.
+  uint64_t answered = 0, failed = 0, wrong = 0;
+  std::vector<Window> last;  // The last complete ones.
+};
 
 class Recorder {
  public:
@@ -34,8 +46,13 @@ class Recorder {
   void Add(const Outcome& outcome);
   // What there is by `now`, in an interval that ends at `now` if that is before its end.
   Measurement Result(absl::Time now) const;
+  // At most `windows` of the last complete windows.
+  Glance Look(absl::Time now, size_t windows) const;
 
  private:
+  absl::Duration Elapsed(absl::Time now) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  size_t CompleteWindows(absl::Time now) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
   mutable Mutex mutex_;
   absl::Time end_ ABSL_GUARDED_BY(mutex_) = absl::InfiniteFuture();
   Measurement measured_ ABSL_GUARDED_BY(mutex_);

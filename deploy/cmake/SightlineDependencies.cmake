@@ -19,6 +19,7 @@ if(NOT SIGHTLINE_CORE_ONLY)
   find_package(PNG REQUIRED)
   find_package(ZLIB REQUIRED)
   find_package(LibLZMA REQUIRED)
+  find_package(CURL REQUIRED)
   pkg_check_modules(TINYOBJ_DOUBLE REQUIRED IMPORTED_TARGET tinyobjloader_double)
   find_path(TINYGLTF_HEADER tiny_gltf.h REQUIRED)  # libtinygltf-dev; used as a header.
   find_package(nlohmann_json REQUIRED)

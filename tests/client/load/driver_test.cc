@@ -203,7 +203,7 @@ TEST(DriverTest, AClosedLoopKeepsItsConcurrencyAndItsCount) {
   Driver driver(plan, clock, target, recorder, AnyWork);
   ASSERT_TRUE(driver.Run().ok());
   target.StopServing();
-  const Measurement measured = recorder.Result(driver.last_outcome());
+  const Measurement measured = recorder.Result(driver.end());
   EXPECT_EQ(measured.all.requests, 1000u);
   EXPECT_EQ(measured.all.answered, 1000u);
   EXPECT_EQ(target.most_at_once(), 4u);
@@ -223,7 +223,7 @@ TEST(DriverTest, AClosedLoopEndsWithItsTime) {
   Driver driver(plan, clock, target, recorder, AnyWork);
   ASSERT_TRUE(driver.Run().ok());
   target.StopServing();
-  const Measurement measured = recorder.Result(driver.last_outcome());
+  const Measurement measured = recorder.Result(driver.end());
   EXPECT_NEAR(static_cast<double>(measured.all.requests), 200, 2);
   EXPECT_EQ(measured.elapsed, absl::Seconds(2));
   EXPECT_EQ(measured.windows.size(), 2u);

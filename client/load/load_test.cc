@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/load/load_test.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/load/knee.h"
+#include "client/load/monitor.h"
+#include "client/load/stability.h"
+#include "core/base/parallel.h"
+#include "core/base/status_macros.h"
+
+namespace sightline::load {
+namespace {
+
+constexpr double kStabilityTolerance = 0.10;
+// Of Check::kSample: every eighth item.
+constexpr size_t kSampleStride = 8;
+// Longer than any run; the set goes with the test.
+constexpr absl::Duration kLease = absl::Hours(1);
+
+Vec3d ToVec(const client::Point3& p) { return {p[0], p[1], p[2]}; }
+
+// Outcomes on their way to the driver also count toward the next edit.
+class CountingTarget final : public Target {
+ public:
+  CountingTarget(Target& inner, Reloader* reloader) : inner_(inner), reloader_(reloader) {}
+  void SetOnDone(OnDone on_done) override {
+    inner_.SetOnDone([reloader = reloader_, on_done = std::move(on_done)](const Outcome& outcome) {
+      if (reloader != nullptr) reloader->CountAnswer();
+      on_done(outcome);
+    });
+  }
+  void Send(const Request& request) override { inner_.Send(request); }
+  void CancelAll() override { inner_.CancelAll(); }
+  absl::Status status() const override { return inner_.status(); }
+
+ private:
+  Target& inner_;
+  Reloader* const reloader_;
+};
+
+}  // namespace
+
+LoadTest::LoadTest(const LoadOptions& options, std::ostream& err, bool is_terminal,
+                   const std::atomic<bool>* interrupted)
+    : options_(options), err_(err), is_terminal_(is_terminal), interrupted_(interrupted) {}
+
+LoadTest::~LoadTest() {
+  target_.reset();
+  reloader_.reset();
+  if (!point_set_.empty()) {
+    // Its lease ends it where this fails.
+    session_->client()
+        .DeletePointSet(point_set_, {.deadline = absl::Now() + absl::Seconds(10)})
+        .IgnoreError();
+  }
+}
+
+absl::Status LoadTest::Prepare() {
+  SL_ASSIGN_OR_RETURN(session_, cli::Session::Open(options_.session));
+  SL_ASSIGN_OR_RETURN(const client::Capabilities capabilities,
+                      session_->client().GetCapabilities(session_->call()));
+  SL_ASSIGN_OR_RETURN(scene_, OpenTestScene(*session_, options_, err_));
+  const client::Scene& scene = scene_.opened->scene();
+  const WorkloadSpec spec{.scene = scene.name,
+                          .cameras = scene_.cameras,
+                          .lights = scene_.lights,
+                          .mix = options_.mix,
+                          .tile_size = options_.tile,
+                          .points_per_item = static_cast<uint32_t>(options_.points),
+                          .segments_per_item = static_cast<uint32_t>(options_.segments),
+                          .distinct_items = static_cast<uint32_t>(options_.distinct),
+                          .seed = options_.plan.seed};
+  SL_ASSIGN_OR_RETURN(Workload workload, Workload::Make(spec, std::move(scene_.surface)));
+  workload_ = std::move(workload);
+  SL_RETURN_IF_ERROR(OpenPointSet());
+  if (options_.check != Check::kNone) SL_RETURN_IF_ERROR(FindReference());
+  if (options_.reload_every > 0) {
+    reloader_ = std::make_unique<Reloader>(session_->client(), scene, scene_.extra,
+                                           options_.reload_every, reference_.get());
+  }
+  client::RetryOptions retry;
+  retry.give_up_after = absl::Seconds(options_.session.retry_seconds);
+  SL_ASSIGN_OR_RETURN(
+      target_,
+      ServerTarget::Open(
+          *session_->connection(), *workload_, reference_.get(),
+          {.item_timeout = options_.item_timeout, .retry = retry, .limits = capabilities.limits},
+          clock_));
+  return absl::OkStatus();
+}
+
+// The points go to the server once, as a set; a scene that is edited has sets of old revisions
+// only, and is sent the points with every request.
+absl::Status LoadTest::OpenPointSet() {
+  if (workload_->StreamCount(Kind::kPoints) == 0 || options_.reload_every > 0) {
+    return absl::OkStatus();
+  }
+  SL_ASSIGN_OR_RETURN(const client::PointSet set, session_->client().CreatePointSet(
+                                                      {.scene = scene_.opened->scene().name,
+                                                       .lease = kLease,
+                                                       .points = workload_->shadow_query().points},
+                                                      session_->call()));
+  point_set_ = set.name;
+  workload_->UsePointSet(set.name);
+  return absl::OkStatus();
+}
+
+absl::Status LoadTest::FindReference() {
+  const client::Scene& scene = scene_.opened->scene();
+  SL_ASSIGN_OR_RETURN(
+      const std::vector<ObjectInput> objects,
+      LoadObjects(options_.check_scene.empty() ? options_.scene : options_.check_scene));
+  std::optional<ObjectInput> extra;
+  if (options_.reload_every > 0) extra = scene_.extra;
+  ThreadPool pool(0);
+  SL_ASSIGN_OR_RETURN(reference_,
+                      Reference::Make(objects, ToVec(scene.origin), extra, *workload_,
+                                      options_.check == Check::kAll ? 1 : kSampleStride, pool));
+  reference_->ExpectRevision(scene.revision, 0);
+  return absl::OkStatus();
+}
+
+absl::Status LoadTest::Measure(const RunPlan& plan, bool until_stable, const std::string& title,
+                               Measurement* measured) {
+  CountingTarget target(*target_, reloader_.get());
+  Recorder recorder(options_.window);
+  Driver driver(plan, clock_, target, recorder,
+                [this](uint64_t number) { return workload_->Pick(number); });
+  absl::Status status;
+  {
+    const MonitorOptions watch{.is_terminal = is_terminal_,
+                               .until_stable = until_stable,
+                               .tolerance = kStabilityTolerance,
+                               .title = title,
+                               .duration = plan.duration,
+                               .interrupted = interrupted_};
+    Monitor monitor(watch, recorder, driver, clock_, err_);
+    status = driver.Run();
+  }
+  *measured = recorder.Result(driver.end());
+  if (reloader_ != nullptr) status.Update(reloader_->report().status);
+  return status;
+}
+
+absl::StatusOr<KneeTrial> LoadTest::Try(double rate) {
+  if (interrupted_ != nullptr && interrupted_->load()) {
+    return absl::CancelledError("interrupted while the knee was searched");
+  }
+  RunPlan plan = options_.plan;
+  plan.rate = rate;
+  plan.duration = options_.trial;
+  Measurement measured;
+  SL_RETURN_IF_ERROR(
+      Measure(plan, /*until_stable=*/false, absl::StrFormat("trying %.4g/s", rate), &measured));
+  return KneeTrial{
+      .rate = rate,
+      .answered = measured.Rate(),
+      .p50 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(50)),
+      .p99 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(99)),
+      // Answers in time for what came in that time: Poisson arrivals are not exactly at the rate.
+      .held = Held(options_.slo.Judge(measured)) && measured.wrong == 0 &&
+              static_cast<double>(measured.all.answered_in_time) >=
+                  kKeepsUp * static_cast<double>(measured.all.requests)};
+}
+
+absl::Status LoadTest::Run(LoadReport* report) {
+  report->options = &options_;
+  report->scene_name = scene_.opened->scene().name;
+  report->triangles = scene_.opened->scene().triangles;
+  report->streams = target_->stream_count();
+  absl::StatusOr<Metrics> before = Metrics();
+  if (!options_.server_metrics.empty()) before = ReadMetrics(options_.server_metrics);
+  RunPlan plan = options_.plan;
+  if (options_.find_knee) {
+    SL_ASSIGN_OR_RETURN(report->knee, FindKnee(plan.rate, [this](double r) { return Try(r); }));
+    // Without one, what the first rate does is of interest still.
+    if (report->knee->rate > 0) plan.rate = report->knee->rate;
+  }
+  report->rate = plan.rate;
+  const absl::Status status =
+      Measure(plan, options_.until_stable,
+              plan.mode == Mode::kOpen ? absl::StrFormat("%.4g/s", plan.rate)
+                                       : absl::StrCat(plan.concurrency, " at once"),
+              &report->measured);
+  report->stability = JudgeStability(report->measured.windows, kStabilityTolerance);
+  report->slo = options_.slo.Judge(report->measured);
+  if (reloader_ != nullptr) report->reloads = reloader_->report();
+  if (!options_.server_metrics.empty()) {
+    const absl::StatusOr<Metrics> after = ReadMetrics(options_.server_metrics);
+    if (before.ok() && after.ok()) {
+      report->server_metrics = ChangedMetrics(*before, *after);
+    } else {
+      const absl::Status& failed = before.ok() ? after.status() : before.status();
+      report->server_metrics_error = std::string(failed.message());
+    }
+  }
+  return status;
+}
+
+}  // namespace sightline::load

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A load test from its options to its report: opens the scene, prepares what is asked and what is
+// due, runs, and takes away what it made on the server.
+//
+// Thread safety: one thread.
+//
+//   LoadTest test(options, err, is_terminal, interrupted);
+//   SL_RETURN_IF_ERROR(test.Prepare());
+//   SL_ASSIGN_OR_RETURN(LoadReport report, test.Run());
+#ifndef SIGHTLINE_CLIENT_LOAD_LOAD_TEST_H_
+#define SIGHTLINE_CLIENT_LOAD_LOAD_TEST_H_
+
+#include <atomic>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/cli/session.h"
+#include "client/load/clock.h"
+#include "client/load/driver.h"
+#include "client/load/options.h"
+#include "client/load/reference.h"
+#include "client/load/reloader.h"
+#include "client/load/report.h"
+#include "client/load/server_target.h"
+#include "client/load/test_scene.h"
+#include "client/load/workload.h"
+
+namespace sightline::load {
+
+class LoadTest {
+ public:
+  // `options` must outlive the test and its reports.
+  LoadTest(const LoadOptions& options, std::ostream& err, bool is_terminal,
+           const std::atomic<bool>* interrupted);
+  ~LoadTest();
+
+  // Everything before the first request.
+  absl::Status Prepare();
+  // Searches the knee if that is wanted, then measures. An error of the run is in its status and
+  // the report of what there was in `report` nevertheless.
+  absl::Status Run(LoadReport* report);
+
+ private:
+  absl::Status OpenPointSet();
+  absl::Status FindReference();
+  // One run of the plan; the target's status.
+  absl::Status Measure(const RunPlan& plan, bool until_stable, const std::string& title,
+                       Measurement* measured);
+  absl::StatusOr<KneeTrial> Try(double rate);
+
+  const LoadOptions& options_;
+  std::ostream& err_;
+  const bool is_terminal_;
+  const std::atomic<bool>* const interrupted_;
+  SteadyClock clock_;
+  // In the order in which they stand on each other.
+  std::unique_ptr<cli::Session> session_;
+  TestScene scene_;
+  std::optional<Workload> workload_;
+  std::string point_set_;  // Made for the test; empty: none.
+  std::unique_ptr<Reference> reference_;
+  std::unique_ptr<ServerTarget> target_;
+  std::unique_ptr<Reloader> reloader_;
+};
+
+}  // namespace sightline::load
+
+#endif  // SIGHTLINE_CLIENT_LOAD_LOAD_TEST_H_

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/load/options.h"
+
+#include <filesystem>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "client/cli/exit_code.h"
+#include "client/cli/flags.h"
+#include "client/cli/scene_argument.h"
+#include "core/base/status_macros.h"
+
+namespace sightline::load {
+namespace {
+
+using cli::FlagSet;
+using cli::UsageError;
+
+constexpr absl::Duration kLongest = absl::Hours(24);
+constexpr uint64_t kMostConnections = 64;
+constexpr double kHighestRate = 1e6;
+constexpr uint32_t kLargestSide = 8192;
+
+constexpr char kExitCodes[] =
+    "Exit codes beside those of sightline (64 usage, 65 bad values, 66 no such file or scene,\n"
+    "69 no connection, 70 internal error, 73 no output, 75 busy or out of time):\n"
+    "  0   the run was measured; the objective of --slo held, if there was one\n"
+    "  1   the objective was missed, or --find-knee found no rate that meets it\n"
+    "  76  answers were wrong\n";
+
+void AddDuration(FlagSet* flags, std::string name, std::string help, absl::Duration least,
+                 absl::Duration* target) {
+  flags->Custom(std::move(name), "DURATION", std::move(help), absl::FormatDuration(*target),
+                [least, target](const std::string& text) -> absl::Status {
+                  absl::Duration value;
+                  if (!absl::ParseDuration(text, &value) || value < least || value > kLongest) {
+                    return absl::InvalidArgumentError(
+                        absl::StrCat("wants a duration such as 30s or 1.5m, from ",
+                                     absl::FormatDuration(least), " to 24h"));
+                  }
+                  *target = value;
+                  return absl::OkStatus();
+                });
+}
+
+absl::Status ParseSize(const std::string& text, LoadOptions* o) {
+  const std::vector<std::string> parts = absl::StrSplit(text, 'x');
+  uint32_t w = 0, h = 0;
+  if (parts.size() != 2 || !absl::SimpleAtoi(parts[0], &w) || !absl::SimpleAtoi(parts[1], &h) ||
+      w == 0 || h == 0 || w > kLargestSide || h > kLargestSide) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("wants WIDTHxHEIGHT in pixels, each from 1 to ", kLargestSide));
+  }
+  o->width = w;
+  o->height = h;
+  return absl::OkStatus();
+}
+
+// What flags write before it is taken over.
+struct Texts {
+  std::string mode = "closed", arrivals = "poisson", check = "sample";
+  std::string mix = "tiles=5,points=3,segments=2";
+  uint64_t tile = 64;
+};
+
+void RegisterLoad(FlagSet* flags, LoadOptions* o, Texts* texts) {
+  flags->Text("scene", "SCENE", "what is asked about, see below; required", &o->scene);
+  flags->Heading("Load");
+  flags->Choice("mode", {"open", "closed"},
+                "open: requests go out when they are due, at --rate; closed: --concurrency are "
+                "always under way",
+                &texts->mode);
+  flags->Number("rate", "R", "open loop: requests per second; with --find-knee: where it begins",
+                &o->plan.rate);
+  flags->Choice("arrivals", {"poisson", "constant"},
+                "open loop: due as independent users come, or evenly", &texts->arrivals);
+  flags->Count("concurrency", "N", "closed loop: requests under way", &o->plan.concurrency, 1,
+               65536);
+  flags->Count("connections", "N", "network connections, each with streams of its own",
+               &o->session.connections, 1, kMostConnections);
+  AddDuration(flags, "duration", "how long is measured", absl::Milliseconds(100),
+              &o->plan.duration);
+  AddDuration(flags, "warm-up", "how long is run before that", absl::ZeroDuration(),
+              &o->plan.warm_up);
+  flags->Count("requests", "N", "ends the run after so many measured requests, 0: by time alone",
+               &o->plan.max_requests, 0, uint64_t{1} << 40);
+  flags->Switch("until-stable", "ends the run once three windows agree within 10 %",
+                &o->until_stable);
+  AddDuration(flags, "window", "length of a window", absl::Milliseconds(10), &o->window);
+  AddDuration(flags, "drain", "how long is waited for answers at the end", absl::ZeroDuration(),
+              &o->plan.drain);
+  AddDuration(flags, "item-timeout", "the deadline that each request carries, 0s: none",
+              absl::ZeroDuration(), &o->item_timeout);
+  flags->Count("reload-every", "N",
+               "edits the scene on the server each time so many requests were answered: an object "
+               "comes and goes; 0: never",
+               &o->reload_every, 0, uint64_t{1} << 40);
+  flags->Count("seed", "N", "of the arrivals, the mix and the points", &o->plan.seed, 0,
+               UINT64_MAX);
+}
+
+void RegisterWorkload(FlagSet* flags, LoadOptions* o, Texts* texts) {
+  flags->Heading("What is asked");
+  flags->Choice("workload", {"tiles", "points", "segments", "mixed"},
+                "camera tiles with their lights; points with lights; small segment queries; all, "
+                "as --mix says",
+                &o->workload);
+  flags->Text("mix", "KIND=WEIGHT,...", "how often mixed asks each kind", &texts->mix);
+  flags->Custom("size", "WIDTHxHEIGHT", "of the cameras' images, pixels", "640x360",
+                [o](const std::string& text) { return ParseSize(text, o); });
+  flags->Count("tile", "PIXELS", "side of a tile", &texts->tile, 1, 4096);
+  flags->Count("cameras", "N", "places along the path", &o->cameras, 1, 32);
+  flags->Text("path", "FILE", "the path: eye and at, six columns, .npy or .csv", &o->path);
+  flags->Point("eye", "where the middle of the path is; by rule if not given", &o->view.eye);
+  flags->Point("at", "what its cameras look at", &o->view.at);
+  flags->Point("up", "upward direction", &o->view.up);
+  flags->Count("points", "N", "points of a request", &o->points, 1, 1 << 20);
+  flags->Count("segments", "N", "segments of a request", &o->segments, 1, 1 << 20);
+  flags->Count("distinct", "N", "different requests of points and of segments", &o->distinct, 1,
+               65536);
+  o->lights.Register(flags);
+}
+
+void RegisterResults(FlagSet* flags, LoadOptions* o, Texts* texts) {
+  flags->Heading("Results");
+  flags->Custom("slo", "CLAUSES",
+                "the objective, such as p99=20ms,p50=5ms,errors=0.1%; latencies from the planned "
+                "time; pN, mean, max, errors (none unless named), rate",
+                "none", [o](const std::string& text) -> absl::Status {
+                  SL_ASSIGN_OR_RETURN(o->slo, ParseSlo(text));
+                  return absl::OkStatus();
+                });
+  flags->Switch("find-knee",
+                "searches the highest rate that meets --slo and keeps up, then measures it",
+                &o->find_knee);
+  AddDuration(flags, "trial", "how long --find-knee tries a rate", absl::Milliseconds(100),
+              &o->trial);
+  flags->Choice("check", {"none", "sample", "all"},
+                "which answers are compared, bit for bit, with those of the engine in this "
+                "process; sample: of every eighth item",
+                &texts->check);
+  flags->Text("check-scene", "SCENE",
+              "what the engine in this process has, where --scene is one of the server's",
+              &o->check_scene);
+  flags->Choice("output", {"text", "json", "csv"},
+                "what is printed on standard output; csv: a line per window", &o->output);
+  flags->Text("hgrm", "FILE", "latencies from the planned time for HdrHistogram's plotters",
+              &o->hgrm);
+  flags->Text("plot", "FILE.png|FILE.svg", "latency by percentile and over time", &o->plot);
+  flags->Text("server-metrics", "HOST:PORT|URL",
+              "where the server's metrics are, to be read before and after", &o->server_metrics);
+}
+
+absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
+  if (o->scene.empty()) return UsageError("wants --scene SCENE");
+  // A plain word that is no file is what a server calls it.
+  if (!o->session.server.empty() && o->scene.find_first_of("./:") == std::string::npos &&
+      !std::filesystem::exists(o->scene)) {
+    o->scene = cli::SceneName(o->scene);
+  }
+  o->plan.mode = texts.mode == "open" || o->find_knee ? Mode::kOpen : Mode::kClosed;
+  o->plan.arrivals = texts.arrivals == "poisson" ? Arrivals::kPoisson : Arrivals::kConstant;
+  o->check = texts.check == "none"  ? Check::kNone
+             : texts.check == "all" ? Check::kAll
+                                    : Check::kSample;
+  o->tile = static_cast<uint32_t>(texts.tile);
+  if (o->workload == "mixed") {
+    absl::StatusOr<Mix> mix = ParseMix(texts.mix);
+    if (!mix.ok()) return UsageError(absl::StrCat("--mix ", mix.status().message()));
+    o->mix = *mix;
+  } else {
+    if (flags.given("mix")) return UsageError("--mix goes with --workload mixed");
+    for (size_t i = 0; i < kKinds; ++i) o->mix[i] = o->workload == kKindNames[i] ? 1 : 0;
+  }
+  if (o->find_knee) {
+    if (o->slo.empty()) return UsageError("--find-knee wants --slo: what the rate is to meet");
+    if (!flags.given("rate")) o->plan.rate = 50;
+  }
+  if (o->plan.mode == Mode::kOpen && !(o->plan.rate > 0 && o->plan.rate <= kHighestRate)) {
+    return UsageError(absl::StrCat("--mode open wants --rate above 0 and at most ", kHighestRate,
+                                   "; got ", o->plan.rate));
+  }
+  if (o->plan.mode == Mode::kClosed && flags.given("rate")) {
+    return UsageError("--rate goes with --mode open");
+  }
+  if (!o->plot.empty() && !absl::EndsWith(o->plot, ".png") && !absl::EndsWith(o->plot, ".svg")) {
+    return UsageError(absl::StrCat("--plot wants FILE.png or FILE.svg; got '", o->plot, "'"));
+  }
+  const bool served = cli::KindOf(o->scene) == cli::SceneKind::kServer;
+  if (served && o->check_scene.empty()) {
+    if (flags.given("check") && o->check != Check::kNone) {
+      return UsageError(absl::StrCat("--check ", texts.check, " of '", o->scene,
+                                     "' wants --check-scene: what the server's scene is made of"));
+    }
+    o->check = Check::kNone;
+  }
+  if (!o->check_scene.empty() && cli::KindOf(o->check_scene) == cli::SceneKind::kServer) {
+    return UsageError("--check-scene wants a file or builtin:NAME");
+  }
+  return o->session.Check();
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<LoadOptions>> ParseOptions(std::span<const std::string> args,
+                                                          std::ostream& out) {
+  auto options = std::make_unique<LoadOptions>();
+  options->plan.concurrency = 8;
+  options->plan.warm_up = absl::Seconds(2);
+  options->session.connections = 2;
+  Texts texts;
+  FlagSet flags("sightline-load --scene SCENE [--server HOST:PORT] [flags]",
+                "Asks a server as many users would, and says how fast and how right it answers.");
+  RegisterLoad(&flags, options.get(), &texts);
+  RegisterWorkload(&flags, options.get(), &texts);
+  RegisterResults(&flags, options.get(), &texts);
+  options->session.Register(&flags, /*embeddable=*/true, /*streams=*/false);
+  SL_ASSIGN_OR_RETURN(const std::vector<std::string> words, flags.Parse(args));
+  if (flags.help_requested()) {
+    out << flags.Help() << '\n' << cli::SceneHelp() << '\n' << kExitCodes;
+    return std::unique_ptr<LoadOptions>();
+  }
+  if (!words.empty()) return UsageError(absl::StrCat("unexpected '", words[0], "'"));
+  SL_RETURN_IF_ERROR(Finish(flags, texts, options.get()));
+  return options;
+}
+
+}  // namespace sightline::load

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What sightline-load is told: every flag, with its meaning, its default and what it may be.
+//
+// Thread safety: plain values; ParseOptions is a free function.
+//
+//   SL_ASSIGN_OR_RETURN(std::optional<LoadOptions> options, ParseOptions(args, out));
+#ifndef SIGHTLINE_CLIENT_LOAD_OPTIONS_H_
+#define SIGHTLINE_CLIENT_LOAD_OPTIONS_H_
+
+#include <cstdint>
+#include <memory>
+#include <ostream>
+#include <span>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "client/cli/light_flags.h"
+#include "client/cli/session.h"
+#include "client/cli/view_choice.h"
+#include "client/load/driver.h"
+#include "client/load/slo.h"
+#include "client/load/workload.h"
+
+namespace sightline::load {
+
+enum class Check { kNone, kSample, kAll };
+
+struct LoadOptions {
+  std::string scene;        // A file, builtin:NAME, or scenes/NAME of the server.
+  std::string check_scene;  // The same for the reference; empty: as `scene`.
+  std::string workload = "tiles";
+  RunPlan plan;
+  absl::Duration window = absl::Seconds(1);
+  bool until_stable = false;
+  Slo slo;
+  bool find_knee = false;
+  absl::Duration trial = absl::Seconds(5);
+  Check check = Check::kSample;
+  uint64_t reload_every = 0;  // Requests; 0: never.
+  // What is asked.
+  Mix mix = {1, 0, 0};
+  uint32_t width = 640, height = 360, tile = 64;
+  uint64_t cameras = 4;
+  uint64_t points = 1024, segments = 1, distinct = 256;
+  std::string path;
+  cli::ViewFlags view;
+  cli::LightFlags lights;
+  absl::Duration item_timeout = absl::ZeroDuration();
+  // What comes out.
+  std::string output = "text", hgrm, plot, server_metrics;
+  cli::SessionFlags session;
+};
+
+// Null after --help, which is then printed on `out`. Usage errors name the flag and its value.
+absl::StatusOr<std::unique_ptr<LoadOptions>> ParseOptions(std::span<const std::string> args,
+                                                          std::ostream& out);
+
+}  // namespace sightline::load
+
+#endif  // SIGHTLINE_CLIENT_LOAD_OPTIONS_H_

@@ -1,0 +1,318 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/load/report.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/commands/command.h"
+#include "client/cli/progress.h"
+
+namespace sightline::load {
+namespace {
+
+using cli::GroupedCount;
+using cli::HumanCount;
+using cli::Json;
+using Rows = std::vector<std::pair<std::string, std::string>>;
+
+// The most server metrics that the page shows; JSON has all.
+constexpr size_t kMetricsShown = 24;
+
+double Milliseconds(absl::Duration duration) { return absl::ToDoubleMilliseconds(duration); }
+
+std::string PercentName(double percent) { return absl::StrCat("p", percent); }
+
+// ---- Text
+
+std::string LoopText(const LoadReport& report) {
+  const RunPlan& plan = report.options->plan;
+  if (plan.mode == Mode::kClosed)
+    return absl::StrCat("closed loop, ", plan.concurrency, " at once");
+  return absl::StrFormat("open loop, %s, %.4g/s",
+                         plan.arrivals == Arrivals::kPoisson ? "poisson" : "constant", report.rate);
+}
+
+std::string WorkloadText(const LoadReport& report) {
+  const LoadOptions& o = *report.options;
+  if (o.workload != "mixed") return o.workload;
+  std::vector<std::string> parts;
+  for (size_t i = 0; i < kKinds; ++i) {
+    if (o.mix[i] > 0) parts.push_back(absl::StrCat(kKindNames[i], " ", o.mix[i]));
+  }
+  return absl::StrCat("mixed: ", absl::StrJoin(parts, ", "));
+}
+
+std::string StabilityText(const Stability& stability) {
+  if (!std::isfinite(stability.rate_spread) || !std::isfinite(stability.latency_spread)) {
+    return absl::StrCat("not known: fewer than ", kStableWindows, " windows with answers");
+  }
+  return absl::StrFormat("%s: the last %d windows differ by %.1f %% in rate, %.1f %% in median",
+                         stability.stable ? "stable" : "NOT STABLE", kStableWindows,
+                         100 * stability.rate_spread, 100 * stability.latency_spread);
+}
+
+std::string LatencyRow(const char* name, const LatencyHistogram& h) {
+  std::string row = absl::StrFormat("%-18s", name);
+  for (const double percent : kReportedPercentiles) {
+    absl::StrAppend(&row, absl::StrFormat(" %9.3f", Milliseconds(h.PercentileOf(percent))));
+  }
+  absl::StrAppend(&row,
+                  absl::StrFormat(" %9.3f %9.3f\n", Milliseconds(h.max()), Milliseconds(h.mean())));
+  return row;
+}
+
+std::string LatencyTable(const Measurement& m) {
+  std::string text = absl::StrFormat("\n%-18s", "latency, ms");
+  for (const double percent : kReportedPercentiles) {
+    absl::StrAppend(&text, absl::StrFormat(" %9s", PercentName(percent)));
+  }
+  absl::StrAppend(&text, absl::StrFormat(" %9s %9s\n", "max", "mean"));
+  absl::StrAppend(&text, LatencyRow("from the plan", m.all.planned));
+  absl::StrAppend(&text, LatencyRow("from the send", m.all.sent));
+  size_t kinds = 0;
+  for (const Series& series : m.by_kind) kinds += series.requests > 0 ? 1 : 0;
+  for (size_t i = 0; i < kKinds && kinds > 1; ++i) {
+    if (m.by_kind[i].requests > 0) {
+      absl::StrAppend(&text, LatencyRow(absl::StrCat("  ", kKindNames[i], ", plan").c_str(),
+                                        m.by_kind[i].planned));
+    }
+  }
+  if (m.server_compute.count() > 0) {
+    absl::StrAppend(&text, LatencyRow("server's queue", m.server_queue),
+                    LatencyRow("server's compute", m.server_compute));
+  }
+  return text;
+}
+
+std::string KneeText(const Knee& knee) {
+  std::string text = "\nrate/s    answered/s     p50 ms     p99 ms\n";
+  for (const KneeTrial& trial : knee.trials) {
+    absl::StrAppend(&text,
+                    absl::StrFormat("%-9.4g %10.4g %10.3f %10.3f  %s\n", trial.rate, trial.answered,
+                                    trial.p50, trial.p99, trial.held ? "held" : "missed"));
+  }
+  if (knee.rate == 0) return absl::StrCat(text, "no rate met the objective\n");
+  absl::StrAppend(&text, absl::StrFormat("knee: %.4g requests/s meet the objective", knee.rate));
+  if (knee.missed > 0) absl::StrAppend(&text, absl::StrFormat(", %.4g do not", knee.missed));
+  return absl::StrCat(text, "\n");
+}
+
+std::string MetricsText(const LoadReport& report) {
+  if (!report.server_metrics_error.empty()) {
+    return absl::StrCat("\nserver's metrics: ", report.server_metrics_error, "\n");
+  }
+  if (report.server_metrics.empty()) return "";
+  std::string text = "\nserver's metrics, change during the run (value after)\n";
+  size_t shown = 0;
+  for (const auto& [name, change] : report.server_metrics) {
+    if (++shown > kMetricsShown) {
+      absl::StrAppend(&text, "  and ", report.server_metrics.size() - kMetricsShown,
+                      " more: --output json has all\n");
+      break;
+    }
+    absl::StrAppend(&text, absl::StrFormat("  %-64s %+.6g (%.6g)\n", name,
+                                           change.after - change.before, change.after));
+  }
+  return text;
+}
+
+void PrintText(const LoadReport& report, std::ostream& out) {
+  const Measurement& m = report.measured;
+  const LoadOptions& o = *report.options;
+  Rows rows = {
+      {"scene", absl::StrCat(o.scene, ", ", GroupedCount(report.triangles), " triangles")},
+      {"asked", WorkloadText(report)},
+      {"load", absl::StrCat(LoopText(report), "; ", o.session.connections, " connections, ",
+                            report.streams, " streams")},
+      {"measured",
+       absl::StrFormat("%.2f s after %.2f s of warm-up", absl::ToDoubleSeconds(m.elapsed),
+                       absl::ToDoubleSeconds(o.plan.warm_up))},
+      {"windows", StabilityText(report.stability)},
+      {"requests", absl::StrCat(GroupedCount(m.all.requests), ", ", GroupedCount(m.all.answered),
+                                " answered, ", GroupedCount(m.all.failed), " failed")},
+      {"answers/s", absl::StrFormat("%.4g", m.Rate())},
+      {"rays/s", HumanCount(m.PerSecond(m.all.rays_in_time))},
+      {"bytes/s", absl::StrCat(HumanCount(m.PerSecond(m.all.bytes_received_in_time)), " received, ",
+                               HumanCount(m.PerSecond(m.all.bytes_sent_in_time)), " sent")}};
+  for (const auto& [name, count] : m.errors)
+    rows.emplace_back("failed", absl::StrCat(GroupedCount(count), " ", name));
+  rows.emplace_back("checked", o.check == Check::kNone
+                                   ? "nothing"
+                                   : absl::StrCat(GroupedCount(m.checked), " answers, ",
+                                                  GroupedCount(m.wrong), " wrong"));
+  if (m.wrong > 0) rows.emplace_back("first wrong", m.first_wrong);
+  if (report.reloads) {
+    rows.emplace_back("edits",
+                      absl::StrFormat("%d, p50 %.3g ms, max %.3g ms", report.reloads->edits,
+                                      Milliseconds(report.reloads->latency.PercentileOf(50)),
+                                      Milliseconds(report.reloads->latency.max())));
+  }
+  for (const SloResult& result : report.slo) {
+    rows.emplace_back("objective",
+                      absl::StrCat(DescribeSlo(result), result.held ? ": held" : ": MISSED"));
+  }
+  cli::PrintTable(rows, out);
+  out << LatencyTable(m);
+  if (report.knee) out << KneeText(*report.knee);
+  out << MetricsText(report);
+}
+
+// ---- JSON
+
+Json LatencyJson(const LatencyHistogram& h) {
+  Json json;
+  json["count"] = h.count();
+  json["mean"] = Milliseconds(h.mean());
+  json["min"] = Milliseconds(h.min());
+  for (const double percent : kReportedPercentiles) {
+    json[PercentName(percent)] = Milliseconds(h.PercentileOf(percent));
+  }
+  json["max"] = Milliseconds(h.max());
+  return json;
+}
+
+Json SeriesJson(const Measurement& m, const Series& series) {
+  Json json;
+  json["requests"] = series.requests;
+  json["answered"] = series.answered;
+  json["failed"] = series.failed;
+  json["answers_per_s"] = m.PerSecond(series.answered_in_time);
+  json["rays_per_s"] = m.PerSecond(series.rays_in_time);
+  json["bytes_received_per_s"] = m.PerSecond(series.bytes_received_in_time);
+  json["bytes_sent_per_s"] = m.PerSecond(series.bytes_sent_in_time);
+  json["latency_planned_ms"] = LatencyJson(series.planned);
+  json["latency_sent_ms"] = LatencyJson(series.sent);
+  return json;
+}
+
+Json Finite(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+Json KneeJson(const Knee& knee) {
+  Json json;
+  json["rate_per_s"] = knee.rate;
+  json["missed_per_s"] = knee.missed > 0 ? Json(knee.missed) : Json(nullptr);
+  json["trials"] = Json::array();
+  for (const KneeTrial& trial : knee.trials) {
+    json["trials"].push_back({{"rate_per_s", trial.rate},
+                              {"answers_per_s", trial.answered},
+                              {"p50_ms", trial.p50},
+                              {"p99_ms", trial.p99},
+                              {"held", trial.held}});
+  }
+  return json;
+}
+
+Json MainJson(const LoadReport& report) {
+  const Measurement& m = report.measured;
+  const LoadOptions& o = *report.options;
+  Json json;
+  json["scene"] = o.scene;
+  json["scene_name"] = report.scene_name;
+  json["triangles"] = report.triangles;
+  json["workload"] = o.workload;
+  for (size_t i = 0; i < kKinds; ++i) json["mix"][kKindNames[i]] = o.mix[i];
+  json["mode"] = o.plan.mode == Mode::kOpen ? "open" : "closed";
+  if (o.plan.mode == Mode::kOpen) {
+    json["arrivals"] = o.plan.arrivals == Arrivals::kPoisson ? "poisson" : "constant";
+    json["rate_per_s"] = report.rate;
+  } else {
+    json["concurrency"] = o.plan.concurrency;
+  }
+  json["connections"] = o.session.connections;
+  json["streams"] = report.streams;
+  json["seed"] = o.plan.seed;
+  json["warm_up_s"] = absl::ToDoubleSeconds(o.plan.warm_up);
+  json["measured_s"] = absl::ToDoubleSeconds(m.elapsed);
+  json["stable"] = report.stability.stable;
+  json["rate_spread"] = Finite(report.stability.rate_spread);
+  json["latency_spread"] = Finite(report.stability.latency_spread);
+  json["all"] = SeriesJson(m, m.all);
+  for (size_t i = 0; i < kKinds; ++i) {
+    if (m.by_kind[i].requests > 0) json["by_kind"][kKindNames[i]] = SeriesJson(m, m.by_kind[i]);
+  }
+  json["errors"] = Json::object();
+  for (const auto& [name, count] : m.errors) json["errors"][name] = count;
+  json["checked"] = m.checked;
+  json["wrong"] = m.wrong;
+  if (m.wrong > 0) json["first_wrong"] = m.first_wrong;
+  json["server_queue_ms"] = LatencyJson(m.server_queue);
+  json["server_compute_ms"] = LatencyJson(m.server_compute);
+  return json;
+}
+
+void PrintJson(const LoadReport& report, std::ostream& out) {
+  Json json = MainJson(report);
+  if (report.reloads) {
+    json["edits"] = report.reloads->edits;
+    json["edit_latency_ms"] = LatencyJson(report.reloads->latency);
+  }
+  if (!report.slo.empty()) {
+    json["slo_held"] = Held(report.slo);
+    json["slo"] = Json::array();
+    for (const SloResult& result : report.slo) {
+      const bool seconds = result.clause.metric != SloClause::Metric::kErrors &&
+                           result.clause.metric != SloClause::Metric::kRate;
+      const double scale = seconds ? 1000 : 1;
+      json["slo"].push_back({{"clause", result.clause.name},
+                             {"unit", seconds                                            ? "ms"
+                                      : result.clause.metric == SloClause::Metric::kRate ? "1/s"
+                                                                                         : "share"},
+                             {"value", Finite(scale * result.value)},
+                             {"limit", scale * result.clause.limit},
+                             {"held", result.held}});
+    }
+  }
+  if (report.knee) json["knee"] = KneeJson(*report.knee);
+  for (const auto& [name, change] : report.server_metrics) {
+    json["server_metrics"][name] = {{"before", Finite(change.before)},
+                                    {"after", Finite(change.after)}};
+  }
+  if (!report.server_metrics_error.empty()) {
+    json["server_metrics_error"] = report.server_metrics_error;
+  }
+  out << json.dump(2) << '\n';
+}
+
+// ---- CSV
+
+void PrintCsvRow(const std::string& name, double seconds, uint64_t answered, uint64_t failed,
+                 uint64_t rays, const LatencyHistogram& planned, std::ostream& out) {
+  out << absl::StrFormat("%s,%.6g,%d,%d,%d", name, seconds, answered, failed, rays);
+  for (const double percent : kReportedPercentiles) {
+    out << absl::StrFormat(",%.6g", Milliseconds(planned.PercentileOf(percent)));
+  }
+  out << absl::StrFormat(",%.6g\n", Milliseconds(planned.max()));
+}
+
+void PrintCsv(const LoadReport& report, std::ostream& out) {
+  const Measurement& m = report.measured;
+  out << "window,seconds,answered,failed,rays";
+  for (const double percent : kReportedPercentiles) out << ',' << PercentName(percent) << "_ms";
+  out << ",max_ms\n";
+  const double seconds = absl::ToDoubleSeconds(m.window);
+  for (size_t i = 0; i < m.windows.size(); ++i) {
+    const Window& window = m.windows[i];
+    PrintCsvRow(absl::StrCat(i), seconds, window.answered, window.failed, window.rays,
+                window.planned, out);
+  }
+  PrintCsvRow("all", absl::ToDoubleSeconds(m.elapsed), m.all.answered, m.all.failed,
+              m.all.rays_in_time, m.all.planned, out);
+}
+
+}  // namespace
+
+void PrintReport(const LoadReport& report, const std::string& output, std::ostream& out) {
+  if (output == "json") {
+    PrintJson(report, out);
+  } else if (output == "csv") {
+    PrintCsv(report, out);
+  } else {
+    PrintText(report, out);
+  }
+}
+
+}  // namespace sightline::load

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/load/options.h"
+
+#include <memory>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "client/cli/exit_code.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace sightline::load {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+absl::StatusOr<std::unique_ptr<LoadOptions>> Parse(const std::vector<std::string>& args) {
+  std::ostringstream out;
+  return ParseOptions(args, out);
+}
+
+TEST(OptionsTest, TheDefaultsAreAClosedLoopOfTiles) {
+  const auto options = Parse({"--scene", "builtin:box"});
+  ASSERT_TRUE(options.ok()) << options.status();
+  EXPECT_EQ((*options)->plan.mode, Mode::kClosed);
+  EXPECT_EQ((*options)->plan.duration, absl::Seconds(30));
+  EXPECT_EQ((*options)->check, Check::kSample);
+  EXPECT_THAT((*options)->mix, ElementsAre(1, 0, 0));
+  EXPECT_TRUE((*options)->slo.empty());
+}
+
+TEST(OptionsTest, FlagsAreTakenOver) {
+  const auto options = Parse({"--scene=hall", "--server=localhost:1", "--check-scene=builtin:hall",
+                              "--mode=open", "--rate=250", "--arrivals=constant", "--duration=1m",
+                              "--workload=mixed", "--mix=points=1,segments=3", "--slo=p99=20ms",
+                              "--check=all", "--connections=5", "--size=320x200", "--tile=16"});
+  ASSERT_TRUE(options.ok()) << options.status();
+  const LoadOptions& o = **options;
+  EXPECT_EQ(o.scene, "scenes/hall");  // A plain word is a scene of the server.
+  EXPECT_EQ(o.plan.mode, Mode::kOpen);
+  EXPECT_EQ(o.plan.rate, 250);
+  EXPECT_EQ(o.plan.arrivals, Arrivals::kConstant);
+  EXPECT_EQ(o.plan.duration, absl::Minutes(1));
+  EXPECT_THAT(o.mix, ElementsAre(0, 1, 3));
+  EXPECT_EQ(o.slo.clauses().size(), 2u);  // And no errors.
+  EXPECT_EQ(o.check, Check::kAll);
+  EXPECT_EQ(o.session.connections, 5u);
+  EXPECT_EQ(o.width, 320u);
+  EXPECT_EQ(o.tile, 16u);
+}
+
+TEST(OptionsTest, AScenesOfTheServersIsNotCheckedUnlessItIsSaidWhatItIs) {
+  const auto silent = Parse({"--scene=scenes/hall", "--server=localhost:1"});
+  ASSERT_TRUE(silent.ok()) << silent.status();
+  EXPECT_EQ((*silent)->check, Check::kNone);
+  EXPECT_FALSE(Parse({"--scene=scenes/hall", "--server=localhost:1", "--check=all"}).ok());
+}
+
+TEST(OptionsTest, TheKneeIsSearchedInAnOpenLoop) {
+  const auto options = Parse({"--scene=builtin:box", "--find-knee", "--slo=p99=1s"});
+  ASSERT_TRUE(options.ok()) << options.status();
+  EXPECT_EQ((*options)->plan.mode, Mode::kOpen);
+  EXPECT_GT((*options)->plan.rate, 0);
+}
+
+TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
+      {{}, "--scene"},
+      {{"--mode=open"}, "--rate"},
+      {{"--mode=open", "--rate=0"}, "--rate"},
+      {{"--mode=open", "--rate=1e9"}, "--rate"},
+      {{"--rate=5"}, "--rate goes with"},
+      {{"--find-knee"}, "--slo"},
+      {{"--slo=p99"}, "--slo"},
+      {{"--mix=tiles=1"}, "--mix goes with"},
+      {{"--workload=mixed", "--mix=cats=1"}, "cats"},
+      {{"--duration=0s"}, "--duration"},
+      {{"--duration=forever"}, "--duration"},
+      {{"--plot=x.gif"}, "--plot"},
+      {{"--concurrency=0"}, "--concurrency"},
+      {{"--connections=65"}, "--connections"},
+      {{"--size=0x4"}, "--size"},
+      {{"--check-scene=scenes/x"}, "--check-scene"},
+      {{"--output=xml"}, "--output"},
+      {{"--sceen=x"}, "did you mean --scene"},
+      {{"word"}, "unexpected 'word'"},
+  };
+  for (auto [args, words] : cases) {
+    if (!args.empty()) args.emplace_back("--scene=builtin:box");
+    const auto options = Parse(args);
+    ASSERT_FALSE(options.ok()) << words;
+    EXPECT_EQ(cli::ToExitCode(options.status()), cli::kExitUsage) << options.status();
+    EXPECT_THAT(std::string(options.status().message()), HasSubstr(words));
+  }
+}
+
+TEST(OptionsTest, HelpListsFlagsScenesAndExitCodes) {
+  std::ostringstream out;
+  const std::vector<std::string> args = {"--help"};
+  const auto options = ParseOptions(args, out);
+  ASSERT_TRUE(options.ok());
+  EXPECT_EQ(*options, nullptr);
+  for (const char* words : {"--find-knee", "--slo", "builtin:NAME", "answers were wrong"}) {
+    EXPECT_THAT(out.str(), HasSubstr(words));
+  }
+}
+
+}  // namespace
+}  // namespace sightline::load

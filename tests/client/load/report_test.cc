@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/load/report.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_split.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace sightline::load {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+class ReportTest : public testing::Test {
+ protected:
+  ReportTest() {
+    options_.scene = "builtin:box";
+    options_.workload = "mixed";
+    options_.mix = {5, 0, 2};
+    options_.plan.mode = Mode::kOpen;
+    options_.slo = *ParseSlo("p99=20ms,rate=100");
+    report_.options = &options_;
+    report_.rate = 200;
+    Measurement& m = report_.measured;
+    m.elapsed = absl::Seconds(10);
+    m.window = absl::Seconds(5);
+    m.all.requests = 1010;
+    m.all.answered = m.all.answered_in_time = 1000;
+    m.all.failed = 10;
+    m.all.rays_in_time = 5'000'000;
+    m.all.planned.Record(absl::Milliseconds(10), 1000);
+    m.all.sent.Record(absl::Milliseconds(8), 1000);
+    m.by_kind[0] = m.all;
+    m.by_kind[2].requests = 5;
+    m.errors["RESOURCE_EXHAUSTED QUEUE_FULL"] = 10;
+    m.windows.resize(2);
+    m.windows[1].answered = 500;
+    m.windows[1].planned.Record(absl::Milliseconds(10), 500);
+    m.checked = 120;
+    report_.stability = JudgeStability(m.windows, 0.1);
+    report_.slo = options_.slo.Judge(m);
+  }
+  std::string Print(const std::string& output) const {
+    std::ostringstream out;
+    PrintReport(report_, output, out);
+    return out.str();
+  }
+  LoadOptions options_;
+  LoadReport report_;
+};
+
+TEST_F(ReportTest, JsonHasTheNumbers) {
+  report_.knee = Knee{.rate = 150, .missed = 160, .trials = {{.rate = 150, .held = true}}};
+  report_.server_metrics["sightline_x"] = {1, 4};
+  report_.reloads = ReloadReport{.edits = 3};
+  const nlohmann::json json = nlohmann::json::parse(Print("json"));
+  EXPECT_EQ(json["mode"], "open");
+  EXPECT_EQ(json["rate_per_s"], 200);
+  EXPECT_EQ(json["all"]["requests"], 1010);
+  EXPECT_EQ(json["all"]["answers_per_s"], 100);
+  EXPECT_EQ(json["all"]["rays_per_s"], 500'000);
+  EXPECT_EQ(json["all"]["latency_planned_ms"]["p99.99"], 10);
+  EXPECT_EQ(json["all"]["latency_sent_ms"]["p50"], 8);
+  EXPECT_EQ(json["errors"]["RESOURCE_EXHAUSTED QUEUE_FULL"], 10);
+  EXPECT_TRUE(json["by_kind"].contains("segments"));
+  EXPECT_FALSE(json["by_kind"].contains("points"));
+  EXPECT_EQ(json["stable"], false);
+  EXPECT_TRUE(json["rate_spread"].is_null());  // Two windows are not enough to say.
+  EXPECT_EQ(json["slo_held"], false);          // Ten errors, and none was allowed.
+  EXPECT_EQ(json["slo"][0]["clause"], "p99");
+  EXPECT_EQ(json["slo"][0]["unit"], "ms");
+  EXPECT_EQ(json["slo"][0]["limit"], 20);
+  EXPECT_EQ(json["slo"][0]["held"], true);
+  EXPECT_EQ(json["knee"]["rate_per_s"], 150);
+  EXPECT_EQ(json["server_metrics"]["sightline_x"]["after"], 4);
+  EXPECT_EQ(json["edits"], 3);
+}
+
+TEST_F(ReportTest, CsvHasALinePerWindowAndOneForAll) {
+  const std::vector<std::string> lines = absl::StrSplit(Print("csv"), '\n', absl::SkipEmpty());
+  ASSERT_EQ(lines.size(), 4u);
+  for (const std::string& line : lines) {
+    EXPECT_EQ(std::count(line.begin(), line.end(), ','), 11) << line;
+  }
+  EXPECT_EQ(lines[2], "1,5,500,0,0,10,10,10,10,10,10,10");
+  EXPECT_THAT(lines[3], testing::StartsWith("all,10,1000,10,5000000,10,"));
+}
+
+TEST_F(ReportTest, TextSaysWhatWentWrong) {
+  report_.measured.wrong = 2;
+  report_.measured.first_wrong = "request 7: flags[3] is 1 where 0 is due";
+  report_.server_metrics_error = "HTTP status 500";
+  const std::string text = Print("text");
+  for (const char* words :
+       {"open loop, constant, 200/s", "mixed: tiles 5, segments 2", "10 RESOURCE_EXHAUSTED",
+        "120 answers, 2 wrong", "flags[3]", "p99 10 ms of 20 ms: held",
+        "errors 0.99 % of 0 %: MISSED", "from the plan", "from the send", "HTTP status 500"}) {
+    EXPECT_THAT(text, HasSubstr(words));
+  }
+  EXPECT_THAT(text, Not(HasSubstr("points, plan")));
+}
+
+TEST_F(ReportTest, ManyMetricsAreCutShortForPeople) {
+  for (int i = 0; i < 100; ++i) report_.server_metrics["m" + std::to_string(i)] = {0, 1};
+  EXPECT_THAT(Print("text"), HasSubstr("more: --output json has all"));
+  EXPECT_EQ(nlohmann::json::parse(Print("json"))["server_metrics"].size(), 100u);
+}
+
+}  // namespace
+}  // namespace sightline::load

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/load/server_metrics.h"
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <string>
+#include <thread>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace sightline::load {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr char kText[] =
+    "# HELP sightline_requests_total Requests.\n"
+    "# TYPE sightline_requests_total counter\n"
+    "sightline_requests_total{result=\"ok\"} 12\n"
+    "sightline_requests_total{result=\"a \\\" } b\"} 3 1700000000000\n"
+    "\n"
+    "sightline_pending 0.5\r\n"
+    "sightline_seconds_bucket{le=\"+Inf\"} 9\n"
+    "sightline_worst NaN\n"
+    "process_cpu_seconds_total 4\n";
+
+// Answers one HTTP request with `reply` on a free loopback port.
+class OneAnswer {
+ public:
+  explicit OneAnswer(std::string reply) : reply_(std::move(reply)) {
+    socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof(address);
+    EXPECT_EQ(::bind(socket_, reinterpret_cast<sockaddr*>(&address), size), 0);
+    EXPECT_EQ(::listen(socket_, 1), 0);
+    EXPECT_EQ(::getsockname(socket_, reinterpret_cast<sockaddr*>(&address), &size), 0);
+    port_ = ntohs(address.sin_port);
+    thread_ = std::thread([this] { Answer(); });
+  }
+  ~OneAnswer() {
+    thread_.join();
+    ::close(socket_);
+  }
+  std::string where() const { return absl::StrCat("127.0.0.1:", port_); }
+  std::string request() const { return request_; }
+
+ private:
+  void Answer() {
+    const int peer = ::accept(socket_, nullptr, nullptr);
+    char buffer[4096];
+    while (request_.find("\r\n\r\n") == std::string::npos) {
+      const ssize_t got = ::read(peer, buffer, sizeof(buffer));
+      if (got <= 0) break;
+      request_.append(buffer, static_cast<size_t>(got));
+    }
+    for (size_t at = 0; at < reply_.size();) {
+      const ssize_t put = ::send(peer, reply_.data() + at, reply_.size() - at, MSG_NOSIGNAL);
+      if (put <= 0) break;
+      at += static_cast<size_t>(put);
+    }
+    ::close(peer);
+  }
+  const std::string reply_;
+  std::string request_;
+  int socket_ = -1;
+  int port_ = 0;
+  std::thread thread_;
+};
+
+TEST(ServerMetricsTest, SamplesAreReadWithTheirLabels) {
+  const absl::StatusOr<Metrics> metrics = ParseMetrics(kText);
+  ASSERT_TRUE(metrics.ok()) << metrics.status();
+  EXPECT_EQ(metrics->size(), 6u);
+  EXPECT_EQ(metrics->at("sightline_requests_total{result=\"ok\"}"), 12);
+  EXPECT_EQ(metrics->at("sightline_requests_total{result=\"a \\\" } b\"}"), 3);
+  EXPECT_EQ(metrics->at("sightline_pending"), 0.5);
+  EXPECT_TRUE(ParseMetrics("").ok());
+}
+
+TEST(ServerMetricsTest, WhatIsNoSampleIsNamedByItsLine) {
+  for (const char* text :
+       {"a 1\nb", "a 1\n<html>", "a 1\nb{c=\"d\" 4", "a 1\nb x", "a 1\nb 1 2 3", "a 1\n{x=\"y\""}) {
+    const absl::StatusOr<Metrics> metrics = ParseMetrics(text);
+    EXPECT_EQ(metrics.status().code(), absl::StatusCode::kInvalidArgument) << text;
+    EXPECT_THAT(std::string(metrics.status().message()), HasSubstr("line 2")) << text;
+  }
+}
+
+TEST(ServerMetricsTest, ChangesLeaveOutWhatIsNotTheServersOrDidNotChange) {
+  const Metrics before = {{"a_total", 1}, {"b", 2}, {"process_x", 1}};
+  const Metrics after = {
+      {"a_total", 5}, {"b", 2}, {"c", 7}, {"process_x", 2}, {"d_bucket{le=\"1\"}", 3}};
+  const std::map<std::string, MetricChange> changes = ChangedMetrics(before, after);
+  ASSERT_EQ(changes.size(), 2u);
+  EXPECT_EQ(changes.at("a_total").before, 1);
+  EXPECT_EQ(changes.at("a_total").after, 5);
+  EXPECT_EQ(changes.at("c").before, 0);
+}
+
+TEST(ServerMetricsTest, MetricsComeOverHttp) {
+  const OneAnswer server(absl::StrCat("HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n",
+                                      "4\r\na 1\n\r\n4\r\nb 2\n\r\n0\r\n\r\n"));
+  const absl::StatusOr<Metrics> metrics = ReadMetrics(server.where());
+  ASSERT_TRUE(metrics.ok()) << metrics.status();
+  EXPECT_EQ(metrics->size(), 2u);
+  EXPECT_THAT(server.request(), HasSubstr("GET /metrics HTTP/1.1"));
+}
+
+TEST(ServerMetricsTest, AnErrorOfTheServerIsAnError) {
+  const OneAnswer server("HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n");
+  const absl::StatusOr<Metrics> metrics =
+      ReadMetrics(absl::StrCat("http://", server.where(), "/elsewhere"));
+  EXPECT_EQ(metrics.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(metrics.status().message()), HasSubstr("404"));
+}
+
+TEST(ServerMetricsTest, OnlyHttpIsSpoken) {
+  EXPECT_FALSE(ReadMetrics("file:///etc/hostname").ok());
+  EXPECT_EQ(MetricsUrl("host:9"), "http://host:9/metrics");
+  EXPECT_EQ(MetricsUrl("https://host/m"), "https://host/m");
+}
+
+}  // namespace
+}  // namespace sightline::load
