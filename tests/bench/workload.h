@@ -69,7 +69,7 @@ struct WorkloadSpec {
   std::string lights = "sky";   // Of points: sky (145 directions) or lights (64 points).
   bool shuffled = false;        // Of points.
   bool sources = false;         // Whether our side is told which triangle a point lies on.
-  uint64_t range = 65'536;      // Points or segments handed to the engine in one call.
+  uint64_t range = 0;           // Points or segments handed to the engine in one call; 0: as suits.
   QueryOptions options;
 };
 

@@ -63,8 +63,10 @@ void WorkloadFlags::Register(cli::FlagSet* flags) {
   flags->Choice("lights", {"sky", "lights"},
                 "of points: 145 directions to the sky, or 64 point lights", &lights);
   flags->Switch("shuffled", "the surface points in random order", &shuffled);
-  flags->Count("range", "N", "points or segments handed over in one call", &range, 1,
-               1'000'000'000);
+  flags->Count("range", "N",
+               "points or segments handed over in one call; 0: all points for one thread, an "
+               "eighth of them or less for each of several; 65,536 segments",
+               &range, 0, 1'000'000'000);
   flags->Heading("How");
   RegisterThreads(flags, &threads);
   flags->Custom("strategy", "NAME", "of the engine", strategy,

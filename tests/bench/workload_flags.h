@@ -33,7 +33,7 @@ struct WorkloadFlags {
   std::string views;
   uint64_t width = 1920, height = 1080;
   std::vector<ImageSize> sweep;
-  uint64_t points = 1'000'000, range = 65'536;
+  uint64_t points = 1'000'000, range = 0;
   std::string lights = "sky";
   bool shuffled = false, sources = false;
   uint64_t threads = 1, repeats = 5;

@@ -28,6 +28,9 @@ constexpr int kBoxLights = 64;
 // Queries of one unit of `points`, at least: some tenths of a second of the slower side.
 constexpr uint64_t kUnitQueries = 16'000'000;
 
+constexpr size_t kPeerPoints = 1 << 16;
+static_assert(kPeerPoints % 8 == 0, "a bit each, in bytes");
+
 struct Unit {
   size_t view = 0;
   size_t set = 0;                      // Which points, ...
@@ -135,8 +138,13 @@ class PointWorkload : public Workload {
     const size_t row = (positions.size() + 7) / 8;
     const std::vector<LightSample>& samples = units_[unit].samples;
     theirs_[r].resize(samples.size() * row);
-    for (size_t s = 0; s < samples.size(); ++s) {
-      TracePoints(peer, mode, positions, samples[s], &theirs_[r][s * row]);
+    // So many points at a time as stay in the cache while the lights go by.
+    for (size_t first = 0; first < positions.size(); first += kPeerPoints) {
+      const std::span<const Vec3f> some =
+          positions.subspan(first, std::min(kPeerPoints, positions.size() - first));
+      for (size_t s = 0; s < samples.size(); ++s) {
+        TracePoints(peer, mode, some, samples[s], &theirs_[r][s * row + first / 8]);
+      }
     }
   }
 
@@ -271,9 +279,13 @@ absl::StatusOr<std::unique_ptr<Workload>> MakeSurfaceWorkload(const WorkloadSpec
                                                               const SceneSource& source,
                                                               const IndexedGeometry& scene,
                                                               ThreadPool& pool) {
+  // One thread takes them all at once; several take turns.
+  const uint64_t threads = static_cast<uint64_t>(pool.threads());
+  const uint64_t turns = threads == 1 ? 1 : 4 * threads;
+  const uint64_t range = spec.range > 0 ? spec.range : (spec.points + turns - 1) / turns;
   SL_ASSIGN_OR_RETURN(PointSet set, SurfacePoints(scene,
                                                   {.count = spec.points,
-                                                   .range = spec.range,
+                                                   .range = range,
                                                    .shuffled = spec.shuffled,
                                                    .with_sources = spec.sources},
                                                   pool));
@@ -282,9 +294,9 @@ absl::StatusOr<std::unique_ptr<Workload>> MakeSurfaceWorkload(const WorkloadSpec
     SL_ASSIGN_OR_RETURN(lights, SkyLights(source.up));
   }
   SL_ASSIGN_OR_RETURN(std::vector<LightSample> samples, ToSamples(lights, scene.geometry));
-  const uint64_t range_queries = std::max<uint64_t>(1, spec.range * samples.size());
-  const size_t step = static_cast<size_t>(std::max<uint64_t>(
-      static_cast<uint64_t>(pool.threads()), (kUnitQueries + range_queries - 1) / range_queries));
+  const uint64_t range_queries = std::max<uint64_t>(1, range * samples.size());
+  const size_t step = static_cast<size_t>(
+      std::max<uint64_t>(turns, (kUnitQueries + range_queries - 1) / range_queries));
   std::vector<Unit> units;
   for (size_t first = 0; first < set.ranges.size(); first += step) {
     units.push_back({0, 0, first, std::min(step, set.ranges.size() - first), samples});

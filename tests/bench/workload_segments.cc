@@ -47,9 +47,10 @@ class SegmentWorkload : public Workload {
  public:
   SegmentWorkload(const WorkloadSpec& spec, const IndexedGeometry& scene, ThreadPool& pool)
       : options_(spec.options), scene_(scene), pool_(pool), queries_(spec.points) {
-    for (uint64_t begin = 0; begin < spec.points; begin += spec.range) {
-      ranges_.push_back(RandomSegments(scene.geometry.bounds,
-                                       std::min(spec.range, spec.points - begin), ranges_.size()));
+    const uint64_t range = spec.range > 0 ? spec.range : 65'536;
+    for (uint64_t begin = 0; begin < spec.points; begin += range) {
+      ranges_.push_back(RandomSegments(scene.geometry.bounds, std::min(range, spec.points - begin),
+                                       ranges_.size()));
     }
     ours_.resize(ranges_.size());
     theirs_.resize(ranges_.size());
