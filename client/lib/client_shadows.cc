@@ -2,12 +2,15 @@
 //
 // Shadows of points: cut, run, decode, put together.
 #include <algorithm>
+#include <limits>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/lib/client.h"
 #include "client/lib/client_state.h"
 #include "client/lib/convert.h"
+#include "client/lib/point_curve.h"
 #include "client/lib/query_run.h"
 #include "client/lib/query_support.h"
 #include "client/lib/query_wire.h"
@@ -169,17 +172,37 @@ absl::StatusOr<Shadows> Client::ComputeAllShadows(
     if (!set.ok()) return set.status();
     n = set->points;
   }
+  // Fewer are an item or two, which the server puts in order itself.
+  constexpr uint64_t kLeastOrdered = 1 << 14;
+  constexpr uint64_t kLeastSamples = 4;
+  std::optional<PointCurve> curve;
+  ShadowQuery sent = query;
+  if (query.point_set.empty() && n >= kLeastOrdered && all.samples >= kLeastSamples &&
+      n <= std::numeric_limits<uint32_t>::max()) {
+    if (absl::Status s = CheckPoints(query.points); !s.ok()) return s;
+    curve.emplace(query.points);
+    sent.points = curve->points();
+  }
   ResizeShadows(query.outputs, n, &all);
   const absl::Status status = CollectParts<Shadows>(
-      [&](const auto& on_part) { return ComputeShadows(query, on_part, options); },
+      [&](const auto& on_part) { return ComputeShadows(sent, on_part, options); },
       [&](const Shadows& part) {
-        Place(part.lit, all.samples, part.offset, n, &all.lit);
-        Place(part.valid, 1, part.offset, n, &all.valid);
+        const auto place = [&](const auto& rows, uint64_t row_count, auto* out) {
+          if (!curve.has_value()) return Place(rows, row_count, part.offset, n, out);
+          for (size_t k = 0; k < rows.size(); ++k) {
+            const uint64_t row = k / part.points, column = k % part.points;
+            (*out)[row * n + curve->index(part.offset + column)] = rows[k];
+          }
+        };
+        place(part.lit, all.samples, &all.lit);
+        place(part.valid, 1, &all.valid);
         all.invalid_samples = part.invalid_samples;
-        Place(part.counts, 1, part.offset, n, &all.counts);
-        Place(part.weighted_sums, 1, part.offset, n, &all.weighted_sums);
-        PlaceBlockers(part, all.samples, n, &all);
-        Place(part.answered_by, all.samples, part.offset, n, &all.answered_by);
+        place(part.counts, 1, &all.counts);
+        place(part.weighted_sums, 1, &all.weighted_sums);
+        place(part.blocker_object, all.samples, &all.blocker_object);
+        place(part.blocker_triangle, all.samples, &all.blocker_triangle);
+        place(part.blocker_distance, all.samples, &all.blocker_distance);
+        place(part.answered_by, all.samples, &all.answered_by);
         all.near_surface_points += part.near_surface_points;
         return part.points;
       },

@@ -28,6 +28,52 @@ client::Camera BoxCamera() {
           .height = 47};
 }
 
+// Many points with several lights are sent along a curve; their answers come back in their places.
+TEST_F(ClientPointSetsTest, ManyPointsGetTheirOwnAnswers) {
+  const auto scene = client().CreateScene({.scene_id = "many", .builtin = "builtin:box"});
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  const auto& [lo, hi] = *scene->bounds;
+  constexpr int kPoints = 20'000;
+  std::vector<double> positions;
+  for (int i = 0; i < kPoints; ++i) {
+    for (int k = 0; k < 3; ++k) {
+      const double share = ((i * (2 * k + 7919) + 3) % 10'007) / 10'007.0;
+      positions.push_back(lo[k] + share * (hi[k] - lo[k]));
+    }
+  }
+  positions[3 * 1234 + 1] = std::numeric_limits<double>::infinity();
+  client::ShadowQuery query{.scene = scene->name};
+  for (double x : {0.2, 0.4, 0.6, 0.8}) {
+    query.lights.push_back(client::Light::Point(
+        {lo[0] + x * (hi[0] - lo[0]), (lo[1] + hi[1]) / 2, (lo[2] + hi[2]) / 2}));
+  }
+  query.outputs = {.lit = true, .counts = true, .weighted_sums = true, .blockers = true};
+  query.points.positions = positions;
+  const auto curved = client().ComputeAllShadows(query);
+  ASSERT_TRUE(curved.ok()) << curved.status();
+  const std::vector<client::Light> lights = query.lights;
+  // One light alone does not pay for the curve.
+  for (size_t s = 0; s < lights.size(); ++s) {
+    query.lights = {lights[s]};
+    const auto plain = client().ComputeAllShadows(query);
+    ASSERT_TRUE(plain.ok()) << plain.status();
+    for (size_t i = 0; i < kPoints; ++i) {
+      ASSERT_EQ(curved->lit[s * kPoints + i], plain->lit[i]) << i;
+      ASSERT_EQ(curved->blocker_triangle[s * kPoints + i], plain->blocker_triangle[i]) << i;
+      ASSERT_EQ(curved->blocker_distance[s * kPoints + i], plain->blocker_distance[i]) << i;
+    }
+    EXPECT_EQ(curved->valid, plain->valid);
+  }
+  EXPECT_EQ(curved->valid[1234], 0);
+  EXPECT_EQ(curved->lit[1234], 255);
+  for (size_t i = 0; i < kPoints; ++i) {
+    uint32_t lit = 0;
+    for (size_t s = 0; s < lights.size(); ++s) lit += curved->lit[s * kPoints + i] == 1;
+    ASSERT_EQ(curved->counts[i], lit) << i;
+    ASSERT_EQ(curved->weighted_sums[i], lit) << i;
+  }
+}
+
 TEST_F(ClientPointSetsTest, AStoredSetIsAnsweredLikePointsSentAlong) {
   const auto scene = client().CreateScene({.scene_id = "boxes", .builtin = "builtin:box"});
   ASSERT_TRUE(scene.ok()) << scene.status();
