@@ -35,12 +35,9 @@ struct SceneSize {
 SceneRegistry::SceneRegistry(const RegistryOptions& options, ThreadPool& pool)
     : options_(options), pool_(pool) {}
 
-absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
-    const std::string& name, std::span<const ObjectInput> objects, std::optional<Vec3d> origin,
-    const SceneBuildOptions& options, const CancelToken* cancel) {
-  SceneSize size;
-  for (const ObjectInput& object : objects) size.Add(object);
+absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes) {
   SceneStatus status;
+  std::vector<Evicted> evicted;
   {
     MutexLock lock(mutex_);
     if (entries_.contains(name)) {
@@ -51,31 +48,24 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
                                                        " scenes; max_scenes is ",
                                                        options_.max_scenes, ": delete one"));
     }
-    SL_RETURN_IF_ERROR(Reserve(name, size.bytes()));
+    SL_RETURN_IF_ERROR(Reserve(name, bytes, &evicted));
     Entry& entry = entries_[name];
     entry.creation = ++creations_;
+    entry.last_use = uses_;
     entry.building = true;
     status = StatusOf(name, entry);
   }
+  NotifyEvicted(std::move(evicted));
   Notify(status);
-  return RunBuild(name, size.bytes(), [&](const std::function<void(double)>& progress) {
-    return BuildScene(name, /*revision=*/1, objects, origin, options, pool_, cancel, progress);
-  });
+  return absl::OkStatus();
 }
 
-absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(const std::string& name,
-                                                                 uint64_t expected_revision,
-                                                                 std::span<const SceneEdit> edits,
-                                                                 const SceneBuildOptions& options,
-                                                                 const CancelToken* cancel) {
-  SceneSize size;  // An upper bound: what is removed or replaced is not taken off.
-  for (const SceneEdit& edit : edits) {
-    if (edit.kind == SceneEdit::Kind::kAdd) size.Add(edit.object);
-    if (edit.kind == SceneEdit::Kind::kSetVertices)
-      size.kept_doubles += edit.object.vertices.size();
-  }
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::BeginNext(
+    const std::string& name, uint64_t expected_revision,
+    absl::FunctionRef<uint64_t(const Scene&)> size, uint64_t* reserved) {
   std::shared_ptr<const Scene> base;
   SceneStatus status;
+  std::vector<Evicted> evicted;
   {
     MutexLock lock(mutex_);
     const auto found = entries_.find(name);
@@ -91,35 +81,97 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(const std::stri
                                                         base->revision, ", not ", expected_revision,
                                                         ": look at the change and edit again"));
     }
-    size.triangles += base->geometry.triangles.size();
-    size.vertices += base->geometry.vertices.size();
-    for (const ObjectRecord& object : base->geometry.objects) {
-      if (object.source_vertices != nullptr) size.kept_doubles += object.vertex_count;
-    }
-    SL_RETURN_IF_ERROR(Reserve(name, size.bytes()));
+    *reserved = size(*base);
+    SL_RETURN_IF_ERROR(Reserve(name, *reserved, &evicted));
     entry.building = true;
     entry.progress = 0;
     entry.error = absl::OkStatus();
     status = StatusOf(name, entry);
   }
+  NotifyEvicted(std::move(evicted));
   Notify(status);
-  return RunBuild(name, size.bytes(), [&](const std::function<void(double)>& progress) {
-    return EditScene(*base, base->revision + 1, edits, options, pool_, cancel, progress);
-  });
+  return base;
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
+    const std::string& name, std::span<const ObjectInput> objects, std::optional<Vec3d> origin,
+    const SceneBuildOptions& options, const CancelToken* cancel, const SceneKeeper& keeper) {
+  SceneSize size;
+  for (const ObjectInput& object : objects) size.Add(object);
+  SL_RETURN_IF_ERROR(BeginNew(name, size.bytes()));
+  return RunBuild(
+      name, size.bytes(), /*kept=*/false, keeper, [&](const std::function<void(double)>& progress) {
+        return BuildScene(name, /*revision=*/1, objects, origin, options, pool_, cancel, progress);
+      });
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Load(const std::string& name,
+                                                                 uint64_t bytes, SceneLoader loader,
+                                                                 const SceneKeeper& keeper) {
+  SL_RETURN_IF_ERROR(BeginNew(name, bytes));
+  return RunBuild(
+      name, bytes, /*kept=*/keeper == nullptr, keeper,
+      [&](const std::function<void(double)>& progress) { return loader(0, progress); });
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Reload(const std::string& name,
+                                                                   uint64_t bytes,
+                                                                   SceneLoader loader) {
+  uint64_t reserved = 0;
+  SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> base,
+                      BeginNext(
+                          name, 0, [bytes](const Scene&) { return bytes; }, &reserved));
+  return RunBuild(name, reserved, /*kept=*/true, /*keeper=*/nullptr,
+                  [&](const std::function<void(double)>& progress) {
+                    return loader(base->revision + 1, progress);
+                  });
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(
+    const std::string& name, uint64_t expected_revision, std::span<const SceneEdit> edits,
+    const SceneBuildOptions& options, const CancelToken* cancel, const SceneKeeper& keeper) {
+  // An upper bound: what is removed or replaced is not taken off.
+  const auto size_of = [edits](const Scene& base) {
+    SceneSize size;
+    for (const SceneEdit& edit : edits) {
+      if (edit.kind == SceneEdit::Kind::kAdd) size.Add(edit.object);
+      if (edit.kind == SceneEdit::Kind::kSetVertices)
+        size.kept_doubles += edit.object.vertices.size();
+    }
+    size.triangles += base.geometry.triangles.size();
+    size.vertices += base.geometry.vertices.size();
+    for (const ObjectRecord& object : base.geometry.objects) {
+      if (object.source_vertices != nullptr) size.kept_doubles += object.vertex_count;
+    }
+    return size.bytes();
+  };
+  uint64_t reserved = 0;
+  SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> base,
+                      BeginNext(name, expected_revision, size_of, &reserved));
+  return RunBuild(
+      name, reserved, /*kept=*/false, keeper, [&](const std::function<void(double)>& progress) {
+        return EditScene(*base, base->revision + 1, edits, options, pool_, cancel, progress);
+      });
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::RunBuild(const std::string& name,
-                                                                     uint64_t reserved,
+                                                                     uint64_t reserved, bool kept,
+                                                                     const SceneKeeper& keeper,
                                                                      Build build) {
   absl::StatusOr<std::shared_ptr<const Scene>> scene =
       build([&](double progress) { SetProgress(name, progress); });
-  if (scene.ok()) return Publish(name, reserved, *std::move(scene));
-  Fail(name, reserved, scene.status());
+  if (!scene.ok()) {
+    Fail(name, reserved, scene.status());
+    return scene;
+  }
+  scene = Publish(name, reserved, kept, /*goes_on=*/keeper != nullptr, *std::move(scene));
+  if (scene.ok() && keeper != nullptr) EndKeeping(name, keeper(**scene));
   return scene;
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
-    const std::string& name, uint64_t reserved, std::shared_ptr<const Scene> scene) {
+    const std::string& name, uint64_t reserved, bool kept, bool goes_on,
+    std::shared_ptr<const Scene> scene) {
   const uint64_t bytes = scene->report.memory_bytes;
   SceneStatus status;
   std::shared_ptr<const Scene> replaced;  // Let go of outside the lock: it may be large.
@@ -127,14 +179,17 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
     MutexLock lock(mutex_);
     // The estimate was reserved; a scene that needs more must fit as well.
     const uint64_t others = AliveBytes() + (reserved_bytes_ - reserved);
-    if (bytes <= reserved || (others <= options_.memory_budget_bytes &&
-                              bytes <= options_.memory_budget_bytes - others)) {
+    if (bytes <= reserved ||
+        (bytes <= options_.max_bytes_per_scene && others <= options_.memory_budget_bytes &&
+         bytes <= options_.memory_budget_bytes - others)) {
       reserved_bytes_ -= reserved;
       std::erase_if(alive_, [](const Revision& revision) { return revision.scene.expired(); });
       Entry& entry = entries_.at(name);
       alive_.push_back({entry.creation, scene->revision, bytes, scene});
-      entry.building = false;
+      entry.building = goes_on;
       entry.progress = 1;
+      entry.kept = kept;
+      entry.keep_error = absl::OkStatus();
       replaced = std::exchange(entry.latest, scene);
       status = StatusOf(name, entry);
     }
@@ -142,12 +197,26 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
   if (status.latest == nullptr) {
     const absl::Status error = absl::ResourceExhaustedError(
         absl::StrCat("scene \"", name, "\" needs ", bytes, " bytes, beyond the memory budget of ",
-                     options_.memory_budget_bytes, " that all scenes share: delete one"));
+                     options_.memory_budget_bytes, " that all scenes share or the ",
+                     options_.max_bytes_per_scene, " that one may take: delete one"));
     Fail(name, reserved, error);
     return error;
   }
   Notify(status);
   return scene;
+}
+
+void SceneRegistry::EndKeeping(const std::string& name, const absl::Status& error) {
+  SceneStatus status;
+  {
+    MutexLock lock(mutex_);
+    Entry& entry = entries_.at(name);
+    entry.building = false;
+    entry.kept = error.ok();
+    entry.keep_error = error;
+    status = StatusOf(name, entry);
+  }
+  Notify(status);
 }
 
 void SceneRegistry::Fail(const std::string& name, uint64_t reserved, const absl::Status& error) {
@@ -191,6 +260,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Get(const std::strin
     return absl::UnavailableError(
         absl::StrCat("scene \"", name, "\" is being built for the first time: try again later"));
   }
+  entry.last_use = ++uses_;
   if (revision == 0 || revision == entry.latest->revision) return entry.latest;
   if (revision < entry.latest->revision) {
     for (const Revision& older : alive_) {
@@ -260,7 +330,14 @@ uint64_t SceneRegistry::AliveBytes() const {
   return bytes;
 }
 
-absl::Status SceneRegistry::Reserve(const std::string& name, uint64_t bytes) {
+absl::Status SceneRegistry::Reserve(const std::string& name, uint64_t bytes,
+                                    std::vector<Evicted>* evicted) {
+  if (bytes > options_.max_bytes_per_scene) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("scene \"", name, "\" would need about ", bytes, " bytes; one scene may take ",
+                     options_.max_bytes_per_scene, ": split it, or build it as compact"));
+  }
+  if (options_.evict_least_used) MakeRoom(name, bytes, evicted);
   const uint64_t used = AliveBytes() + reserved_bytes_;
   const uint64_t budget = options_.memory_budget_bytes;
   if (used > budget || bytes > budget - used) {
@@ -272,12 +349,54 @@ absl::Status SceneRegistry::Reserve(const std::string& name, uint64_t bytes) {
   return absl::OkStatus();
 }
 
+void SceneRegistry::MakeRoom(const std::string& name, uint64_t bytes,
+                             std::vector<Evicted>* evicted) {
+  const uint64_t budget = options_.memory_budget_bytes;
+  uint64_t used = AliveBytes() + reserved_bytes_;
+  const auto fits = [&](uint64_t held) { return held <= budget && bytes <= budget - held; };
+  if (bytes > budget || fits(used)) return;
+  std::vector<std::pair<uint64_t, std::string>> candidates;  // By their last use.
+  uint64_t candidate_bytes = 0;
+  for (const auto& [other, entry] : entries_) {
+    // A revision that somebody holds would not be freed.
+    if (other == name || entry.building || !entry.kept || entry.latest.use_count() != 1) continue;
+    candidates.emplace_back(entry.last_use, other);
+    candidate_bytes += entry.latest->report.memory_bytes;
+  }
+  if (!fits(used - std::min(used, candidate_bytes))) return;
+  std::sort(candidates.begin(), candidates.end());
+  for (const auto& [last_use, victim] : candidates) {
+    if (fits(used)) break;
+    const auto found = entries_.find(victim);
+    used -= found->second.latest->report.memory_bytes;
+    // It is freed as soon as the lock is released, before what it makes room for is built.
+    std::erase_if(alive_, [&](const Revision& revision) {
+      return revision.creation == found->second.creation &&
+             revision.number == found->second.latest->revision;
+    });
+    evicted->push_back({victim, std::move(found->second.latest)});
+    entries_.erase(found);
+  }
+}
+
+void SceneRegistry::NotifyEvicted(std::vector<Evicted> evicted) {
+  for (Evicted& one : evicted) {
+    one.scene.reset();
+    SceneStatus status;
+    status.name = one.name;
+    status.state = SceneState::kEvicted;
+    Notify(status);
+  }
+}
+
 SceneStatus SceneRegistry::StatusOf(const std::string& name, const Entry& entry) {
   SceneStatus status;
   status.name = name;
   status.state = entry.building ? SceneState::kBuilding : SceneState::kReady;
   status.progress = entry.progress;
   status.error = entry.error;
+  status.kept = entry.kept;
+  status.keep_error = entry.keep_error;
   status.latest = entry.latest;
   return status;
 }

@@ -3,6 +3,10 @@
 // The scenes a server holds, by name, under one memory budget. A scene's latest revision is
 // replaced by swapping one pointer; older revisions live as long as a query pins them.
 //
+// A revision may be kept outside of memory too, in a file say: the registry is told by whom (a
+// keeper) or that it comes from there (Load, Reload). What is kept can be let go of to make room,
+// if the options say so.
+//
 // Thread safety: every member may be called from any thread. Builds run in the caller's thread and
 // the given pool, outside the lock.
 //
@@ -32,22 +36,38 @@ namespace sightline {
 
 struct RegistryOptions {
   uint64_t memory_budget_bytes = 8ull << 30;  // Over all scenes and revisions still alive.
+  uint64_t max_bytes_per_scene = 8ull << 30;  // Of one revision.
   uint64_t max_scenes = 1000;
+  // Whether scenes make room for a new one that the budget does not hold beside them: those that
+  // are kept, that nobody uses at the moment, the least recently used (Get) first, and only as many
+  // as it takes. None, if all of them are not enough.
+  bool evict_least_used = false;
 };
 
 enum class SceneState : uint8_t {
   kBuilding,  // A build is under way; `latest`, if any, serves meanwhile.
   kReady,     // `latest` serves. `error` tells whether the last edit failed.
   kFailed,    // The creation failed: seen by the observer only, the scene is gone.
+  kEvicted,   // It made room for another: seen by the observer only, the scene is gone.
 };
 
 struct SceneStatus {
   std::string name;
   SceneState state = SceneState::kBuilding;
-  double progress = 0;  // Share of the running build, 0 .. 1.
-  absl::Status error;   // Of the last build, if it failed; the revision before keeps serving.
+  double progress = 0;      // Share of the running build, 0 .. 1.
+  absl::Status error;       // Of the last build, if it failed; the revision before keeps serving.
+  bool kept = false;        // `latest` survives the process, ...
+  absl::Status keep_error;  // ... or why its keeper failed.
   std::shared_ptr<const Scene> latest;  // Null until a first build is done.
 };
+
+// Puts a revision where it survives the process. Called once it is published, while the scene still
+// counts as being built: so two revisions of a scene are never kept at once.
+using SceneKeeper = std::function<absl::Status(const Scene&)>;
+
+// Makes revision `revision` of a scene (0: whichever it was) from where it is kept.
+using SceneLoader = absl::FunctionRef<absl::StatusOr<std::shared_ptr<const Scene>>(
+    uint64_t revision, const std::function<void(double)>& progress)>;
 
 class SceneRegistry {
  public:
@@ -55,12 +75,23 @@ class SceneRegistry {
 
   // Builds and publishes revision 1. AlreadyExists, ResourceExhausted (budget or max_scenes,
   // checked from the sizes before building), and what BuildScene returns. A failed creation leaves
-  // nothing behind.
+  // nothing behind. A keeper (may be null) that fails is told by the status; the scene serves.
   absl::StatusOr<std::shared_ptr<const Scene>> Create(const std::string& name,
                                                       std::span<const ObjectInput> objects,
                                                       std::optional<Vec3d> origin,
                                                       const SceneBuildOptions& options,
-                                                      const CancelToken* cancel = nullptr);
+                                                      const CancelToken* cancel = nullptr,
+                                                      const SceneKeeper& keeper = nullptr);
+
+  // The same for a scene of about `bytes` in memory that `loader` makes: it is kept there, unless a
+  // keeper is given to keep it elsewhere.
+  absl::StatusOr<std::shared_ptr<const Scene>> Load(const std::string& name, uint64_t bytes,
+                                                    SceneLoader loader,
+                                                    const SceneKeeper& keeper = nullptr);
+  // Replaces a scene by the next revision, made by `loader`; if that fails the one before goes on
+  // serving. Errors as Edit's.
+  absl::StatusOr<std::shared_ptr<const Scene>> Reload(const std::string& name, uint64_t bytes,
+                                                      SceneLoader loader);
 
   // Builds and publishes the next revision. Edits of one scene run one at a time: Aborted when
   // another is under way; NotFound; FailedPrecondition when `expected_revision` is not 0 and not
@@ -69,7 +100,8 @@ class SceneRegistry {
                                                     uint64_t expected_revision,
                                                     std::span<const SceneEdit> edits,
                                                     const SceneBuildOptions& options,
-                                                    const CancelToken* cancel = nullptr);
+                                                    const CancelToken* cancel = nullptr,
+                                                    const SceneKeeper& keeper = nullptr);
 
   // `revision` 0: the latest; else that one, as long as it is the latest or somebody holds it.
   // NotFound: no such scene (named). FailedPrecondition: that scene has no such revision any more
@@ -97,6 +129,9 @@ class SceneRegistry {
     bool building = false;
     double progress = 0;
     absl::Status error;
+    bool kept = false;
+    absl::Status keep_error;
+    mutable uint64_t last_use = 0;
     std::shared_ptr<const Scene> latest;
   };
   // A published revision: alive until nobody holds it.
@@ -104,21 +139,41 @@ class SceneRegistry {
     uint64_t creation = 0, number = 0, bytes = 0;
     std::weak_ptr<const Scene> scene;
   };
+  // What was let go of, to be told and freed outside the lock.
+  struct Evicted {
+    std::string name;
+    std::shared_ptr<const Scene> scene;
+  };
   using Build = absl::FunctionRef<absl::StatusOr<std::shared_ptr<const Scene>>(
       const std::function<void(double)>& progress)>;
 
+  // Adds an entry for a first build, with `bytes` set aside.
+  absl::Status BeginNew(const std::string& name, uint64_t bytes) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Marks an entry as being built again; its latest revision. `size` says how many bytes that
+  // takes.
+  absl::StatusOr<std::shared_ptr<const Scene>> BeginNext(
+      const std::string& name, uint64_t expected_revision,
+      absl::FunctionRef<uint64_t(const Scene&)> size, uint64_t* reserved)
+      ABSL_LOCKS_EXCLUDED(mutex_);
   // Runs `build` for an entry marked as building, with `reserved` bytes set aside, and publishes or
-  // reports.
+  // reports. `kept`: what is built is kept already; else `keeper`, unless null, is asked to.
   absl::StatusOr<std::shared_ptr<const Scene>> RunBuild(const std::string& name, uint64_t reserved,
+                                                        bool kept, const SceneKeeper& keeper,
                                                         Build build) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::StatusOr<std::shared_ptr<const Scene>> Publish(const std::string& name, uint64_t reserved,
+                                                       bool kept, bool goes_on,
                                                        std::shared_ptr<const Scene> scene);
+  void EndKeeping(const std::string& name, const absl::Status& error);
   void Fail(const std::string& name, uint64_t reserved, const absl::Status& error);
   void SetProgress(const std::string& name, double progress);
   void Notify(const SceneStatus& status);
 
-  absl::Status Reserve(const std::string& name, uint64_t bytes)
+  absl::Status Reserve(const std::string& name, uint64_t bytes, std::vector<Evicted>* evicted)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Lets go of what `bytes` need beside what is in use, if that is possible.
+  void MakeRoom(const std::string& name, uint64_t bytes, std::vector<Evicted>* evicted)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void NotifyEvicted(std::vector<Evicted> evicted);
   uint64_t AliveBytes() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static SceneStatus StatusOf(const std::string& name, const Entry& entry);
 
@@ -129,6 +184,7 @@ class SceneRegistry {
   std::vector<Revision> alive_
       ABSL_GUARDED_BY(mutex_);  // Those gone are taken out by the next build.
   uint64_t creations_ ABSL_GUARDED_BY(mutex_) = 0;
+  mutable uint64_t uses_ ABSL_GUARDED_BY(mutex_) = 0;  // Calls of Get that found their scene.
   std::shared_ptr<const std::function<void(const SceneStatus&)>> observer_ ABSL_GUARDED_BY(mutex_);
   uint64_t reserved_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // For builds under way.
 };

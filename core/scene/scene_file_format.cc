@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/accel/bvh.h"
+#include "core/accel/kd_tree.h"
 #include "core/base/parallel.h"
 #include "core/geometry/vec3.h"
 
@@ -54,8 +55,16 @@ absl::string_view SectionName(uint32_t kind) {
       return "bvh leaves";
     case SectionKind::kBvhLeafIds:
       return "bvh leaf ids";
-    case SectionKind::kFirstOptional:
-      break;
+    case SectionKind::kKdTree:
+      return "kd-tree";
+    case SectionKind::kKdNodes:
+      return "kd-tree nodes";
+    case SectionKind::kKdLeaves:
+      return "kd-tree leaves";
+    case SectionKind::kKdIds:
+      return "kd-tree ids";
+    case SectionKind::kKdReach:
+      return "kd-tree reach";
   }
   return "addition";
 }
@@ -77,12 +86,20 @@ uint32_t SectionElementBytes(SectionKind kind) {
     case SectionKind::kInert:
     case SectionKind::kBvhLeaves:
     case SectionKind::kBvhLeafIds:
+    case SectionKind::kKdIds:
       return sizeof(uint32_t);
+    case SectionKind::kKdTree:
+      return sizeof(SceneFileKdTree);
+    case SectionKind::kKdNodes:
+      return sizeof(KdNode);
+    case SectionKind::kKdLeaves:
+      return sizeof(KdLeaf);
+    case SectionKind::kKdReach:
+      return sizeof(Box3f);
     case SectionKind::kNames:
-    case SectionKind::kFirstOptional:
-      break;
+      return 1;
   }
-  return 1;
+  return 0;
 }
 
 uint64_t SectionSum(std::span<const std::byte> bytes, const CancelToken* cancel) {

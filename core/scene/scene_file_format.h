@@ -48,6 +48,12 @@ enum class SectionKind : uint32_t {
   kBvhLeaves = 9,       // Bvh::leaves.
   kBvhLeafIds = 10,     // Bvh::leaf_ids.
   kFirstOptional = 256,
+  // The kd-tree of a scene that has one: all of these, or none.
+  kKdTree = 256,    // One SceneFileKdTree.
+  kKdNodes = 257,   // KdTree::nodes.
+  kKdLeaves = 258,  // KdTree::leaves.
+  kKdIds = 259,     // KdTree::ids.
+  kKdReach = 260,   // KdTree::reach.
 };
 inline constexpr uint32_t kRequiredSections = 10;
 
@@ -95,6 +101,14 @@ struct SceneFileObject {
 };
 static_assert(sizeof(SceneFileObject) == 128);
 
+// What KdTree holds beside arrays and what follows from them.
+struct SceneFileKdTree {
+  float bounds[6];
+  uint32_t max_depth;
+  uint32_t zero;
+};
+static_assert(sizeof(SceneFileKdTree) == 32);
+
 constexpr uint64_t PaddedSection(uint64_t bytes) {
   return (bytes + kSectionAlignment - 1) / kSectionAlignment * kSectionAlignment;
 }
@@ -102,7 +116,7 @@ constexpr uint64_t PaddedSection(uint64_t bytes) {
 // "vertices", "bvh nodes"; "addition" for a kind of a later version.
 absl::string_view SectionName(uint32_t kind);
 
-// The size of an element of a required section.
+// The size of an element of a section of this version; 0 for another kind, which may have any.
 uint32_t SectionElementBytes(SectionKind kind);
 
 // Of `bytes` as they stand followed by zeros up to a multiple of 64. In parallel within the calling

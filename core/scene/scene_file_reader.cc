@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/accel/bvh_validation.h"
+#include "core/accel/kd_validation.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/geometry_validation.h"
 #include "core/scene/scene_file.h"
@@ -84,7 +85,7 @@ absl::StatusOr<std::vector<SceneFileSection>> ReadTable(const SceneBytes& file,
       return Fault(file, "section ", i, " is of kind ", section.kind, ", out of order");
     }
     const uint32_t element = SectionElementBytes(static_cast<SectionKind>(section.kind));
-    if (required ? section.element_bytes != element : section.element_bytes == 0) {
+    if (section.element_bytes == 0 || (element != 0 && section.element_bytes != element)) {
       return Fault(file, "elements of the ", name, " have ", section.element_bytes, " bytes");
     }
     const uint64_t left = file.bytes.size() - offset;
@@ -154,6 +155,8 @@ class Reader {
     bvh.triangle_count = static_cast<uint32_t>(geometry.triangles.size() - geometry.inert.size());
     SL_RETURN_IF_ERROR(Named(file_, ValidateBvh(bvh, geometry, cancel_)));
 
+    SL_RETURN_IF_ERROR(ReadKdTree(scene));
+
     if (!(record.compile_seconds >= 0 && record.structure_seconds >= 0) ||
         !std::isfinite(record.compile_seconds + record.structure_seconds)) {
       return Fault(file_, "the times of its build are none");
@@ -169,9 +172,13 @@ class Reader {
   }
 
  private:
+  // Empty where there is none.
   std::span<const std::byte> Section(SectionKind kind) const {
-    const SceneFileSection& section = info_.sections[static_cast<uint32_t>(kind) - 1];
-    return file_.bytes.subspan(section.offset, section.count * section.element_bytes);
+    for (const SceneFileSection& section : info_.sections) {
+      if (section.kind != static_cast<uint32_t>(kind)) continue;
+      return file_.bytes.subspan(section.offset, section.count * section.element_bytes);
+    }
+    return {};
   }
   template <typename T>
   std::span<const T> Elements(SectionKind kind) const {
@@ -181,6 +188,26 @@ class Reader {
   template <typename T>
   AlignedVector<T> Borrow(SectionKind kind) const {
     return AlignedVector<T>::Borrow(Elements<T>(kind), file_.owner);
+  }
+
+  absl::Status ReadKdTree(Scene* scene) const {
+    const auto records = Elements<SceneFileKdTree>(SectionKind::kKdTree);
+    if (records.empty()) return absl::OkStatus();
+    if (records.size() != 1) return Fault(file_, "it has ", records.size(), " kd-trees");
+    KdTree tree;
+    tree.nodes = Borrow<KdNode>(SectionKind::kKdNodes);
+    tree.leaves = Borrow<KdLeaf>(SectionKind::kKdLeaves);
+    tree.ids = Borrow<uint32_t>(SectionKind::kKdIds);
+    tree.reach = Borrow<Box3f>(SectionKind::kKdReach);
+    for (int axis = 0; axis < 3; ++axis) {
+      tree.bounds.lo[axis] = records[0].bounds[axis];
+      tree.bounds.hi[axis] = records[0].bounds[axis + 3];
+    }
+    tree.triangle_count = scene->bvh.triangle_count;
+    tree.max_depth = records[0].max_depth;
+    SL_RETURN_IF_ERROR(Named(file_, ValidateKdTree(tree, scene->geometry)));
+    scene->kd_tree = std::move(tree);
+    return absl::OkStatus();
   }
 
   absl::Status ReadObjects(SceneGeometry* geometry) const {

@@ -51,6 +51,16 @@ SceneFileObject DescribeObject(const ObjectRecord& record) {
   return out;
 }
 
+SceneFileKdTree DescribeKdTree(const KdTree& tree) {
+  SceneFileKdTree out = {};
+  for (int axis = 0; axis < 3; ++axis) {
+    out.bounds[axis] = tree.bounds.lo[axis];
+    out.bounds[axis + 3] = tree.bounds.hi[axis];
+  }
+  out.max_depth = tree.max_depth;
+  return out;
+}
+
 // The file as spans of what is in memory, with the header and the table before them.
 class Image {
  public:
@@ -71,6 +81,13 @@ class Image {
     Add(SectionKind::kBvhNodes, std::span<const BvhNode>(scene.bvh.nodes));
     Add(SectionKind::kBvhLeaves, std::span<const float>(scene.bvh.leaves));
     Add(SectionKind::kBvhLeafIds, std::span<const uint32_t>(scene.bvh.leaf_ids));
+    if (!scene.kd_tree.has_value()) return;
+    kd_tree_ = DescribeKdTree(*scene.kd_tree);
+    Add(SectionKind::kKdTree, std::span<const SceneFileKdTree>(&kd_tree_, 1));
+    Add(SectionKind::kKdNodes, std::span<const KdNode>(scene.kd_tree->nodes));
+    Add(SectionKind::kKdLeaves, std::span<const KdLeaf>(scene.kd_tree->leaves));
+    Add(SectionKind::kKdIds, std::span<const uint32_t>(scene.kd_tree->ids));
+    Add(SectionKind::kKdReach, std::span<const Box3f>(scene.kd_tree->reach));
   }
 
   void Sum(const CancelToken* cancel) {
@@ -131,6 +148,7 @@ class Image {
   }
 
   const SceneFileScene scene_;
+  SceneFileKdTree kd_tree_ = {};
   std::vector<SceneFileObject> objects_;
   std::string names_;
   AlignedVector<Vec3d> source_vertices_;

@@ -244,5 +244,131 @@ TEST_F(RegistryTest, ManyThreads) {
   EXPECT_EQ(registry.MemoryBytes(), 0u);
 }
 
+// ---- What is kept elsewhere
+
+class KeptRegistryTest : public RegistryTest {
+ protected:
+  static constexpr uint32_t kTriangles = 1000;
+
+  std::shared_ptr<const Scene> MakeScene(uint64_t revision) {
+    const std::vector<ObjectInput> objects = {Strip("strip", kTriangles)};
+    return *BuildScene("kept", revision, objects, std::nullopt, {}, pool_);
+  }
+  absl::StatusOr<std::shared_ptr<const Scene>> Load(SceneRegistry& registry,
+                                                    const std::string& name) {
+    return registry.Load(name, bytes_, [&](uint64_t revision, const auto&) {
+      return absl::StatusOr<std::shared_ptr<const Scene>>(MakeScene(revision == 0 ? 5 : revision));
+    });
+  }
+  const uint64_t bytes_ = MakeScene(1)->report.memory_bytes;
+};
+
+TEST_F(KeptRegistryTest, LoadsAndReloads) {
+  SceneRegistry registry({}, pool_);
+  ASSERT_TRUE(Load(registry, "hall").ok());
+  EXPECT_EQ((*registry.Get("hall", 0))->revision, 5u);
+  EXPECT_TRUE(registry.GetStatus("hall")->kept);
+  ExpectError(Load(registry, "hall").status(), absl::StatusCode::kAlreadyExists, {"\"hall\""});
+  const auto reload = [&](auto loader) { return registry.Reload("hall", bytes_, loader); };
+  ASSERT_TRUE(reload([&](uint64_t revision, const auto&) {
+                return absl::StatusOr<std::shared_ptr<const Scene>>(MakeScene(revision));
+              }).ok());
+  EXPECT_EQ((*registry.Get("hall", 0))->revision, 6u);
+  // A failed reload keeps the old one serving, and says why.
+  ExpectError(reload([](uint64_t, const auto&) {
+                return absl::StatusOr<std::shared_ptr<const Scene>>(absl::DataLossError("broken"));
+              }).status(),
+              absl::StatusCode::kDataLoss, {"broken"});
+  EXPECT_EQ((*registry.Get("hall", 0))->revision, 6u);
+  const SceneStatus status = *registry.GetStatus("hall");
+  EXPECT_EQ(status.state, SceneState::kReady);
+  EXPECT_THAT(std::string(status.error.message()), HasSubstr("broken"));
+  EXPECT_EQ(registry.MemoryBytes(), bytes_);
+  ExpectError(registry
+                  .Reload("attic", 1,
+                          [&](uint64_t, const auto&) {
+                            return absl::StatusOr<std::shared_ptr<const Scene>>(MakeScene(1));
+                          })
+                  .status(),
+              absl::StatusCode::kNotFound, {"\"attic\""});
+}
+
+TEST_F(KeptRegistryTest, AKeeperIsAskedOncePublishedAndHoldsOffOtherBuilds) {
+  SceneRegistry registry({}, pool_);
+  int kept = 0;
+  const SceneKeeper keeper = [&](const Scene& scene) {
+    ++kept;
+    EXPECT_EQ((*registry.Get("hall", 0))->revision, scene.revision);
+    EXPECT_EQ(registry.GetStatus("hall")->state, SceneState::kBuilding);
+    EXPECT_FALSE(registry.GetStatus("hall")->kept);
+    ExpectError(Add(registry, "hall", 0, "other").status(), absl::StatusCode::kAborted, {});
+    return scene.revision == 2 ? absl::ResourceExhaustedError("disk full") : absl::OkStatus();
+  };
+  const std::vector<ObjectInput> objects = {Strip("strip", 10)};
+  ASSERT_TRUE(registry.Create("hall", objects, std::nullopt, {}, nullptr, keeper).ok());
+  EXPECT_TRUE(registry.GetStatus("hall")->kept);
+  for (uint64_t revision = 2; revision <= 3; ++revision) {
+    const std::vector<SceneEdit> edits = {{Kind::kAdd, Strip(std::to_string(revision), 3)}};
+    ASSERT_TRUE(registry.Edit("hall", 0, edits, {}, nullptr, keeper).ok());
+    const SceneStatus status = *registry.GetStatus("hall");
+    EXPECT_EQ(status.latest->revision, revision);
+    EXPECT_EQ(status.state, SceneState::kReady);
+    EXPECT_EQ(status.kept, revision == 3);
+    EXPECT_EQ(status.keep_error.ok(), revision == 3);
+  }
+  EXPECT_EQ(kept, 3);
+  // An edit that nobody keeps is not kept.
+  ASSERT_TRUE(Add(registry, "hall", 0, "last").ok());
+  EXPECT_FALSE(registry.GetStatus("hall")->kept);
+}
+
+TEST_F(KeptRegistryTest, OneSceneMayTakeOnlySoMuch) {
+  SceneRegistry registry({.max_bytes_per_scene = bytes_ - 1}, pool_);
+  ExpectError(Load(registry, "hall").status(), absl::StatusCode::kResourceExhausted,
+              {std::to_string(bytes_), std::to_string(bytes_ - 1)});
+  EXPECT_TRUE(registry.List().empty());
+  EXPECT_EQ(registry.MemoryBytes(), 0u);
+}
+
+TEST_F(KeptRegistryTest, NothingIsEvictedUnlessAskedFor) {
+  SceneRegistry registry({.memory_budget_bytes = 2 * bytes_}, pool_);
+  ASSERT_TRUE(Load(registry, "a").ok() && Load(registry, "b").ok());
+  ExpectError(Load(registry, "c").status(), absl::StatusCode::kResourceExhausted, {"\"c\""});
+  EXPECT_EQ(registry.List().size(), 2u);
+}
+
+TEST_F(KeptRegistryTest, TheLeastRecentlyUsedMakesRoom) {
+  SceneRegistry registry({.memory_budget_bytes = 3 * bytes_, .evict_least_used = true}, pool_);
+  std::vector<std::string> evicted;
+  registry.SetObserver([&](const SceneStatus& status) {
+    if (status.state == SceneState::kEvicted) evicted.push_back(status.name);
+  });
+  for (const char* name : {"a", "b", "c"}) ASSERT_TRUE(Load(registry, name).ok());
+  ASSERT_TRUE(registry.Get("a", 0).ok());
+  ASSERT_TRUE(Load(registry, "d").ok());
+  EXPECT_THAT(evicted, ElementsAre("b"));
+  // One that is held would not be freed: "c" stays, though "a" was used after it.
+  const auto held = *registry.Get("c", 0);
+  ASSERT_TRUE(registry.Get("d", 0).ok());
+  ASSERT_TRUE(Load(registry, "e").ok());
+  EXPECT_THAT(evicted, ElementsAre("b", "a"));
+  EXPECT_LE(registry.MemoryBytes(), 3 * bytes_);
+}
+
+TEST_F(KeptRegistryTest, WhatIsNotKeptIsNeverEvictedNorAnythingInVain) {
+  SceneRegistry registry({.memory_budget_bytes = 3 * bytes_, .evict_least_used = true}, pool_);
+  ASSERT_TRUE(Load(registry, "kept").ok());
+  ASSERT_TRUE(Create(registry, "mine").ok());
+  const size_t before = registry.List().size();
+  ExpectError(registry
+                  .Load("huge", 4 * bytes_,
+                        [&](uint64_t, const auto&) {
+                          return absl::StatusOr<std::shared_ptr<const Scene>>(MakeScene(1));
+                        })
+                  .status(),
+              absl::StatusCode::kResourceExhausted, {"\"huge\""});
+  EXPECT_EQ(registry.List().size(), before);
+}
+
 }  // namespace
 }  // namespace sightline

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "core/accel/bvh_validation.h"
+#include "core/accel/kd_builder.h"
 #include "core/mesh/geometry_validation.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -323,10 +324,7 @@ TEST_F(SceneFileTest, SectionsOfALaterVersionArePassedOver) {
   std::memcpy(&longer[sizeof(SceneFileHeader) + 384], &bytes[sizeof(SceneFileHeader) + 320],
               bytes.size() - sizeof(SceneFileHeader) - 320);
   for (uint32_t i = 0; i < kRequiredSections; ++i) Section(longer, i).offset += 64;
-  Section(longer, 10) = {.kind = static_cast<uint32_t>(SectionKind::kFirstOptional) + 3,
-                         .element_bytes = 7,
-                         .offset = bytes.size() + 64,
-                         .count = 5};
+  Section(longer, 10) = {.kind = 1000, .element_bytes = 7, .offset = bytes.size() + 64, .count = 5};
   Header(longer).section_count = 11;
   Header(longer).file_bytes = longer.size();
   SealSceneFile(longer);
@@ -335,6 +333,38 @@ TEST_F(SceneFileTest, SectionsOfALaterVersionArePassedOver) {
   ExpectSame(*scene, **again);
   longer[longer.size() - 60] = std::byte{1};
   ExpectRefused(longer, absl::StatusCode::kDataLoss, "the addition were changed");
+}
+
+TEST_F(SceneFileTest, KdTreesGoAlong) {
+  for (const bool perfect : {false, true}) {
+    Scene scene = *Build(Objects(300));
+    absl::StatusOr<KdTree> tree = BuildKdTree(scene.geometry, {.perfect_splits = perfect}, pool_);
+    ASSERT_TRUE(tree.ok()) << tree.status();
+    scene.kd_tree = *std::move(tree);
+    const Bytes good = Written(scene);
+    const auto again = Load(good);
+    ASSERT_TRUE(again.ok()) << again.status();
+    ExpectSame(scene, **again);
+    ASSERT_TRUE((*again)->kd_tree.has_value());
+    EXPECT_TRUE(SameBytes(scene.kd_tree->nodes, (*again)->kd_tree->nodes));
+    EXPECT_TRUE(SameBytes(scene.kd_tree->leaves, (*again)->kd_tree->leaves));
+    EXPECT_TRUE(SameBytes(scene.kd_tree->ids, (*again)->kd_tree->ids));
+    EXPECT_TRUE(SameBytes(scene.kd_tree->reach, (*again)->kd_tree->reach));
+    EXPECT_EQ(scene.kd_tree->bounds, (*again)->kd_tree->bounds);
+    EXPECT_EQ(scene.kd_tree->max_depth, (*again)->kd_tree->max_depth);
+    EXPECT_EQ(scene.kd_tree->triangle_count, (*again)->kd_tree->triangle_count);
+    // A reference that is none, under a sum that is right.
+    Bytes bad = good;
+    const SceneFileSection ids = Section(bad, 13);
+    ASSERT_EQ(ids.kind, static_cast<uint32_t>(SectionKind::kKdIds));
+    const uint32_t none = 1'000'000;
+    std::memcpy(&bad[ids.offset + 4], &none, 4);
+    SealSceneFile(bad);
+    ExpectRefused(bad, absl::StatusCode::kDataLoss, "kd");
+    bad = good;
+    bad[ids.offset] ^= std::byte{1};
+    ExpectRefused(bad, absl::StatusCode::kDataLoss, "the kd-tree ids were changed");
+  }
 }
 
 TEST_F(SceneFileTest, LimitsAndCancelling) {
