@@ -59,6 +59,8 @@ int Run(int argc, char** argv) {
     Log(LogLevel::kWarning, "configuration", {{"warning", warning}});
   }
 
+  // A file that grows over its limit is a failed write, not the end.
+  std::signal(SIGXFSZ, SIG_IGN);
   // Blocked before any thread starts, so that all of them inherit it and sigwait alone hears the
   // signals: a handler could not shut gRPC down (it takes locks).
   sigset_t signals;

@@ -57,6 +57,28 @@ std::vector<Option> MakeTable() {
          return absl::OkStatus();
        },
        /*repeated=*/true},
+      {"repository", "FOLDER",
+       "where scenes are stored, as native files; those in it are loaded before listening", "none",
+       [](absl::string_view value, ParsedOptions* out) {
+         out->options.repository = std::string(value);
+         return absl::OkStatus();
+       }},
+      {"load", "WHICH", "all: every scene of the repository at the start; none: when asked to",
+       "all",
+       [](absl::string_view value, ParsedOptions* out) {
+         if (value != "all" && value != "none") return Bad(value, "must be all or none");
+         out->options.load_repository = value == "all";
+         return absl::OkStatus();
+       }},
+      {"evict", "WHICH",
+       "lru: stored scenes that nobody uses make room, the least recently used first; none: a "
+       "scene beyond the budget is refused",
+       "none",
+       [](absl::string_view value, ParsedOptions* out) {
+         if (value != "lru" && value != "none") return Bad(value, "must be lru or none");
+         out->options.evict_least_used = value == "lru";
+         return absl::OkStatus();
+       }},
       {"threads", "N", "threads that answer queries; 0: one per hardware thread", "0",
        [](absl::string_view value, ParsedOptions* out) {
          return SetThreads(value, &out->options.threads);

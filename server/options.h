@@ -19,6 +19,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+#include "core/base/file_calls.h"
 #include "server/base/limits.h"
 #include "server/base/log.h"
 
@@ -29,8 +30,13 @@ struct ServerOptions {
   std::string listen = "127.0.0.1:0";
   std::string port_file;            // Gets the bound port when it is bound; empty: none.
   std::vector<std::string> scenes;  // [ID=]builtin:NAME[:TRIANGLES], made before the port is bound.
-  int threads = 0;                  // That answer queries; 0: one per hardware thread.
-  int build_threads = 0;            // That build scenes; 0: one per hardware thread.
+  // A folder of native scene files, where scenes are stored; empty: none.
+  std::string repository;
+  bool load_repository = true;    // Whether all of them are loaded before the port is bound.
+  bool evict_least_used = false;  // Whether stored scenes make room for others.
+  FileCalls* files = &FileCalls::System();  // What reaches the repository; tests put faults there.
+  int threads = 0;                          // That answer queries; 0: one per hardware thread.
+  int build_threads = 0;                    // That build scenes; 0: one per hardware thread.
   // HOST:PORT of probes and metrics over HTTP; empty: none.
   std::string metrics_listen;
   absl::Duration slow_query_log = absl::InfiniteDuration();  // Items that took as long are logged.

@@ -43,7 +43,7 @@ bool IsLoopback(absl::string_view address) {
 
 }  // namespace
 
-Server::Server(const ServerOptions& options)
+Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> repository)
     : options_(options),
       ray_queue_(options.limits.max_queued_rays, options.limits.max_queued_rays_per_client),
       upload_slots_(options.limits.max_concurrent_uploads),
@@ -51,7 +51,8 @@ Server::Server(const ServerOptions& options)
       build_pool_(options.build_threads),
       scheduler_(query_pool_.threads(),
                  [this](absl::AnyInvocable<void()> work) { query_pool_.Submit(std::move(work)); }),
-      scenes_(options_.limits, build_pool_),
+      repository_(std::move(repository)),
+      scenes_(options_.limits, build_pool_, repository_.get(), options.evict_least_used),
       point_sets_(options_.limits, [] { return absl::Now(); }),
       metrics_([this] { return StateNow(); }),
       slow_queries_(options.slow_query_log),
@@ -64,7 +65,11 @@ Server::Server(const ServerOptions& options)
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   SL_RETURN_IF_ERROR(CheckOptions(options));
-  std::unique_ptr<Server> server(new Server(options));
+  std::unique_ptr<SceneRepository> repository;
+  if (!options.repository.empty()) {
+    SL_ASSIGN_OR_RETURN(repository, SceneRepository::Open(options.repository, *options.files));
+  }
+  std::unique_ptr<Server> server(new Server(options, std::move(repository)));
   // First of all, so that whoever starts the server sees it start.
   SL_RETURN_IF_ERROR(server->ServeHttp());
   SL_RETURN_IF_ERROR(server->MakeScenes());
@@ -81,12 +86,16 @@ Server::~Server() {
 }
 
 absl::Status Server::MakeScenes() {
+  if (repository_ != nullptr && options_.load_repository) {
+    SL_RETURN_IF_ERROR(scenes_.LoadAll());
+  }
   for (const std::string& option : options_.scenes) {
     SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(option));
     SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects,
                         scenes_.MakeBuiltinObjects(scene.spec));
-    SL_ASSIGN_OR_RETURN(const SceneView view,
-                        scenes_.Create({.scene_id = scene.id}, objects, nullptr));
+    SL_ASSIGN_OR_RETURN(
+        const SceneView view,
+        scenes_.Create({.scene_id = scene.id, .temporary = true}, objects, nullptr));
     Log(LogLevel::kInfo, "scene_created",
         {{"scene", scene.id},
          {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});
@@ -191,7 +200,10 @@ absl::Status Server::Listen() {
   if (!options_.listen.empty() && !IsLoopback(options_.listen)) {
     Log(LogLevel::kWarning, "listening_without_tls", {{"address", options_.listen}});
   }
-  scenes_.SetListener([this](const SceneView& view) { ReportHealth(view); });
+  scenes_.SetListener([this](const SceneView& view) {
+    if (view.deleted) point_sets_.RemoveScene(view.status.name);
+    ReportHealth(view);
+  });
   for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) ReportHealth(view);
   return absl::OkStatus();
 }

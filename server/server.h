@@ -51,8 +51,9 @@ class LeaseSweeper;
 
 class Server {
  public:
-  // Makes the scenes of the options, binds, and serves. InvalidArgument (options), Unavailable (the
-  // address cannot be bound), and what making a scene returns.
+  // Loads the repository and makes the scenes of the options, binds, and serves. A stored scene
+  // that cannot be loaded keeps nothing from being served. InvalidArgument (options), Unavailable
+  // (the address cannot be bound), and what opening the repository or making a scene returns.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   ~Server();
   Server(const Server&) = delete;
@@ -76,7 +77,7 @@ class Server {
   uint64_t queued_rays() const { return ray_queue_.queued_rays(); }
 
  private:
-  explicit Server(const ServerOptions& options);
+  Server(const ServerOptions& options, std::unique_ptr<SceneRepository> repository);
 
   absl::Status MakeScenes();
   absl::Status ServeHttp();
@@ -94,6 +95,7 @@ class Server {
   UploadSlots upload_slots_;
   ThreadPool query_pool_, build_pool_;
   Scheduler scheduler_;
+  const std::unique_ptr<SceneRepository> repository_;  // Null without one.
   SceneCatalog scenes_;
   PointSetStore point_sets_;
   Metrics metrics_;

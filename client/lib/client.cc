@@ -69,18 +69,22 @@ absl::StatusOr<Health> Client::CheckHealth(const std::string& service,
 
 absl::StatusOr<Scene> Client::CreateScene(const SceneSource& source,
                                           const CallOptions& options) const {
-  if (source.objects.empty() == source.builtin.empty()) {
+  if (int{!source.objects.empty()} + int{!source.builtin.empty()} + int{!source.file_id.empty()} !=
+      1) {
     return absl::InvalidArgumentError(
-        "a new scene needs either objects or the name of a built-in scene");
+        "a new scene needs one of objects, the name of a built-in scene and a stored file");
   }
   v1::CreateSceneRequest first;
   v1::CreateSceneHeader* header = first.mutable_header();
   header->set_scene_id(source.scene_id);
   header->set_request_id(NewRequestId());
   if (source.origin) ToProto(*source.origin, header->mutable_origin());
-  header->set_build_preset(BuildPresetToProto(source.build_preset));
+  header->set_temporary(source.temporary);
+  if (source.file_id.empty()) header->set_build_preset(BuildPresetToProto(source.build_preset));
   uint64_t chunk_bytes = kUploadChunkBytes;
-  if (source.objects.empty()) {
+  if (!source.file_id.empty()) {
+    header->mutable_file()->set_file_id(source.file_id);
+  } else if (source.objects.empty()) {
     header->mutable_builtin()->set_spec(source.builtin);
   } else {
     uint64_t triangles = 0, vertices = 0;
@@ -230,6 +234,40 @@ absl::Status Client::WatchScene(const std::string& name, bool wait_for_scene,
                           .progress = response.progress()});
       },
       options);
+}
+
+absl::StatusOr<Scene> Client::LoadScene(const std::string& name, const CallOptions& options) const {
+  v1::LoadSceneRequest request;
+  request.set_name(name);
+  return Converted(shared_->connection->LoadScene(request, options));
+}
+
+absl::StatusOr<Scene> Client::ReloadScene(const std::string& name,
+                                          const CallOptions& options) const {
+  v1::ReloadSceneRequest request;
+  request.set_name(name);
+  return Converted(shared_->connection->ReloadScene(request, options));
+}
+
+absl::Status Client::UnloadScene(const std::string& name, const CallOptions& options) const {
+  v1::UnloadSceneRequest request;
+  request.set_name(name);
+  return shared_->connection->UnloadScene(request, options);
+}
+
+absl::StatusOr<std::vector<StoredScene>> Client::ListStoredScenes(
+    const CallOptions& options) const {
+  std::vector<StoredScene> scenes;
+  v1::ListStoredScenesRequest request;
+  request.set_page_size(kPageSize);
+  do {
+    absl::StatusOr<v1::ListStoredScenesResponse> page =
+        shared_->connection->ListStoredScenes(request, options);
+    if (!page.ok()) return page.status();
+    for (const v1::StoredScene& scene : page->stored_scenes()) scenes.push_back(FromProto(scene));
+    request.set_page_token(page->next_page_token());
+  } while (!request.page_token().empty());
+  return scenes;
 }
 
 absl::StatusOr<PointSet> Client::CreatePointSet(const PointSetSource& source,

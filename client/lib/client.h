@@ -73,6 +73,16 @@ class Client {
                           const std::function<bool(const SceneProgress&)>& on_change,
                           const CallOptions& options = {}) const;
 
+  // ---- The server's repository
+
+  // The scene as it is, if it is loaded already.
+  absl::StatusOr<Scene> LoadScene(const std::string& name, const CallOptions& options = {}) const;
+  // The next revision, of the scene's file; if that fails the one before goes on serving.
+  absl::StatusOr<Scene> ReloadScene(const std::string& name, const CallOptions& options = {}) const;
+  // Out of memory; the file stays.
+  absl::Status UnloadScene(const std::string& name, const CallOptions& options = {}) const;
+  absl::StatusOr<std::vector<StoredScene>> ListStoredScenes(const CallOptions& options = {}) const;
+
   // ---- Point sets
 
   absl::StatusOr<PointSet> CreatePointSet(const PointSetSource& source,

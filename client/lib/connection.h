@@ -88,6 +88,14 @@ class Connection {
       const v1::WatchSceneRequest& request,
       const std::function<bool(const v1::WatchSceneResponse&)>& on_change,
       const CallOptions& options) = 0;
+  virtual absl::StatusOr<v1::Scene> LoadScene(const v1::LoadSceneRequest& request,
+                                              const CallOptions& options) = 0;
+  virtual absl::StatusOr<v1::Scene> ReloadScene(const v1::ReloadSceneRequest& request,
+                                                const CallOptions& options) = 0;
+  virtual absl::Status UnloadScene(const v1::UnloadSceneRequest& request,
+                                   const CallOptions& options) = 0;
+  virtual absl::StatusOr<v1::ListStoredScenesResponse> ListStoredScenes(
+      const v1::ListStoredScenesRequest& request, const CallOptions& options) = 0;
 
   virtual absl::StatusOr<v1::PointSet> CreatePointSet(
       const Upload<v1::CreatePointSetRequest>& upload, const CallOptions& options) = 0;

@@ -128,6 +128,36 @@ absl::Duration FromProto(const google::protobuf::Duration& duration) {
   return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
 }
 
+SceneState FromProto(v1::SceneState state) {
+  switch (state) {
+    case v1::SCENE_STATE_BUILDING:
+      return SceneState::kBuilding;
+    case v1::SCENE_STATE_READY:
+      return SceneState::kReady;
+    case v1::SCENE_STATE_UPDATING:
+      return SceneState::kUpdating;
+    case v1::SCENE_STATE_FAILED:
+      return SceneState::kFailed;
+    case v1::SCENE_STATE_DELETED:
+      return SceneState::kDeleted;
+    case v1::SCENE_STATE_UNLOADED:
+      return SceneState::kUnloaded;
+    default:
+      return SceneState::kUnknown;
+  }
+}
+
+StoredScene FromProto(const v1::StoredScene& scene) {
+  StoredScene out;
+  out.name = scene.name();
+  out.file_bytes = scene.file_bytes();
+  if (scene.has_modify_time()) out.modify_time = TimeFromProto(scene.modify_time());
+  out.state = FromProto(scene.state());
+  out.state_message = scene.state_message();
+  out.revision = scene.revision();
+  return out;
+}
+
 Scene FromProto(const v1::Scene& scene) {
   Scene out;
   out.name = scene.name();
@@ -152,26 +182,9 @@ Scene FromProto(const v1::Scene& scene) {
   out.report.leaves = report.leaf_count();
   out.report.depth = report.depth();
   out.report.resident_bytes = report.resident_bytes();
-  switch (scene.state()) {
-    case v1::SCENE_STATE_BUILDING:
-      out.state = SceneState::kBuilding;
-      break;
-    case v1::SCENE_STATE_READY:
-      out.state = SceneState::kReady;
-      break;
-    case v1::SCENE_STATE_UPDATING:
-      out.state = SceneState::kUpdating;
-      break;
-    case v1::SCENE_STATE_FAILED:
-      out.state = SceneState::kFailed;
-      break;
-    case v1::SCENE_STATE_DELETED:
-      out.state = SceneState::kDeleted;
-      break;
-    default:
-      break;
-  }
+  out.state = FromProto(scene.state());
   out.state_message = scene.state_message();
+  out.stored = scene.stored();
   if (scene.has_create_time()) out.create_time = TimeFromProto(scene.create_time());
   if (scene.has_update_time()) out.update_time = TimeFromProto(scene.update_time());
   return out;
@@ -264,6 +277,7 @@ Capabilities FromProto(const v1::Capabilities& capabilities) {
   limits.max_coordinate = in.max_coordinate();
   limits.max_concurrent_uploads = in.max_concurrent_uploads();
   limits.max_queued_rays_per_client = in.max_queued_rays_per_client();
+  limits.max_bytes_per_scene = in.max_bytes_per_scene();
   out.instruction_set = capabilities.instruction_set();
   out.available_instruction_sets.assign(capabilities.available_instruction_sets().begin(),
                                         capabilities.available_instruction_sets().end());

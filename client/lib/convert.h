@@ -34,6 +34,8 @@ void ToProto(absl::Duration duration, google::protobuf::Duration* out);
 v1::BuildPreset BuildPresetToProto(BuildPreset preset);
 
 Point3 FromProto(const v1::Vector3& p);
+SceneState FromProto(v1::SceneState state);
+StoredScene FromProto(const v1::StoredScene& scene);
 Scene FromProto(const v1::Scene& scene);
 SceneObject FromProto(const v1::SceneObject& object);
 PointSet FromProto(const v1::PointSet& set);

@@ -132,6 +132,23 @@ class GrpcConnection final : public Connection {
     return stopped ? absl::OkStatus() : FromGrpc(status);
   }
 
+  absl::StatusOr<v1::Scene> LoadScene(const v1::LoadSceneRequest& request,
+                                      const CallOptions& options) override {
+    return Call(*scenes_, &v1::SceneService::Stub::LoadScene, request, options);
+  }
+  absl::StatusOr<v1::Scene> ReloadScene(const v1::ReloadSceneRequest& request,
+                                        const CallOptions& options) override {
+    return Call(*scenes_, &v1::SceneService::Stub::ReloadScene, request, options);
+  }
+  absl::Status UnloadScene(const v1::UnloadSceneRequest& request,
+                           const CallOptions& options) override {
+    return Call(*scenes_, &v1::SceneService::Stub::UnloadScene, request, options).status();
+  }
+  absl::StatusOr<v1::ListStoredScenesResponse> ListStoredScenes(
+      const v1::ListStoredScenesRequest& request, const CallOptions& options) override {
+    return Call(*scenes_, &v1::SceneService::Stub::ListStoredScenes, request, options);
+  }
+
   absl::StatusOr<v1::PointSet> CreatePointSet(const Upload<v1::CreatePointSetRequest>& upload,
                                               const CallOptions& options) override {
     return CallUpload<v1::CreatePointSetRequest, v1::PointSet>(

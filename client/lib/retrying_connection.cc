@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -66,6 +67,28 @@ class RetryingConnection final : public Connection {
                           const std::function<bool(const v1::WatchSceneResponse&)>& on_change,
                           const CallOptions& options) override {
     return Retry(options, [&](int) { return inner_->WatchScene(request, on_change, options); });
+  }
+  absl::StatusOr<v1::Scene> LoadScene(const v1::LoadSceneRequest& request,
+                                      const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->LoadScene(request, options); });
+  }
+  // Once more than asked for makes one more revision of the same file.
+  absl::StatusOr<v1::Scene> ReloadScene(const v1::ReloadSceneRequest& request,
+                                        const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->ReloadScene(request, options); });
+  }
+  absl::Status UnloadScene(const v1::UnloadSceneRequest& request,
+                           const CallOptions& options) override {
+    return Retry(options, [&](int attempt) {
+      const absl::Status status = inner_->UnloadScene(request, options);
+      const std::optional<ErrorDetail> detail = GetErrorDetail(status);
+      const bool unloaded = attempt > 0 && detail && detail->reason == "SCENE_NOT_READY";
+      return unloaded ? absl::OkStatus() : status;
+    });
+  }
+  absl::StatusOr<v1::ListStoredScenesResponse> ListStoredScenes(
+      const v1::ListStoredScenesRequest& request, const CallOptions& options) override {
+    return Retry(options, [&](int) { return inner_->ListStoredScenes(request, options); });
   }
   absl::StatusOr<v1::PointSet> CreatePointSet(const Upload<v1::CreatePointSetRequest>& upload,
                                               const CallOptions& options) override {

@@ -28,7 +28,7 @@ enum class Strategy { kAuto, kSingle, kPacket, kBruteForce, kShaft };
 enum class AnsweredBy : uint8_t { kNoRay = 0, kShaft = 1, kTriangles = 2, kPacket = 3, kRay = 4 };
 enum class Culling { kNone, kBack, kFront };
 enum class BuildPreset { kStatic, kDynamic, kCompact };
-enum class SceneState { kUnknown, kBuilding, kReady, kUpdating, kFailed, kDeleted };
+enum class SceneState { kUnknown, kBuilding, kReady, kUpdating, kFailed, kDeleted, kUnloaded };
 
 // ---- Scenes -------------------------------------------------------------------------------------
 
@@ -43,11 +43,14 @@ struct ObjectUpload {
   bool dynamic = false;  // Its transform may be changed later.
 };
 
-// What a new scene is made of: objects, or a built-in spec ("builtin:hall:1000000"), not both.
+// What a new scene is made of: objects, a built-in spec ("builtin:hall:1000000"), or a file of the
+// server's repository; one of them.
 struct SceneSource {
   std::string scene_id;  // Empty: the server makes one up.
   std::vector<ObjectUpload> objects;
   std::string builtin;
+  std::string file_id;     // Its name without ".slscene"; with origin and build of its own.
+  bool temporary = false;  // Not stored in the repository.
   std::optional<Point3> origin;
   BuildPreset build_preset = BuildPreset::kStatic;  // Costs and memory; the answers are the same.
 };
@@ -77,8 +80,19 @@ struct Scene {
   BuildReport report;
   SceneState state = SceneState::kUnknown;
   std::string state_message;
+  bool stored = false;  // The repository has a file of this revision.
   absl::Time create_time = absl::InfinitePast();
   absl::Time update_time = absl::InfinitePast();
+};
+
+// A scene file of the server's repository.
+struct StoredScene {
+  std::string name;  // "scenes/hall"
+  uint64_t file_bytes = 0;
+  absl::Time modify_time = absl::InfinitePast();
+  SceneState state = SceneState::kUnknown;
+  std::string state_message;
+  int64_t revision = 0;  // That is served; 0: not loaded.
 };
 
 struct SceneObject {
@@ -347,6 +361,7 @@ struct Limits {
   double max_coordinate = 0;
   uint32_t max_concurrent_uploads = 0;
   int64_t max_queued_rays_per_client = 0;
+  uint64_t max_bytes_per_scene = 0;
 };
 
 struct Capabilities {

@@ -45,6 +45,8 @@ constexpr LimitEntry kTable[] = {
     {"max_concurrent_uploads", &Limits::max_concurrent_uploads, 1, 1 << 16, "uploads at once"},
     {"max_queued_rays_per_client", &Limits::max_queued_rays_per_client, 1, kMany,
      "unanswered rays of one client"},
+    {"max_bytes_per_scene", &Limits::max_bytes_per_scene, 1 << 20, kMany,
+     "memory for one revision of a scene, bytes"},
 };
 
 }  // namespace

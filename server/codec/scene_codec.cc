@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "server/base/error.h"
 #include "server/base/resource_name.h"
 #include "server/codec/geometry_codec.h"
@@ -11,6 +12,7 @@ namespace sightline {
 namespace {
 
 v1::SceneState EncodeState(const SceneView& view) {
+  if (view.unloaded) return v1::SCENE_STATE_UNLOADED;
   if (view.deleted) return v1::SCENE_STATE_DELETED;
   const bool serves = view.status.latest != nullptr;
   switch (view.status.state) {
@@ -18,6 +20,8 @@ v1::SceneState EncodeState(const SceneView& view) {
       return serves ? v1::SCENE_STATE_UPDATING : v1::SCENE_STATE_BUILDING;
     case SceneState::kReady:
       return v1::SCENE_STATE_READY;
+    case SceneState::kEvicted:
+      return v1::SCENE_STATE_UNLOADED;
     case SceneState::kFailed:
       return serves ? v1::SCENE_STATE_READY : v1::SCENE_STATE_FAILED;
   }
@@ -69,7 +73,12 @@ void EncodeDuration(absl::Duration duration, google::protobuf::Duration* out) {
 void EncodeScene(const SceneView& view, v1::Scene* out) {
   out->set_name(SceneName(view.status.name));
   out->set_state(EncodeState(view));
-  if (!view.status.error.ok()) out->set_state_message(std::string(view.status.error.message()));
+  if (!view.status.error.ok()) {
+    out->set_state_message(std::string(view.status.error.message()));
+  } else if (!view.status.keep_error.ok()) {
+    out->set_state_message(absl::StrCat("not stored: ", view.status.keep_error.message()));
+  }
+  out->set_stored(view.status.kept);
   if (view.create_time != absl::InfinitePast()) {
     EncodeTime(view.create_time, out->mutable_create_time());
     EncodeTime(view.update_time, out->mutable_update_time());
@@ -88,6 +97,22 @@ void EncodeScene(const SceneView& view, v1::Scene* out) {
     EncodeBox(world, out->mutable_bounds());
   }
   EncodeReport(scene.report, out->mutable_build_report());
+}
+
+void EncodeStoredScene(const StoredScene& scene, v1::StoredScene* out) {
+  out->set_name(SceneName(scene.file.scene_id));
+  out->set_file_bytes(scene.file.bytes);
+  EncodeTime(scene.file.modify_time, out->mutable_modify_time());
+  if (!scene.view.has_value()) {
+    out->set_state(scene.failed ? v1::SCENE_STATE_FAILED : v1::SCENE_STATE_UNLOADED);
+    out->set_state_message(scene.note);
+    return;
+  }
+  v1::Scene loaded;
+  EncodeScene(*scene.view, &loaded);
+  out->set_state(loaded.state());
+  out->set_state_message(loaded.state_message());
+  out->set_revision(loaded.revision());
 }
 
 void EncodeObject(const Scene& scene, uint32_t index, v1::SceneObject* out) {

@@ -26,6 +26,7 @@ void EncodeTime(absl::Time time, google::protobuf::Timestamp* out);
 void EncodeDuration(absl::Duration duration, google::protobuf::Duration* out);
 
 void EncodeScene(const SceneView& view, v1::Scene* out);
+void EncodeStoredScene(const StoredScene& scene, v1::StoredScene* out);
 void EncodeObject(const Scene& scene, uint32_t index, v1::SceneObject* out);
 
 absl::StatusOr<Culling> DecodeCulling(v1::Culling culling);

@@ -19,18 +19,15 @@ constexpr absl::string_view kBuiltinPrefix = "builtin:";
 
 ErrorMetadata Resource(const std::string& scene_id) { return {{"resource", SceneName(scene_id)}}; }
 
-absl::Status SceneNotFound(const std::string& scene_id) {
-  return MakeError(absl::StatusCode::kNotFound, v1::ERROR_REASON_SCENE_NOT_FOUND,
-                   absl::StrCat("there is no scene ", SceneName(scene_id)), Resource(scene_id));
-}
-
 absl::Status BudgetError(absl::Status status, uint64_t budget) {
   return WithReason(std::move(status), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET,
                     {{"limit", "max_scene_bytes"}, {"limit_value", absl::StrCat(budget)}});
 }
 
-// What a build says, with the reason that its code stands for.
-absl::Status ExplainBuild(absl::Status status, const std::string& scene_id, uint64_t budget) {
+}  // namespace
+
+absl::Status SceneCatalog::ExplainBuild(absl::Status status, const std::string& scene_id) const {
+  const uint64_t budget = limits_.max_scene_bytes;
   switch (status.code()) {
     case absl::StatusCode::kAlreadyExists:
       return WithReason(std::move(status), v1::ERROR_REASON_ALREADY_EXISTS, Resource(scene_id));
@@ -45,13 +42,40 @@ absl::Status ExplainBuild(absl::Status status, const std::string& scene_id, uint
   }
 }
 
-}  // namespace
-
-SceneCatalog::SceneCatalog(const Limits& limits, ThreadPool& build_pool)
+SceneCatalog::SceneCatalog(const Limits& limits, ThreadPool& build_pool,
+                           const SceneRepository* repository, bool evict)
     : limits_(limits),
-      registry_({.memory_budget_bytes = limits.max_scene_bytes, .max_scenes = limits.max_scenes},
+      build_pool_(build_pool),
+      repository_(repository),
+      registry_({.memory_budget_bytes = limits.max_scene_bytes,
+                 .max_bytes_per_scene = limits.max_bytes_per_scene,
+                 .max_scenes = limits.max_scenes,
+                 .evict_least_used = evict},
                 build_pool) {
-  registry_.SetObserver([this](const SceneStatus& status) { Tell(View(status)); });
+  registry_.SetObserver([this](const SceneStatus& status) { OnChange(status); });
+}
+
+void SceneCatalog::OnChange(const SceneStatus& status) {
+  if (status.state != SceneState::kEvicted) return Tell(View(status));
+  SceneView view = View(status);
+  view.unloaded = true;
+  SetNote(status.name, Note{false, "it was unloaded to make room for another scene"});
+  Forget(std::move(view));
+}
+
+absl::Status SceneCatalog::NotThere(const std::string& scene_id) const {
+  std::string note;
+  {
+    MutexLock lock(mutex_);
+    if (const auto found = notes_.find(scene_id); found != notes_.end()) note = found->second.text;
+  }
+  if (!note.empty()) {
+    return MakeError(absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_SCENE_NOT_READY,
+                     absl::StrCat(SceneName(scene_id), " is not loaded: ", note, ". Load it first"),
+                     Resource(scene_id));
+  }
+  return MakeError(absl::StatusCode::kNotFound, v1::ERROR_REASON_SCENE_NOT_FOUND,
+                   absl::StrCat("there is no scene ", SceneName(scene_id)), Resource(scene_id));
 }
 
 SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset) const {
@@ -69,15 +93,25 @@ absl::Status SceneCatalog::CheckRoom(const std::string& scene_id, uint64_t trian
     return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
                      absl::StrCat(SceneName(scene_id), " exists already"), Resource(scene_id));
   }
+  if (repository_ != nullptr && !scene_id.empty() && repository_->Has(scene_id)) {
+    return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
+                     absl::StrCat(SceneName(scene_id), " exists already: it is stored, but not ",
+                                  "loaded; load or delete it, or take another name"),
+                     Resource(scene_id));
+  }
   const uint64_t scenes = registry_.List().size();
   if (scenes >= limits_.max_scenes) {
     return OverLimit("scenes", scenes + 1, "max_scenes", limits_.max_scenes);
   }
   const uint64_t needed = EstimateSceneBytes(triangles, vertices);
-  const uint64_t held = registry_.MemoryBytes();
+  const uint64_t held = registry_.options().evict_least_used ? 0 : registry_.MemoryBytes();
   if (needed > limits_.max_scene_bytes || held > limits_.max_scene_bytes - needed) {
     return OverLimit("memory that the scenes would take", held + needed, "max_scene_bytes",
                      limits_.max_scene_bytes, v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  }
+  if (needed > limits_.max_bytes_per_scene) {
+    return OverLimit("memory that the scene would take", needed, "max_bytes_per_scene",
+                     limits_.max_bytes_per_scene, v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
   }
   return absl::OkStatus();
 }
@@ -94,10 +128,16 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   {
     MutexLock lock(mutex_);
     const absl::Time now = absl::Now();
-    times_.try_emplace(options.scene_id, Times{now, now, options.preset});
+    times_.try_emplace(options.scene_id, Times{now, now, options.preset, options.temporary});
   }
-  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Create(
-      options.scene_id, objects, options.origin, BuildOptions(options.preset), cancel);
+  // A scene that cannot be hit is taken away again: it is not worth storing.
+  const SceneKeeper keeper = KeeperOf(options.scene_id, options.temporary);
+  const SceneKeeper keep_usable = [&keeper](const Scene& made) {
+    return made.bvh.empty() ? absl::OkStatus() : keeper(made);
+  };
+  absl::StatusOr<std::shared_ptr<const Scene>> scene =
+      registry_.Create(options.scene_id, objects, options.origin, BuildOptions(options.preset),
+                       cancel, keeper == nullptr ? nullptr : keep_usable);
   absl::Status status = scene.status();
   if (status.ok() && (*scene)->geometry.triangles.size() == (*scene)->geometry.inert.size()) {
     const MeshReport& report = (*scene)->geometry.report;
@@ -115,7 +155,7 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
       MutexLock lock(mutex_);
       times_.erase(options.scene_id);
     }
-    return ExplainBuild(std::move(status), options.scene_id, limits_.max_scene_bytes);
+    return ExplainBuild(std::move(status), options.scene_id);
   }
   return Get(options.scene_id);
 }
@@ -123,16 +163,20 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
 absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
                                              std::span<const SceneEdit> edits,
                                              const CancelToken* cancel) {
-  BvhPreset preset;
+  std::optional<BvhPreset> preset;
+  bool temporary = false;
   {
     MutexLock lock(mutex_);
-    const auto times = times_.find(options.scene_id);
-    if (times == times_.end()) return SceneNotFound(options.scene_id);
-    if (options.preset.has_value()) times->second.preset = *options.preset;
-    preset = times->second.preset;
+    if (const auto times = times_.find(options.scene_id); times != times_.end()) {
+      if (options.preset.has_value()) times->second.preset = *options.preset;
+      preset = times->second.preset;
+      temporary = times->second.temporary;
+    }
   }
+  if (!preset.has_value()) return NotThere(options.scene_id);
   absl::StatusOr<std::shared_ptr<const Scene>> scene =
-      registry_.Edit(options.scene_id, options.base_revision, edits, BuildOptions(preset), cancel);
+      registry_.Edit(options.scene_id, options.base_revision, edits, BuildOptions(*preset), cancel,
+                     KeeperOf(options.scene_id, temporary));
   if (!scene.ok()) return ExplainEdit(scene.status(), options);
   {
     MutexLock lock(mutex_);
@@ -146,7 +190,7 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
 absl::Status SceneCatalog::ExplainEdit(absl::Status status, const EditOptions& options) const {
   const absl::StatusOr<SceneStatus> now = registry_.GetStatus(options.scene_id);
   if (absl::IsNotFound(status)) {
-    if (!now.ok()) return SceneNotFound(options.scene_id);
+    if (!now.ok()) return NotThere(options.scene_id);
     return WithReason(std::move(status), v1::ERROR_REASON_OBJECT_NOT_FOUND,
                       Resource(options.scene_id));
   }
@@ -161,22 +205,19 @@ absl::Status SceneCatalog::ExplainEdit(absl::Status status, const EditOptions& o
     return WithReason(std::move(status), v1::ERROR_REASON_EDIT_NOT_POSSIBLE,
                       Resource(options.scene_id));
   }
-  return ExplainBuild(std::move(status), options.scene_id, limits_.max_scene_bytes);
+  return ExplainBuild(std::move(status), options.scene_id);
 }
 
-absl::Status SceneCatalog::Delete(const std::string& scene_id) {
-  const absl::StatusOr<SceneStatus> before = registry_.GetStatus(scene_id);
-  if (!before.ok()) return SceneNotFound(scene_id);
-  SL_RETURN_IF_ERROR(ExplainBuild(registry_.Delete(scene_id), scene_id, limits_.max_scene_bytes));
-  SceneView view = View(*before);
-  view.deleted = true;
+void SceneCatalog::Forget(SceneView view) {
+  const std::string scene_id = view.status.name;
   {
     MutexLock lock(mutex_);
     times_.erase(scene_id);
   }
+  view.deleted = true;
+  view.status.latest.reset();
   requests_.ForgetResource(SceneName(scene_id));
   Tell(view);
-  return absl::OkStatus();
 }
 
 absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
@@ -201,7 +242,7 @@ absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
 
 absl::StatusOr<SceneView> SceneCatalog::Get(const std::string& scene_id) const {
   absl::StatusOr<SceneStatus> status = registry_.GetStatus(scene_id);
-  if (!status.ok()) return SceneNotFound(scene_id);
+  if (!status.ok()) return NotThere(scene_id);
   return View(*std::move(status));
 }
 
@@ -219,7 +260,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::Pin(const std::string
   absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Get(scene_id, revision);
   if (scene.ok()) return scene;
   const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
-  if (!now.ok()) return SceneNotFound(scene_id);
+  if (!now.ok()) return NotThere(scene_id);
   if (now->latest == nullptr) {
     return MakeError(absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_SCENE_NOT_READY,
                      absl::StrCat(SceneName(scene_id), " is still being built"),

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The scenes of a server: the engine's registry with what a service needs around it: times,
-// repeatable requests, watchers, machine-readable reasons.
+// repeatable requests, watchers, machine-readable reasons, and a repository that scenes are stored
+// in and loaded from (scene_catalog_storage.cc).
 //
 // Invariants
 //  1. A scene is in the catalog exactly while the registry has it.
@@ -36,6 +37,7 @@
 #include "core/scene/registry.h"
 #include "server/base/limits.h"
 #include "server/base/request_log.h"
+#include "server/scenes/scene_repository.h"
 
 namespace sightline {
 
@@ -45,6 +47,15 @@ struct SceneView {
   absl::Time create_time = absl::InfinitePast();
   absl::Time update_time = absl::InfinitePast();
   bool deleted = false;
+  bool unloaded = false;  // Deleted from memory alone.
+};
+
+// A scene of the repository.
+struct StoredScene {
+  StoredFile file;
+  std::optional<SceneView> view;  // Of the scene in memory.
+  bool failed = false;            // The last attempt to load it failed; not in memory.
+  std::string note;               // Why it is not in memory, where that needs saying.
 };
 
 class SceneWatcher {
@@ -60,6 +71,7 @@ class SceneCatalog {
     std::string scene_id;
     std::optional<Vec3d> origin;
     BvhPreset preset = BvhPreset::kStatic;
+    bool temporary = false;  // Not stored.
   };
   struct EditOptions {
     std::string scene_id;
@@ -67,7 +79,9 @@ class SceneCatalog {
     std::optional<BvhPreset> preset;  // As before.
   };
 
-  SceneCatalog(const Limits& limits, ThreadPool& build_pool);
+  // `repository`, which may be null, outlives the catalog. `evict`: RegistryOptions says.
+  SceneCatalog(const Limits& limits, ThreadPool& build_pool,
+               const SceneRepository* repository = nullptr, bool evict = false);
 
   // What can be refused before an upload is received. AlreadyExists, ResourceExhausted.
   absl::Status CheckRoom(const std::string& scene_id, uint64_t triangles, uint64_t vertices) const;
@@ -76,7 +90,26 @@ class SceneCatalog {
                                    std::span<const ObjectInput> objects, const CancelToken* cancel);
   absl::StatusOr<SceneView> Edit(const EditOptions& options, std::span<const SceneEdit> edits,
                                  const CancelToken* cancel);
+  // From memory and from the repository.
   absl::Status Delete(const std::string& scene_id);
+
+  // ---- The repository. FailedPrecondition (NO_REPOSITORY) without one.
+
+  // A scene of the repository's file `file_id`. Under another id it is stored as a scene of its
+  // own.
+  absl::StatusOr<SceneView> CreateFromFile(const CreateOptions& options, const std::string& file_id,
+                                           const CancelToken* cancel);
+  // A scene of any file, temporary.
+  absl::StatusOr<SceneView> CreateFromBytes(const CreateOptions& options, const SceneBytes& file,
+                                            const CancelToken* cancel);
+  // The scene as it is, if it is loaded already.
+  absl::StatusOr<SceneView> Load(const std::string& scene_id, const CancelToken* cancel);
+  absl::StatusOr<SceneView> Reload(const std::string& scene_id, const CancelToken* cancel);
+  absl::Status Unload(const std::string& scene_id);
+  // Loads every scene of the repository that loads; the others stay, with the reason.
+  absl::Status LoadAll();
+  // In the order of the ids, those after `after`, at most `count`.
+  absl::StatusOr<std::vector<StoredScene>> ListStored(const std::string& after, size_t count) const;
 
   // `spec` with its "builtin:".
   absl::StatusOr<std::vector<ObjectInput>> MakeBuiltinObjects(const std::string& spec) const;
@@ -101,17 +134,39 @@ class SceneCatalog {
   struct Times {
     absl::Time create_time, update_time;
     BvhPreset preset = BvhPreset::kStatic;
+    bool temporary = false;
   };
+  // Of a scene that is not in memory, though it might be.
+  struct Note {
+    bool failed = false;
+    std::string text;
+  };
+  absl::Status CheckRepository() const;
+  // What stores a scene's revisions; null if nothing does.
+  SceneKeeper KeeperOf(const std::string& scene_id, bool temporary) const;
+  absl::StatusOr<SceneView> LoadFile(const CreateOptions& options, const SceneBytes& file,
+                                     const SceneKeeper& keeper, const CancelToken* cancel);
+  // Takes a scene that the registry has let go of out of the books, and tells of it.
+  void Forget(SceneView view) ABSL_LOCKS_EXCLUDED(mutex_);
+  void SetNote(const std::string& scene_id, std::optional<Note> note) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status NotThere(const std::string& scene_id) const ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnChange(const SceneStatus& status);
+
   SceneBuildOptions BuildOptions(BvhPreset preset) const;
   SceneView View(SceneStatus status) const;
   void Tell(const SceneView& view);
+  // What a build says, with the reason that its code stands for.
+  absl::Status ExplainBuild(absl::Status status, const std::string& scene_id) const;
   absl::Status ExplainEdit(absl::Status status, const EditOptions& options) const;
 
   const Limits limits_;
+  ThreadPool& build_pool_;
+  const SceneRepository* const repository_;
   SceneRegistry registry_;
   RequestLog requests_;
   mutable Mutex mutex_;
   std::map<std::string, Times> times_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::string, Note> notes_ ABSL_GUARDED_BY(mutex_);
   std::multimap<std::string, std::weak_ptr<SceneWatcher>> watchers_ ABSL_GUARDED_BY(mutex_);
   std::function<void(const SceneView&)> listener_ ABSL_GUARDED_BY(mutex_);
 };

@@ -58,7 +58,9 @@ absl::Status SceneUpload::AddPart(const v1::CreateSceneRequest& message) {
     return AddHeader(message.header());
   }
   if (!header_.has_value()) return BadSequence("header", "must be the first message");
-  if (!header_->builtin.empty()) return BadSequence("object", "a built-in scene has no upload");
+  if (!header_->builtin.empty() || !header_->file_id.empty()) {
+    return BadSequence("object", "a built-in scene or a file has no upload");
+  }
   if (message.part_case() == Request::kObject) return StartObject(message.object());
   return assembler_.Add(message.chunk());
 }
@@ -69,6 +71,7 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
   if (!header.scene_id().empty()) SL_RETURN_IF_ERROR(CheckId("header.scene_id", header.scene_id()));
   result.request_id = header.request_id();
   result.fingerprint = Fingerprint(header);
+  result.create.temporary = header.temporary();
   if (header.has_origin()) {
     result.create.origin = DecodeVector(header.origin());
     if (!(MaxAbs(*result.create.origin) <= kMaxCoordinate)) {
@@ -102,8 +105,16 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
         return InvalidField("header.builtin.spec", "", "must be builtin:NAME");
       }
       break;
+    case v1::CreateSceneHeader::kFile:
+      result.file_id = header.file().file_id();
+      SL_RETURN_IF_ERROR(CheckId("header.file.file_id", result.file_id));
+      if (header.has_origin() || preset.has_value()) {
+        return InvalidField("header.file", result.file_id,
+                            "has an origin and a build of its own: set neither");
+      }
+      break;
     case v1::CreateSceneHeader::SOURCE_NOT_SET:
-      return InvalidField("header.source", "(unset)", "must be upload or builtin");
+      return InvalidField("header.source", "(unset)", "must be upload, builtin or file");
   }
   header_ = std::move(result);
   return absl::OkStatus();

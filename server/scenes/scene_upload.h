@@ -33,7 +33,8 @@ namespace sightline {
 struct SceneHeader {
   SceneCatalog::CreateOptions create;  // scene_id empty: to be made up.
   std::string request_id, fingerprint;
-  std::string builtin;  // Empty for an upload.
+  std::string builtin;  // Empty for an upload, ...
+  std::string file_id;  // ... and so is this.
   uint64_t object_count = 0, triangle_count = 0, vertex_count = 0;
 };
 

@@ -68,20 +68,32 @@ class CreateSteps : public SceneSteps {
   using SceneSteps::SceneSteps;
 
   absl::Status CheckHeader(const Header& header) const {
+    // A file says what it needs when it is loaded, and one of the same name is no other scene.
+    if (!header.file_id.empty() && header.create.scene_id == header.file_id) {
+      return absl::OkStatus();
+    }
     return env_.scenes.CheckRoom(header.create.scene_id, header.triangle_count,
                                  header.vertex_count);
   }
 
   absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,
                                    Response* response) const {
+    SceneCatalog::CreateOptions options;
+    if (upload.header().has_value()) options = upload.header()->create;
+    if (options.scene_id.empty()) options.scene_id = MakeId("scene");
+    if (upload.header().has_value() && !upload.header()->file_id.empty()) {
+      SL_ASSIGN_OR_RETURN(const SceneView view,
+                          env_.scenes.CreateFromFile(options, upload.header()->file_id, &cancel));
+      LogScene("scene_loaded", view);
+      EncodeScene(view, response);
+      return SceneName(options.scene_id);
+    }
     std::vector<ObjectInput> objects;
     if (upload.header().has_value() && !upload.header()->builtin.empty()) {
       SL_ASSIGN_OR_RETURN(objects, env_.scenes.MakeBuiltinObjects(upload.header()->builtin));
     } else {
       SL_ASSIGN_OR_RETURN(objects, upload.Finish());
     }
-    SceneCatalog::CreateOptions options = upload.header()->create;
-    if (options.scene_id.empty()) options.scene_id = MakeId("scene");
     SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Create(options, objects, &cancel));
     LogScene("scene_created", view);
     EncodeScene(view, response);
@@ -180,8 +192,59 @@ grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*
   return AnswerLater(context, env_.calls, env_.build_pool, [this, request]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
     SL_RETURN_IF_ERROR(env_.scenes.Delete(scene_id));
-    env_.point_sets.RemoveScene(scene_id);
     Log(LogLevel::kInfo, "scene_deleted", {{"scene", scene_id}});
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext* context,
+                                                  const v1::LoadSceneRequest* request,
+                                                  v1::Scene* response) {
+  return AnswerLater(context, env_.calls, env_.build_pool, [=, this]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Load(scene_id, /*cancel=*/nullptr));
+    LogScene("scene_loaded", view);
+    EncodeScene(view, response);
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext* context,
+                                                    const v1::ReloadSceneRequest* request,
+                                                    v1::Scene* response) {
+  return AnswerLater(context, env_.calls, env_.build_pool, [=, this]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Reload(scene_id, /*cancel=*/nullptr));
+    LogScene("scene_reloaded", view);
+    EncodeScene(view, response);
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext* context,
+                                                    const v1::UnloadSceneRequest* request,
+                                                    google::protobuf::Empty*) {
+  return AnswerLater(context, env_.calls, env_.build_pool, [this, request]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+    SL_RETURN_IF_ERROR(env_.scenes.Unload(scene_id));
+    Log(LogLevel::kInfo, "scene_unloaded", {{"scene", scene_id}});
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerContext* context,
+                                                         const v1::ListStoredScenesRequest* request,
+                                                         v1::ListStoredScenesResponse* response) {
+  return AnswerLater(context, env_.calls, env_.build_pool, [=, this]() -> absl::Status {
+    SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
+    SL_ASSIGN_OR_RETURN(std::vector<StoredScene> scenes,
+                        env_.scenes.ListStored(page.after, page.size + 1));
+    if (CutToPage(page, &scenes)) {
+      response->set_next_page_token(PageToken(scenes.back().file.scene_id));
+    }
+    for (const StoredScene& scene : scenes) {
+      EncodeStoredScene(scene, response->add_stored_scenes());
+    }
     return absl::OkStatus();
   });
 }

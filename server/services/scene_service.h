@@ -32,6 +32,18 @@ class SceneService final : public v1::SceneService::CallbackService {
   grpc::ServerUnaryReactor* DeleteScene(grpc::CallbackServerContext* context,
                                         const v1::DeleteSceneRequest* request,
                                         google::protobuf::Empty* response) override;
+  grpc::ServerUnaryReactor* LoadScene(grpc::CallbackServerContext* context,
+                                      const v1::LoadSceneRequest* request,
+                                      v1::Scene* response) override;
+  grpc::ServerUnaryReactor* ReloadScene(grpc::CallbackServerContext* context,
+                                        const v1::ReloadSceneRequest* request,
+                                        v1::Scene* response) override;
+  grpc::ServerUnaryReactor* UnloadScene(grpc::CallbackServerContext* context,
+                                        const v1::UnloadSceneRequest* request,
+                                        google::protobuf::Empty* response) override;
+  grpc::ServerUnaryReactor* ListStoredScenes(grpc::CallbackServerContext* context,
+                                             const v1::ListStoredScenesRequest* request,
+                                             v1::ListStoredScenesResponse* response) override;
   grpc::ServerWriteReactor<v1::WatchSceneResponse>* WatchScene(
       grpc::CallbackServerContext* context, const v1::WatchSceneRequest* request) override;
 

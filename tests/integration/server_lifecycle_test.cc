@@ -16,6 +16,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "tests/integration/server_harness.h"
+#include "tests/integration/server_process.h"
 #include "tests/support/temp_dir.h"
 
 namespace sightline {
@@ -165,63 +166,10 @@ TEST(LifecycleTest, DrainEndsWatchers) {
   EXPECT_EQ(ReasonIn(reader->Finish()), "DRAINING");
 }
 
-// sightlined itself, with its log on a pipe.
-class Process {
- public:
-  explicit Process(std::vector<std::string> arguments) {
-    int ends[2];
-    EXPECT_EQ(pipe(ends), 0);
-    arguments.insert(arguments.begin(), SIGHTLINED_BINARY);
-    std::vector<char*> argv;
-    argv.reserve(arguments.size() + 1);
-    for (std::string& argument : arguments) argv.push_back(argument.data());
-    argv.push_back(nullptr);
-    pid_ = fork();
-    if (pid_ == 0) {
-      dup2(ends[1], STDERR_FILENO);
-      dup2(ends[1], STDOUT_FILENO);
-      close(ends[0]);
-      close(ends[1]);
-      execv(argv[0], argv.data());
-      _exit(127);
-    }
-    close(ends[1]);
-    log_ = fdopen(ends[0], "r");
-  }
-  ~Process() {
-    if (pid_ > 0) {
-      kill(pid_, SIGKILL);
-      waitpid(pid_, nullptr, 0);
-    }
-    std::fclose(log_);
-  }
-  // The first line with `text` in it, or everything there was.
-  std::string ReadUntil(const std::string& text) {
-    std::string all;
-    char line[4096];
-    while (std::fgets(line, sizeof(line), log_) != nullptr) {
-      if (absl::StrContains(line, text)) return line;
-      all += line;
-    }
-    return all;
-  }
-  void Signal(int signal) const { kill(pid_, signal); }
-  int Wait() {
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status);
-  }
-
- private:
-  pid_t pid_ = 0;
-  std::FILE* log_ = nullptr;
-};
-
 TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
   const testing_support::TempDir dir;
   const std::string port_file = dir.File("port");
-  Process process(
+  ServerProcess process(
       {"--scene=builtin:box:1000", "--port-file", port_file, "--threads=2", "--slow-query-log=0s"});
   const std::string serving = process.ReadUntil("event=serving");
   ASSERT_TRUE(absl::StrContains(serving, "event=serving")) << serving;
@@ -262,7 +210,7 @@ TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
 }
 
 TEST(SightlinedTest, WrongFlagsAreAUsageError) {
-  Process process({"--thread=2"});
+  ServerProcess process({"--thread=2"});
   const std::string line = process.ReadUntil("--thread");
   EXPECT_TRUE(absl::StrContains(line, "there is no flag --thread")) << line;
   EXPECT_EQ(process.Wait(), 64);
@@ -272,24 +220,24 @@ TEST(SightlinedTest, TheConfigurationIsCheckedAndPrinted) {
   const testing_support::TempDir dir;
   std::ofstream(dir.File("good.yaml")) << "threads: 3\n";
   std::ofstream(dir.File("bad.yaml")) << "threads: 3\nscene: builtin:nothing\n";
-  Process good({"--config", dir.File("good.yaml"), "--check-config"});
+  ServerProcess good({"--config", dir.File("good.yaml"), "--check-config"});
   EXPECT_TRUE(absl::StrContains(good.ReadUntil("good"), "the configuration is good"));
   EXPECT_EQ(good.Wait(), 0);
-  Process bad({"--config", dir.File("bad.yaml"), "--check-config"});
+  ServerProcess bad({"--config", dir.File("bad.yaml"), "--check-config"});
   EXPECT_TRUE(absl::StrContains(bad.ReadUntil("nothing"), "nothing"));
   EXPECT_EQ(bad.Wait(), 64);
-  Process print({"--config", dir.File("good.yaml"), "--print-config"});
+  ServerProcess print({"--config", dir.File("good.yaml"), "--print-config"});
   EXPECT_TRUE(absl::StrContains(print.ReadUntil("threads: 3"), "good.yaml:1"));
   print.ReadUntil("no such line");
   EXPECT_EQ(print.Wait(), 0);
 }
 
 TEST(SightlinedTest, HelpAndVersion) {
-  Process help({"--help"});
+  ServerProcess help({"--help"});
   EXPECT_TRUE(absl::StrContains(help.ReadUntil("--drain-timeout"), "DURATION"));
   help.ReadUntil("no such line");
   EXPECT_EQ(help.Wait(), 0);
-  Process version({"--version"});
+  ServerProcess version({"--version"});
   EXPECT_TRUE(absl::StrContains(version.ReadUntil("sightlined"), "."));
   EXPECT_EQ(version.Wait(), 0);
 }

@@ -32,6 +32,14 @@ class MockConnection : public Connection {
               (const v1::WatchSceneRequest&,
                const std::function<bool(const v1::WatchSceneResponse&)>&, const CallOptions&),
               (override));
+  MOCK_METHOD(absl::StatusOr<v1::Scene>, LoadScene,
+              (const v1::LoadSceneRequest&, const CallOptions&), (override));
+  MOCK_METHOD(absl::StatusOr<v1::Scene>, ReloadScene,
+              (const v1::ReloadSceneRequest&, const CallOptions&), (override));
+  MOCK_METHOD(absl::Status, UnloadScene, (const v1::UnloadSceneRequest&, const CallOptions&),
+              (override));
+  MOCK_METHOD(absl::StatusOr<v1::ListStoredScenesResponse>, ListStoredScenes,
+              (const v1::ListStoredScenesRequest&, const CallOptions&), (override));
   MOCK_METHOD(absl::StatusOr<v1::PointSet>, CreatePointSet,
               (const Upload<v1::CreatePointSetRequest>&, const CallOptions&), (override));
   MOCK_METHOD(absl::StatusOr<v1::PointSet>, GetPointSet,
