@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "client/cli/session.h"
 #include "core/base/status_macros.h"
 #include "server/base/log.h"
@@ -19,9 +20,20 @@ namespace {
 
 class EmbeddedSession final : public Session {
  public:
-  EmbeddedSession(std::shared_ptr<client::Connection> connection, std::shared_ptr<void> server,
-                  const SessionFlags& flags)
-      : Session(std::move(connection), std::move(server), flags) {}
+  EmbeddedSession(std::shared_ptr<client::Connection> connection,
+                  const std::shared_ptr<Server>& server, const SessionFlags& flags)
+      : Session(std::move(connection), server, flags), server_(*server) {}
+
+  absl::StatusOr<client::Scene> LoadNative(const SceneBytes& file,
+                                           const std::string& scene_id) const override {
+    SL_RETURN_IF_ERROR(server_.scenes()
+                           .CreateFromBytes({.scene_id = scene_id}, file, /*cancel=*/nullptr)
+                           .status());
+    return client().GetScene(absl::StrCat("scenes/", scene_id), call());
+  }
+
+ private:
+  Server& server_;  // The base's.
 };
 
 // Scenes may take three quarters of the machine's memory: nobody else uses this server.
@@ -42,6 +54,7 @@ absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags)
   options.log_level = LogLevel::kError;
   SetLogLevel(options.log_level);
   options.limits.max_scene_bytes = SceneBudget(options.limits.max_scene_bytes);
+  options.limits.max_bytes_per_scene = options.limits.max_scene_bytes;
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Server> server, Server::Start(options));
   std::vector<std::shared_ptr<grpc::Channel>> channels;
   const uint64_t count = std::max<uint64_t>(1, flags.ConnectionCount());
@@ -51,7 +64,7 @@ absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags)
   client::ConnectionOptions connection;
   connection.retry.give_up_after = absl::Seconds(flags.retry_seconds);
   return std::make_unique<EmbeddedSession>(client::MakeConnection(std::move(channels), connection),
-                                           std::move(server), flags);
+                                           std::shared_ptr<Server>(std::move(server)), flags);
 }
 
 }  // namespace sightline::cli

@@ -29,8 +29,12 @@ constexpr Entry kCommands[] = {
     {"view", "what a camera sees and which lights reach it, as pictures and arrays", ViewCommand},
     {"shade", "which lights reach which points", ShadeCommand},
     {"segments", "which segments are blocked", SegmentsCommand},
-    {"check", "what a mesh file holds and what is wrong with it", CheckCommand},
+    {"import", "read a mesh file and write a native scene file, ready to be mapped", ImportCommand},
+    {"check", "what a mesh or native scene file holds and what is wrong with it", CheckCommand},
     {"scene load", "load a scene into a server", SceneLoadCommand},
+    {"scene unload", "take a scene out of a server's memory; its file stays", SceneUnloadCommand},
+    {"scene reload", "load a scene's file again, as a new revision", SceneReloadCommand},
+    {"scene repository", "list the scene files of a server", SceneRepositoryCommand},
     {"scene list", "list the scenes of a server", SceneListCommand},
     {"scene show", "describe a scene of a server", SceneShowCommand},
     {"scene delete", "take a scene away from a server", SceneDeleteCommand},
@@ -43,16 +47,17 @@ std::string GeneralHelp() {
       "B.\n"
       "\nUsage: sightline COMMAND [words] [flags]\n\nCommands:\n";
   for (const Entry& entry : kCommands) {
-    absl::StrAppend(&help, absl::StrFormat("  %-13s %s\n", entry.name, entry.summary));
+    absl::StrAppend(&help, absl::StrFormat("  %-17s %s\n", entry.name, entry.summary));
   }
   absl::StrAppend(
       &help,
-      "  help          this text; sightline help COMMAND or COMMAND --help lists its flags\n"
+      "  help              this text; sightline help COMMAND or COMMAND --help lists its flags\n"
       "\nExamples:\n"
       "  sightline view builtin:hall --out hall.png\n"
       "  sightline view city.obj.xz --out lit:lit.png --out depth:depth.png --stats\n"
       "  sightline shade city.obj.xz --points P.npy --sun 0.3,-0.5,0.8 --out lit.npy\n"
       "  sightline segments city.obj.xz --segments S.npy --out hit.npy\n"
+      "  sightline import city.obj.xz -o city.slscene\n"
       "\n",
       ExitCodeHelp());
   return help;
@@ -79,7 +84,8 @@ const Entry* FindCommand(std::span<const std::string> args, size_t* words) {
 absl::Status UnknownCommand(std::span<const std::string> args) {
   std::string text = args[0];
   if (args[0] == "scene") {
-    if (args.size() < 2) return UsageError("scene wants load, list, show or delete");
+    if (args.size() < 2)
+      return UsageError("scene wants load, unload, reload, repository, list, show or delete");
     absl::StrAppend(&text, " ", args[1]);
   }
   const std::string nearest = NearestWord(text, CommandNames());

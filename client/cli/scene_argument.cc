@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
 #include "client/cli/exit_code.h"
+#include "client/cli/native_scene.h"
 #include "client/import/import.h"
 #include "core/base/status_macros.h"
 
@@ -49,6 +50,8 @@ std::string SceneHelp() {
       "  FILE                       a mesh: .obj .ply .stl .off .gltf .glb, .3ds and what else "
       "assimp\n"
       "                             reads; also with .xz or .gz behind it\n"
+      "  FILE.slscene               a native scene file (sightline import), mapped instead of "
+      "built\n"
       "  builtin:NAME[:TRIANGLES]   a scene that is generated, such as builtin:hall:1M\n"
       "  scenes/NAME                a scene that the server at --server holds\n"
       "Built-in scenes:\n";
@@ -63,6 +66,7 @@ SceneKind KindOf(const std::string& argument) {
   if (absl::StartsWith(argument, kBuiltinPrefix)) return SceneKind::kBuiltin;
   // A file of that path wins only when it is written as one ("./scenes/x").
   if (absl::StartsWith(argument, kServerPrefix)) return SceneKind::kServer;
+  if (IsSceneFileName(argument)) return SceneKind::kNative;
   return SceneKind::kFile;
 }
 
@@ -72,16 +76,22 @@ std::string SceneName(const std::string& argument) {
 
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
                                         const std::string& scene_id, client::BuildPreset preset,
-                                        std::ostream& err, ImportedScene* imported) {
+                                        bool temporary, std::ostream& err,
+                                        ImportedScene* imported) {
   client::SceneSource source;
   source.scene_id = scene_id;
   source.build_preset = preset;
+  source.temporary = temporary;
   ImportedScene file;
   switch (KindOf(argument)) {
     case SceneKind::kServer:
       return UsageError(absl::StrCat("'", argument,
                                      "' is a scene that a server holds already; "
                                      "give a file or builtin:NAME"));
+    case SceneKind::kNative: {
+      SL_ASSIGN_OR_RETURN(const SceneBytes native, OpenSceneFile(argument));
+      return session.LoadNative(native, scene_id.empty() ? TemporaryId() : scene_id);
+    }
     case SceneKind::kBuiltin: {
       const std::string name(absl::StripPrefix(argument, kBuiltinPrefix));
       absl::StatusOr<BuiltinSpec> spec = ParseBuiltin(name);
@@ -132,8 +142,9 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
     return std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/false);
   }
   ImportedScene imported;
-  SL_ASSIGN_OR_RETURN(client::Scene scene, LoadScene(session, argument, TemporaryId(),
-                                                     client::BuildPreset::kStatic, err, &imported));
+  SL_ASSIGN_OR_RETURN(client::Scene scene,
+                      LoadScene(session, argument, TemporaryId(), client::BuildPreset::kStatic,
+                                /*temporary=*/true, err, &imported));
   auto opened =
       std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/!session.embedded());
   opened->objects_ = std::move(imported.objects);

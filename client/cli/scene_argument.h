@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The SCENE of a command line: a mesh file, `builtin:NAME[:TRIANGLES]`, or `scenes/NAME` that a
-// server already holds. Files and built-in scenes become a scene of the session's server for the
-// time of the command; on a server at --server that scene is deleted again afterwards.
+// The SCENE of a command line: a mesh file, a native scene file, `builtin:NAME[:TRIANGLES]`, or
+// `scenes/NAME` that a server already holds. Files and built-in scenes become a scene of the
+// session's server for the time of the command; on a server at --server that scene is deleted again
+// afterwards.
 //
 // Thread safety: one thread per object.
 //
@@ -29,7 +30,7 @@ namespace sightline::cli {
 // The paragraph on SCENE for --help.
 std::string SceneHelp();
 
-enum class SceneKind { kFile, kBuiltin, kServer };
+enum class SceneKind { kFile, kNative, kBuiltin, kServer };
 SceneKind KindOf(const std::string& argument);
 
 class OpenedScene {
@@ -65,11 +66,11 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                                        std::ostream& err);
 
 // Makes a scene on the session's server of a file or a built-in scene, with a name of its own or
-// one that the server makes up (empty), built by `preset`. `imported` (may be null) receives a
-// file's arrays and report.
+// one that the server makes up (empty), built by `preset`; a `temporary` one is not stored.
+// `imported` (may be null) receives a mesh file's arrays and report.
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
                                         const std::string& scene_id, client::BuildPreset preset,
-                                        std::ostream& err, ImportedScene* imported);
+                                        bool temporary, std::ostream& err, ImportedScene* imported);
 
 // "city" and "scenes/city" both name scenes/city.
 std::string SceneName(const std::string& argument);

@@ -88,6 +88,21 @@ client::StreamOptions Session::stream() const {
   return options;
 }
 
+absl::StatusOr<client::Scene> Session::LoadNative(const SceneBytes& file,
+                                                  const std::string&) const {
+  return UsageError(absl::StrCat(
+      file.shown,
+      " is a native scene file, which a server takes from its own repository alone: put ",
+      "it there, then sightline scene load scenes/NAME"));
+}
+
+absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags) {
+  if (flags.server.empty()) {
+    return UsageError("wants --server HOST:PORT: scenes live on a server");
+  }
+  return Session::Open(flags);
+}
+
 absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags) {
   if (absl::Status s = flags.Check(); !s.ok()) return s;
   if (flags.server.empty()) return OpenEmbedded(flags);

@@ -19,6 +19,7 @@
 #include "client/cli/flags.h"
 #include "client/lib/client.h"
 #include "client/lib/connection.h"
+#include "core/scene/scene_file.h"
 
 namespace sightline::cli {
 
@@ -51,6 +52,9 @@ class Session {
   // For calls that are made now.
   client::CallOptions call() const { return {.deadline = deadline_}; }
   client::StreamOptions stream() const;
+  // A scene of a native scene file, which the embedded server maps; a usage error for a remote one.
+  virtual absl::StatusOr<client::Scene> LoadNative(const SceneBytes& file,
+                                                   const std::string& scene_id) const;
 
  protected:
   // `server`: the embedded one, null for a remote one.
@@ -67,6 +71,9 @@ class Session {
 
 // Starts a server in this process (embedded_session.cc: the one file that knows the server).
 absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags);
+
+// Session::Open for commands that need a server: a usage error without one.
+absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags);
 
 }  // namespace sightline::cli
 

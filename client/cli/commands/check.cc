@@ -50,7 +50,7 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
   FlagSet flags(
       "sightline check FILE [flags]",
       "Reads a mesh file (or builtin:NAME) and tells what a scene of it would hold and what "
-      "was wrong with it.");
+      "was wrong with it; or a native scene file, every sum and index of it.");
   flags.Switch("objects", "list its objects too", &with_objects);
   RegisterOutput(&flags, &output);
   std::vector<std::string> words;
@@ -60,6 +60,8 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
 
   ImportedScene imported;
   switch (KindOf(name)) {
+    case SceneKind::kNative:
+      return CheckSceneFile(name, with_objects, output, context);
     case SceneKind::kServer:
       return UsageError(
           absl::StrCat("'", name, "' is a scene of a server; see sightline scene show"));

@@ -18,6 +18,8 @@ std::string PointText(const client::Point3& p) {
   return absl::StrFormat("(%.17g, %.17g, %.17g)", p[0], p[1], p[2]);
 }
 
+}  // namespace
+
 const char* StateName(client::SceneState state) {
   switch (state) {
     case client::SceneState::kBuilding:
@@ -30,13 +32,13 @@ const char* StateName(client::SceneState state) {
       return "failed";
     case client::SceneState::kDeleted:
       return "deleted";
+    case client::SceneState::kUnloaded:
+      return "unloaded";
     case client::SceneState::kUnknown:
       break;
   }
   return "unknown";
 }
-
-}  // namespace
 
 void RegisterOutput(FlagSet* flags, std::string* output) {
   *output = "text";
@@ -111,6 +113,7 @@ Json SceneJson(const client::Scene& scene) {
   json["name"] = scene.name;
   json["state"] = StateName(scene.state);
   if (!scene.state_message.empty()) json["state_message"] = scene.state_message;
+  json["stored"] = scene.stored;
   json["revision"] = scene.revision;
   json["objects"] = scene.objects;
   json["triangles"] = scene.triangles;
@@ -149,7 +152,7 @@ void PrintScene(const client::Scene& scene, std::ostream& out) {
       {"scene", scene.name},
       {"state", absl::StrCat(StateName(scene.state), scene.state_message.empty() ? "" : ": ",
                              scene.state_message)},
-      {"revision", absl::StrCat(scene.revision)},
+      {"revision", absl::StrCat(scene.revision, scene.stored ? ", stored" : "")},
       {"objects", GroupedCount(scene.objects)},
       {"triangles", GroupedCount(scene.triangles)},
       {"vertices", GroupedCount(scene.vertices)},

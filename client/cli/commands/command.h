@@ -41,6 +41,10 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
 absl::Status SceneListCommand(std::span<const std::string> args, Context& context);
 absl::Status SceneShowCommand(std::span<const std::string> args, Context& context);
 absl::Status SceneDeleteCommand(std::span<const std::string> args, Context& context);
+absl::Status SceneUnloadCommand(std::span<const std::string> args, Context& context);
+absl::Status SceneReloadCommand(std::span<const std::string> args, Context& context);
+absl::Status SceneRepositoryCommand(std::span<const std::string> args, Context& context);
+absl::Status ImportCommand(std::span<const std::string> args, Context& context);
 absl::Status HealthCommand(std::span<const std::string> args, Context& context);
 absl::Status CheckCommand(std::span<const std::string> args, Context& context);
 
@@ -59,6 +63,10 @@ absl::StatusOr<bool> ParseOrHelp(FlagSet* flags, std::span<const std::string> ar
                                  const std::string& epilogue, Context& context,
                                  std::vector<std::string>* words);
 
+// What `check` says of a native scene file: header, sections, sums, and what it holds.
+absl::Status CheckSceneFile(const std::string& path, bool with_objects, const std::string& output,
+                            Context& context);
+
 // CheckWritable for each file that is named, before work starts.
 absl::Status CheckOutputs(std::initializer_list<std::string> paths);
 
@@ -66,6 +74,8 @@ absl::Status CheckOutputs(std::initializer_list<std::string> paths);
 Json SunsJson(const LightFlags& lights);
 void AddSunRows(const LightFlags& lights, std::vector<std::pair<std::string, std::string>>* rows);
 
+// "ready", "unloaded" and so on.
+const char* StateName(client::SceneState state);
 Json SceneJson(const client::Scene& scene);
 void PrintScene(const client::Scene& scene, std::ostream& out);
 // Rays, rates and bytes of a query, as keys of `json`. `threads`: those of the server's engine.

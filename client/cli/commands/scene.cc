@@ -14,13 +14,6 @@
 namespace sightline::cli {
 namespace {
 
-absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags) {
-  if (flags.server.empty()) {
-    return UsageError("wants --server HOST:PORT: scenes live on a server");
-  }
-  return Session::Open(flags);
-}
-
 client::BuildPreset PresetNamed(const std::string& name) {
   if (name == "dynamic") return client::BuildPreset::kDynamic;
   return name == "compact" ? client::BuildPreset::kCompact : client::BuildPreset::kStatic;
@@ -33,7 +26,8 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
   SessionFlags session_flags;
   FlagSet flags(
       "sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
-      "Loads a file or a built-in scene into a server, where it stays until it is deleted.");
+      "Loads a file or a built-in scene into a server, where it stays until it is deleted; or, as "
+      "scenes/NAME, a scene of the server's repository.");
   flags.Text(
       "name", "NAME",
       "name of the new scene: 1 to 63 of a-z, 0-9, - _ and ., starting with a letter or digit; "
@@ -48,8 +42,17 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
   if (!go) return absl::OkStatus();
   if (name.substr(0, 7) == "scenes/") name = name.substr(7);
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
-  SL_ASSIGN_OR_RETURN(client::Scene scene, LoadScene(*session, words[0], name, PresetNamed(build),
-                                                     context.err, nullptr));
+  client::Scene scene;
+  if (KindOf(words[0]) == SceneKind::kServer) {
+    if (!name.empty() || flags.given("build")) {
+      return UsageError(absl::StrCat("'", words[0], "' has a name and a build of its own: ",
+                                     "give neither --name nor --build"));
+    }
+    SL_ASSIGN_OR_RETURN(scene, session->client().LoadScene(words[0], session->call()));
+  } else {
+    SL_ASSIGN_OR_RETURN(scene, LoadScene(*session, words[0], name, PresetNamed(build),
+                                         /*temporary=*/false, context.err, nullptr));
+  }
   if (output == "json") {
     context.out << SceneJson(scene).dump(2) << '\n';
   } else {

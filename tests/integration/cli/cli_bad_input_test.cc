@@ -26,7 +26,7 @@ TEST_F(CliTest, CommandLinesThatMakeNoSense) {
   const std::string obj = Write("small.obj", kSmallObj), out = File("v.png");
   Bad(kExitUsage, {}, {"sightline help"});
   Bad(kExitUsage, {"vieuw"}, {"did you mean view"});
-  Bad(kExitUsage, {"scene"}, {"load, list, show or delete"});
+  Bad(kExitUsage, {"scene"}, {"repository, list, show or delete"});
   Bad(kExitUsage, {"scene", "lod"}, {"did you mean scene load"});
   Bad(kExitUsage, {"view", "--out", out}, {"SCENE"});
   Bad(kExitUsage, {"view", obj, obj, "--out", out}, {"unexpected"});
@@ -50,7 +50,8 @@ TEST_F(CliTest, CommandLinesThatMakeNoSense) {
   Bad(kExitUsage, {"view", "scenes/x", "--out", out}, {"--server"});
   Bad(kExitUsage, {"scene", "list"}, {"--server"});
   Bad(kExitUsage, {"scene", "list", "--server", "nonsense"}, {"HOST:PORT"});
-  Bad(kExitUsage, {"scene", "load", "scenes/x", "--server", "127.0.0.1:1"}, {"scenes/x"});
+  Bad(kExitUsage, {"scene", "load", "scenes/x", "--name=y", "--server", "127.0.0.1:1"},
+      {"scenes/x"});
   Bad(kExitUsage, {"shade", obj}, {"--points"});
   Bad(kExitUsage, {"shade", obj, "--points", "P.npy", "--out", out}, {"--lights"});
   Bad(kExitUsage,

@@ -82,8 +82,9 @@ TEST_F(CliTest, CheckTellsWhatAFileHolds) {
 
 TEST_F(CliTest, HelpListsCommandsAndFlags) {
   const std::string help = Good({"help"}).out;
-  for (const std::string command : {"view", "shade", "segments", "check", "scene load",
-                                    "scene list", "scene show", "scene delete", "health"}) {
+  for (const std::string command :
+       {"view", "shade", "segments", "check", "import", "scene load", "scene unload",
+        "scene reload", "scene repository", "scene list", "scene show", "scene delete", "health"}) {
     EXPECT_THAT(help, HasSubstr(command));
     std::vector<std::string> args = {"help"};
     for (const auto& word : absl::StrSplit(command, ' ')) args.emplace_back(word);

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// sightline import: a mesh file, compiled and built, as a native scene file. Nothing is sent to a
+// server: the scene is built as a server would build it.
+#include "client/import/import.h"
+
+#include <cmath>
+#include <filesystem>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/strip.h"
+#include "absl/time/clock.h"
+#include "client/cli/commands/command.h"
+#include "client/cli/exit_code.h"
+#include "client/cli/native_scene.h"
+#include "client/cli/scene_argument.h"
+#include "core/base/status_macros.h"
+#include "core/mesh/builtin/builtin.h"
+#include "core/scene/scene.h"
+
+namespace sightline::cli {
+namespace {
+
+absl::StatusOr<std::vector<ObjectInput>> ReadObjects(const std::string& name, Context& context) {
+  switch (KindOf(name)) {
+    case SceneKind::kServer:
+      return UsageError(absl::StrCat("'", name,
+                                     "' is a scene of a server, which stores it in its own "
+                                     "repository; give a file or builtin:NAME"));
+    case SceneKind::kNative:
+      return UsageError(absl::StrCat("'", name, "' is a native scene file already"));
+    case SceneKind::kBuiltin: {
+      absl::StatusOr<BuiltinSpec> spec =
+          ParseBuiltin(std::string(absl::StripPrefix(name, "builtin:")));
+      if (!spec.ok()) return WithExitCode(spec.status(), kExitUsage);
+      absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*spec);
+      if (!scene.ok()) return WithExitCode(scene.status(), kExitUsage);
+      return std::move(scene->objects);
+    }
+    case SceneKind::kFile:
+      break;
+  }
+  SL_ASSIGN_OR_RETURN(ImportedScene imported, ImportFile(name));
+  for (const std::string& warning : imported.report.warnings) {
+    context.err << "warning: '" << name << "': " << warning << '\n';
+  }
+  return std::move(imported.objects);
+}
+
+BvhPreset PresetNamed(const std::string& name) {
+  if (name == "dynamic") return BvhPreset::kDynamic;
+  return name == "compact" ? BvhPreset::kCompact : BvhPreset::kStatic;
+}
+
+}  // namespace
+
+absl::Status ImportCommand(std::span<const std::string> args, Context& context) {
+  std::string output, out, build = "static";
+  std::optional<Vec3d> origin;
+  uint64_t threads = 0;
+  FlagSet flags("sightline import FILE -o FILE.slscene [flags]",
+                "Reads a mesh file (or builtin:NAME), builds what answers queries, and writes both "
+                "as a native scene file, which servers and commands map instead of building.");
+  flags.Text("out", "FILE", "the native scene file to write, ending in .slscene; -o is the same",
+             &out);
+  flags.Choice("build", {"static", "dynamic", "compact"},
+               "what the build favours: fast answers, being built fast, or little memory", &build);
+  flags.Point("origin",
+              "what stored floats are relative to; without it the first vertex of the first object",
+              &origin);
+  flags.Count("threads", "N", "threads to build with, 0: one per core", &threads, 0, 1000);
+  RegisterOutput(&flags, &output);
+  std::vector<std::string> long_args(args.begin(), args.end());
+  for (std::string& arg : long_args) {
+    if (arg == "-o") arg = "--out";
+  }
+  std::vector<std::string> words;
+  SL_ASSIGN_OR_RETURN(bool go,
+                      ParseOrHelp(&flags, long_args, {"FILE"}, SceneHelp(), context, &words));
+  if (!go) return absl::OkStatus();
+  if (!IsSceneFileName(out)) {
+    return UsageError(absl::StrCat("wants -o FILE", kSceneFileEnding, "; got '", out, "'"));
+  }
+  const std::string& name = words[0];
+  if (KindOf(name) != SceneKind::kServer) SL_RETURN_IF_ERROR(CheckSceneFileWritable(out));
+
+  const absl::Time start = absl::Now();
+  SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, ReadObjects(name, context));
+  const absl::Time read = absl::Now();
+  ThreadPool pool(static_cast<int>(threads));
+  SceneBuildOptions options;
+  options.bvh = BvhPresetOptions(PresetNamed(build));
+  constexpr uint64_t kParts = 1000;  // Of the whole, for the progress.
+  absl::StatusOr<std::shared_ptr<const Scene>> scene;
+  {
+    Progress progress(context.err, context.err_is_terminal, "building", "parts", kParts);
+    Mutex mutex;
+    scene = BuildScene(std::filesystem::path(out).stem().string(), /*revision=*/1, objects, origin,
+                       options, pool, /*cancel=*/nullptr, [&](double share) {
+                         MutexLock lock(mutex);
+                         progress.Update(static_cast<uint64_t>(share * kParts));
+                       });
+  }
+  if (!scene.ok()) {
+    return absl::Status(scene.status().code(),
+                        absl::StrCat("'", name, "': ", scene.status().message()));
+  }
+  const absl::Time built = absl::Now();
+  {
+    Progress progress(context.err, context.err_is_terminal, "writing", "parts", kParts);
+    SL_RETURN_IF_ERROR(SaveSceneFile(**scene, out, pool, [&](double share) {
+      progress.Update(static_cast<uint64_t>(share * kParts));
+    }));
+  }
+  const absl::Time written = absl::Now();
+  SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenSceneFile(out));
+  const MeshReport& report = (*scene)->geometry.report;
+
+  if (output == "json") {
+    Json json;
+    json["command"] = "import";
+    json["file"] = name;
+    json["out"] = out;
+    json["bytes"] = file.bytes.size();
+    json["objects"] = (*scene)->geometry.objects.size();
+    json["triangles"] = report.triangles;
+    json["vertices"] = report.vertices;
+    json["never_hit_triangles"] = report.inert_triangles;
+    json["duplicate_triangles"] = report.duplicate_triangles;
+    json["max_rounding"] = report.largest_rounding;
+    json["build"] = build;
+    json["read_seconds"] = absl::ToDoubleSeconds(read - start);
+    json["build_seconds"] = absl::ToDoubleSeconds(built - read);
+    json["write_seconds"] = absl::ToDoubleSeconds(written - built);
+    context.out << json.dump(2) << '\n';
+    return absl::OkStatus();
+  }
+  const double bytes_per_triangle =
+      report.triangles == 0
+          ? 0
+          : static_cast<double>(file.bytes.size()) / static_cast<double>(report.triangles);
+  PrintTable(
+      {{"file", name},
+       {"written", absl::StrFormat("%s: %s bytes, %.1f a triangle", out,
+                                   GroupedCount(file.bytes.size()), bytes_per_triangle)},
+       {"objects", GroupedCount((*scene)->geometry.objects.size())},
+       {"triangles", GroupedCount(report.triangles)},
+       {"vertices", GroupedCount(report.vertices)},
+       {"never hit", absl::StrCat(GroupedCount(report.non_finite_triangles), " not finite, ",
+                                  GroupedCount(report.zero_area_triangles), " without area")},
+       {"duplicates", GroupedCount(report.duplicate_triangles)},
+       {"largest rounding", absl::StrFormat("%.3g", report.largest_rounding)},
+       {"time",
+        absl::StrFormat("%.3f s to read, %.3f s to build, %.3f s to write",
+                        absl::ToDoubleSeconds(read - start), absl::ToDoubleSeconds(built - read),
+                        absl::ToDoubleSeconds(written - built))}},
+      context.out);
+  return absl::OkStatus();
+}
+
+}  // namespace sightline::cli
