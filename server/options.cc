@@ -9,6 +9,7 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
+#include "core/base/folder.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/builtin/builtin.h"
 #include "server/base/resource_name.h"
@@ -178,6 +179,12 @@ absl::Status CheckOptions(const ServerOptions& options) {
   SL_RETURN_IF_ERROR(ValidateLimits(options.limits));
   for (const std::string& text : options.scenes) {
     SL_RETURN_IF_ERROR(ParseSceneOption(text).status());
+  }
+  if (!options.repository.empty()) {
+    const absl::Status folder = Folder::Open(options.repository, *options.files).status();
+    if (!folder.ok()) {
+      return absl::InvalidArgumentError(absl::StrCat("--repository = ", folder.message()));
+    }
   }
   return absl::OkStatus();
 }

@@ -43,6 +43,22 @@ TEST(OptionsTest, ReadsBothFormsAndBothSpellings) {
   EXPECT_EQ(parsed->options.log_level, LogLevel::kDebug);
 }
 
+TEST(OptionsTest, TheRepository) {
+  const ServerOptions defaults;
+  EXPECT_TRUE(defaults.repository.empty() && defaults.load_repository);
+  EXPECT_FALSE(defaults.evict_least_used);
+  const absl::StatusOr<ParsedOptions> parsed =
+      Parse({"--repository=/", "--load=none", "--evict=lru"});
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->options.repository, "/");
+  EXPECT_FALSE(parsed->options.load_repository);
+  EXPECT_TRUE(parsed->options.evict_least_used);
+  EXPECT_TRUE(CheckOptions(parsed->options).ok());
+  const absl::Status none = CheckOptions({.repository = "/no/such/folder"});
+  EXPECT_EQ(none.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_TRUE(absl::StrContains(none.message(), "/no/such/folder")) << none;
+}
+
 TEST(OptionsTest, ErrorsNameTheFlagAndTheValue) {
   const std::vector<std::pair<std::vector<const char*>, const char*>> cases = {
       {{"serve"}, "serve"},
@@ -54,6 +70,8 @@ TEST(OptionsTest, ErrorsNameTheFlagAndTheValue) {
       {{"--log-level=loud"}, "loud"},
       {{"--max-scenes=0"}, "max-scenes"},
       {{"--max-scenes=99999999999999999999"}, "max-scenes"},
+      {{"--load=some"}, "all or none"},
+      {{"--evict=random"}, "lru or none"},
       {{"--help=yes"}, "help"},
   };
   for (const auto& [arguments, named] : cases) {
