@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/remote_command.h"
 #include "client/cli/scene_argument.h"
 #include "client/cli/session.h"
 #include "core/base/status_macros.h"
@@ -13,64 +14,39 @@
 namespace sightline::cli {
 
 absl::Status SceneUnloadCommand(std::span<const std::string> args, Context& context) {
-  std::string output;
-  SessionFlags session_flags;
-  FlagSet flags("sightline scene unload NAME --server HOST:PORT [flags]",
-                "Takes a stored scene out of a server's memory; its file stays in the repository.");
-  RegisterOutput(&flags, &output);
-  session_flags.Register(&flags, /*embeddable=*/false);
-  std::vector<std::string> words;
-  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"NAME"}, "", context, &words));
+  RemoteCommand command(
+      "sightline scene unload NAME --server HOST:PORT [flags]",
+      "Takes a stored scene out of a server's memory; its file stays in the repository.");
+  SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"NAME"}, context));
   if (!go) return absl::OkStatus();
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
-  const std::string name = SceneName(words[0]);
-  SL_RETURN_IF_ERROR(session->client().UnloadScene(name, session->call()));
-  if (output == "json") {
-    Json json;
-    json["unloaded"] = name;
-    context.out << json.dump(2) << '\n';
-  } else {
-    context.out << "unloaded " << name << '\n';
-  }
+  const std::string name = SceneName(command.word(0));
+  SL_RETURN_IF_ERROR(command.client().UnloadScene(name, command.call()));
+  command.PrintDone("unloaded", name, context);
   return absl::OkStatus();
 }
 
 absl::Status SceneReloadCommand(std::span<const std::string> args, Context& context) {
-  std::string output;
-  SessionFlags session_flags;
-  FlagSet flags("sightline scene reload NAME --server HOST:PORT [flags]",
-                "Loads a scene's file again, as its next revision. If that fails, the revision "
-                "before goes on serving.");
-  RegisterOutput(&flags, &output);
-  session_flags.Register(&flags, /*embeddable=*/false);
-  std::vector<std::string> words;
-  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"NAME"}, "", context, &words));
+  RemoteCommand command(
+      "sightline scene reload NAME --server HOST:PORT [flags]",
+      "Loads a scene's file again, as its next revision. If that fails, the revision "
+      "before goes on serving.");
+  SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"NAME"}, context));
   if (!go) return absl::OkStatus();
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
   SL_ASSIGN_OR_RETURN(const client::Scene scene,
-                      session->client().ReloadScene(SceneName(words[0]), session->call()));
-  if (output == "json") {
-    context.out << SceneJson(scene).dump(2) << '\n';
-  } else {
-    PrintScene(scene, context.out);
-  }
+                      command.client().ReloadScene(SceneName(command.word(0)), command.call()));
+  command.Print(scene, context);
   return absl::OkStatus();
 }
 
 absl::Status SceneRepositoryCommand(std::span<const std::string> args, Context& context) {
-  std::string output;
-  SessionFlags session_flags;
-  FlagSet flags("sightline scene repository --server HOST:PORT [flags]",
-                "Lists the scene files of a server's repository, and whether they are loaded.");
-  RegisterOutput(&flags, &output);
-  session_flags.Register(&flags, /*embeddable=*/false);
-  std::vector<std::string> words;
-  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {}, "", context, &words));
+  RemoteCommand command(
+      "sightline scene repository --server HOST:PORT [flags]",
+      "Lists the scene files of a server's repository, and whether they are loaded.");
+  SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {}, context));
   if (!go) return absl::OkStatus();
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
   SL_ASSIGN_OR_RETURN(const std::vector<client::StoredScene> scenes,
-                      session->client().ListStoredScenes(session->call()));
-  if (output == "json") {
+                      command.client().ListStoredScenes(command.call()));
+  if (command.json()) {
     Json json = Json::array();
     for (const client::StoredScene& scene : scenes) {
       Json row;

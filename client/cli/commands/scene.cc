@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/remote_command.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/scene_argument.h"
 #include "client/cli/session.h"
@@ -22,58 +23,46 @@ client::BuildPreset PresetNamed(const std::string& name) {
 }  // namespace
 
 absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context) {
-  std::string name, output, build = "static";
-  SessionFlags session_flags;
-  FlagSet flags(
+  std::string name, build = "static";
+  RemoteCommand command(
       "sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
       "Loads a file or a built-in scene into a server, where it stays until it is deleted; or, as "
       "scenes/NAME, a scene of the server's repository.");
-  flags.Text(
+  command.flags().Text(
       "name", "NAME",
       "name of the new scene: 1 to 63 of a-z, 0-9, - _ and ., starting with a letter or digit; "
       "without it the server makes one up",
       &name);
-  flags.Choice("build", {"static", "dynamic", "compact"},
-               "what the build favours: fast answers, being built fast, or little memory", &build);
-  RegisterOutput(&flags, &output);
-  session_flags.Register(&flags, /*embeddable=*/false);
-  std::vector<std::string> words;
-  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, SceneHelp(), context, &words));
+  command.flags().Choice("build", {"static", "dynamic", "compact"},
+                         "what the build favours: fast answers, being built fast, or little memory",
+                         &build);
+  SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"SCENE"}, context, SceneHelp()));
   if (!go) return absl::OkStatus();
   if (name.substr(0, 7) == "scenes/") name = name.substr(7);
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
   client::Scene scene;
-  if (KindOf(words[0]) == SceneKind::kServer) {
-    if (!name.empty() || flags.given("build")) {
-      return UsageError(absl::StrCat("'", words[0], "' has a name and a build of its own: ",
+  if (KindOf(command.word(0)) == SceneKind::kServer) {
+    if (!name.empty() || command.flags().given("build")) {
+      return UsageError(absl::StrCat("'", command.word(0), "' has a name and a build of its own: ",
                                      "give neither --name nor --build"));
     }
-    SL_ASSIGN_OR_RETURN(scene, session->client().LoadScene(words[0], session->call()));
+    SL_ASSIGN_OR_RETURN(scene, command.client().LoadScene(command.word(0), command.call()));
   } else {
-    SL_ASSIGN_OR_RETURN(scene, LoadScene(*session, words[0], name, PresetNamed(build),
-                                         /*temporary=*/false, context.err, nullptr));
+    SL_ASSIGN_OR_RETURN(scene,
+                        LoadScene(command.session(), command.word(0), name, PresetNamed(build),
+                                  /*temporary=*/false, context.err, nullptr));
   }
-  if (output == "json") {
-    context.out << SceneJson(scene).dump(2) << '\n';
-  } else {
-    PrintScene(scene, context.out);
-  }
+  command.Print(scene, context);
   return absl::OkStatus();
 }
 
 absl::Status SceneListCommand(std::span<const std::string> args, Context& context) {
-  std::string output;
-  SessionFlags session_flags;
-  FlagSet flags("sightline scene list --server HOST:PORT [flags]", "Lists the scenes of a server.");
-  RegisterOutput(&flags, &output);
-  session_flags.Register(&flags, /*embeddable=*/false);
-  std::vector<std::string> words;
-  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {}, "", context, &words));
+  RemoteCommand command("sightline scene list --server HOST:PORT [flags]",
+                        "Lists the scenes of a server.");
+  SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {}, context));
   if (!go) return absl::OkStatus();
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
   SL_ASSIGN_OR_RETURN(std::vector<client::Scene> scenes,
-                      session->client().ListScenes(session->call()));
-  if (output == "json") {
+                      command.client().ListScenes(command.call()));
+  if (command.json()) {
     Json json = Json::array();
     for (const client::Scene& scene : scenes) json.push_back(SceneJson(scene));
     context.out << json.dump(2) << '\n';
@@ -90,25 +79,19 @@ absl::Status SceneListCommand(std::span<const std::string> args, Context& contex
 }
 
 absl::Status SceneShowCommand(std::span<const std::string> args, Context& context) {
-  std::string output;
   bool with_objects = false;
-  SessionFlags session_flags;
-  FlagSet flags("sightline scene show NAME --server HOST:PORT [flags]",
-                "Describes one scene of a server.");
-  flags.Switch("objects", "list its objects too", &with_objects);
-  RegisterOutput(&flags, &output);
-  session_flags.Register(&flags, /*embeddable=*/false);
-  std::vector<std::string> words;
-  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"NAME"}, "", context, &words));
+  RemoteCommand command("sightline scene show NAME --server HOST:PORT [flags]",
+                        "Describes one scene of a server.");
+  command.flags().Switch("objects", "list its objects too", &with_objects);
+  SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"NAME"}, context));
   if (!go) return absl::OkStatus();
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
-  const std::string name = SceneName(words[0]);
-  SL_ASSIGN_OR_RETURN(client::Scene scene, session->client().GetScene(name, session->call()));
+  const std::string name = SceneName(command.word(0));
+  SL_ASSIGN_OR_RETURN(client::Scene scene, command.client().GetScene(name, command.call()));
   std::vector<client::SceneObject> objects;
   if (with_objects) {
-    SL_ASSIGN_OR_RETURN(objects, session->client().ListSceneObjects(name, session->call()));
+    SL_ASSIGN_OR_RETURN(objects, command.client().ListSceneObjects(name, command.call()));
   }
-  if (output == "json") {
+  if (command.json()) {
     Json json = SceneJson(scene);
     if (with_objects) {
       json["object_list"] = Json::array();
@@ -139,25 +122,13 @@ absl::Status SceneShowCommand(std::span<const std::string> args, Context& contex
 }
 
 absl::Status SceneDeleteCommand(std::span<const std::string> args, Context& context) {
-  std::string output;
-  SessionFlags session_flags;
-  FlagSet flags("sightline scene delete NAME --server HOST:PORT [flags]",
-                "Takes a scene away from a server.");
-  RegisterOutput(&flags, &output);
-  session_flags.Register(&flags, /*embeddable=*/false);
-  std::vector<std::string> words;
-  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"NAME"}, "", context, &words));
+  RemoteCommand command("sightline scene delete NAME --server HOST:PORT [flags]",
+                        "Takes a scene away from a server.");
+  SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"NAME"}, context));
   if (!go) return absl::OkStatus();
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, OpenRemote(session_flags));
-  const std::string name = SceneName(words[0]);
-  SL_RETURN_IF_ERROR(session->client().DeleteScene(name, session->call()));
-  if (output == "json") {
-    Json json;
-    json["deleted"] = name;
-    context.out << json.dump(2) << '\n';
-  } else {
-    context.out << "deleted " << name << '\n';
-  }
+  const std::string name = SceneName(command.word(0));
+  SL_RETURN_IF_ERROR(command.client().DeleteScene(name, command.call()));
+  command.PrintDone("deleted", name, context);
   return absl::OkStatus();
 }
 
