@@ -11,6 +11,7 @@
 #include "core/accel/binary_bvh.h"
 #include "core/accel/bvh.h"
 #include "core/accel/kd_tree.h"
+#include "core/intersect/prepared_geometry.h"
 #include "core/mesh/scene_geometry.h"
 
 namespace sightline {
@@ -21,11 +22,12 @@ struct IndexedGeometry {
   std::optional<KdTree> kd_tree;           // Where it was asked for, as the next two.
   std::optional<LeafTriangles> kd_leaves;  // Of kd_tree's ids, for walks that cull in leaves.
   std::optional<BinaryBvh> binary_bvh;
+  std::optional<PreparedGeometry> prepared;  // For one of the papers' ray-triangle tests.
 
   size_t MemoryBytes() const {
     return geometry.MemoryBytes() + bvh.MemoryBytes() + (kd_tree ? kd_tree->MemoryBytes() : 0) +
            (kd_leaves ? kd_leaves->MemoryBytes() : 0) +
-           (binary_bvh ? binary_bvh->MemoryBytes() : 0);
+           (binary_bvh ? binary_bvh->MemoryBytes() : 0) + (prepared ? prepared->MemoryBytes() : 0);
   }
 };
 

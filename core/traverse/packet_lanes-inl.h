@@ -99,6 +99,8 @@ class PacketLanes {
   const float* inv_row(int axis) const { return inv_[axis]; }
   const float* direction_row(int axis) const { return direction_[axis]; }
   bool segments() const { return packet_.segments; }
+  uint32_t mask() const { return packet_.mask; }
+  uint32_t origin_source() const { return packet_.origin_source; }
   const float* limit_row() const {
     return limit_of_;
   }  // Nearest hit or end, in units of D; -inf when done.
@@ -133,7 +135,9 @@ class PacketLanes {
   }
 
   // One triangle against the lanes `asked` of one group. Returns the lanes that need no further
-  // triangle of this leaf (those just blocked, when any hit ends a lane).
+  // triangle of this leaf (those just blocked, when any hit ends a lane). Without kEdges, the lanes
+  // are known to pass strictly within all three edges, and only the ends are looked at.
+  template <bool kEdges = true>
   HWY_INLINE uint32_t Test(const LeafView& leaf, const FacingTriangle& f, uint32_t group,
                            uint32_t asked) {
     const D d;
@@ -143,7 +147,7 @@ class PacketLanes {
     const Vec3V<V> dir = LoadV(d, direction_, first);
     const V dir_inf = hn::Load(d, direction_inf_ + first);
     V least = hn::Set(d, std::numeric_limits<float>::infinity()), most = least;
-    for (int e = 0; e < 3; ++e) {
+    for (int e = 0; kEdges && e < 3; ++e) {
       const V value = DotV(Broadcast(d, f.edge[e][0], f.edge[e][1], f.edge[e][2]), dir);
       const V bound = hn::MulAdd(hn::Set(d, f.edge_bound[e]), dir_inf, underflow);
       least = hn::Min(least, hn::Sub(value, bound));
@@ -178,6 +182,14 @@ class PacketLanes {
       KeepCloser(TriangleDistance::Make(packet_.origin, a, b, c), id, first, hits);
       return 0;
     }
+  }
+
+  // A hit of one lane, found elsewhere: kept if it is the least by (t, id).
+  HWY_INLINE void Offer(size_t lane, Hit hit) {
+    if (!(hit < packet_.hit(static_cast<int>(lane)))) return;
+    packet_.t[lane] = hit.t;
+    packet_.triangle[lane] = hit.triangle;
+    if (hit.t < limit_of_[lane]) limit_of_[lane] = hit.t;
   }
 
   // Lanes of a group whose own source is triangle `id`.
@@ -226,12 +238,7 @@ class PacketLanes {
               d, distances);
     for (; hits != 0; hits &= hits - 1) {
       const uint32_t bit = std::countr_zero(hits);
-      const Hit hit{distances[bit], id};
-      const size_t lane = first + bit;
-      if (!(hit < packet_.hit(static_cast<int>(lane)))) continue;
-      packet_.t[lane] = hit.t;
-      packet_.triangle[lane] = id;
-      if (hit.t < limit_of_[lane]) limit_of_[lane] = hit.t;
+      Offer(first + bit, {distances[bit], id});
     }
   }
 

@@ -80,6 +80,10 @@ struct WalkStats {
   uint64_t triangle_tests = 0;
   uint64_t doubt_double = 0;
   uint64_t doubt_exact = 0;
+  // Of the walks that cull within leaves (leaf_culling.h).
+  uint64_t culled_tests = 0;  // Pairs of triangle and ray that never came to a test.
+  uint64_t ray_boxes = 0;     // Boxes made of a ray within a leaf, and made smaller after a hit.
+  uint64_t ray_box_updates = 0;
 };
 
 }  // namespace sightline

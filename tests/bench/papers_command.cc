@@ -3,6 +3,7 @@
 // sightline-bench papers: the tables of the papers that the engine is built from, ours beside them.
 #include <algorithm>
 #include <array>
+#include <cstdlib>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -24,7 +25,8 @@ struct Paper {
   const char* name;
   absl::Status (*run)(const PaperOptions&, PaperReport*, Context&);
 };
-constexpr std::array kPapers = {Paper{"003", &Paper003}};
+constexpr std::array kPapers = {Paper{"000", &Paper000}, Paper{"001", &Paper001},
+                                Paper{"003", &Paper003}, Paper{"004", &Paper004}};
 
 cli::FlagSet Flags(Options* o) {
   cli::FlagSet flags("sightline-bench papers [--paper N] [flags]",
@@ -37,8 +39,21 @@ cli::FlagSet Flags(Options* o) {
              &o->report);
   flags.Count("repeats", "N", "rounds, of whose times the median is taken", &o->common.repeats, 1,
               1000);
+  flags.Text("scenes", "FOLDER",
+             "where bunny.ply.xz, buddha_100k.obj.xz and sponza_crytek.obj.xz are",
+             &o->common.scenes_folder);
+  flags.Text("sphere", "N", "triangles of the displaced sphere: 10M are paper 000's",
+             &o->common.sphere);
+  flags.Count("size", "PIXELS", "of the real scenes' square pictures; 16 must divide it",
+              &o->common.size, 16, 4096);
   flags.Switch("json", "one JSON object per line, instead of tables", &o->json);
   return flags;
+}
+
+// As the tests' own: SIGHTLINE_SCENES, else the folder beside the tree.
+std::string ScenesFolder() {
+  const char* const folder = std::getenv("SIGHTLINE_SCENES");
+  return folder != nullptr && *folder != '\0' ? folder : "../shared/scenes";
 }
 
 }  // namespace
@@ -72,6 +87,11 @@ absl::StatusOr<bool> PapersCommand(std::span<const std::string> args, Context& c
   cli::FlagSet flags = Flags(&options);
   SL_ASSIGN_OR_RETURN(const bool go_on, ParseOrHelp(&flags, args, context));
   if (!go_on) return true;
+  if (options.common.size % 16 != 0) {
+    return cli::UsageError(
+        absl::StrCat("--size is ", options.common.size, "; it must be a multiple of 16"));
+  }
+  if (options.common.scenes_folder.empty()) options.common.scenes_folder = ScenesFolder();
   PaperReport report(options.json, context.out, options.report);
   for (const Paper& paper : kPapers) {
     if (options.paper != "all" && options.paper != paper.name) continue;

@@ -24,8 +24,8 @@ struct PaperOptions {
   uint64_t repeats = 5;
   // Of real scenes; where a table is over scenes. Files that are not there are left out, and named.
   std::string scenes_folder;
-  uint64_t width = 512, height = 512;
-  uint64_t threads = 1;
+  uint64_t size = 512;        // Pictures are square: a multiple of 16.
+  std::string sphere = "1M";  // Triangles of the displaced sphere.
 };
 
 // The median over `repeats` rounds of the calls' seconds: one round calls each in turn, each often
@@ -33,7 +33,10 @@ struct PaperOptions {
 std::vector<double> SecondsByTurns(const std::vector<std::function<void()>>& calls,
                                    uint64_t repeats);
 
+absl::Status Paper000(const PaperOptions& options, PaperReport* report, Context& context);
+absl::Status Paper001(const PaperOptions& options, PaperReport* report, Context& context);
 absl::Status Paper003(const PaperOptions& options, PaperReport* report, Context& context);
+absl::Status Paper004(const PaperOptions& options, PaperReport* report, Context& context);
 
 }  // namespace sightline::bench
 

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the packet walks do in a leaf that may be large: vertex culling (packet_frustum-inl.h), then
+// the tests that are left, by the predicate or by one of the papers' (leaf_culling.h). One routine
+// for the binary BVH and the kd-tree, whose leaves are ranges of ids with a box.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_PACKET_LEAF_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_PACKET_LEAF_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_PACKET_LEAF_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_PACKET_LEAF_INL_H_
+#endif
+
+#include <algorithm>
+#include <bit>
+#include <limits>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/intersect/intersector-inl.h"
+#include "core/traverse/leaf_culling.h"
+#include "core/traverse/leaf_range.h"
+#include "core/traverse/packet_frustum-inl.h"
+#include "core/traverse/packet_lanes-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// The triangle `id` for a test: the scene's where it has it, else prepared into `room`.
+HWY_INLINE const float* PreparedValue(const IndexedGeometry& scene, Intersector kind, uint32_t id,
+                                      PreparedTriangle* room) {
+  if (scene.prepared && scene.prepared->kind == kind) return scene.prepared->triangles[id].value;
+  const auto [a, b, c] = scene.geometry.Corners(id);
+  *room = PrepareTriangle(kind, a, b, c);
+  return room->value;
+}
+
+template <bool kAny>
+class PacketLeaf {
+ public:
+  using D = hn::CappedTag<float, 16>;
+  using V = hn::Vec<D>;
+  static constexpr uint32_t kMaxGroups = RayPacket::kMaxRays / 8;
+
+  PacketLeaf(const IndexedGeometry& scene, const LeafCulling& culling, PacketLanes<kAny>& lanes,
+             WalkStats* stats)
+      : scene_(scene),
+        culling_(culling),
+        lanes_(lanes),
+        stats_(stats),
+        slopes_(lanes, culling.first_axis) {}
+
+  const PacketSlopes& slopes() const { return slopes_; }
+
+  // `met`: by group, the lanes that meet the leaf's box; clobbered. Groups before `begin` have
+  // none. `limit`: no lane looks further.
+  void Visit(const LeafRange& range, uint32_t* met, uint32_t begin, float limit) {
+    uint32_t rays = 0;
+    Frustum frustum = slopes_.whole();
+    const bool planes = slopes_.valid() && (culling_.side_planes || culling_.near_far);
+    const bool edges = slopes_.valid() && culling_.aperture;
+    if ((planes || edges) && culling_.frustum == FrustumRays::kMasked) {
+      frustum = slopes_.Hold(met, begin, lanes_.groups());
+    }
+    for (uint32_t g = begin; g < lanes_.groups(); ++g) {
+      if (!culling_.ray_mask && met[g] != 0) met[g] = lanes_.active(g);
+      rays += static_cast<uint32_t>(std::popcount(met[g]));
+    }
+    if (rays == 0) return;
+    if ((planes || edges) && culling_.frustum == FrustumRays::kRows) {
+      uint32_t rows[kMaxGroups];
+      for (uint32_t g = begin; g < lanes_.groups(); ++g) rows[g] = met[g] != 0 ? ~0u : 0;
+      frustum = slopes_.Hold(rows, begin, lanes_.groups());
+    }
+    // Lanes that are asked though they miss the leaf's box need not lie in a frustum of those that
+    // meet it: nothing can be told of their edges.
+    const bool covered = culling_.ray_mask || culling_.frustum != FrustumRays::kMasked;
+    const bool near_far_first = culling_.near_far && !(edges && culling_.aperture_first);
+    for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      const RangeView view(scene_.geometry, range, at);
+      const LeafView& leaf = view.leaf;
+      if constexpr (!kAny) {
+        if (at > 0) limit = lanes_.LargestLimit();
+      }
+      uint32_t chosen = (1u << leaf.count) - 1;
+      if (planes && (culling_.side_planes || near_far_first)) {
+        chosen = slopes_.KeepByPlanes(leaf, lanes_.origin(), frustum, culling_.side_planes,
+                                      near_far_first, limit);
+      }
+      if (culling_.intersector != Intersector::kExact && !edges) {
+        Count(leaf.count - std::popcount(chosen), rays);
+        for (; chosen != 0; chosen &= chosen - 1) {
+          TestByIntersector(leaf, std::countr_zero(chosen), met, begin);
+        }
+        continue;
+      }
+      FacingTriangle facing[kMaxLeafTriangles];
+      const uint32_t count = TurnTriangles(lanes_, leaf, chosen, facing);
+      uint32_t kept = 0;
+      for (uint32_t i = 0; i < count; ++i) {
+        Corners corners = Corners::kUnknown;
+        if (edges) {
+          corners = slopes_.AgainstEdges(facing[i], frustum);
+          if (corners == Corners::kOutside) continue;
+          if (culling_.near_far && culling_.aperture_first && !NearEnough(leaf, facing[i], limit)) {
+            continue;
+          }
+        }
+        ++kept;
+        if (culling_.intersector != Intersector::kExact) {
+          TestByIntersector(leaf, facing[i].lane, met, begin);
+        } else if (corners == Corners::kInside && culling_.skip_edges && covered) {
+          Test<false>(leaf, facing[i], met, begin);
+        } else {
+          Test<true>(leaf, facing[i], met, begin);
+        }
+      }
+      Count(leaf.count - kept, rays);
+    }
+  }
+
+ private:
+  void Count(uint32_t triangles, uint32_t rays) {
+    stats_->culled_tests += uint64_t{triangles} * rays;
+  }
+
+  // KeepByPlanes' near and far planes, for one triangle.
+  bool NearEnough(const LeafView& leaf, const FacingTriangle& f, float limit) const {
+    float nearest = std::numeric_limits<float>::infinity(), farthest = -nearest;
+    for (int c = 0; c < 3; ++c) {
+      const int axis = slopes_.axis();
+      const float x = (leaf.corner(c, f.lane)[axis] - lanes_.origin()[axis]) * slopes_.sign();
+      nearest = std::min(nearest, x);
+      farthest = std::max(farthest, x);
+    }
+    return farthest > 0 && !(nearest * slopes_.least_inv() > limit);
+  }
+
+  template <bool kEdges>
+  HWY_INLINE void Test(const LeafView& leaf, const FacingTriangle& f, uint32_t* met,
+                       uint32_t begin) {
+    for (uint32_t g = begin; g < lanes_.groups(); ++g) {
+      if (met[g] == 0) continue;
+      met[g] &= ~lanes_.template Test<kEdges>(leaf, f, g, met[g]);
+    }
+  }
+
+  void TestByIntersector(const LeafView& leaf, uint32_t lane, uint32_t* met, uint32_t begin) {
+    const uint32_t id = leaf.id(lane);
+    if (id == lanes_.origin_source()) return;
+    if (MustAskObjects(scene_.geometry, lanes_.mask()) &&
+        !ObjectBlocks(scene_.geometry, id, lanes_.mask(),
+                      SideOfPlane(leaf.corner(0, lane), leaf.corner(1, lane), leaf.corner(2, lane),
+                                  lanes_.origin()))) {
+      return;
+    }
+    PreparedTriangle room;
+    const float* const value = PreparedValue(scene_, culling_.intersector, id, &room);
+    for (uint32_t g = begin; g < lanes_.groups(); ++g) {
+      if (met[g] == 0) continue;
+      stats_->triangle_tests += std::popcount(met[g]);
+      const uint32_t asked = met[g] & ~lanes_.SourceLanes(g, id);
+      met[g] &= ~TestGroup(value, g, asked, id);
+    }
+  }
+
+  // Returns the lanes that need no further triangle.
+  uint32_t TestGroup(const float* value, uint32_t group, uint32_t asked, uint32_t id) {
+    switch (culling_.intersector) {
+      case Intersector::kHavelHerout:
+        return TestGroupBy<Intersector::kHavelHerout>(value, group, asked, id);
+      case Intersector::kHavelHeroutDivided:
+        return TestGroupBy<Intersector::kHavelHeroutDivided>(value, group, asked, id);
+      case Intersector::kWald:
+        return TestGroupBy<Intersector::kWald>(value, group, asked, id);
+      case Intersector::kShevtsov:
+        return TestGroupBy<Intersector::kShevtsov>(value, group, asked, id);
+      case Intersector::kKenslerShirley:
+        return TestGroupBy<Intersector::kKenslerShirley>(value, group, asked, id);
+      case Intersector::kExact:
+      case Intersector::kMoellerTrumbore:
+        break;
+    }
+    return TestGroupBy<Intersector::kMoellerTrumbore>(value, group, asked, id);
+  }
+
+  template <Intersector kKind>
+  HWY_INLINE uint32_t TestGroupBy(const float* value, uint32_t group, uint32_t asked, uint32_t id) {
+    using O = LaneOps<D>;
+    const D d;
+    const size_t first = group * hn::Lanes(d);
+    int p = 0, q = 1, r = 2;
+    if constexpr (kProjects<kKind>) {
+      r = static_cast<int>(value[kPreparedAxis]);
+      p = r == 2 ? 0 : r + 1;
+      q = p == 2 ? 0 : p + 1;
+    }
+    const Vec3f o = lanes_.origin();
+    const float end = lanes_.segments() ? 1.0f : std::numeric_limits<float>::infinity();
+    const TestedRay<O> ray = {
+        Broadcast(d, o[p], o[q], o[r]),
+        {hn::Load(d, lanes_.direction_row(p) + first), hn::Load(d, lanes_.direction_row(q) + first),
+         hn::Load(d, lanes_.direction_row(r) + first)},
+        hn::Min(hn::Load(d, lanes_.limit_row() + first), hn::Set(d, end))};
+    const Tested<O> tested =
+        ::sightline::HWY_NAMESPACE::Test<kKind, O>(BroadcastRows<O>{value}, ray);
+    uint32_t hits = MaskBits(d, tested.hit) & asked;
+    if (hits == 0) return 0;
+    if constexpr (kAny) {
+      lanes_.Block(id, group, hits);
+      return hits;
+    } else {
+      HWY_ALIGN float t[16];
+      hn::Store(tested.t, d, t);
+      for (; hits != 0; hits &= hits - 1) {
+        const uint32_t bit = std::countr_zero(hits);
+        lanes_.Offer(first + bit, {t[bit], id});
+      }
+      return 0;
+    }
+  }
+
+  const IndexedGeometry& scene_;
+  const LeafCulling& culling_;
+  PacketLanes<kAny>& lanes_;
+  WalkStats* const stats_;
+  PacketSlopes slopes_;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard

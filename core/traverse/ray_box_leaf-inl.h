@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the single-ray walks do in a leaf that may be large: ray-box culling (paper 001, section 3).
+// The box of the ray's points between its entry into and its exit from the leaf, cut at the nearest
+// hit so far, is put to the triangles' boxes, sixteen at a time; what it misses is not tested.
+//
+// Margin, with u = 2^-24, everything relative to the origin O: entry and exit carry four roundings
+// each (core/geometry/box_ray.h, 2), D one, the product one: a point of the ray within the leaf
+// lies within 6.2u of the box's faces, relative to the farther of the two along that axis. A
+// triangle's face carries one rounding; a face farther away than twice that is told apart by far
+// more than its rounding. kRayBoxUnits = 16u covers both, underflow its own term. (The paper widens
+// by a constant, 0.0001, which has a unit.) Along an axis whose reciprocal is not to be trusted
+// (box_ray.h, 4) the box has no ends.
+//
+// Distances: a triangle beyond the box cut at a hit has an entry after that hit by the same margin,
+// and its distance is not below its entry (core/intersect/hit.h). So what is culled is farther.
+//
+// The hit point that the paper reuses is t·D here, three products: the box is relative to O.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_RAY_BOX_LEAF_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_RAY_BOX_LEAF_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_RAY_BOX_LEAF_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_RAY_BOX_LEAF_INL_H_
+#endif
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/geometry/box_ray.h"
+#include "core/intersect/intersector-inl.h"
+#include "core/traverse/leaf_culling.h"
+#include "core/traverse/leaf_range.h"
+#include "core/traverse/packet_leaf-inl.h"
+#include "core/traverse/single-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+constexpr float kRayBoxUnits = 16 * 0x1p-24f;
+
+// The box of a ray's points between two parameters, relative to its origin, widened by the margin.
+struct RayPartBox {
+  float lo[3], hi[3];
+
+  // REQUIRES: 0 <= begin, begin <= end but for roundings; end may be +inf.
+  static HWY_INLINE RayPartBox Make(const BoxRay& ray, Vec3f direction, float begin, float end) {
+    constexpr float kInf = std::numeric_limits<float>::infinity();
+    RayPartBox box;
+    for (int k = 0; k < 3; ++k) {
+      const float d = direction[k];
+      if (std::isnan(ray.inv[k])) {
+        box.lo[k] = -kInf;
+        box.hi[k] = kInf;
+        continue;
+      }
+      const float a = d == 0 ? 0 : begin * d, b = d == 0 ? 0 : end * d;
+      const float size = std::max(std::abs(a), std::abs(b));
+      const float margin = size < kInf ? size * kRayBoxUnits + kBoxExitShift : 0;
+      box.lo[k] = std::min(a, b) - margin;
+      box.hi[k] = std::max(a, b) + margin;
+      if (size == kInf) {
+        // An endless ray out of the scene: its nearer end carries its own rounding alone.
+        const float near = std::min(std::abs(a), std::abs(b)) * kRayBoxUnits + kBoxExitShift;
+        (d > 0 ? box.lo[k] : box.hi[k]) = d > 0 ? a - near : a + near;
+      }
+    }
+    return box;
+  }
+};
+
+// Triangles tested lately by one ray: a small table that forgets (paper 001, section 2.2).
+class Mailbox {
+ public:
+  Mailbox() { Clear(); }
+  void Clear() { std::fill_n(ids_, kSlots, kNoTriangle); }
+  // Whether it was tested; from now on it was.
+  HWY_INLINE bool Seen(uint32_t id) {
+    uint32_t& slot = ids_[id % kSlots];
+    if (slot == id) return true;
+    slot = id;
+    return false;
+  }
+
+ private:
+  static constexpr uint32_t kSlots = 64;
+  uint32_t ids_[kSlots];
+};
+
+template <bool kAny>
+class RayBoxLeaf {
+ public:
+  RayBoxLeaf(const IndexedGeometry& scene, const LeafCulling& culling, const TraceRay& query,
+             WalkStats* stats)
+      : scene_(scene),
+        culling_(culling),
+        query_(query),
+        stats_(stats),
+        direction_(query.ray.RoundedDirection()),
+        box_ray_(BoxRay::Make(query.ray.origin, direction_)) {}
+
+  const BoxRay& box_ray() const { return box_ray_; }
+
+  // The ray is within the leaf from `entry` to `exit`, and looks no further than `limit`. Returns
+  // true when any further hit is of no interest.
+  bool Visit(const LeafRange& range, float entry, float exit, Hit* best, float* limit) {
+    const bool boxes = culling_.ray_box && range.count >= culling_.ray_box_min_triangles;
+    const float begin = entry > 0 ? entry : 0;
+    RayPartBox box;
+    if (boxes) {
+      ++stats_->ray_boxes;
+      box = RayPartBox::Make(box_ray_, direction_, begin, std::min(exit, *limit));
+    }
+    for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      const RangeView view(scene_.geometry, range, at);
+      uint32_t chosen = (1u << view.leaf.count) - 1;
+      if (boxes) chosen &= Overlapping(view.leaf, range, at, box);
+      if (culling_.mailbox) {
+        for (uint32_t bits = chosen; bits != 0; bits &= bits - 1) {
+          const uint32_t lane = std::countr_zero(bits);
+          if (mailbox_.Seen(view.leaf.id(lane))) chosen &= ~(1u << lane);
+        }
+      }
+      stats_->culled_tests += view.leaf.count - std::popcount(chosen);
+      if (chosen == 0) continue;
+      const float before = best->t;
+      const bool stop = culling_.intersector == Intersector::kExact
+                            ? TestExactly(view.leaf, chosen, best)
+                            : TestByIntersector(view.leaf, chosen, best);
+      if (stop) return true;
+      if (!(best->t < before)) continue;
+      if (best->t < *limit) *limit = best->t;
+      if (boxes && culling_.ray_box_update && at + kMaxLeafTriangles < range.count) {
+        ++stats_->ray_box_updates;
+        box = RayPartBox::Make(box_ray_, direction_, begin, std::min(exit, *limit));
+      }
+    }
+    return false;
+  }
+
+ private:
+  HWY_INLINE uint32_t Overlapping(const LeafView& leaf, const LeafRange& range, uint32_t at,
+                                  const RayPartBox& box) const {
+    const hn::CappedTag<float, kMaxLeafTriangles> d;
+    uint32_t met = 0;
+    for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
+      auto apart = hn::Lt(hn::Zero(d), hn::Zero(d));  // None.
+      for (int k = 0; k < 3; ++k) {
+        const auto o = hn::Set(d, query_.ray.origin[k]);
+        auto lo = hn::Zero(d), hi = lo;
+        if (range.triangles != nullptr) {  // Stored boxes; else they are made on the way.
+          const size_t stride = range.triangles->stride;
+          const float* const row = range.triangles->boxes.data() + range.first + at + first;
+          lo = hn::LoadU(d, row + k * stride);
+          hi = hn::LoadU(d, row + (3 + k) * stride);
+        } else {
+          const float* const row = leaf.rows + k * leaf.stride + first;
+          const auto a = hn::LoadU(d, row), b = hn::LoadU(d, row + 3 * leaf.stride),
+                     c = hn::LoadU(d, row + 6 * leaf.stride);
+          lo = hn::Min(hn::Min(a, b), c);
+          hi = hn::Max(hn::Max(a, b), c);
+        }
+        apart = hn::Or(apart, hn::Or(hn::Gt(hn::Sub(lo, o), hn::Set(d, box.hi[k])),
+                                     hn::Lt(hn::Sub(hi, o), hn::Set(d, box.lo[k]))));
+      }
+      met |= (~MaskBits(d, apart) & ((1u << hn::Lanes(d)) - 1)) << first;
+    }
+    return met & ((1u << leaf.count) - 1);
+  }
+
+  // All lanes at once: those that are not chosen cost nothing, and are not counted.
+  bool TestExactly(const LeafView& leaf, uint32_t chosen, Hit* best) {
+    stats_->triangle_tests -= leaf.count - std::popcount(chosen);
+    return TestLeaf(leaf, query_, scene_.geometry, stats_, [&](uint32_t lane) HWY_ATTR {
+      if constexpr (kAny) {
+        *best = {0.0f, leaf.id(lane)};
+        return true;
+      } else {
+        KeepCloser(leaf, lane, query_.ray, best);
+        return false;
+      }
+    });
+  }
+
+  bool TestByIntersector(const LeafView& leaf, uint32_t chosen, Hit* best) {
+    const float end = query_.ray.segment ? 1.0f : std::numeric_limits<float>::infinity();
+    for (; chosen != 0; chosen &= chosen - 1) {
+      const uint32_t lane = std::countr_zero(chosen), id = leaf.id(lane);
+      ++stats_->triangle_tests;
+      if (id == query_.from_source || id == query_.to_source) continue;
+      PreparedTriangle room;
+      const float* const value = PreparedValue(scene_, culling_.intersector, id, &room);
+      const auto tested = TestOneBy(value, std::min(end, best->t));
+      if (!tested.hit) continue;
+      if (MustAskObjects(scene_.geometry, query_.mask) &&
+          !ObjectBlocks(scene_.geometry, id, query_.mask,
+                        SideOfPlane(leaf.corner(0, lane), leaf.corner(1, lane),
+                                    leaf.corner(2, lane), query_.ray.origin))) {
+        continue;
+      }
+      if constexpr (kAny) {
+        *best = {0.0f, id};
+        return true;
+      } else {
+        const Hit hit{tested.t, id};
+        if (hit < *best) *best = hit;
+      }
+    }
+    return false;
+  }
+
+  HWY_INLINE Tested<ScalarOps<float>> TestOneBy(const float* value, float t_max) const {
+    const Vec3f o = query_.ray.origin, d = direction_;
+    switch (culling_.intersector) {
+      case Intersector::kHavelHerout:
+        return TestOne<Intersector::kHavelHerout>(value, o, d, t_max);
+      case Intersector::kHavelHeroutDivided:
+        return TestOne<Intersector::kHavelHeroutDivided>(value, o, d, t_max);
+      case Intersector::kWald:
+        return TestOne<Intersector::kWald>(value, o, d, t_max);
+      case Intersector::kShevtsov:
+        return TestOne<Intersector::kShevtsov>(value, o, d, t_max);
+      case Intersector::kKenslerShirley:
+        return TestOne<Intersector::kKenslerShirley>(value, o, d, t_max);
+      case Intersector::kExact:
+      case Intersector::kMoellerTrumbore:
+        break;
+    }
+    return TestOne<Intersector::kMoellerTrumbore>(value, o, d, t_max);
+  }
+
+  const IndexedGeometry& scene_;
+  const LeafCulling& culling_;
+  const TraceRay& query_;
+  WalkStats* const stats_;
+  const Vec3f direction_;
+  const BoxRay box_ray_;
+  Mailbox mailbox_;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard

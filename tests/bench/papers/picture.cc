@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/papers/picture.h"
+
+#include <filesystem>
+#include <memory>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/geometry/camera.h"
+#include "core/mesh/scene_geometry.h"
+#include "core/traverse/culled_kernels.h"
+#include "tests/bench/bench_scene.h"
+#include "tests/bench/random.h"
+
+namespace sightline::bench {
+
+absl::StatusOr<PaperScene> ReadPaperScene(const std::string& name, const PaperOptions& options,
+                                          ThreadPool& pool) {
+  std::string path = name;
+  if (!absl::StartsWith(name, "builtin:")) {
+    path = absl::StrCat(options.scenes_folder, "/", name);
+    if (!std::filesystem::exists(path)) {
+      return absl::NotFoundError(absl::StrCat("there is no '", path, "'"));
+    }
+  }
+  SL_ASSIGN_OR_RETURN(const SceneSource source, ReadScene(path, /*views_file=*/""));
+  if (source.views.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat("'", path, "' has no views"));
+  }
+  absl::StatusOr<SceneGeometry> geometry = absl::UnknownError("not compiled");
+  pool.ParallelFor(1, 1, [&](size_t, size_t) {
+    geometry = CompileScene(source.objects, std::nullopt, MeshLimits{});
+  });
+  SL_RETURN_IF_ERROR(geometry.status());
+  PaperScene scene;
+  scene.name = source.name;
+  scene.indexed.geometry = *std::move(geometry);
+  scene.view = source.views[0];
+  return scene;
+}
+
+Picture MakePicture(const PaperScene& scene, uint32_t width, uint32_t height, int side) {
+  const BuiltinView& view = scene.view;
+  const auto camera = LookAt(view.eye, view.at, view.up, view.fov_y_degrees, width, height);
+  SIGHTLINE_CHECK(camera.ok()) << camera.status();
+  const auto step = static_cast<uint32_t>(side);
+  SIGHTLINE_CHECK(side >= 1 && side <= 16 && width % step == 0 && height % step == 0);
+  Picture picture;
+  picture.origin = ToFloat(view.eye - scene.indexed.geometry.origin);
+  picture.packet_rays = side * side;
+  picture.targets.reserve(size_t{width} * height);
+  for (uint32_t y0 = 0; y0 < height; y0 += step) {
+    for (uint32_t x0 = 0; x0 < width; x0 += step) {
+      for (uint32_t i = 0; i < step * step; ++i) {
+        picture.targets.push_back(PixelDirection(*camera, x0 + i % step, y0 + i / step));
+      }
+    }
+  }
+  return picture;
+}
+
+Picture ShadowsOf(const PaperScene& scene, const Picture& picture, const std::vector<Hit>& hits,
+                  Vec3d light) {
+  Picture shadows;
+  shadows.origin = ToFloat(light - scene.indexed.geometry.origin);
+  shadows.segments = true;
+  shadows.packet_rays = picture.packet_rays;
+  const auto size = static_cast<size_t>(picture.packet_rays);
+  for (size_t first = 0; first < hits.size(); first += size) {
+    size_t filler = first;
+    while (filler < first + size && hits[filler].triangle == kNoTriangle) ++filler;
+    if (filler == first + size) continue;
+    for (size_t i = first; i < first + size; ++i) {
+      const size_t from = hits[i].triangle == kNoTriangle ? filler : i;
+      shadows.targets.push_back(picture.origin + picture.targets[from] * hits[from].t);
+      shadows.sources.push_back(hits[from].triangle);
+    }
+  }
+  return shadows;
+}
+
+std::vector<TraceRay> BouncesOf(const Picture& picture, const std::vector<Hit>& hits, size_t step) {
+  Random random(17);
+  std::vector<TraceRay> rays;
+  for (size_t i = 0; i < hits.size(); i += step) {
+    if (hits[i].triangle == kNoTriangle) continue;
+    TraceRay ray;
+    const Vec3f at = picture.origin + picture.targets[i] * hits[i].t;
+    const auto coordinate = [&] { return static_cast<float>(random.Uniform(-1, 1)); };
+    ray.ray = PredicateRay::Ray(at, {coordinate(), coordinate(), coordinate()});
+    ray.from_source = hits[i].triangle;
+    rays.push_back(ray);
+  }
+  return rays;
+}
+
+std::vector<TraceRay> RaysOf(const Picture& picture) {
+  std::vector<TraceRay> rays(picture.targets.size());
+  for (size_t i = 0; i < rays.size(); ++i) {
+    rays[i].ray = {picture.origin, picture.targets[i], picture.segments};
+    if (!picture.sources.empty()) rays[i].to_source = picture.sources[i];
+  }
+  return rays;
+}
+
+std::vector<Hit> TracePackets(const IndexedGeometry& scene, const LeafCulling& culling,
+                              const Picture& picture, WalkStats* stats) {
+  const CulledKernels& kernels = CulledKernelsFor(SimdTarget::kBest);
+  const TraceCulledPacketFn trace =
+      picture.segments ? kernels.occluded_packet : kernels.closest_packet;
+  std::vector<Hit> hits(picture.targets.size());
+  const auto packet = std::make_unique<RayPacket>();
+  packet->origin = picture.origin;
+  packet->segments = picture.segments;
+  packet->count = picture.packet_rays;
+  const auto size = static_cast<size_t>(picture.packet_rays);
+  for (size_t first = 0; first < hits.size(); first += size) {
+    for (size_t i = 0; i < size; ++i) {
+      packet->target_x[i] = picture.targets[first + i].x;
+      packet->target_y[i] = picture.targets[first + i].y;
+      packet->target_z[i] = picture.targets[first + i].z;
+      packet->target_source[i] = picture.sources.empty() ? kNoTriangle : picture.sources[first + i];
+    }
+    trace(scene, culling, *packet, nullptr, stats);
+    for (size_t i = 0; i < size; ++i) hits[first + i] = packet->hit(static_cast<int>(i));
+  }
+  return hits;
+}
+
+std::vector<Hit> TraceSingly(const IndexedGeometry& scene, const LeafCulling& culling,
+                             const std::vector<TraceRay>& rays, bool any, WalkStats* stats) {
+  const CulledKernels& kernels = CulledKernelsFor(SimdTarget::kBest);
+  std::vector<Hit> hits(rays.size());
+  (any ? kernels.occluded_single : kernels.closest_single)(scene, culling, rays, hits, nullptr,
+                                                           stats);
+  return hits;
+}
+
+}  // namespace sightline::bench

@@ -1,0 +1,306 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The walks that cull within leaves give brute force's bits, with every combination of their
+// options, over trees of every leaf size; with the papers' own tests, they differ from the same
+// test over all triangles only within that test's bound.
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/accel/binary_bvh_builder.h"
+#include "core/accel/kd_builder.h"
+#include "core/intersect/intersector_check.h"
+#include "core/traverse/culled_kernels.h"
+#include "core/traverse/kernels.h"
+#include "gtest/gtest.h"
+#include "tests/core/traverse/kernels_fixture.h"
+#include "tests/core/traverse/nasty_scenes.h"
+#include "tests/support/random.h"
+#include "tests/support/test_scale.h"
+
+namespace sightline::testing_support {
+namespace {
+
+bool SameBits(const Hit& a, const Hit& b) {
+  return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
+}
+
+// Both trees, with leaves of all sizes.
+void AddTrees(IndexedGeometry* scene, TestRng& rng) {
+  ThreadPool pool(2);
+  const float ratios[] = {0.01f, 0.1f, 1.0f, 10.0f};
+  auto bvh =
+      BuildBinaryBvh(scene->geometry,
+                     {.bins = rng.Chance(0.5) ? 8 : 32, .cost_ratio = ratios[rng.Below(4)]}, pool);
+  ASSERT_TRUE(bvh.ok()) << bvh.status();
+  scene->binary_bvh = *std::move(bvh);
+  auto kd = BuildKdTree(
+      scene->geometry,
+      {.traversal_cost = rng.Chance(0.5) ? 10.0f : 0.5f, .perfect_splits = rng.Chance(0.3)}, pool);
+  ASSERT_TRUE(kd.ok()) << kd.status();
+  scene->kd_tree = *std::move(kd);
+  scene->kd_leaves.reset();
+  if (rng.Chance(0.7)) {
+    scene->kd_leaves = MakeLeafTriangles(scene->geometry,
+                                         {scene->kd_tree->ids.data(), scene->kd_tree->ids.size()});
+  }
+}
+
+LeafCulling RandomCulling(TestRng& rng) {
+  LeafCulling c;
+  c.tree = rng.Chance(0.5) ? CulledTree::kBinaryBvh : CulledTree::kKdTree;
+  c.side_planes = rng.Chance(0.7);
+  c.near_far = rng.Chance(0.6);
+  c.aperture = rng.Chance(0.6);
+  c.aperture_first = rng.Chance(0.5);
+  c.skip_edges = rng.Chance(0.7);
+  c.frustum = static_cast<FrustumRays>(rng.Below(3));
+  c.first_axis = rng.Chance(0.3);
+  c.ray_mask = rng.Chance(0.6);
+  c.node_test = static_cast<NodeTest>(rng.Below(3));
+  c.split = rng.Chance(0.5) ? PacketSplit::kHalves : PacketSplit::kSingleRays;
+  c.ray_box = rng.Chance(0.7);
+  c.ray_box_min_triangles = static_cast<uint32_t>(rng.Below(20));
+  c.ray_box_update = rng.Chance(0.7);
+  c.mailbox = rng.Chance(0.4);
+  return c;
+}
+
+std::string Describe(const LeafCulling& c) {
+  std::string text = c.tree == CulledTree::kBinaryBvh ? "bvh" : "kd";
+  const std::pair<const char*, bool> switches[] = {
+      {"planes", c.side_planes},    {"near_far", c.near_far},
+      {"aperture", c.aperture},     {"aperture_first", c.aperture_first},
+      {"skip", c.skip_edges},       {"first_axis", c.first_axis},
+      {"ray_mask", c.ray_mask},     {"box", c.ray_box},
+      {"update", c.ray_box_update}, {"mailbox", c.mailbox}};
+  for (const auto& [name, on] : switches) {
+    if (on) text += std::string(" ") + name;
+  }
+  return text + " frustum " + std::to_string(static_cast<int>(c.frustum)) + " nodes " +
+         std::to_string(static_cast<int>(c.node_test)) + " split " +
+         std::to_string(static_cast<int>(c.split)) + " test " +
+         std::string(IntersectorName(c.intersector));
+}
+
+class CulledWalksTest : public KernelsFixture {
+ protected:
+  const CulledKernels& culled() const { return CulledKernelsFor(GetParam()); }
+  std::vector<Hit> Brute(const IndexedGeometry& scene, const std::vector<TraceRay>& rays) const {
+    std::vector<Hit> hits(rays.size());
+    WalkStats stats;
+    EXPECT_TRUE(kernels().closest_brute(scene, rays, hits, nullptr, &stats));
+    return hits;
+  }
+};
+
+SIGHTLINE_FOR_EACH_TARGET(CulledWalksTest);
+
+TEST_P(CulledWalksTest, SingleRaysGiveBruteForcesBitsWithEveryOption) {
+  TestRng rng;
+  uint64_t culled_tests = 0, updates = 0;
+  for (NastyScene& scene : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(scene.name);
+    for (int trees = 0; trees < 3; ++trees) {
+      ASSERT_NO_FATAL_FAILURE(AddTrees(&scene.indexed, rng));
+      for (int round = 0; round < 6; ++round) {
+        const LeafCulling culling = RandomCulling(rng);
+        SCOPED_TRACE(Describe(culling));
+        NastyRays rays(scene.indexed, rng);
+        std::vector<TraceRay> queries;
+        for (int64_t i = ScaledCount(250); i > 0; --i) queries.push_back(rays.Next());
+        const std::vector<Hit> truth = Brute(scene.indexed, queries);
+        std::vector<Hit> hits(queries.size(), Hit{-1, 12345}), any = hits;
+        WalkStats stats;
+        ASSERT_TRUE(
+            culled().closest_single(scene.indexed, culling, queries, hits, nullptr, &stats));
+        ASSERT_TRUE(
+            culled().occluded_single(scene.indexed, culling, queries, any, nullptr, &stats));
+        culled_tests += stats.culled_tests;
+        updates += stats.ray_box_updates;
+        for (size_t i = 0; i < queries.size(); ++i) {
+          ASSERT_TRUE(SameBits(hits[i], truth[i]))
+              << Printed{queries[i]} << ": " << hits[i].triangle << " at " << hits[i].t << ", not "
+              << truth[i].triangle << " at " << truth[i].t;
+          ASSERT_EQ(any[i].triangle == kNoTriangle, truth[i].triangle == kNoTriangle)
+              << Printed{queries[i]};
+        }
+      }
+    }
+  }
+  EXPECT_GT(culled_tests, 10'000u);
+  EXPECT_GT(updates, 50u);
+}
+
+// A packet from `origin`: narrow, wide, or in all directions, so that some have no common axis.
+void FillPacket(const IndexedGeometry& scene, NastyRays& rays, TestRng& rng, RayPacket* packet,
+                std::vector<TraceRay>* queries) {
+  constexpr int kSizes[] = {1, 4, 16, 64, 100, 256};
+  packet->origin = rays.Point();
+  packet->segments = rng.Chance(0.5);
+  packet->mask = rng.Chance(0.8) ? 0xFFFFFFFFu : 1u << rng.Below(3);
+  packet->origin_source = rays.Source();
+  packet->count = kSizes[rng.Below(std::size(kSizes))];
+  packet->want_barycentrics = false;
+  const double spread = rng.Chance(0.7) ? std::exp(rng.Uniform(-8, -1)) : 0.0;
+  const double strays = rng.Chance(0.3) ? 0.05 : 0.0;
+  const Vec3f middle = rays.Target(packet->origin, packet->segments);
+  const Vec3f away = packet->segments ? middle - packet->origin : middle;
+  queries->clear();
+  for (int lane = 0; lane < packet->count; ++lane) {
+    Vec3f target = rays.Target(packet->origin, packet->segments);
+    if (spread > 0 && !rng.Chance(strays)) {
+      target = middle;
+      const float size = MaxAbs(away) * static_cast<float>(spread);
+      for (int k = 0; k < 3; ++k) target[k] += size * static_cast<float>(rng.Uniform(-1, 1));
+    }
+    packet->target_x[lane] = target.x;
+    packet->target_y[lane] = target.y;
+    packet->target_z[lane] = target.z;
+    packet->target_source[lane] = packet->segments ? rays.Source() : kNoTriangle;
+    queries->push_back(
+        {packet->ray(lane), packet->mask, packet->origin_source, packet->target_source[lane]});
+  }
+  (void)scene;
+}
+
+TEST_P(CulledWalksTest, PacketsGiveBruteForcesBitsWithEveryOption) {
+  TestRng rng;
+  uint64_t culled_tests = 0, tests = 0;
+  const auto packet = std::make_unique<RayPacket>();
+  for (NastyScene& scene : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(scene.name);
+    for (int trees = 0; trees < 3; ++trees) {
+      ASSERT_NO_FATAL_FAILURE(AddTrees(&scene.indexed, rng));
+      NastyRays rays(scene.indexed, rng);
+      std::vector<TraceRay> queries;
+      for (int64_t i = ScaledCount(40, 10); i > 0; --i) {
+        const LeafCulling culling = RandomCulling(rng);
+        SCOPED_TRACE(Describe(culling));
+        FillPacket(scene.indexed, rays, rng, packet.get(), &queries);
+        const std::vector<Hit> truth = Brute(scene.indexed, queries);
+        WalkStats stats;
+        ASSERT_TRUE(culled().closest_packet(scene.indexed, culling, *packet, nullptr, &stats));
+        for (size_t k = 0; k < queries.size(); ++k) {
+          const Hit hit = packet->hit(static_cast<int>(k));
+          ASSERT_TRUE(SameBits(hit, truth[k]))
+              << Printed{queries[k]} << ": " << hit.triangle << " at " << hit.t << ", not "
+              << truth[k].triangle << " at " << truth[k].t << ", lane " << k << " of "
+              << packet->count;
+        }
+        ASSERT_TRUE(culled().occluded_packet(scene.indexed, culling, *packet, nullptr, &stats));
+        for (size_t k = 0; k < queries.size(); ++k) {
+          ASSERT_EQ(packet->triangle[k] == kNoTriangle, truth[k].triangle == kNoTriangle)
+              << Printed{queries[k]} << ", lane " << k << " of " << packet->count;
+        }
+        culled_tests += stats.culled_tests;
+        tests += stats.triangle_tests;
+      }
+    }
+  }
+  std::cout << "tests culled: " << culled_tests << ", made: " << tests << '\n';
+  EXPECT_GT(culled_tests, tests / 10);
+}
+
+// What the same test over every triangle says.
+Hit BruteByIntersector(const SceneGeometry& geometry, Intersector kind, const TraceRay& query) {
+  Hit best;
+  const float end = query.ray.segment ? 1.0f : std::numeric_limits<float>::infinity();
+  for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
+    if (id == query.from_source || id == query.to_source) continue;
+    if (std::binary_search(geometry.inert.begin(), geometry.inert.end(), id)) continue;
+    const auto [a, b, c] = geometry.Corners(id);
+    IntersectorHit hit;
+    if (!Intersect(kind, PrepareTriangle(kind, a, b, c), query.ray.origin,
+                   query.ray.RoundedDirection(), end, &hit)) {
+      continue;
+    }
+    const ObjectRecord& object = geometry.objects[geometry.ObjectOf(id)];
+    if ((object.mask & query.mask) == 0) continue;
+    const int side = SideOfPlane(a, b, c, query.ray.origin);
+    if (object.culling == Culling::kBack && side <= 0) continue;
+    if (object.culling == Culling::kFront && side >= 0) continue;
+    best = std::min(best, Hit{hit.t, id});
+  }
+  return best;
+}
+
+// Whether the test's bound allows that one of two hits is taken for the other, or for none.
+bool WithinBound(const SceneGeometry& geometry, Intersector kind, const TraceRay& query,
+                 const Hit& one, const Hit& other) {
+  double reach = 0;
+  for (const Hit& hit : {one, other}) {
+    if (hit.triangle == kNoTriangle) continue;
+    const auto [a, b, c] = geometry.Corners(hit.triangle);
+    const IntersectorCheck check = CheckIntersector(kind, query.ray, a, b, c);
+    if (!check.certain) return true;
+    reach += check.t_error;
+  }
+  return one.triangle != kNoTriangle && other.triangle != kNoTriangle &&
+         !(std::abs(static_cast<double>(one.t) - other.t) > reach);
+}
+
+TEST_P(CulledWalksTest, ThePapersTestsDifferFromTheirBruteForceOnlyWithinTheirBounds) {
+  TestRng rng;
+  int64_t compared = 0, different = 0;
+  const auto packet = std::make_unique<RayPacket>();
+  for (NastyScene& scene : MakeNastyScenes(rng)) {
+    SCOPED_TRACE(scene.name);
+    const SceneGeometry& geometry = scene.indexed.geometry;
+    for (const Intersector kind : kPaperIntersectors) {
+      ASSERT_NO_FATAL_FAILURE(AddTrees(&scene.indexed, rng));
+      scene.indexed.prepared.reset();
+      if (rng.Chance(0.7)) scene.indexed.prepared = PrepareGeometry(geometry, kind);
+      NastyRays rays(scene.indexed, rng);
+      for (int64_t i = ScaledCount(4, 4); i > 0; --i) {
+        LeafCulling culling = RandomCulling(rng);
+        culling.intersector = kind;
+        SCOPED_TRACE(Describe(culling));
+        std::vector<TraceRay> queries;
+        FillPacket(scene.indexed, rays, rng, packet.get(), &queries);
+        std::vector<Hit> hits(queries.size());
+        WalkStats stats;
+        ASSERT_TRUE(culled().closest_packet(scene.indexed, culling, *packet, nullptr, &stats));
+        ASSERT_TRUE(
+            culled().closest_single(scene.indexed, culling, queries, hits, nullptr, &stats));
+        for (size_t k = 0; k < queries.size(); ++k) {
+          const Hit truth = BruteByIntersector(geometry, kind, queries[k]);
+          for (const Hit& hit : {packet->hit(static_cast<int>(k)), hits[k]}) {
+            ++compared;
+            if (SameBits(hit, truth)) continue;
+            ++different;
+            ASSERT_TRUE(WithinBound(geometry, kind, queries[k], hit, truth))
+                << Printed{queries[k]} << ": " << hit.triangle << " at " << hit.t << ", not "
+                << truth.triangle << " at " << truth.t;
+          }
+        }
+      }
+    }
+  }
+  std::cout << different << " of " << compared << " differ, all within the bound\n";
+  EXPECT_GT(compared, 1000);
+  EXPECT_LT(different, compared / 4);
+}
+
+TEST_P(CulledWalksTest, ACancelledWalkStops) {
+  TestRng rng;
+  std::vector<NastyScene> scenes = MakeNastyScenes(rng);
+  IndexedGeometry& scene = scenes.front().indexed;
+  ASSERT_NO_FATAL_FAILURE(AddTrees(&scene, rng));
+  CancelToken cancel;
+  cancel.Cancel();
+  NastyRays rays(scene, rng);
+  const std::vector<TraceRay> queries = {rays.Next()};
+  std::vector<Hit> hits(1);
+  WalkStats stats;
+  EXPECT_FALSE(culled().closest_single(scene, {}, queries, hits, &cancel, &stats));
+}
+
+}  // namespace
+}  // namespace sightline::testing_support
