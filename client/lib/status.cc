@@ -16,7 +16,13 @@ absl::StatusCode ToCode(int code) {
 
 absl::Status FromGrpc(const grpc::Status& status) {
   if (status.ok()) return absl::OkStatus();
-  absl::Status result(ToCode(status.error_code()), status.error_message());
+  // gRPC says no more than the code of a method that a server does not have.
+  const bool unknown_method =
+      status.error_code() == grpc::StatusCode::UNIMPLEMENTED && status.error_message().empty();
+  absl::Status result(ToCode(status.error_code()),
+                      unknown_method ? "the server does not know this call: it is older than this "
+                                       "client, or not a Sightline server"
+                                     : status.error_message());
   v1::Status details;
   if (!status.error_details().empty() && details.ParseFromString(status.error_details())) {
     for (const google::protobuf::Any& any : details.details()) {

@@ -2,6 +2,7 @@
 #include "client/lib/status.h"
 
 #include "client/lib/backoff.h"
+#include "gmock/gmock.h"
 #include "google/protobuf/duration.pb.h"
 #include "gtest/gtest.h"
 
@@ -35,6 +36,14 @@ TEST(StatusTest, KeepsCodeMessageAndReason) {
   const absl::Status odd =
       FromGrpc(grpc::Status(grpc::StatusCode::INTERNAL, "x", "\xff\xff garbage"));
   EXPECT_EQ(odd.code(), absl::StatusCode::kInternal);
+}
+
+TEST(StatusTest, SaysThatTheServerDoesNotKnowACall) {
+  const absl::Status status = FromGrpc(grpc::Status(grpc::StatusCode::UNIMPLEMENTED, ""));
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnimplemented);
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr("older than this client"));
+  EXPECT_EQ(FromGrpc(grpc::Status(grpc::StatusCode::UNIMPLEMENTED, "no gzip")).message(),
+            "no gzip");
 }
 
 TEST(StatusTest, ItemsLikeCalls) {
