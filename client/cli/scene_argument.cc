@@ -75,12 +75,13 @@ std::string SceneName(const std::string& argument) {
 }
 
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
-                                        const std::string& scene_id, client::BuildPreset preset,
+                                        const std::string& scene_id, const SceneBuild& build,
                                         bool temporary, std::ostream& err,
                                         ImportedScene* imported) {
   client::SceneSource source;
   source.scene_id = scene_id;
-  source.build_preset = preset;
+  source.build_preset = build.preset;
+  source.kd_tree = build.kd_tree;
   source.temporary = temporary;
   ImportedScene file;
   switch (KindOf(argument)) {
@@ -130,7 +131,7 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
 
 absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                                        const std::string& argument,
-                                                       std::ostream& err) {
+                                                       std::ostream& err, const SceneBuild& build) {
   if (KindOf(argument) == SceneKind::kServer) {
     if (session.embedded()) {
       return UsageError(absl::StrCat("'", argument,
@@ -142,9 +143,8 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
     return std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/false);
   }
   ImportedScene imported;
-  SL_ASSIGN_OR_RETURN(client::Scene scene,
-                      LoadScene(session, argument, TemporaryId(), client::BuildPreset::kStatic,
-                                /*temporary=*/true, err, &imported));
+  SL_ASSIGN_OR_RETURN(client::Scene scene, LoadScene(session, argument, TemporaryId(), build,
+                                                     /*temporary=*/true, err, &imported));
   auto opened =
       std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/!session.embedded());
   opened->objects_ = std::move(imported.objects);

@@ -33,6 +33,12 @@ std::string SceneHelp();
 enum class SceneKind { kFile, kNative, kBuiltin, kServer };
 SceneKind KindOf(const std::string& argument);
 
+// What is built of a scene that is made.
+struct SceneBuild {
+  client::BuildPreset preset = client::BuildPreset::kStatic;
+  std::optional<client::KdTreeOptions> kd_tree = std::nullopt;
+};
+
 class OpenedScene {
  public:
   OpenedScene(const Session& session, client::Scene scene, bool temporary)
@@ -51,7 +57,7 @@ class OpenedScene {
 
  private:
   friend absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session&, const std::string&,
-                                                                std::ostream&);
+                                                                std::ostream&, const SceneBuild&);
   const Session& session_;
   const client::Scene scene_;
   const bool temporary_;
@@ -60,16 +66,18 @@ class OpenedScene {
   std::string format_;
 };
 
-// What a file lost on the way is said on `err`, one line each.
+// What a file lost on the way is said on `err`, one line each. `build` is for scenes that the
+// server does not hold yet.
 absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                                        const std::string& argument,
-                                                       std::ostream& err);
+                                                       std::ostream& err,
+                                                       const SceneBuild& build = {});
 
 // Makes a scene on the session's server of a file or a built-in scene, with a name of its own or
-// one that the server makes up (empty), built by `preset`; a `temporary` one is not stored.
+// one that the server makes up (empty), built as `build` says; a `temporary` one is not stored.
 // `imported` (may be null) receives a mesh file's arrays and report.
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
-                                        const std::string& scene_id, client::BuildPreset preset,
+                                        const std::string& scene_id, const SceneBuild& build,
                                         bool temporary, std::ostream& err, ImportedScene* imported);
 
 // "city" and "scenes/city" both name scenes/city.

@@ -81,6 +81,7 @@ absl::StatusOr<Scene> Client::CreateScene(const SceneSource& source,
   if (source.origin) ToProto(*source.origin, header->mutable_origin());
   header->set_temporary(source.temporary);
   if (source.file_id.empty()) header->set_build_preset(BuildPresetToProto(source.build_preset));
+  if (source.kd_tree) ToProto(*source.kd_tree, header->mutable_kd_tree());
   uint64_t chunk_bytes = kUploadChunkBytes;
   if (!source.file_id.empty()) {
     header->mutable_file()->set_file_id(source.file_id);

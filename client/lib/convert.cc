@@ -58,6 +58,15 @@ v1::BuildPreset BuildPresetToProto(BuildPreset preset) {
   return v1::BUILD_PRESET_UNSPECIFIED;
 }
 
+void ToProto(const KdTreeOptions& options, v1::KdTreeOptions* out) {
+  if (options.traversal_cost != 0) out->set_traversal_cost(options.traversal_cost);
+  out->set_perfect_splits(options.perfect_splits);
+  out->set_min_leaf_triangles(options.min_leaf_triangles);
+  out->set_max_leaf_triangles(options.max_leaf_triangles);
+  out->set_max_depth(options.max_depth);
+  if (options.max_references != 0) out->set_max_references(options.max_references);
+}
+
 namespace {
 
 v1::Culling CullingToProto(Culling culling) {
@@ -95,7 +104,23 @@ void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
     case Strategy::kShaft:
       out->set_strategy(v1::STRATEGY_SHAFT);
       break;
+    case Strategy::kRtt:
+      out->set_strategy(v1::STRATEGY_RTT);
+      break;
   }
+  switch (options.structure) {
+    case Structure::kAuto:
+      out->set_structure(v1::STRUCTURE_AUTO);
+      break;
+    case Structure::kBvh:
+      out->set_structure(v1::STRUCTURE_BVH);
+      break;
+    case Structure::kKdTree:
+      out->set_structure(v1::STRUCTURE_KD_TREE);
+      break;
+  }
+  out->mutable_rtt()->set_antialiasing(options.rtt_antialiasing);
+  out->mutable_rtt()->set_shared_edges(options.rtt_shared_edges);
   out->set_mask(options.mask);
   out->set_statistics(options.statistics);
 }
@@ -182,6 +207,12 @@ Scene FromProto(const v1::Scene& scene) {
   out.report.leaves = report.leaf_count();
   out.report.depth = report.depth();
   out.report.resident_bytes = report.resident_bytes();
+  out.report.kd_tree_nodes = report.kd_tree().node_count();
+  out.report.kd_tree_leaves = report.kd_tree().leaf_count();
+  out.report.kd_tree_references = report.kd_tree().reference_count();
+  out.report.kd_tree_bytes = report.kd_tree().bytes();
+  out.report.kd_tree_depth = report.kd_tree().depth();
+  out.report.kd_tree_time = FromProto(report.kd_tree().duration());
   out.state = FromProto(scene.state());
   out.state_message = scene.state_message();
   out.stored = scene.stored();
@@ -239,11 +270,17 @@ Statistics FromProto(const v1::Statistics& statistics) {
     case v1::STRATEGY_SHAFT:
       out.strategy = Strategy::kShaft;
       break;
+    case v1::STRATEGY_RTT:
+      out.strategy = Strategy::kRtt;
+      break;
     default:
       break;
   }
   out.compute = absl::Nanoseconds(statistics.compute_nanos());
   out.queue = absl::Nanoseconds(statistics.queue_nanos());
+  out.tiles = statistics.tile_count();
+  out.tiles_answered = statistics.answered_tile_count();
+  out.relevant_triangles = statistics.relevant_triangle_count();
   return out;
 }
 

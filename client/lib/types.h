@@ -23,7 +23,8 @@ using Point3 = std::array<double, 3>;
 
 inline constexpr uint32_t kNone = 0xFFFFFFFFu;  // No object, no triangle.
 
-enum class Strategy { kAuto, kSingle, kPacket, kBruteForce, kShaft };
+enum class Strategy { kAuto, kSingle, kPacket, kBruteForce, kShaft, kRtt };
+enum class Structure { kAuto, kBvh, kKdTree };
 // What answered a ray: AnsweredBy of query_options.proto, which says more.
 enum class AnsweredBy : uint8_t { kNoRay = 0, kShaft = 1, kTriangles = 2, kPacket = 3, kRay = 4 };
 enum class Culling { kNone, kBack, kFront };
@@ -43,6 +44,17 @@ struct ObjectUpload {
   bool dynamic = false;  // Its transform may be changed later.
 };
 
+// A kd-tree beside the BVH: KdTreeOptions of scene_service.proto, which says more. 0: the server's
+// own choice.
+struct KdTreeOptions {
+  double traversal_cost = 0;  // 0.01 to 10.
+  bool perfect_splits = false;
+  uint32_t min_leaf_triangles = 0;
+  uint32_t max_leaf_triangles = 0;
+  uint32_t max_depth = 0;
+  double max_references = 0;  // 1 to 64.
+};
+
 // What a new scene is made of: objects, a built-in spec ("builtin:hall:1000000"), or a file of the
 // server's repository; one of them.
 struct SceneSource {
@@ -53,6 +65,7 @@ struct SceneSource {
   bool temporary = false;  // Not stored in the repository.
   std::optional<Point3> origin;
   BuildPreset build_preset = BuildPreset::kStatic;  // Costs and memory; the answers are the same.
+  std::optional<KdTreeOptions> kd_tree;             // Unset: none is built.
 };
 
 struct BuildReport {
@@ -67,6 +80,10 @@ struct BuildReport {
   uint64_t nodes = 0, leaves = 0;
   uint32_t depth = 0;
   uint64_t resident_bytes = 0;
+  // Of the kd-tree; all 0 without one.
+  uint64_t kd_tree_nodes = 0, kd_tree_leaves = 0, kd_tree_references = 0, kd_tree_bytes = 0;
+  uint32_t kd_tree_depth = 0;
+  absl::Duration kd_tree_time;  // Part of structure_time.
 };
 
 struct Scene {
@@ -151,7 +168,9 @@ struct Statistics {
   uint64_t double_tests = 0;            // Left in doubt by the float filter,
   uint64_t exact_tests = 0;             // and by the double filter.
   Strategy strategy = Strategy::kAuto;  // What answered; kAuto where several did.
-  absl::Duration compute;               // Summed over threads.
+  // RTT: tiles, those answered without rays, and the triangles on their lists.
+  uint64_t tiles = 0, tiles_answered = 0, relevant_triangles = 0;
+  absl::Duration compute;  // Summed over threads.
   absl::Duration queue;
 
   void Add(const Statistics& other) {
@@ -163,6 +182,9 @@ struct Statistics {
     triangle_tests += other.triangle_tests;
     double_tests += other.double_tests;
     exact_tests += other.exact_tests;
+    tiles += other.tiles;
+    tiles_answered += other.tiles_answered;
+    relevant_triangles += other.relevant_triangles;
     compute += other.compute;
     queue += other.queue;
   }
@@ -173,6 +195,9 @@ struct QueryOptions {
   Strategy strategy = Strategy::kAuto;
   uint32_t mask = 0xFFFFFFFFu;
   bool statistics = false;
+  Structure structure = Structure::kAuto;  // Speed alone; an error where the scene has no kd-tree.
+  uint32_t rtt_antialiasing = 1;           // Rays a pixel, in either direction: 1 to 6.
+  bool rtt_shared_edges = false;
 };
 
 // What became of a streamed query as a whole.

@@ -30,35 +30,6 @@ constexpr uint64_t kMaxReferences = KdNode::kMaxIndex / 14;
 // Share of the time that sorting the root's events takes (sphere of 1 M triangles: a tenth).
 constexpr double kRootShare = 0.1;
 
-absl::Status ValidateOptions(const KdBuildOptions& options) {
-  const auto outside = [](const char* name, auto value, auto lo, auto hi) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(name, " = ", value, " is outside ", lo, " .. ", hi));
-  };
-  if (!(options.traversal_cost >= kMinKdTraversalCost &&
-        options.traversal_cost <= kMaxKdTraversalCost)) {
-    return outside("traversal_cost", options.traversal_cost, kMinKdTraversalCost,
-                   kMaxKdTraversalCost);
-  }
-  if (options.min_leaf_triangles < 1 || options.min_leaf_triangles > kMaxKdLeafTriangles) {
-    return outside("min_leaf_triangles", options.min_leaf_triangles, 1, kMaxKdLeafTriangles);
-  }
-  if (options.max_leaf_triangles != 0 && (options.max_leaf_triangles < options.min_leaf_triangles ||
-                                          options.max_leaf_triangles > kMaxKdLeafTriangles)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("max_leaf_triangles = ", options.max_leaf_triangles,
-                     " is neither 0 nor within min_leaf_triangles = ", options.min_leaf_triangles,
-                     " .. ", kMaxKdLeafTriangles));
-  }
-  if (options.max_depth < 0 || options.max_depth > static_cast<int>(kMaxKdDepth)) {
-    return outside("max_depth", options.max_depth, 0, kMaxKdDepth);
-  }
-  if (!(options.max_references >= 1 && options.max_references <= kMaxKdReferences)) {
-    return outside("max_references", options.max_references, 1, kMaxKdReferences);
-  }
-  return absl::OkStatus();
-}
-
 // A finished part of the tree. Its nodes, leaves and ids are numbered from 0; the root is nodes[0].
 struct Part {
   std::vector<KdNode> nodes;
@@ -309,10 +280,39 @@ absl::StatusOr<KdTree> Build(const SceneGeometry& geometry, const KdBuildOptions
 
 }  // namespace
 
+absl::Status ValidateKdOptions(const KdBuildOptions& options) {
+  const auto outside = [](const char* name, auto value, auto lo, auto hi) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(name, " = ", value, " is outside ", lo, " .. ", hi));
+  };
+  if (!(options.traversal_cost >= kMinKdTraversalCost &&
+        options.traversal_cost <= kMaxKdTraversalCost)) {
+    return outside("traversal_cost", options.traversal_cost, kMinKdTraversalCost,
+                   kMaxKdTraversalCost);
+  }
+  if (options.min_leaf_triangles < 1 || options.min_leaf_triangles > kMaxKdLeafTriangles) {
+    return outside("min_leaf_triangles", options.min_leaf_triangles, 1, kMaxKdLeafTriangles);
+  }
+  if (options.max_leaf_triangles != 0 && (options.max_leaf_triangles < options.min_leaf_triangles ||
+                                          options.max_leaf_triangles > kMaxKdLeafTriangles)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_leaf_triangles = ", options.max_leaf_triangles,
+                     " is neither 0 nor within min_leaf_triangles = ", options.min_leaf_triangles,
+                     " .. ", kMaxKdLeafTriangles));
+  }
+  if (options.max_depth < 0 || options.max_depth > static_cast<int>(kMaxKdDepth)) {
+    return outside("max_depth", options.max_depth, 0, kMaxKdDepth);
+  }
+  if (!(options.max_references >= 1 && options.max_references <= kMaxKdReferences)) {
+    return outside("max_references", options.max_references, 1, kMaxKdReferences);
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<KdTree> BuildKdTree(const SceneGeometry& geometry, const KdBuildOptions& options,
                                    ThreadPool& pool, const CancelToken* cancel,
                                    const std::function<void(double)>& progress) {
-  SL_RETURN_IF_ERROR(ValidateOptions(options));
+  SL_RETURN_IF_ERROR(ValidateKdOptions(options));
   const uint64_t triangles = geometry.triangles.size() - geometry.inert.size();
   if (triangles == 0) return KdTree{};
   const double references =

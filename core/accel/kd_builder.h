@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <functional>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/accel/kd_tree.h"
 #include "core/base/cancel.h"
@@ -49,8 +50,11 @@ struct KdBuildOptions {  // Speed and memory only, all of these.
   float max_references = 6.0f;
 };
 
+// InvalidArgument naming what is out of range, its value and the range.
+absl::Status ValidateKdOptions(const KdBuildOptions& options);
+
 // `progress`, if set, is called now and then with a share in [0, 1], possibly from several threads.
-// Errors: InvalidArgument (options out of range, named with value and range), ResourceExhausted
+// Errors: InvalidArgument (ValidateKdOptions), ResourceExhausted
 // (more nodes or references than a tree numbers), Cancelled / DeadlineExceeded from `cancel`.
 absl::StatusOr<KdTree> BuildKdTree(const SceneGeometry& geometry, const KdBuildOptions& options,
                                    ThreadPool& pool, const CancelToken* cancel = nullptr,

@@ -243,7 +243,7 @@ class Validator {
     for (const Reference& reference : at.references) {
       const bool stands = std::binary_search(ids.begin(), ids.end(), reference.id);
       found += stands;
-      if (stands && !tree_.perfect() && !Contains(tree_.leaves[node.leaf()].box(), reference.box)) {
+      if (stands && !HoldsPart(tree_.leaves[node.leaf()].box(), reference)) {
         return Fault("the leaf of node ", at.node, " has a box that does not hold triangle ",
                      reference.id);
       }
@@ -262,12 +262,28 @@ class Validator {
     return absl::OkStatus();
   }
 
+  // Above the padding of a clipping and its rounding outward.
+  float Slack() const {
+    return 0x1p-22f * std::max({MaxAbs(tree_.bounds.lo), MaxAbs(tree_.bounds.hi), 0x1p-100f});
+  }
+
+  // Whether a leaf's box holds what of the triangle lies in its cell.
+  bool HoldsPart(Box3f box, const Reference& reference) const {
+    if (!tree_.perfect()) return Contains(box, reference.box);
+    const Box3f part = ClipToBox(geometry_.Corners(reference.id), reference.box);
+    const float slack = Slack();
+    for (int axis = 0; axis < 3; ++axis) {
+      box.lo[axis] -= slack;
+      box.hi[axis] += slack;
+    }
+    return part.empty() || Contains(box, part);
+  }
+
   // With perfect splits, what only the padding of a clipping reaches may be left out.
   bool MustStand(const Reference& reference) const {
     if (!tree_.perfect()) return true;
     Box3f inner = reference.box;
-    const float slack =
-        0x1p-22f * std::max({MaxAbs(tree_.bounds.lo), MaxAbs(tree_.bounds.hi), 0x1p-100f});
+    const float slack = Slack();
     for (int axis = 0; axis < 3; ++axis) {
       inner.lo[axis] += slack;
       inner.hi[axis] -= slack;

@@ -7,12 +7,29 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "core/traverse/rtt.h"
 
 namespace sightline {
 namespace {
 
-constexpr std::array<Strategy, 5> kStrategies = {
-    Strategy::kAuto, Strategy::kSingle, Strategy::kPacket, Strategy::kShaft, Strategy::kBruteForce};
+constexpr std::array<Strategy, 6> kStrategies = {Strategy::kAuto,   Strategy::kSingle,
+                                                 Strategy::kPacket, Strategy::kShaft,
+                                                 Strategy::kRtt,    Strategy::kBruteForce};
+constexpr std::array<Structure, 3> kStructures = {Structure::kAuto, Structure::kBvh,
+                                                  Structure::kKdTree};
+
+// The value of that name, in any case.
+template <typename T, size_t kCount>
+absl::StatusOr<T> Parse(absl::string_view name, const char* kind,
+                        const std::array<T, kCount>& values, absl::string_view (*name_of)(T)) {
+  std::string names;
+  for (const T value : values) {
+    if (absl::EqualsIgnoreCase(name, name_of(value))) return value;
+    absl::StrAppend(&names, names.empty() ? "" : ", ", name_of(value));
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("unknown ", kind, " '", name, "'; there are ", names));
+}
 
 }  // namespace
 
@@ -28,18 +45,58 @@ absl::string_view StrategyName(Strategy strategy) {
       return "BRUTE_FORCE";
     case Strategy::kShaft:
       return "SHAFT";
+    case Strategy::kRtt:
+      return "RTT";
   }
   return "UNKNOWN";
 }
 
 absl::StatusOr<Strategy> ParseStrategy(absl::string_view name) {
-  std::string names;
-  for (const Strategy strategy : kStrategies) {
-    if (absl::EqualsIgnoreCase(name, StrategyName(strategy))) return strategy;
-    absl::StrAppend(&names, names.empty() ? "" : ", ", StrategyName(strategy));
+  return Parse(name, "strategy", kStrategies, &StrategyName);
+}
+
+absl::string_view StructureName(Structure structure) {
+  switch (structure) {
+    case Structure::kAuto:
+      return "AUTO";
+    case Structure::kBvh:
+      return "BVH";
+    case Structure::kKdTree:
+      return "KD_TREE";
   }
-  return absl::InvalidArgumentError(
-      absl::StrCat("unknown strategy '", name, "'; there are ", names));
+  return "UNKNOWN";
+}
+
+absl::StatusOr<Structure> ParseStructure(absl::string_view name) {
+  return Parse(name, "structure", kStructures, &StructureName);
+}
+
+bool WalksKdTree(const QueryOptions& options) {
+  return options.structure == Structure::kKdTree ||
+         (options.structure == Structure::kAuto && options.strategy == Strategy::kRtt);
+}
+
+absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& options) {
+  const bool kd_tree = WalksKdTree(options);
+  if (options.structure == Structure::kBvh && options.strategy == Strategy::kRtt) {
+    return absl::InvalidArgumentError(
+        "strategy RTT walks the kd-tree, not the BVH: ask for structure KD_TREE or AUTO");
+  }
+  if (kd_tree && options.strategy == Strategy::kShaft) {
+    return absl::InvalidArgumentError(
+        "strategy SHAFT walks the BVH, not the kd-tree: ask for structure BVH or AUTO");
+  }
+  if (kd_tree && !scene.kd_tree.has_value()) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        options.strategy == Strategy::kRtt ? "strategy RTT" : "structure KD_TREE",
+        " needs a kd-tree, which this scene was not built with: build it with one, or ask for ",
+        options.strategy == Strategy::kRtt ? "another strategy" : "structure BVH"));
+  }
+  if (options.rtt_antialiasing < 1 || options.rtt_antialiasing > kMaxRttAntialiasing) {
+    return absl::InvalidArgumentError(absl::StrCat("rtt_antialiasing = ", options.rtt_antialiasing,
+                                                   " is outside 1 .. ", kMaxRttAntialiasing));
+  }
+  return absl::OkStatus();
 }
 
 void QueryStats::Add(const QueryStats& other) {
@@ -54,6 +111,9 @@ void QueryStats::Add(const QueryStats& other) {
   triangle_tests += other.triangle_tests;
   doubt_double += other.doubt_double;
   doubt_exact += other.doubt_exact;
+  tiles += other.tiles;
+  tiles_answered += other.tiles_answered;
+  relevant_triangles += other.relevant_triangles;
   compute_nanoseconds += other.compute_nanoseconds;
 }
 

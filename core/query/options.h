@@ -2,8 +2,8 @@
 //
 // What every kind of query shares: strategy, masks, cancellation, statistics.
 //
-// None of these options changes an answer, except the mask: a strategy, a thread count or an
-// instruction set only decides how fast the one exact answer is found.
+// None of these options changes an answer, except the mask: a strategy, a structure, a thread count
+// or an instruction set only decides how fast the one exact answer is found.
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_QUERY_OPTIONS_H_
@@ -11,8 +11,10 @@
 
 #include <cstdint>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
 #include "core/traverse/simd_target.h"
 
@@ -23,20 +25,45 @@ enum class Strategy : uint8_t {
   kSingle = 1,      // One ray at a time.
   kPacket = 2,      // Rays with a common origin walk together.
   kBruteForce = 3,  // The predicate applied to every triangle: the definition.
-  kShaft = 4,       // Rays with a common origin as one convex shaft.
+  kShaft = 4,       // Rays with a common origin as one convex shaft (BVH).
+  kRtt = 5,         // Relevant triangles of tiles of rays with a common origin (kd-tree).
 };
 
-absl::string_view StrategyName(
-    Strategy strategy);  // "AUTO", "SINGLE", "PACKET", "BRUTE_FORCE", "SHAFT".
+// "AUTO", "SINGLE", "PACKET", "BRUTE_FORCE", "SHAFT", "RTT".
+absl::string_view StrategyName(Strategy strategy);
 // By that name, in any case. InvalidArgument listing the names.
 absl::StatusOr<Strategy> ParseStrategy(absl::string_view name);
 
+// What of a scene's structures is walked.
+enum class Structure : uint8_t {
+  kAuto = 0,  // What the strategy needs: the BVH, for kRtt the kd-tree.
+  kBvh = 1,
+  kKdTree = 2,  // An error where the scene has none, or the strategy is kShaft.
+};
+
+absl::string_view StructureName(Structure structure);  // "AUTO", "BVH", "KD_TREE".
+// By that name, in any case. InvalidArgument listing the names.
+absl::StatusOr<Structure> ParseStructure(absl::string_view name);
+
 struct QueryOptions {
   Strategy strategy = Strategy::kAuto;
+  Structure structure = Structure::kAuto;
+  // kRtt alone. A tile is four pixels square; images taken at n times their size in either
+  // direction, to be averaged, have n × n rays a pixel: 1 .. kMaxRttAntialiasing (core/traverse/
+  // rtt.h).
+  int rtt_antialiasing = 1;
+  bool rtt_shared_edges = false;        // RttOptions::shared_edges.
   SimdTarget simd = SimdTarget::kBest;  // REQUIRES: SimdTargetAvailable(simd).
   uint32_t mask = 0xFFFFFFFFu;
   const CancelToken* cancel = nullptr;  // Polled during traversal; may be null.
 };
+
+// Whether the kd-tree is walked, not the BVH.
+bool WalksKdTree(const QueryOptions& options);
+// Whether the scene has what is asked for; every query asks this first. FailedPrecondition: no
+// kd-tree. InvalidArgument: a strategy that does not walk the structure, a number out of range.
+// Each is named.
+absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& options);
 
 // Work done, summed over whatever the statistics belong to. Depends on strategy and target; not
 // part of the answer.
@@ -47,6 +74,9 @@ struct QueryStats {
   uint64_t triangle_tests = 0;          // Triangle × ray pairs the predicate looked at.
   uint64_t doubt_double = 0;            // Pairs the float stage left to doubles…
   uint64_t doubt_exact = 0;             // … and those that doubles left to exact arithmetic.
+  uint64_t tiles = 0;                   // kRtt: tiles asked about,
+  uint64_t tiles_answered = 0;          // those that needed no rays,
+  uint64_t relevant_triangles = 0;      // and the triangles on the lists of these.
   uint64_t compute_nanoseconds = 0;     // Summed over threads.
   Strategy strategy = Strategy::kAuto;  // What AUTO chose; kAuto where more than one was used.
 

@@ -25,6 +25,9 @@ class QueryRun {
   const Kernels& kernels() const { return kernels_; }
   const CancelToken* cancel() const { return options_.cancel; }
 
+  // Whether the kd-tree is walked, not the BVH.
+  bool on_kd_tree() const { return WalksKdTree(options_); }
+
   // The status of a walk that left off. REQUIRES: the token has fired.
   absl::Status Stopped() const {
     SIGHTLINE_CHECK(options_.cancel != nullptr) << "a walk stopped that nobody cancelled";
@@ -50,6 +53,9 @@ class StatsScope {
     now.triangle_tests = walk_.triangle_tests;
     now.doubt_double = walk_.doubt_double;
     now.doubt_exact = walk_.doubt_exact;
+    now.tiles = walk_.tiles;
+    now.tiles_answered = walk_.tiles_answered;
+    now.relevant_triangles = walk_.relevant_triangles;
     now.compute_nanoseconds = static_cast<uint64_t>(
         std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now() - start_).count());
     stats_->Add(now);

@@ -13,9 +13,12 @@ namespace {
 // AUTO's rule for rays that belong together: a shaft of one to three rays costs more than the
 // single walk, which tests eight boxes and sixteen triangles a step whatever the number of rays.
 constexpr size_t kMinShaftRays = 4;
+// On the kd-tree: a tile of fewer is no tile.
+constexpr size_t kMinRttRays = 16;
 
 // What a walk's rays are answered by, as far as its strategy tells.
 AnsweredBy AnsweredByWalk(Strategy strategy) {
+  // A tile's list says so itself.
   return strategy == Strategy::kShaft    ? AnsweredBy::kShaft
          : strategy == Strategy::kPacket ? AnsweredBy::kPacket
                                          : AnsweredBy::kRay;
@@ -23,12 +26,24 @@ AnsweredBy AnsweredByWalk(Strategy strategy) {
 
 }  // namespace
 
-Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, size_t rays) {
+int RttTileRaysOf(const QueryOptions& options, bool points) {
+  const int rays = std::min(RttTileRays(options.rtt_antialiasing), kBlockRays);
+  return points && kBlockRays % rays != 0 ? RttTileRays(1) : rays;
+}
+
+Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t rays) {
+  const Strategy asked = run.options().strategy;
   const bool shaft_fits =
       form == RayForm::kOneOrigin || (form == RayForm::kParallel && kind == HitKind::kAny);
   switch (asked) {
     case Strategy::kAuto:
+      if (run.on_kd_tree()) {
+        return form == RayForm::kOneOrigin && rays >= kMinRttRays ? Strategy::kRtt
+                                                                  : Strategy::kSingle;
+      }
       return shaft_fits && rays >= kMinShaftRays ? Strategy::kShaft : Strategy::kSingle;
+    case Strategy::kRtt:
+      return form == RayForm::kOneOrigin ? Strategy::kRtt : Strategy::kSingle;
     case Strategy::kShaft:
       return shaft_fits ? Strategy::kShaft : Strategy::kSingle;
     case Strategy::kPacket:
@@ -47,9 +62,11 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
   if (rays.empty()) return absl::OkStatus();
   const Kernels& kernels = run.kernels();
   const bool brute = strategy == Strategy::kBruteForce;
-  const TraceRaysFn trace = kind == HitKind::kAny
-                                ? (brute ? kernels.occluded_brute : kernels.occluded_single)
-                                : (brute ? kernels.closest_brute : kernels.closest_single);
+  const bool any = kind == HitKind::kAny;
+  const TraceRaysFn trace = brute ? (any ? kernels.occluded_brute : kernels.closest_brute)
+                            : run.on_kd_tree()
+                                ? (any ? kernels.occluded_kd_single : kernels.closest_kd_single)
+                                : (any ? kernels.occluded_single : kernels.closest_single);
   return trace(scene, rays, hits, run.cancel(), stats) ? absl::OkStatus() : run.Stopped();
 }
 
@@ -72,9 +89,23 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   if (packet->answered_by != nullptr) {
     std::fill_n(packet->answered_by, packet->count, AnsweredByWalk(strategy));
   }
+  const bool any = kind == HitKind::kAny;
+  const Kernels& kernels = run.kernels();
+  if (strategy == Strategy::kRtt) {
+    const RttOptions options{.tile_rays = RttTileRaysOf(run.options(), packet->segments),
+                             .shared_edges = run.options().rtt_shared_edges};
+    return (any ? kernels.occluded_rtt : kernels.closest_rtt)(scene, {packet, 1}, options,
+                                                              run.cancel(), stats)
+               ? absl::OkStatus()
+               : run.Stopped();
+  }
+  if (strategy == Strategy::kPacket && run.on_kd_tree()) {
+    return (any ? kernels.occluded_kd_packet : kernels.closest_kd_packet)(scene, *packet,
+                                                                          run.cancel(), stats)
+               ? absl::OkStatus()
+               : run.Stopped();
+  }
   if (strategy == Strategy::kPacket || strategy == Strategy::kShaft) {
-    const Kernels& kernels = run.kernels();
-    const bool any = kind == HitKind::kAny;
     const bool done = strategy == Strategy::kShaft
                           ? (any ? kernels.occluded_shaft : kernels.closest_shaft)(
                                 scene, *packet, cut, run.cancel(), stats)

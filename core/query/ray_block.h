@@ -28,11 +28,11 @@ enum class HitKind : uint8_t { kAny, kClosest };
 // What the rays of a block have in common.
 enum class RayForm : uint8_t { kFree, kOneOrigin, kParallel };
 
-// What is used where `asked` was asked for: what AUTO chooses for so many rays together, and what
-// stands in for a strategy that such rays have no walk of. Never kAuto.
-Strategy ChooseStrategy(Strategy asked, RayForm form, HitKind kind, size_t rays);
+// What is used where a strategy was asked for: what AUTO chooses for so many rays together, and
+// what stands in for a strategy that such rays have no walk of. Never kAuto.
+Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t rays);
 
-// All below take what ChooseStrategy gave, and add to *stats what they did.
+// All below take what ChooseStrategy gave, and add to *stats what they did. REQUIRES: CheckOptions.
 
 // Any rays: kSingle or kBruteForce. With kAny a hit's triangle is some blocker's id; its t is
 // meaningless.
@@ -47,6 +47,10 @@ const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
                          std::span<const RayPacket> packets, ShaftCut* cut);
 const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
                          std::span<const ParallelPacket> packets, ShaftCut* cut);
+
+// How many rays that follow one another in a packet are a tile of kRtt: at most a packet; for
+// points, which come in whole packets, so many that packets divide into tiles.
+int RttTileRaysOf(const QueryOptions& options, bool points);
 
 // Up to kBlockRays rays with one origin. packet.origin … want_barycentrics are read, its results
 // written; the mask is taken from the packet. `cut` as in kernels.h, used by shafts alone.

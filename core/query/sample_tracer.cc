@@ -75,9 +75,9 @@ absl::Status SampleTracer::Trace(size_t s) {
   const LightSample& sample = samples_[s];
   SIGHTLINE_CHECK(sample.valid);
   const uint32_t mask = run_.options().mask & sample.mask;
-  const Strategy strategy = ChooseStrategy(
-      run_.options().strategy, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
-      positions_.size());
+  const Strategy strategy =
+      ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
+                     positions_.size());
   StatsScope scope(stats_, strategy, positions_.size());
   if (!sample.directional) {
     return TraceSegments(s, mask, strategy, scope.walk());

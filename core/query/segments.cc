@@ -67,6 +67,7 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
                           const SegmentOutputs& outputs, const QueryOptions& options,
                           SegmentResult* result) {
   const ScopedFloatEnvironment environment;
+  SL_RETURN_IF_ERROR(CheckOptions(scene, options));
   const QueryRun run(options);
   const size_t n = segments.size();
   SegmentResult out;
@@ -79,7 +80,7 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
   std::array<size_t, kBlockRays> index;
-  const Strategy strategy = ChooseStrategy(options.strategy, RayForm::kFree, kind, n);
+  const Strategy strategy = ChooseStrategy(run, RayForm::kFree, kind, n);
   for (size_t next = 0; next < n;) {
     size_t count = 0;
     for (; next < n && count < kBlockRays; ++next) {

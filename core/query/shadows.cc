@@ -45,6 +45,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
                             const QueryOptions& options, ShadowResult* result) {
   const ScopedFloatEnvironment environment;
   SL_RETURN_IF_ERROR(CheckArguments(points, samples, weights, shadow, outputs));
+  SL_RETURN_IF_ERROR(CheckOptions(scene, options));
   const QueryRun run(options);
   const size_t n = points.positions.size(), row_bytes = (n + 7) / 8;
   ShadowResult out;

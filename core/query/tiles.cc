@@ -134,18 +134,19 @@ class TileTrace {
     const bool need_first =
         outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
     const HitKind kind = need_first ? HitKind::kClosest : HitKind::kAny;
-    const Strategy strategy = ChooseStrategy(run_.options().strategy, RayForm::kOneOrigin, kind,
-                                             size_t{group.width} * group.height);
+    const Strategy strategy =
+        ChooseStrategy(run_, RayForm::kOneOrigin, kind, size_t{group.width} * group.height);
     const bool one_block = group.width <= kBlockSide && group.height <= kBlockSide;
     size_t points = 0;
     {
       StatsScope scope(&out_.primary, strategy, size_t{group.width} * group.height);
       const ShaftCut* cut =
           strategy == Strategy::kShaft && !one_block ? CutOutline(group) : nullptr;
-      for (uint32_t y = 0; y < group.height; y += kBlockSide) {
-        for (uint32_t x = 0; x < group.width; x += kBlockSide) {
-          const TileRect block = {x, y, std::min(kBlockSide, group.width - x),
-                                  std::min(kBlockSide, group.height - y)};
+      const uint32_t side = strategy == Strategy::kRtt ? RttBlockSide() : kBlockSide;
+      for (uint32_t y = 0; y < group.height; y += side) {
+        for (uint32_t x = 0; x < group.width; x += side) {
+          const TileRect block = {x, y, std::min(side, group.width - x),
+                                  std::min(side, group.height - y)};
           Place(block);
           SL_RETURN_IF_ERROR(
               TracePacketBlock(scene_, run_, kind, strategy, &packet_, cut, scope.walk()));
@@ -155,6 +156,15 @@ class TileTrace {
       }
     }
     return outputs_.lit || outputs_.points ? ShadeGroup(points) : absl::OkStatus();
+  }
+
+  // A whole tile of more rays than one a pixel; else a block, which is cut into tiles.
+  uint32_t RttBlockSide() const {
+    const int rays = RttTileRaysOf(run_.options(), /*points=*/false);
+    for (uint32_t side = 2 * kRunPixels; side < kBlockSide; side += kRunPixels) {
+      if (side * side == static_cast<uint32_t>(rays)) return side;
+    }
+    return kBlockSide;
   }
 
   // All rays of the group lie between those of its corners.
@@ -393,6 +403,7 @@ absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const Til
                    const QueryOptions& options, TileResult* result) {
   SL_RETURN_IF_ERROR(ValidateCamera(camera));
   SL_RETURN_IF_ERROR(CheckRect(camera, tile));
+  SL_RETURN_IF_ERROR(CheckOptions(scene, options));
   Vec3f eye;
   if (!Rebase(camera.eye, scene.geometry.origin, &eye)) {
     return absl::InvalidArgumentError(

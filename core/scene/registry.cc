@@ -25,8 +25,9 @@ struct SceneSize {
     vertices += object.vertices.size();
     if (object.dynamic) kept_doubles += object.vertices.size();
   }
-  uint64_t bytes() const {
-    return EstimateSceneBytes(triangles, vertices) + kept_doubles * sizeof(Vec3d);
+  uint64_t bytes(const SceneBuildOptions& options) const {
+    return EstimateSceneBytes(triangles, vertices, options.kd_tree.has_value()) +
+           kept_doubles * sizeof(Vec3d);
   }
 };
 
@@ -98,20 +99,20 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
     const SceneBuildOptions& options, const CancelToken* cancel, const SceneKeeper& keeper) {
   SceneSize size;
   for (const ObjectInput& object : objects) size.Add(object);
-  SL_RETURN_IF_ERROR(BeginNew(name, size.bytes()));
-  return RunBuild(
-      name, size.bytes(), /*kept=*/false, keeper, [&](const std::function<void(double)>& progress) {
-        return BuildScene(name, /*revision=*/1, objects, origin, options, pool_, cancel, progress);
-      });
+  SL_RETURN_IF_ERROR(BeginNew(name, size.bytes(options)));
+  return RunBuild(name, size.bytes(options), /*kept=*/false, keeper,
+                  [&](const std::function<void(double)>& progress) {
+                    return BuildScene(name, /*revision=*/1, objects, origin, options, pool_, cancel,
+                                      progress);
+                  });
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Load(const std::string& name,
                                                                  uint64_t bytes, SceneLoader loader,
                                                                  const SceneKeeper& keeper) {
   SL_RETURN_IF_ERROR(BeginNew(name, bytes));
-  return RunBuild(
-      name, bytes, /*kept=*/keeper == nullptr, keeper,
-      [&](const std::function<void(double)>& progress) { return loader(0, progress); });
+  return RunBuild(name, bytes, /*kept=*/keeper == nullptr, keeper,
+                  [&](const std::function<void(double)>& progress) { return loader(0, progress); });
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Reload(const std::string& name,
@@ -131,7 +132,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(
     const std::string& name, uint64_t expected_revision, std::span<const SceneEdit> edits,
     const SceneBuildOptions& options, const CancelToken* cancel, const SceneKeeper& keeper) {
   // An upper bound: what is removed or replaced is not taken off.
-  const auto size_of = [edits](const Scene& base) {
+  const auto size_of = [edits, &options](const Scene& base) {
     SceneSize size;
     for (const SceneEdit& edit : edits) {
       if (edit.kind == SceneEdit::Kind::kAdd) size.Add(edit.object);
@@ -143,7 +144,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(
     for (const ObjectRecord& object : base.geometry.objects) {
       if (object.source_vertices != nullptr) size.kept_doubles += object.vertex_count;
     }
-    return size.bytes();
+    return size.bytes(options);
   };
   uint64_t reserved = 0;
   SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> base,

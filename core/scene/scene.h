@@ -21,6 +21,7 @@
 #include "core/accel/bvh.h"
 #include "core/accel/bvh_builder.h"
 #include "core/accel/indexed_geometry.h"
+#include "core/accel/kd_builder.h"
 #include "core/base/cancel.h"
 #include "core/base/parallel.h"
 #include "core/mesh/scene_geometry.h"
@@ -32,8 +33,15 @@ struct BuildReport {
   double compile_seconds = 0;  // Checking, rebasing, counting.
   double bvh_seconds = 0;
   uint64_t bvh_nodes = 0, bvh_leaves = 0, bvh_depth = 0;
+  // All 0 without a kd-tree. Leaves that are not empty; references: ids in them.
+  double kd_tree_seconds = 0;
+  uint64_t kd_tree_nodes = 0, kd_tree_leaves = 0, kd_tree_references = 0, kd_tree_depth = 0;
+  uint64_t kd_tree_bytes = 0;
   uint64_t memory_bytes = 0;  // Geometry and structures.
 };
+
+// What a report says of a kd-tree, but for the seconds.
+void ReportKdTree(const KdTree& tree, BuildReport* report);
 
 // Queries take the IndexedGeometry in it: the rooms below know no names and no revisions.
 struct Scene : IndexedGeometry {
@@ -44,11 +52,13 @@ struct Scene : IndexedGeometry {
 
 struct SceneBuildOptions {
   BvhBuildOptions bvh;
+  std::optional<KdBuildOptions> kd_tree;  // A kd-tree beside the BVH.
   MeshLimits limits;
 };
 
-// An upper estimate of what a scene of this size will hold, for a budget checked before building.
-uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices);
+// An upper estimate of what a scene of this size will hold, for a budget checked before building;
+// with a kd-tree beside the BVH, if `kd_tree` is set.
+uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree = false);
 
 absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(
     std::string name, uint64_t revision, std::span<const ObjectInput> objects,

@@ -168,6 +168,7 @@ class Reader {
                      .bvh_leaves = bvh.leaf_count,
                      .bvh_depth = bvh.max_depth,
                      .memory_bytes = scene->MemoryBytes()};
+    if (scene->kd_tree.has_value()) ReportKdTree(*scene->kd_tree, &scene->report);
     return absl::OkStatus();
   }
 

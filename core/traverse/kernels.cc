@@ -18,6 +18,7 @@
 #include "core/traverse/kd_packet-inl.h"
 #include "core/traverse/kd_single-inl.h"
 #include "core/traverse/packet-inl.h"
+#include "core/traverse/rtt-inl.h"
 #include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
 #include "hwy/highway.h"
@@ -39,6 +40,8 @@ const Kernels& TargetKernels() {
       .closest_kd_single = &TraceKdSingle<false>,
       .occluded_kd_packet = &TraceKdPacket<true>,
       .closest_kd_packet = &TraceKdPacket<false>,
+      .occluded_rtt = &TraceRtt<true>,
+      .closest_rtt = &TraceRtt<false>,
       .occluded_shaft = &TraceShaft<true>,
       .closest_shaft = &TraceShaft<false>,
       .occluded_parallel_shaft = &TraceParallelShaft,

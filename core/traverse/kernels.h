@@ -16,6 +16,7 @@
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
+#include "core/traverse/rtt.h"
 #include "core/traverse/shaft_cut.h"
 #include "core/traverse/simd_target.h"
 #include "core/traverse/trace_ray.h"
@@ -46,6 +47,11 @@ using CutParallelFn = bool (*)(const IndexedGeometry& scene,
 using CutHullFn = bool (*)(const IndexedGeometry& scene, std::span<const Vec3f> origins,
                            std::span<const RayPacket> packets, const ShaftCut* from, ShaftCut* cut);
 
+// Relevant triangles tracing (rtt.h) over the kd-tree, which the scene must have: packets with one
+// origin and one kind of target.
+using TraceRttFn = bool (*)(const IndexedGeometry& scene, std::span<RayPacket> packets,
+                            const RttOptions& options, const CancelToken* cancel, WalkStats* stats);
+
 struct Kernels {
   TraceRaysFn occluded_single, closest_single;    // Depth-first over the BVH, one ray at a time.
   TraceRaysFn occluded_brute, closest_brute;      // Every triangle of the geometry; no structure.
@@ -53,6 +59,7 @@ struct Kernels {
   // The same over the kd-tree. REQUIRES: the scene has one.
   TraceRaysFn occluded_kd_single, closest_kd_single;
   TracePacketFn occluded_kd_packet, closest_kd_packet;
+  TraceRttFn occluded_rtt, closest_rtt;
   TraceShaftFn occluded_shaft, closest_shaft;  // Depth-first, all rays as one convex shaft.
   TraceParallelFn occluded_parallel_shaft;
   CutShaftFn cut_shaft;

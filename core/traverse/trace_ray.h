@@ -84,6 +84,11 @@ struct WalkStats {
   uint64_t culled_tests = 0;  // Pairs of triangle and ray that never came to a test.
   uint64_t ray_boxes = 0;     // Boxes made of a ray within a leaf, and made smaller after a hit.
   uint64_t ray_box_updates = 0;
+  // Relevant triangles tracing: tiles asked about, those whose lists answered all their rays, and
+  // the triangles on those lists together.
+  uint64_t tiles = 0;
+  uint64_t tiles_answered = 0;
+  uint64_t relevant_triangles = 0;
 };
 
 }  // namespace sightline

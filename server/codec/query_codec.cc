@@ -2,11 +2,14 @@
 #include "server/codec/query_codec.h"
 
 #include <cmath>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
+#include "core/traverse/rtt.h"
 #include "server/base/error.h"
+#include "server/base/resource_name.h"
 #include "server/codec/geometry_codec.h"
 #include "server/codec/packed_array.h"
 
@@ -27,12 +30,26 @@ absl::StatusOr<Strategy> DecodeStrategy(v1::Strategy strategy) {
     case v1::STRATEGY_SHAFT:
       return Strategy::kShaft;
     case v1::STRATEGY_RTT:
-      return InvalidField("options.strategy", v1::Strategy_Name(strategy),
-                          "is not built into this server; GetCapabilities lists those that are",
-                          v1::ERROR_REASON_STRATEGY_UNAVAILABLE);
+      return Strategy::kRtt;
     default:
       return InvalidField("options.strategy", static_cast<int>(strategy),
                           "is not a strategy that this server knows",
+                          v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  }
+}
+
+absl::StatusOr<Structure> DecodeStructure(v1::Structure structure) {
+  switch (structure) {
+    case v1::STRUCTURE_UNSPECIFIED:
+    case v1::STRUCTURE_AUTO:
+      return Structure::kAuto;
+    case v1::STRUCTURE_BVH:
+      return Structure::kBvh;
+    case v1::STRUCTURE_KD_TREE:
+      return Structure::kKdTree;
+    default:
+      return InvalidField("options.structure", static_cast<int>(structure),
+                          "is not a structure that this server knows",
                           v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
   }
 }
@@ -42,7 +59,15 @@ absl::StatusOr<Strategy> DecodeStrategy(v1::Strategy strategy) {
 absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options) {
   DecodedOptions result;
   SL_ASSIGN_OR_RETURN(result.query.strategy, DecodeStrategy(options.strategy()));
+  SL_ASSIGN_OR_RETURN(result.query.structure, DecodeStructure(options.structure()));
   if (options.has_mask()) result.query.mask = options.mask();
+  const uint32_t antialiasing = options.rtt().antialiasing();
+  if (antialiasing > uint32_t{kMaxRttAntialiasing}) {
+    return InvalidField("options.rtt.antialiasing", antialiasing,
+                        absl::StrCat("must be at most ", kMaxRttAntialiasing));
+  }
+  if (antialiasing > 0) result.query.rtt_antialiasing = static_cast<int>(antialiasing);
+  result.query.rtt_shared_edges = options.rtt().shared_edges();
   result.statistics = options.statistics();
   return result;
 }
@@ -59,13 +84,22 @@ v1::Strategy EncodeStrategy(Strategy strategy) {
       return v1::STRATEGY_BRUTE_FORCE;
     case Strategy::kShaft:
       return v1::STRATEGY_SHAFT;
+    case Strategy::kRtt:
+      return v1::STRATEGY_RTT;
   }
   return v1::STRATEGY_UNSPECIFIED;
 }
 
 std::vector<Strategy> AvailableStrategies() {
-  return {Strategy::kAuto, Strategy::kSingle, Strategy::kPacket, Strategy::kBruteForce,
-          Strategy::kShaft};
+  return {Strategy::kAuto,       Strategy::kSingle, Strategy::kPacket,
+          Strategy::kBruteForce, Strategy::kShaft,  Strategy::kRtt};
+}
+
+absl::Status CheckSceneOptions(const Scene& scene, const QueryOptions& options) {
+  absl::Status status = CheckOptions(scene, options);
+  if (status.code() != absl::StatusCode::kFailedPrecondition) return status;
+  return WithReason(std::move(status), v1::ERROR_REASON_STRUCTURE_UNAVAILABLE,
+                    {{"resource", SceneName(scene.name)}});
 }
 
 absl::StatusOr<PointOptions> DecodePointOptions(const v1::PointOptions& options) {

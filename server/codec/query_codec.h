@@ -23,6 +23,7 @@
 #include "core/geometry/vec3.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
+#include "core/scene/scene.h"
 #include "google/protobuf/duration.pb.h"
 #include "sightline/v1/query_options.pb.h"
 #include "sightline/v1/visibility_service.pb.h"
@@ -38,6 +39,9 @@ absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options);
 v1::Strategy EncodeStrategy(Strategy strategy);
 // Those that this server has, AUTO first.
 std::vector<Strategy> AvailableStrategies();
+// CheckOptions of core/query, with the reason: FailedPrecondition (STRUCTURE_UNAVAILABLE),
+// InvalidArgument.
+absl::Status CheckSceneOptions(const Scene& scene, const QueryOptions& options);
 
 absl::StatusOr<PointOptions> DecodePointOptions(const v1::PointOptions& options);
 

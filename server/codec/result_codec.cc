@@ -166,6 +166,9 @@ void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statist
   out->set_strategy(EncodeStrategy(stats.strategy));
   out->set_compute_nanos(stats.compute_nanoseconds);
   out->set_queue_nanos(queue_nanos);
+  out->set_tile_count(stats.tiles);
+  out->set_answered_tile_count(stats.tiles_answered);
+  out->set_relevant_triangle_count(stats.relevant_triangles);
 }
 
 ShadowResult SpreadOverPixels(const ShadowResult& of_hits, std::span<const uint32_t> hit_pixels,

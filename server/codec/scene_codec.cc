@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/codec/scene_codec.h"
 
+#include <algorithm>
+#include <limits>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -36,11 +38,20 @@ void EncodeReport(const BuildReport& report, v1::BuildReport* out) {
   out->set_non_finite_vertex_count(report.mesh.non_finite_vertices);
   out->set_max_rounding(report.mesh.largest_rounding);
   EncodeDuration(absl::Seconds(report.compile_seconds), out->mutable_compile_duration());
-  EncodeDuration(absl::Seconds(report.bvh_seconds), out->mutable_structure_duration());
+  EncodeDuration(absl::Seconds(report.bvh_seconds + report.kd_tree_seconds),
+                 out->mutable_structure_duration());
   out->set_node_count(report.bvh_nodes);
   out->set_leaf_count(report.bvh_leaves);
   out->set_depth(static_cast<uint32_t>(report.bvh_depth));
   out->set_resident_bytes(report.memory_bytes);
+  if (report.kd_tree_nodes == 0) return;
+  v1::KdTreeReport* kd_tree = out->mutable_kd_tree();
+  kd_tree->set_node_count(report.kd_tree_nodes);
+  kd_tree->set_leaf_count(report.kd_tree_leaves);
+  kd_tree->set_reference_count(report.kd_tree_references);
+  kd_tree->set_depth(static_cast<uint32_t>(report.kd_tree_depth));
+  kd_tree->set_bytes(report.kd_tree_bytes);
+  EncodeDuration(absl::Seconds(report.kd_tree_seconds), kd_tree->mutable_duration());
 }
 
 v1::Culling EncodeCulling(Culling culling) {
@@ -141,6 +152,32 @@ absl::StatusOr<Culling> DecodeCulling(v1::Culling culling) {
                           "is not a culling that this server knows",
                           v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
   }
+}
+
+absl::StatusOr<KdBuildOptions> DecodeKdTree(const v1::KdTreeOptions& options) {
+  KdBuildOptions result;
+  if (options.has_traversal_cost()) {
+    result.traversal_cost = static_cast<float>(options.traversal_cost());
+  }
+  if (options.has_max_references()) {
+    result.max_references = static_cast<float>(options.max_references());
+  }
+  result.perfect_splits = options.perfect_splits();
+  // Beyond an int is beyond the range, too.
+  const auto number = [](uint32_t value) {
+    return static_cast<int>(std::min<uint32_t>(value, std::numeric_limits<int>::max()));
+  };
+  if (options.min_leaf_triangles() > 0) {
+    result.min_leaf_triangles = number(options.min_leaf_triangles());
+  }
+  result.max_leaf_triangles = number(options.max_leaf_triangles());
+  result.max_depth = number(options.max_depth());
+  if (const absl::Status status = ValidateKdOptions(result); !status.ok()) {
+    return MakeError(status.code(), v1::ERROR_REASON_INVALID_FIELD,
+                     absl::StrCat("header.kd_tree.", status.message()),
+                     {{"field", "header.kd_tree"}});
+  }
+  return result;
 }
 
 absl::StatusOr<std::optional<BvhPreset>> DecodePreset(v1::BuildPreset preset) {

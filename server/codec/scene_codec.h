@@ -32,6 +32,8 @@ void EncodeObject(const Scene& scene, uint32_t index, v1::SceneObject* out);
 absl::StatusOr<Culling> DecodeCulling(v1::Culling culling);
 // Nullopt for unspecified.
 absl::StatusOr<std::optional<BvhPreset>> DecodePreset(v1::BuildPreset preset);
+// InvalidArgument naming the field that is out of range.
+absl::StatusOr<KdBuildOptions> DecodeKdTree(const v1::KdTreeOptions& options);
 
 }  // namespace sightline
 

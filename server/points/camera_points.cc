@@ -5,7 +5,9 @@
 #include <utility>
 
 #include "core/base/mutex.h"
+#include "core/base/status_macros.h"
 #include "core/query/tiles.h"
+#include "server/codec/query_codec.h"
 
 namespace sightline {
 namespace {
@@ -17,6 +19,7 @@ constexpr uint32_t kTileSide = 64;
 
 absl::StatusOr<PreparedPoints> TraceCameraPoints(const Scene& scene, const Camera& camera,
                                                  const QueryOptions& options, ThreadPool& pool) {
+  SL_RETURN_IF_ERROR(CheckSceneOptions(scene, options));
   const size_t pixels = size_t{camera.width} * camera.height;
   PreparedPoints points;
   points.positions.resize(pixels);

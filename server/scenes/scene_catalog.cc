@@ -78,12 +78,14 @@ absl::Status SceneCatalog::NotThere(const std::string& scene_id) const {
                    absl::StrCat("there is no scene ", SceneName(scene_id)), Resource(scene_id));
 }
 
-SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset) const {
+SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset,
+                                             const std::optional<KdBuildOptions>& kd_tree) const {
   SceneBuildOptions options;
   options.limits = {.max_triangles = limits_.max_triangles_per_scene,
                     .max_vertices = limits_.max_vertices_per_scene,
                     .max_objects = limits_.max_objects_per_scene};
   options.bvh = BvhPresetOptions(preset);
+  options.kd_tree = kd_tree;
   return options;
 }
 
@@ -128,16 +130,17 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   {
     MutexLock lock(mutex_);
     const absl::Time now = absl::Now();
-    times_.try_emplace(options.scene_id, Times{now, now, options.preset, options.temporary});
+    times_.try_emplace(options.scene_id,
+                       Times{now, now, options.preset, options.temporary, options.kd_tree});
   }
   // A scene that cannot be hit is taken away again: it is not worth storing.
   const SceneKeeper keeper = KeeperOf(options.scene_id, options.temporary);
   const SceneKeeper keep_usable = [&keeper](const Scene& made) {
     return made.bvh.empty() ? absl::OkStatus() : keeper(made);
   };
-  absl::StatusOr<std::shared_ptr<const Scene>> scene =
-      registry_.Create(options.scene_id, objects, options.origin, BuildOptions(options.preset),
-                       cancel, keeper == nullptr ? nullptr : keep_usable);
+  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Create(
+      options.scene_id, objects, options.origin, BuildOptions(options.preset, options.kd_tree),
+      cancel, keeper == nullptr ? nullptr : keep_usable);
   absl::Status status = scene.status();
   if (status.ok() && (*scene)->geometry.triangles.size() == (*scene)->geometry.inert.size()) {
     const MeshReport& report = (*scene)->geometry.report;
@@ -165,18 +168,26 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
                                              const CancelToken* cancel) {
   std::optional<BvhPreset> preset;
   bool temporary = false;
+  std::optional<KdBuildOptions> kd_tree;
   {
     MutexLock lock(mutex_);
     if (const auto times = times_.find(options.scene_id); times != times_.end()) {
       if (options.preset.has_value()) times->second.preset = *options.preset;
+      if (options.kd_tree.has_value()) times->second.kd_tree = options.kd_tree;
       preset = times->second.preset;
+      kd_tree = times->second.kd_tree;
       temporary = times->second.temporary;
     }
   }
   if (!preset.has_value()) return NotThere(options.scene_id);
+  // One that came out of a file has a kd-tree that nobody here asked for.
+  if (const auto base = registry_.GetStatus(options.scene_id);
+      !kd_tree.has_value() && base.ok() && base->latest != nullptr && base->latest->kd_tree) {
+    kd_tree = KdBuildOptions{.perfect_splits = base->latest->kd_tree->perfect()};
+  }
   absl::StatusOr<std::shared_ptr<const Scene>> scene =
-      registry_.Edit(options.scene_id, options.base_revision, edits, BuildOptions(*preset), cancel,
-                     KeeperOf(options.scene_id, temporary));
+      registry_.Edit(options.scene_id, options.base_revision, edits, BuildOptions(*preset, kd_tree),
+                     cancel, KeeperOf(options.scene_id, temporary));
   if (!scene.ok()) return ExplainEdit(scene.status(), options);
   {
     MutexLock lock(mutex_);

@@ -71,12 +71,14 @@ class SceneCatalog {
     std::string scene_id;
     std::optional<Vec3d> origin;
     BvhPreset preset = BvhPreset::kStatic;
-    bool temporary = false;  // Not stored.
+    bool temporary = false;                 // Not stored.
+    std::optional<KdBuildOptions> kd_tree;  // One beside the BVH.
   };
   struct EditOptions {
     std::string scene_id;
-    uint64_t base_revision = 0;       // 0: whichever is current.
-    std::optional<BvhPreset> preset;  // As before.
+    uint64_t base_revision = 0;             // 0: whichever is current.
+    std::optional<BvhPreset> preset;        // As before.
+    std::optional<KdBuildOptions> kd_tree;  // As before.
   };
 
   // `repository`, which may be null, outlives the catalog. `evict`: RegistryOptions says.
@@ -135,6 +137,7 @@ class SceneCatalog {
     absl::Time create_time, update_time;
     BvhPreset preset = BvhPreset::kStatic;
     bool temporary = false;
+    std::optional<KdBuildOptions> kd_tree = std::nullopt;
   };
   // Of a scene that is not in memory, though it might be.
   struct Note {
@@ -152,7 +155,8 @@ class SceneCatalog {
   absl::Status NotThere(const std::string& scene_id) const ABSL_LOCKS_EXCLUDED(mutex_);
   void OnChange(const SceneStatus& status);
 
-  SceneBuildOptions BuildOptions(BvhPreset preset) const;
+  SceneBuildOptions BuildOptions(BvhPreset preset,
+                                 const std::optional<KdBuildOptions>& kd_tree = std::nullopt) const;
   SceneView View(SceneStatus status) const;
   void Tell(const SceneView& view);
   // What a build says, with the reason that its code stands for.

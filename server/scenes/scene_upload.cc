@@ -81,6 +81,9 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
   }
   SL_ASSIGN_OR_RETURN(const std::optional<BvhPreset> preset, DecodePreset(header.build_preset()));
   result.create.preset = preset.value_or(BvhPreset::kStatic);
+  if (header.has_kd_tree()) {
+    SL_ASSIGN_OR_RETURN(result.create.kd_tree, DecodeKdTree(header.kd_tree()));
+  }
   switch (header.source_case()) {
     case v1::CreateSceneHeader::kUpload:
       result.object_count = header.upload().object_count();
@@ -108,7 +111,7 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
     case v1::CreateSceneHeader::kFile:
       result.file_id = header.file().file_id();
       SL_RETURN_IF_ERROR(CheckId("header.file.file_id", result.file_id));
-      if (header.has_origin() || preset.has_value()) {
+      if (header.has_origin() || preset.has_value() || header.has_kd_tree()) {
         return InvalidField("header.file", result.file_id,
                             "has an origin and a build of its own: set neither");
       }
@@ -218,6 +221,9 @@ absl::Status SceneEditUpload::AddHeader(const v1::UpdateSceneHeader& header) {
   }
   result.edit.base_revision = static_cast<uint64_t>(header.base_revision());
   SL_ASSIGN_OR_RETURN(result.edit.preset, DecodePreset(header.build_preset()));
+  if (header.has_kd_tree()) {
+    SL_ASSIGN_OR_RETURN(result.edit.kd_tree, DecodeKdTree(header.kd_tree()));
+  }
   header_ = std::move(result);
   return absl::OkStatus();
 }

@@ -4,11 +4,13 @@
 #include <limits>
 
 #include "core/base/status_macros.h"
+#include "server/codec/query_codec.h"
 
 namespace sightline {
 
 absl::Status StreamMethod::OpenScene(const v1::StreamHeader& header) {
   SL_ASSIGN_OR_RETURN(pin_, ScenePin::Open(header, env_));
+  SL_RETURN_IF_ERROR(CheckSceneOptions(*pin_->opened(), options_.query));
   if (lights_ != nullptr) SL_RETURN_IF_ERROR(lights_->For(pin_->opened()).status());
   opened_revision_ = pin_->opened()->revision;
   pin_->ReleaseOpened();

@@ -26,7 +26,8 @@ struct Paper {
   absl::Status (*run)(const PaperOptions&, PaperReport*, Context&);
 };
 constexpr std::array kPapers = {Paper{"000", &Paper000}, Paper{"001", &Paper001},
-                                Paper{"003", &Paper003}, Paper{"004", &Paper004}};
+                                Paper{"002", &Paper002}, Paper{"003", &Paper003},
+                                Paper{"004", &Paper004}};
 
 cli::FlagSet Flags(Options* o) {
   cli::FlagSet flags("sightline-bench papers [--paper N] [flags]",

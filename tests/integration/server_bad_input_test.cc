@@ -115,7 +115,11 @@ TEST_F(BadInputTest, Headers) {
   ExpectError(HeaderError([](H* h) {
                 h->mutable_stream()->mutable_options()->set_strategy(v1::STRATEGY_RTT);
               }),
-              kInvalid, "STRATEGY_UNAVAILABLE", "STRATEGY_RTT");
+              grpc::StatusCode::FAILED_PRECONDITION, "STRUCTURE_UNAVAILABLE", "kd-tree");
+  ExpectError(HeaderError([](H* h) {
+                h->mutable_stream()->mutable_options()->set_structure(v1::STRUCTURE_KD_TREE);
+              }),
+              grpc::StatusCode::FAILED_PRECONDITION, "STRUCTURE_UNAVAILABLE", "kd-tree");
   ExpectError(HeaderError([](H* h) {
                 h->mutable_stream()->mutable_options()->set_strategy(static_cast<v1::Strategy>(77));
               }),

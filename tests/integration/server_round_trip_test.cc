@@ -25,8 +25,13 @@ class RoundTripTest : public testing::Test {
  protected:
   void SetUp() override {
     v1::Scene scene;
-    const grpc::Status status = harness_.CreateBuiltin("room", kSpec, &scene);
+    v1::CreateSceneRequest request;
+    request.mutable_header()->set_scene_id("room");
+    request.mutable_header()->mutable_builtin()->set_spec(kSpec);
+    request.mutable_header()->mutable_kd_tree();  // For the strategies that want one.
+    const grpc::Status status = harness_.CreateScene({request}, &scene);
     ASSERT_TRUE(status.ok()) << status.error_message();
+    ASSERT_GT(scene.build_report().kd_tree().reference_count(), 0u);
     scene_ = *harness_.server->scenes().Pin("room", 0);
     view_ = FirstView(kName);
     camera_ = ViewCamera(view_, 96, 64);

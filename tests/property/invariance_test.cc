@@ -22,6 +22,7 @@
 namespace sightline {
 namespace {
 
+using testing_support::AddKdTree;
 using testing_support::AllWays;
 using testing_support::Bit;
 using testing_support::IndexObjects;
@@ -63,7 +64,8 @@ struct Answer {
 
 Answer Solve(const Problem& problem, const Way& way) {
   Answer answer;
-  const IndexedGeometry scene = IndexObjects(problem.objects, problem.origin);
+  IndexedGeometry scene = IndexObjects(problem.objects, problem.origin);
+  AddKdTree({}, &scene);
   const QueryOptions options = way.Options();
   std::vector<LightSample> samples;
   for (uint32_t i = 0; i < problem.lights.size(); ++i) {
@@ -138,7 +140,7 @@ TEST(InvarianceTest, AnExactOffsetChangesNoAnswer) {
                       Light::Directional({1, 2, 1})};
     problem.eye = point(40);
     problem.at = problem.eye + Vec3d{8, 4, 1};
-    for (const Way& way : AllWays()) {
+    for (const Way& way : AllWays(/*kd_tree=*/true)) {
       if (way.strategy == Strategy::kAuto || way.simd != AllWays().back().simd) continue;
       SCOPED_TRACE(way.Name());
       const Answer home = Solve(problem, way);
@@ -164,7 +166,8 @@ TEST(InvarianceTest, AHugeGroundIsSeenAndLitToTheHorizon) {
       ground.vertices = {{-10'000, -8'000, 0}, {10'000, -8'000, 0}, {0, 12'000, 0}};
       ground.indices = {0, 1, 2};
     }
-    const IndexedGeometry scene = IndexObjects({ground}, std::nullopt);
+    IndexedGeometry scene = IndexObjects({ground}, std::nullopt);
+    AddKdTree({}, &scene);
     std::vector<LightSample> samples;
     ASSERT_TRUE(AppendSamples(Light::Point({3, 4, 2}), 0, scene.geometry.origin, &samples).ok());
     ASSERT_TRUE(
@@ -174,7 +177,7 @@ TEST(InvarianceTest, AHugeGroundIsSeenAndLitToTheHorizon) {
     const absl::StatusOr<Camera> camera = LookAt(eye, {50, 70, 1.5}, {0, 0, 1}, 60, width, height);
     ASSERT_TRUE(camera.ok());
     const double stored_height = ToFloat(eye - scene.geometry.origin).z;
-    for (const Way& way : AllWays()) {
+    for (const Way& way : AllWays(/*kd_tree=*/true)) {
       SCOPED_TRACE(way.Name());
       TileResult tile;
       ASSERT_TRUE(TraceTile(scene, *camera, {0, 0, width, height}, samples,

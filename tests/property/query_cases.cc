@@ -18,10 +18,18 @@ constexpr uint32_t kWidth = 45, kHeight = 27;
 
 }  // namespace
 
+void AddKdTree(const KdBuildOptions& options, IndexedGeometry* indexed) {
+  ThreadPool pool(1);
+  absl::StatusOr<KdTree> tree = BuildKdTree(indexed->geometry, options, pool);
+  EXPECT_TRUE(tree.ok()) << tree.status();
+  if (tree.ok()) indexed->kd_tree = *std::move(tree);
+}
+
 std::vector<QueryScene> MakeNastyQueryScenes(TestRng& rng) {
   std::vector<QueryScene> scenes;
   for (NastyScene& nasty : MakeNastyScenes(rng)) {
     QueryScene scene{nasty.name, std::move(nasty.indexed), {}};
+    AddKdTree({}, &scene.indexed);
     NastyRays rays(scene.indexed, rng);
     const Vec3d origin = scene.indexed.geometry.origin;
     for (int tries = 0; tries < 50 && scene.cameras.size() < 2; ++tries) {
@@ -57,6 +65,7 @@ std::vector<QueryScene> MakeBuiltinQueryScenes() {
     if (!builtin.ok()) continue;
     QueryScene scene{absl::StrCat("builtin:", std::string(info.name)), {}, {}};
     scene.indexed = IndexObjects(builtin->objects, std::nullopt);
+    AddKdTree({}, &scene.indexed);
     const BuiltinView& view = builtin->views.front();
     absl::StatusOr<Camera> camera =
         LookAt(view.eye, view.at, view.up, view.fov_y_degrees, kWidth, kHeight);
@@ -70,7 +79,13 @@ std::vector<QueryScene> MakeBuiltinQueryScenes() {
 std::vector<QueryScene> Rebuilt(std::vector<QueryScene> scenes, BvhPreset preset) {
   for (QueryScene& scene : scenes) {
     scene.indexed.bvh = BuildOrFail(scene.indexed.geometry, BvhPresetOptions(preset));
+    scene.indexed.kd_tree.reset();
   }
+  return scenes;
+}
+
+std::vector<QueryScene> Rebuilt(std::vector<QueryScene> scenes, const KdBuildOptions& options) {
+  for (QueryScene& scene : scenes) AddKdTree(options, &scene.indexed);
   return scenes;
 }
 
@@ -128,17 +143,28 @@ PreparedSegments MakeSegments(const IndexedGeometry& scene, TestRng& rng, size_t
 std::string Way::Name() const {
   const auto strategy_name = StrategyName(strategy);
   const auto target_name = SimdTargetName(simd);
+  const auto structure_name = StructureName(structure);
   return std::string(strategy_name.data(), strategy_name.size()) + " on " +
-         std::string(target_name.data(), target_name.size());
+         std::string(target_name.data(), target_name.size()) + ", structure " +
+         std::string(structure_name.data(), structure_name.size()) + ", antialiasing " +
+         std::to_string(rtt_antialiasing);
 }
 
-std::vector<Way> AllWays() {
+std::vector<Way> AllWays(bool kd_tree) {
   std::vector<Way> ways;
   for (const SimdTarget simd : {SimdTarget::kAvx2, SimdTarget::kAvx512}) {
     if (!SimdTargetAvailable(simd)) continue;
     for (const Strategy strategy : {Strategy::kBruteForce, Strategy::kSingle, Strategy::kPacket,
                                     Strategy::kShaft, Strategy::kAuto}) {
       ways.push_back({strategy, simd});
+    }
+    if (!kd_tree) continue;
+    for (const Strategy strategy :
+         {Strategy::kSingle, Strategy::kPacket, Strategy::kRtt, Strategy::kAuto}) {
+      ways.push_back({strategy, simd, Structure::kKdTree});
+    }
+    for (const int antialiasing : {2, 3, 4, 6}) {
+      ways.push_back({Strategy::kRtt, simd, Structure::kAuto, antialiasing, antialiasing != 3});
     }
   }
   return ways;

@@ -15,6 +15,7 @@
 
 #include "core/accel/bvh_builder.h"
 #include "core/accel/indexed_geometry.h"
+#include "core/accel/kd_builder.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
 #include "core/query/options.h"
@@ -31,13 +32,18 @@ struct QueryScene {
   std::vector<Camera> cameras;  // World coordinates, small images.
 };
 
-// The nasty scenes of tests/core/traverse, with cameras at odd places.
+// The nasty scenes of tests/core/traverse, with cameras at odd places. These and the next have a
+// kd-tree beside the BVH.
 std::vector<QueryScene> MakeNastyQueryScenes(TestRng& rng);
 // Built-in scenes at a small size, through their own first view.
 std::vector<QueryScene> MakeBuiltinQueryScenes();
 
-// The same scenes with trees built by this preset.
+// Beside the BVH; a failure fails the test.
+void AddKdTree(const KdBuildOptions& options, IndexedGeometry* indexed);
+
+// The same scenes with a BVH built by this preset alone, or with a kd-tree built so.
 std::vector<QueryScene> Rebuilt(std::vector<QueryScene> scenes, BvhPreset preset);
+std::vector<QueryScene> Rebuilt(std::vector<QueryScene> scenes, const KdBuildOptions& options);
 
 // Point lights outside, amid the points, on a surface and at a vertex, and directions; one is
 // invalid.
@@ -50,13 +56,22 @@ PreparedSegments MakeSegments(const IndexedGeometry& scene, TestRng& rng, size_t
 struct Way {
   Strategy strategy;
   SimdTarget simd;
+  Structure structure = Structure::kAuto;
+  int rtt_antialiasing = 1;
+  bool rtt_shared_edges = false;
   std::string Name() const;
   QueryOptions Options(uint32_t mask = 0xFFFFFFFFu) const {
-    return {.strategy = strategy, .simd = simd, .mask = mask};
+    return {.strategy = strategy,
+            .structure = structure,
+            .rtt_antialiasing = rtt_antialiasing,
+            .rtt_shared_edges = rtt_shared_edges,
+            .simd = simd,
+            .mask = mask};
   }
 };
-// Every strategy × instruction set of this machine; the first is brute force, the reference.
-std::vector<Way> AllWays();
+// Every strategy × instruction set of this machine, on the BVH and, if it is there, on the kd-tree;
+// the first is brute force, the reference.
+std::vector<Way> AllWays(bool kd_tree = false);
 
 template <typename T>
 bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {

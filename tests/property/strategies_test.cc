@@ -130,7 +130,7 @@ void CheckTiles(const QueryScene& scene, TestRng& rng) {
     size_t hits = 0;
     for (const uint32_t id : truth.triangle) hits += id != kNoTriangle;
     ASSERT_EQ(truth.point_pixel.size(), hits);
-    for (const Way& way : AllWays()) {
+    for (const Way& way : AllWays(scene.indexed.kd_tree.has_value())) {
       const auto [w, h] = kSides[way_index++ % std::size(kSides)];
       SCOPED_TRACE(way.Name() + ", tiles of " + std::to_string(w) + " x " + std::to_string(h));
       const QueryOptions options = way.Options(mask);
@@ -234,7 +234,7 @@ void CheckShadows(const QueryScene& scene, TestRng& rng, size_t count) {
   }
   constexpr size_t kRanges[] = {1000, 256, 3, 255, 64, 17, 257, 1};
   int way_index = 0;
-  for (const Way& way : AllWays()) {
+  for (const Way& way : AllWays(scene.indexed.kd_tree.has_value())) {
     const size_t range = kRanges[way_index++ % std::size(kRanges)];
     SCOPED_TRACE(way.Name() + ", ranges of " + std::to_string(range));
     ThreadPool& pool = way_index % 2 == 0 ? one : three;
@@ -284,7 +284,7 @@ void CheckSegments(const QueryScene& scene, TestRng& rng, size_t count) {
       ASSERT_LE(truth.t[i], 1);
     }
   }
-  for (const Way& way : AllWays()) {
+  for (const Way& way : AllWays(scene.indexed.kd_tree.has_value())) {
     SCOPED_TRACE(way.Name());
     SegmentResult full, bits;
     ASSERT_TRUE(TestSegments(scene.indexed, segments, {.bits = true, .first_hits = true},
@@ -350,6 +350,28 @@ TEST_P(PresetsTest, AnswersAreBruteForces) {
     CheckTiles(scene, rng);
     CheckShadows(scene, rng, static_cast<size_t>(ScaledCount(200, 4)));
     CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(500, 10)));
+  }
+}
+
+// Deep, shallow and perfect kd-trees.
+TEST(KdTreesTest, AnswersAreBruteForces) {
+  const KdBuildOptions kBuilds[] = {
+      {.traversal_cost = 0.01f, .max_depth = 62, .max_references = 64},
+      {.traversal_cost = 10, .min_leaf_triangles = 40},
+      {.traversal_cost = 0.3f, .perfect_splits = true}};
+  TestRng rng;
+  int build = 0;
+  std::vector<QueryScene> scenes = MakeNastyQueryScenes(rng);
+  for (QueryScene& scene : MakeBuiltinQueryScenes()) scenes.push_back(std::move(scene));
+  for (QueryScene& scene : scenes) {
+    std::vector<QueryScene> one;
+    one.push_back(std::move(scene));
+    for (const QueryScene& rebuilt :
+         Rebuilt(std::move(one), kBuilds[build++ % std::size(kBuilds)])) {
+      CheckTiles(rebuilt, rng);
+      CheckShadows(rebuilt, rng, static_cast<size_t>(ScaledCount(200, 4)));
+      CheckSegments(rebuilt, rng, static_cast<size_t>(ScaledCount(300, 10)));
+    }
   }
 }
 

@@ -15,6 +15,7 @@
 #include "server/codec/packed_array.h"
 #include "server/codec/query_codec.h"
 #include "server/codec/result_codec.h"
+#include "server/codec/scene_codec.h"
 
 namespace sightline {
 namespace {
@@ -162,11 +163,46 @@ TEST(OptionsCodecTest, StrategiesAreKnownOrRefused) {
   EXPECT_EQ(DecodeOptions(options)->query.mask, 0xFFFFFFFFu);
   options.set_mask(0);
   EXPECT_EQ(DecodeOptions(options)->query.mask, 0u);
-  options.set_strategy(v1::STRATEGY_RTT);
-  ExpectInvalid(DecodeOptions(options).status(), "STRATEGY_RTT",
-                v1::ERROR_REASON_STRATEGY_UNAVAILABLE);
   options.set_strategy(static_cast<v1::Strategy>(99));
   ExpectInvalid(DecodeOptions(options).status(), "99", v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+}
+
+TEST(OptionsCodecTest, StructuresAndTilesAreKnownOrRefused) {
+  v1::QueryOptions options;
+  EXPECT_EQ(DecodeOptions(options)->query.structure, Structure::kAuto);
+  EXPECT_EQ(DecodeOptions(options)->query.rtt_antialiasing, 1);
+  options.set_structure(v1::STRUCTURE_KD_TREE);
+  options.mutable_rtt()->set_antialiasing(6);
+  options.mutable_rtt()->set_shared_edges(true);
+  EXPECT_EQ(DecodeOptions(options)->query.structure, Structure::kKdTree);
+  EXPECT_EQ(DecodeOptions(options)->query.rtt_antialiasing, 6);
+  EXPECT_TRUE(DecodeOptions(options)->query.rtt_shared_edges);
+  options.mutable_rtt()->set_antialiasing(7);
+  ExpectInvalid(DecodeOptions(options).status(), "options.rtt.antialiasing = 7");
+  options.mutable_rtt()->clear_antialiasing();
+  options.set_structure(static_cast<v1::Structure>(9));
+  ExpectInvalid(DecodeOptions(options).status(), "options.structure = 9",
+                v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+}
+
+TEST(SceneCodecTest, KdTreeOptionsAreCheckedByName) {
+  v1::KdTreeOptions options;
+  EXPECT_EQ(DecodeKdTree(options)->traversal_cost, KdBuildOptions().traversal_cost);
+  options.set_traversal_cost(0.1);
+  options.set_min_leaf_triangles(4);
+  options.set_max_depth(30);
+  options.set_perfect_splits(true);
+  const absl::StatusOr<KdBuildOptions> decoded = DecodeKdTree(options);
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  EXPECT_FLOAT_EQ(decoded->traversal_cost, 0.1f);
+  EXPECT_EQ(decoded->min_leaf_triangles, 4);
+  EXPECT_EQ(decoded->max_depth, 30);
+  EXPECT_TRUE(decoded->perfect_splits);
+  options.set_max_depth(4'000'000'000u);
+  ExpectInvalid(DecodeKdTree(options).status(), "header.kd_tree.max_depth");
+  options.set_max_depth(0);
+  options.set_traversal_cost(0);
+  ExpectInvalid(DecodeKdTree(options).status(), "header.kd_tree.traversal_cost = 0");
 }
 
 TEST(PointCodecTest, ArraysMustAgree) {

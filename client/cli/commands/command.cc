@@ -45,18 +45,40 @@ void RegisterOutput(FlagSet* flags, std::string* output) {
   flags->Choice("output", {"text", "json"}, "what is printed on standard output", output);
 }
 
-void RegisterStrategy(FlagSet* flags, std::string* strategy) {
-  *strategy = "AUTO";
-  flags->Choice("strategy", {"AUTO", "SINGLE", "PACKET", "SHAFT", "BRUTE_FORCE"},
-                "how the engine goes about it; every answer is the same bit for bit", strategy);
+void StrategyFlags::Register(FlagSet* flags) {
+  strategy = structure = "AUTO";
+  flags->Choice("strategy", {"AUTO", "SINGLE", "PACKET", "SHAFT", "RTT", "BRUTE_FORCE"},
+                "how the engine goes about it; every answer is the same bit for bit", &strategy);
+  flags->Choice("structure", {"AUTO", "BVH", "KD_TREE"},
+                "which of the scene's structures is walked; AUTO takes what the strategy needs",
+                &structure);
+  flags->Count(
+      "rtt-antialiasing", "N",
+      "with RTT: the picture will be averaged over N by N of its pixels, so that tiles are "
+      "4N by 4N",
+      &rtt_antialiasing, 1, 6);
+  flags->Switch("rtt-shared-edges",
+                "with RTT: let two triangles that share an edge end a tile's corner rays",
+                &rtt_shared_edges);
 }
 
-client::Strategy ToStrategy(const std::string& name) {
-  if (name == "SINGLE") return client::Strategy::kSingle;
-  if (name == "PACKET") return client::Strategy::kPacket;
-  if (name == "SHAFT") return client::Strategy::kShaft;
-  if (name == "BRUTE_FORCE") return client::Strategy::kBruteForce;
-  return client::Strategy::kAuto;
+void StrategyFlags::Apply(client::QueryOptions* options) const {
+  options->strategy = strategy == "SINGLE"        ? client::Strategy::kSingle
+                      : strategy == "PACKET"      ? client::Strategy::kPacket
+                      : strategy == "SHAFT"       ? client::Strategy::kShaft
+                      : strategy == "RTT"         ? client::Strategy::kRtt
+                      : strategy == "BRUTE_FORCE" ? client::Strategy::kBruteForce
+                                                  : client::Strategy::kAuto;
+  options->structure = structure == "BVH"       ? client::Structure::kBvh
+                       : structure == "KD_TREE" ? client::Structure::kKdTree
+                                                : client::Structure::kAuto;
+  options->rtt_antialiasing = static_cast<uint32_t>(rtt_antialiasing);
+  options->rtt_shared_edges = rtt_shared_edges;
+}
+
+std::optional<client::KdTreeOptions> StrategyFlags::KdTree() const {
+  if (strategy != "RTT" && structure != "KD_TREE") return std::nullopt;
+  return client::KdTreeOptions{};
 }
 
 absl::StatusOr<bool> ParseOrHelp(FlagSet* flags, std::span<const std::string> args,
@@ -136,6 +158,14 @@ Json SceneJson(const client::Scene& scene) {
   report["leaves"] = scene.report.leaves;
   report["depth"] = scene.report.depth;
   report["resident_bytes"] = scene.report.resident_bytes;
+  if (scene.report.kd_tree_nodes > 0) {
+    report["kd_tree"] = {{"nodes", scene.report.kd_tree_nodes},
+                         {"leaves", scene.report.kd_tree_leaves},
+                         {"references", scene.report.kd_tree_references},
+                         {"depth", scene.report.kd_tree_depth},
+                         {"bytes", scene.report.kd_tree_bytes},
+                         {"seconds", absl::ToDoubleSeconds(scene.report.kd_tree_time)}};
+  }
   json["build_report"] = std::move(report);
   if (scene.create_time != absl::InfinitePast()) {
     json["create_time"] = absl::FormatTime(scene.create_time, absl::UTCTimeZone());
@@ -167,6 +197,13 @@ void PrintScene(const client::Scene& scene, std::ostream& out) {
       {"build time", absl::StrFormat("%.3f s", absl::ToDoubleSeconds(report.compile_time +
                                                                      report.structure_time))},
       {"memory", absl::StrCat(GroupedCount(report.resident_bytes), " bytes")}};
+  if (report.kd_tree_nodes > 0) {
+    rows.emplace_back("kd-tree",
+                      absl::StrCat(GroupedCount(report.kd_tree_nodes), " nodes, ",
+                                   GroupedCount(report.kd_tree_references), " triangles in ",
+                                   GroupedCount(report.kd_tree_leaves), " leaves, ",
+                                   GroupedCount(report.kd_tree_bytes), " bytes"));
+  }
   PrintTable(rows, out);
 }
 
@@ -182,7 +219,8 @@ double ClientRate(const client::StreamSummary& summary) {
 }
 
 void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json* json) {
-  static constexpr const char* kStrategies[] = {"AUTO", "SINGLE", "PACKET", "BRUTE_FORCE", "SHAFT"};
+  static constexpr const char* kStrategies[] = {"AUTO",        "SINGLE", "PACKET",
+                                                "BRUTE_FORCE", "SHAFT",  "RTT"};
   Json& j = *json;
   j["items"] = summary.items;
   j["resent_items"] = summary.resent_items;
@@ -199,6 +237,11 @@ void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json
   j["triangle_tests"] = summary.statistics.triangle_tests;
   j["double_tests"] = summary.statistics.double_tests;
   j["exact_tests"] = summary.statistics.exact_tests;
+  if (summary.statistics.tiles > 0) {
+    j["tiles"] = summary.statistics.tiles;
+    j["tiles_answered"] = summary.statistics.tiles_answered;
+    j["relevant_triangles"] = summary.statistics.relevant_triangles;
+  }
   j["bytes_received"] = summary.bytes_received;
   j["bytes_sent"] = summary.bytes_sent;
 }

@@ -9,6 +9,7 @@
 
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <span>
 #include <string>
@@ -52,9 +53,18 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context);
 
 // --output text|json, text unless said otherwise.
 void RegisterOutput(FlagSet* flags, std::string* output);
-// --strategy, AUTO unless said otherwise.
-void RegisterStrategy(FlagSet* flags, std::string* strategy);
-client::Strategy ToStrategy(const std::string& name);
+// How the engine goes about a query: speed alone.
+struct StrategyFlags {
+  std::string strategy, structure;
+  uint64_t rtt_antialiasing = 1;
+  bool rtt_shared_edges = false;
+
+  // --strategy, --structure and what RTT goes by; AUTO unless said otherwise.
+  void Register(FlagSet* flags);
+  void Apply(client::QueryOptions* options) const;
+  // What a scene that is made for one query must have, too.
+  std::optional<client::KdTreeOptions> KdTree() const;
+};
 
 // Parses; on --help prints it with `epilogue` and returns false. Wants as many words as `words`
 // names.

@@ -56,7 +56,7 @@ BvhPreset PresetNamed(const std::string& name) {
 }  // namespace
 
 absl::Status ImportCommand(std::span<const std::string> args, Context& context) {
-  std::string output, out, build = "static";
+  std::string output, out, build = "static", structure = "bvh";
   std::optional<Vec3d> origin;
   uint64_t threads = 0;
   FlagSet flags("sightline import FILE -o FILE.slscene [flags]",
@@ -66,6 +66,8 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
              &out);
   flags.Choice("build", {"static", "dynamic", "compact"},
                "what the build favours: fast answers, being built fast, or little memory", &build);
+  flags.Choice("structure", {"bvh", "both"},
+               "what is built: the BVH alone, or a kd-tree beside it", &structure);
   flags.Point("origin",
               "what stored floats are relative to; without it the first vertex of the first object",
               &origin);
@@ -91,6 +93,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
   ThreadPool pool(static_cast<int>(threads));
   SceneBuildOptions options;
   options.bvh = BvhPresetOptions(PresetNamed(build));
+  if (structure == "both") options.kd_tree.emplace();
   constexpr uint64_t kParts = 1000;  // Of the whole, for the progress.
   absl::StatusOr<std::shared_ptr<const Scene>> scene;
   {

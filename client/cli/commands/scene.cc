@@ -23,7 +23,8 @@ client::BuildPreset PresetNamed(const std::string& name) {
 }  // namespace
 
 absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context) {
-  std::string name, build = "static";
+  std::string name, build = "static", structure = "bvh";
+  client::KdTreeOptions kd_tree{.traversal_cost = 1};
   RemoteCommand command(
       "sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
       "Loads a file or a built-in scene into a server, where it stays until it is deleted; or, as "
@@ -36,20 +37,33 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
   command.flags().Choice("build", {"static", "dynamic", "compact"},
                          "what the build favours: fast answers, being built fast, or little memory",
                          &build);
+  command.flags().Choice(
+      "structure", {"bvh", "both"},
+      "what is built: the BVH alone, or a kd-tree beside it, for --structure KD_TREE and "
+      "--strategy RTT of queries",
+      &structure);
+  command.flags().Number("kd-cost", "RATIO",
+                         "of the kd-tree: cost of a node over that of a triangle's test, 0.01 to "
+                         "10; less makes a deeper tree",
+                         &kd_tree.traversal_cost);
+  command.flags().Switch("kd-perfect-splits",
+                         "of the kd-tree: cut triangles to its cells, not their boxes",
+                         &kd_tree.perfect_splits);
   SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"SCENE"}, context, SceneHelp()));
   if (!go) return absl::OkStatus();
   if (name.substr(0, 7) == "scenes/") name = name.substr(7);
   client::Scene scene;
+  SceneBuild scene_build{.preset = PresetNamed(build)};
+  if (structure == "both") scene_build.kd_tree = kd_tree;
   if (KindOf(command.word(0)) == SceneKind::kServer) {
-    if (!name.empty() || command.flags().given("build")) {
+    if (!name.empty() || command.flags().given("build") || command.flags().given("structure")) {
       return UsageError(absl::StrCat("'", command.word(0), "' has a name and a build of its own: ",
-                                     "give neither --name nor --build"));
+                                     "give none of --name, --build and --structure"));
     }
     SL_ASSIGN_OR_RETURN(scene, command.client().LoadScene(command.word(0), command.call()));
   } else {
-    SL_ASSIGN_OR_RETURN(scene,
-                        LoadScene(command.session(), command.word(0), name, PresetNamed(build),
-                                  /*temporary=*/false, context.err, nullptr));
+    SL_ASSIGN_OR_RETURN(scene, LoadScene(command.session(), command.word(0), name, scene_build,
+                                         /*temporary=*/false, context.err, nullptr));
   }
   command.Print(scene, context);
   return absl::OkStatus();

@@ -16,7 +16,8 @@
 namespace sightline::cli {
 
 absl::Status SegmentsCommand(std::span<const std::string> args, Context& context) {
-  std::string segments_path, out, strategy, output;
+  std::string segments_path, out, output;
+  StrategyFlags strategy;
   bool stats = false;
   SessionFlags session_flags;
   FlagSet flags("sightline segments SCENE --segments FILE --out FILE.npy [flags]",
@@ -30,7 +31,7 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
   flags.Switch("stats", "print rays, rates and work", &stats);
   RegisterOutput(&flags, &output);
   flags.Heading("Work");
-  RegisterStrategy(&flags, &strategy);
+  strategy.Register(&flags);
   session_flags.Register(&flags, /*embeddable=*/true);
   std::vector<std::string> words;
   SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, SceneHelp(), context, &words));
@@ -42,13 +43,13 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(session_flags));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
-                      OpenScene(*session, words[0], context.err));
+                      OpenScene(*session, words[0], context.err, {.kd_tree = strategy.KdTree()}));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   client::SegmentQuery query;
   query.scene = scene->scene().name;
   query.options.revision = scene->scene().revision;
-  query.options.strategy = ToStrategy(strategy);
+  strategy.Apply(&query.options);
   query.options.statistics = true;
   query.segments = segments;
   const size_t n = segments.size() / 6;

@@ -22,7 +22,8 @@ namespace sightline::cli {
 namespace {
 
 struct ShadeArguments {
-  std::string points, normals, lights, out, strategy, output;
+  std::string points, normals, lights, out, output;
+  StrategyFlags strategy;
   LightFlags light;
   std::optional<Vec3d> up;
   double attach = 0, offset = 0, t_min = 0;
@@ -62,7 +63,7 @@ void Register(FlagSet* flags, ShadeArguments* a) {
   flags->Switch("stats", "print rays, rates and work", &a->stats);
   RegisterOutput(flags, &a->output);
   flags->Heading("Work");
-  RegisterStrategy(flags, &a->strategy);
+  a->strategy.Register(flags);
   a->session.Register(flags, /*embeddable=*/true);
 }
 
@@ -124,7 +125,7 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
-                      OpenScene(*session, words[0], context.err));
+                      OpenScene(*session, words[0], context.err, {.kd_tree = a.strategy.KdTree()}));
   SL_ASSIGN_OR_RETURN(const std::vector<client::Light> named,
                       a.light.Lights(SceneUp(*scene, a.up)));
   lights.insert(lights.end(), named.begin(), named.end());
@@ -133,7 +134,7 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   client::ShadowQuery query;
   query.scene = scene->scene().name;
   query.options.revision = scene->scene().revision;
-  query.options.strategy = ToStrategy(a.strategy);
+  a.strategy.Apply(&query.options);
   query.options.statistics = true;
   query.points.positions = points;
   query.points.normals = normals;

@@ -47,7 +47,8 @@ struct ViewArguments {
   std::string picture = "lit";
   std::optional<uint64_t> strategy_light;  // Of the strategy picture; none: the camera's rays.
   std::string ids, depth, lit;
-  std::string strategy, output;
+  std::string output;
+  StrategyFlags strategy;
   bool stats = false;
   uint64_t tile = 64;
   SessionFlags session;
@@ -126,7 +127,7 @@ void Register(FlagSet* flags, ViewArguments* a) {
                 &a->stats);
   RegisterOutput(flags, &a->output);
   flags->Heading("Work");
-  RegisterStrategy(flags, &a->strategy);
+  a->strategy.Register(flags);
   flags->Count("tile", "PIXELS", "side of the tiles that the picture is cut into", &a->tile, 1,
                4096);
   a->session.Register(flags, /*embeddable=*/true);
@@ -303,7 +304,7 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
-                      OpenScene(*session, words[0], context.err));
+                      OpenScene(*session, words[0], context.err, {.kd_tree = a.strategy.KdTree()}));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   SL_ASSIGN_OR_RETURN(ViewChoice view, ChooseView(*session, *scene, words[0], a.view,
@@ -315,7 +316,7 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   client::TileQuery query;
   query.scene = scene->scene().name;
   query.options.revision = scene->scene().revision;
-  query.options.strategy = ToStrategy(a.strategy);
+  a.strategy.Apply(&query.options);
   query.options.statistics = true;
   query.tile_size = static_cast<uint32_t>(a.tile);
   const auto point = [](Vec3d v) { return client::Point3{v.x, v.y, v.z}; };

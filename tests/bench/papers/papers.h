@@ -35,6 +35,7 @@ std::vector<double> SecondsByTurns(const std::vector<std::function<void()>>& cal
 
 absl::Status Paper000(const PaperOptions& options, PaperReport* report, Context& context);
 absl::Status Paper001(const PaperOptions& options, PaperReport* report, Context& context);
+absl::Status Paper002(const PaperOptions& options, PaperReport* report, Context& context);
 absl::Status Paper003(const PaperOptions& options, PaperReport* report, Context& context);
 absl::Status Paper004(const PaperOptions& options, PaperReport* report, Context& context);
 

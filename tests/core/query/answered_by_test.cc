@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/accel/kd_builder.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
 #include "gmock/gmock.h"
@@ -81,6 +82,29 @@ TEST(AnsweredByTest, EdgesTakeTheExactTest) {
       EXPECT_EQ(result.triangle[y * kSide + x], x <= 34 ? 0u : kNoTriangle) << x << " " << y;
       EXPECT_EQ(result.answered_by[y * kSide + x],
                 x >= 32 && x <= 35 ? AnsweredBy::kTriangles : AnsweredBy::kShaft)
+          << x << " " << y;
+    }
+  }
+}
+
+// Tiles of four by four, by their lists: none relevant, some, and tiles that needed rays.
+TEST(AnsweredByTest, RelevantTrianglesOfTiles) {
+  IndexedGeometry scene = MakeScene({Triangle({-99, -99, 0}, {0.16, -99, 0}, {0.16, 99, 0})});
+  ThreadPool pool(1);
+  absl::StatusOr<KdTree> tree = BuildKdTree(scene.geometry, {}, pool);
+  ASSERT_TRUE(tree.ok()) << tree.status();
+  scene.kd_tree = *std::move(tree);
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point({3, 0, 8}), 0, {}, &samples).ok());
+  const TileResult result = Trace(scene, Down(), Strategy::kRtt, samples);
+  for (uint32_t y = 0; y < kSide; ++y) {
+    for (uint32_t x = 0; x < kSide; ++x) {
+      const size_t i = y * kSide + x;
+      EXPECT_EQ(result.triangle[i], x <= 34 ? 0u : kNoTriangle) << x << " " << y;
+      EXPECT_EQ(result.answered_by[i], x <= 35 ? AnsweredBy::kTriangles : AnsweredBy::kShaft)
+          << x << " " << y;
+      // Shadows end on their own triangle, which is then not relevant.
+      EXPECT_EQ(result.lit_answered_by[i], x <= 34 ? AnsweredBy::kShaft : AnsweredBy::kNoRay)
           << x << " " << y;
     }
   }

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/accel/bvh_validation.h"
+#include "core/accel/kd_validation.h"
 #include "core/base/mutex.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -65,6 +66,30 @@ TEST_F(SceneTest, BuildsAndReports) {
   EXPECT_LE(base_->report.memory_bytes, EstimateSceneBytes(350, 1050) + 150 * sizeof(Vec3d));
   const auto empty = Build({});
   EXPECT_TRUE(empty->bvh.empty());
+}
+
+TEST_F(SceneTest, BuildsAKdTreeBesideIfAsked) {
+  EXPECT_FALSE(base_->kd_tree.has_value());
+  EXPECT_EQ(base_->report.kd_tree_nodes, 0u);
+  SceneBuildOptions options;
+  options.kd_tree.emplace();
+  const auto scene = BuildScene("hall", 1, objects_, std::nullopt, options, pool_);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ASSERT_TRUE((*scene)->kd_tree.has_value());
+  const KdTree& tree = *(*scene)->kd_tree;
+  EXPECT_TRUE(ValidateKdTree(tree, (*scene)->geometry).ok());
+  const BuildReport& report = (*scene)->report;
+  EXPECT_EQ(report.kd_tree_nodes, tree.nodes.size());
+  EXPECT_EQ(report.kd_tree_leaves, tree.leaves.size());
+  EXPECT_EQ(report.kd_tree_references, tree.ids.size());
+  EXPECT_EQ(report.kd_tree_bytes, tree.MemoryBytes());
+  EXPECT_EQ(report.memory_bytes, (*scene)->MemoryBytes());
+  EXPECT_EQ(report.memory_bytes, base_->report.memory_bytes + tree.MemoryBytes());
+  EXPECT_LE(report.memory_bytes, EstimateSceneBytes(350, 1050, true) + 150 * sizeof(Vec3d));
+  const std::vector<SceneEdit> edits = {{.kind = Kind::kRemove, .object = {.name = "chair"}}};
+  const auto edited = EditScene(**scene, 2, edits, options, pool_);
+  ASSERT_TRUE(edited.ok()) << edited.status();
+  EXPECT_EQ((*edited)->kd_tree->triangle_count, 300u);
 }
 
 TEST_F(SceneTest, ProgressRisesToOneAndErrorsComeThrough) {

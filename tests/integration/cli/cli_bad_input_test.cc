@@ -43,8 +43,10 @@ TEST_F(CliTest, CommandLinesThatMakeNoSense) {
   Bad(kExitUsage, {"view", obj, "--out", out, "--eye", "1,2,inf"}, {"--eye"});
   Bad(kExitUsage, {"view", obj, "--out", out, "--eye", "0,0,5", "--at", "0,0,0", "--up", "0,0,1"},
       {"up"});
-  Bad(kExitUsage, {"view", obj, "--out", out, "--strategy", "RTT"},
-      {"AUTO, SINGLE, PACKET, SHAFT, BRUTE_FORCE"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--strategy", "FAST"},
+      {"AUTO, SINGLE, PACKET, SHAFT, RTT, BRUTE_FORCE"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--structure", "GRID"}, {"AUTO, BVH, KD_TREE"});
+  Bad(kExitUsage, {"view", obj, "--out", out, "--rtt-antialiasing", "7"}, {"--rtt-antialiasing"});
   Bad(kExitUsage, {"view", obj, "--out", out, "--tile", "0"}, {"--tile"});
   Bad(kExitUsage, {"view", "builtin:nosuch", "--out", out}, {"nosuch"});
   Bad(kExitUsage, {"view", "scenes/x", "--out", out}, {"--server"});

@@ -45,6 +45,32 @@ TEST_F(CliTest, ScenesComeAndGo) {
   Bad(kExitNoInput, {"view", "scenes/small", flag, "--stats"}, {"scenes/small"});
 }
 
+// A kd-tree is asked for when a scene is loaded; a query
+// that needs one says so where it is not there.
+TEST_F(CliTest, KdTreesBesideTheBvh) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  const std::string flag = ServerFlag(*server);
+  const std::string obj = Write("small.obj", kSmallObj);
+  Good({"scene", "load", obj, "--name", "plain", flag});
+  const nlohmann::json json = nlohmann::json::parse(
+      Good({"scene", "load", obj, "--name", "both", "--structure", "both", "--kd-cost", "0.1",
+            "--kd-perfect-splits", flag, "--output", "json"})
+          .out);
+  EXPECT_GT(json["build_report"]["kd_tree"]["references"], 9);
+  EXPECT_THAT(Good({"scene", "show", "both", flag}).out, HasSubstr("kd-tree"));
+  const auto ids = [&](const char* scene, const char* strategy) {
+    Good({"view", scene, flag, "--size", "37x29", "--up", "0,0,1", "--strategy", strategy, "--ids",
+          File("ids.npy")});
+    return Read(File("ids.npy"));
+  };
+  EXPECT_TRUE(ids("scenes/both", "RTT") == ids("scenes/plain", "BRUTE_FORCE"));
+  Bad(kExitData, {"view", "scenes/plain", flag, "--stats", "--strategy", "RTT"}, {"kd-tree"});
+  Bad(kExitData, {"view", "scenes/plain", flag, "--stats", "--structure", "KD_TREE"}, {"kd-tree"});
+  Bad(kExitData, {"scene", "load", obj, "--structure", "both", "--kd-cost", "99", flag},
+      {"traversal_cost = 99"});
+}
+
 TEST_F(CliTest, HealthOfBothServers) {
   const std::unique_ptr<Server> server = StartServer();
   ASSERT_NE(server, nullptr);

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/query/options.h"
+
+#include <string>
+
+#include "core/accel/kd_builder.h"
+#include "core/query/segments.h"
+#include "core/query/shadows.h"
+#include "core/query/tiles.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "tests/core/query/query_meshes.h"
+
+namespace sightline {
+namespace {
+
+using ::testing::HasSubstr;
+using testing_support::MakeScene;
+
+IndexedGeometry Terrain() { return MakeScene({testing_support::MakeTerrain(10, 10, {0, 0, 0})}); }
+
+void AddKdTree(IndexedGeometry* scene) {
+  ThreadPool pool(1);
+  absl::StatusOr<KdTree> tree = BuildKdTree(scene->geometry, {}, pool);
+  ASSERT_TRUE(tree.ok()) << tree.status();
+  scene->kd_tree = *std::move(tree);
+}
+
+TEST(OptionsTest, NamesAreReadBack) {
+  for (const Strategy strategy : {Strategy::kAuto, Strategy::kSingle, Strategy::kPacket,
+                                  Strategy::kBruteForce, Strategy::kShaft, Strategy::kRtt}) {
+    EXPECT_EQ(*ParseStrategy(StrategyName(strategy)), strategy);
+  }
+  for (const Structure structure : {Structure::kAuto, Structure::kBvh, Structure::kKdTree}) {
+    EXPECT_EQ(*ParseStructure(StructureName(structure)), structure);
+  }
+  EXPECT_EQ(*ParseStrategy("rtt"), Strategy::kRtt);
+  const absl::Status strategy = ParseStrategy("fast").status();
+  EXPECT_THAT(std::string(strategy.message()),
+              HasSubstr("unknown strategy 'fast'; there are AUTO"));
+  const absl::Status structure = ParseStructure("octree").status();
+  EXPECT_EQ(structure.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(structure.message()),
+              HasSubstr("unknown structure 'octree'; there are AUTO, BVH, KD_TREE"));
+}
+
+TEST(OptionsTest, WhatASceneLacksIsNamed) {
+  IndexedGeometry scene = Terrain();
+  const auto expect = [&](const QueryOptions& options, absl::StatusCode code,
+                          const std::string& part) {
+    const absl::Status status = CheckOptions(scene, options);
+    EXPECT_EQ(status.code(), code) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(part));
+    // Every query says so, and answers nothing.
+    TileResult tile;
+    const Camera camera = {.eye = {5, 5, 9},
+                           .right = {1, 0, 0},
+                           .up = {0, 1, 0},
+                           .forward = {0, 0, -1},
+                           .tan_half_fov_y = 1,
+                           .width = 8,
+                           .height = 8};
+    EXPECT_EQ(TraceTile(scene, camera, {0, 0, 8, 8}, {}, {}, options, &tile), status);
+    EXPECT_TRUE(tile.hit_bits.empty());
+    ShadowResult shadows;
+    EXPECT_EQ(ComputeShadows(scene, {}, {}, {}, {}, {}, options, &shadows), status);
+    SegmentResult segments;
+    EXPECT_EQ(TestSegments(scene, {}, {}, options, &segments), status);
+  };
+  constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+  constexpr auto kMissing = absl::StatusCode::kFailedPrecondition;
+  EXPECT_TRUE(CheckOptions(scene, {}).ok());
+  EXPECT_TRUE(CheckOptions(scene, {.structure = Structure::kBvh}).ok());
+  expect({.strategy = Strategy::kRtt}, kMissing, "strategy RTT needs a kd-tree");
+  expect({.structure = Structure::kKdTree}, kMissing, "structure KD_TREE needs a kd-tree");
+  expect({.strategy = Strategy::kRtt, .structure = Structure::kBvh}, kInvalid, "not the BVH");
+  expect({.strategy = Strategy::kShaft, .structure = Structure::kKdTree}, kInvalid,
+         "not the kd-tree");
+  AddKdTree(&scene);
+  EXPECT_TRUE(CheckOptions(scene, {.strategy = Strategy::kRtt}).ok());
+  EXPECT_TRUE(CheckOptions(scene, {.structure = Structure::kKdTree}).ok());
+  expect({.strategy = Strategy::kRtt, .rtt_antialiasing = 0}, kInvalid, "rtt_antialiasing = 0");
+  expect({.strategy = Strategy::kRtt, .rtt_antialiasing = 7}, kInvalid, "rtt_antialiasing = 7");
+}
+
+// A tile's statistics say how far its lists went.
+TEST(OptionsTest, TilesAreCounted) {
+  IndexedGeometry scene =
+      MakeScene({{.vertices = {{-9, -9, 0}, {9, -9, 0}, {0, 18, 0}}, .indices = {0, 1, 2}}});
+  AddKdTree(&scene);
+  const Camera camera = {.eye = {0, 0, 10},
+                         .right = {1, 0, 0},
+                         .up = {0, 1, 0},
+                         .forward = {0, 0, -1},
+                         .tan_half_fov_y = 0.2,
+                         .width = 48,
+                         .height = 48};
+  for (const int n : {1, 2, 3, 4}) {
+    TileResult tile;
+    ASSERT_TRUE(TraceTile(scene, camera, {0, 0, 48, 48}, {}, {.ids = true},
+                          {.strategy = Strategy::kRtt, .rtt_antialiasing = n}, &tile)
+                    .ok());
+    EXPECT_EQ(tile.primary.strategy, Strategy::kRtt);
+    EXPECT_EQ(tile.primary.tiles, 48u * 48 / (16 * n * n)) << n;
+    EXPECT_EQ(tile.primary.tiles_answered, tile.primary.tiles);
+    EXPECT_EQ(tile.primary.relevant_triangles, tile.primary.tiles);
+  }
+}
+
+}  // namespace
+}  // namespace sightline

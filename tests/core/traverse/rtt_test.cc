@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Relevant triangles tracing gives brute force's bits: tiles of every antialiasing, of eyes and of
+// lights, in nasty scenes and in scenes of large triangles, where most tiles must be answered by
+// their lists.
+#include "core/traverse/rtt.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "core/accel/kd_builder.h"
+#include "core/traverse/kernels.h"
+#include "gtest/gtest.h"
+#include "tests/core/traverse/kernels_fixture.h"
+#include "tests/core/traverse/nasty_scenes.h"
+#include "tests/support/random.h"
+#include "tests/support/test_scale.h"
+
+namespace sightline::testing_support {
+namespace {
+
+void Build(bool perfect, IndexedGeometry* indexed) {
+  ThreadPool pool(1);
+  absl::StatusOr<KdTree> tree = BuildKdTree(indexed->geometry, {.perfect_splits = perfect}, pool);
+  ASSERT_TRUE(tree.ok()) << tree.status();
+  indexed->kd_tree = *std::move(tree);
+}
+
+Vec3d Unit(Vec3d v) { return v * (1 / Length(v)); }
+
+// A pyramid of side × side rays, in squares of four by four as core/query lays tiles out, cut into
+// packets.
+struct Tile {
+  std::unique_ptr<RayPacket[]> packets;
+  size_t count = 0;
+  std::vector<AnsweredBy> answered_by;
+
+  std::span<RayPacket> span() { return {packets.get(), count}; }
+  RayPacket& Of(size_t ray) { return packets[ray / RayPacket::kMaxRays]; }
+};
+
+class RttTest : public KernelsFixture {
+ protected:
+  struct Totals {
+    int64_t rays = 0, hits = 0;
+    WalkStats stats;
+    int64_t by_list = 0, by_shaft = 0;
+  };
+
+  Tile MakeTile(Vec3f origin, Vec3d toward, double spacing, int side, double roll) {
+    Tile tile;
+    const size_t rays = static_cast<size_t>(side) * static_cast<size_t>(side);
+    tile.count = (rays + RayPacket::kMaxRays - 1) / RayPacket::kMaxRays;
+    tile.packets = std::make_unique<RayPacket[]>(tile.count);
+    tile.answered_by.assign(rays, AnsweredBy::kNoRay);
+    const Vec3d w = Unit(toward);
+    const Vec3d e = std::abs(w.x) < 0.6 ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0};
+    const Vec3d a = Unit(Cross(w, e)), b = Cross(w, a);
+    const Vec3d u = std::cos(roll) * a + std::sin(roll) * b, v = Cross(w, u);
+    size_t ray = 0;
+    for (int y = 0; y < side; y += 4) {
+      for (int x = 0; x < side; x += 4) {
+        for (int k = 0; k < 16; ++k, ++ray) {
+          const Vec3d d =
+              w + (x + k % 4 - 0.5 * side) * spacing * u + (y + k / 4 - 0.5 * side) * spacing * v;
+          SetTarget(tile, ray, ToFloat(d), kNoTriangle);
+        }
+      }
+    }
+    for (size_t p = 0; p < tile.count; ++p) {
+      RayPacket& packet = tile.packets[p];
+      packet.origin = origin;
+      packet.segments = false;
+      packet.count =
+          static_cast<int>(std::min<size_t>(RayPacket::kMaxRays, rays - p * RayPacket::kMaxRays));
+      packet.answered_by = tile.answered_by.data() + p * RayPacket::kMaxRays;
+    }
+    return tile;
+  }
+
+  static void SetTarget(Tile& tile, size_t ray, Vec3f target, uint32_t source) {
+    RayPacket& packet = tile.Of(ray);
+    const size_t lane = ray % RayPacket::kMaxRays;
+    packet.target_x[lane] = target.x;
+    packet.target_y[lane] = target.y;
+    packet.target_z[lane] = target.z;
+    packet.target_source[lane] = source;
+  }
+
+  // Traces the tile as any and as closest hit, and compares with brute force.
+  void Check(const IndexedGeometry& scene, Tile& tile, const RttOptions& options, bool closest_too,
+             Totals* totals) {
+    for (RayPacket& packet : tile.span()) {
+      std::vector<TraceRay> queries;
+      for (int lane = 0; lane < packet.count; ++lane) {
+        queries.push_back(
+            {.ray = packet.ray(lane),
+             .mask = packet.mask,
+             .from_source = packet.origin_source,
+             .to_source = packet.segments ? packet.target_source[lane] : kNoTriangle});
+      }
+      std::vector<Hit> truth(queries.size());
+      WalkStats ignored;
+      ASSERT_TRUE(kernels().closest_brute(scene, queries, truth, nullptr, &ignored));
+      truths_.insert(truths_.end(), truth.begin(), truth.end());
+    }
+    for (const bool any : {true, false}) {
+      if (!any && !closest_too) continue;
+      ASSERT_TRUE((any ? kernels().occluded_rtt : kernels().closest_rtt)(
+          scene, tile.span(), options, nullptr, &totals->stats));
+      for (size_t ray = 0; ray < truths_.size(); ++ray) {
+        const RayPacket& packet = tile.Of(ray);
+        const int lane = static_cast<int>(ray % RayPacket::kMaxRays);
+        const Hit hit = packet.hit(lane), truth = truths_[ray];
+        const TraceRay query = {.ray = packet.ray(lane)};
+        ASSERT_EQ(hit.triangle != kNoTriangle, truth.triangle != kNoTriangle)
+            << (any ? "any" : "closest") << ", ray " << ray << ": " << Printed{query};
+        totals->by_shaft += tile.answered_by[ray] == AnsweredBy::kShaft;
+        totals->by_list += tile.answered_by[ray] == AnsweredBy::kTriangles;
+        ASSERT_NE(tile.answered_by[ray], AnsweredBy::kNoRay);
+        ++totals->rays;
+        totals->hits += truth.triangle != kNoTriangle;
+        if (any) continue;
+        ASSERT_EQ(hit.triangle, truth.triangle) << "ray " << ray << ": " << Printed{query};
+        ASSERT_EQ(std::bit_cast<uint32_t>(hit.t), std::bit_cast<uint32_t>(truth.t))
+            << "ray " << ray << ": " << Printed{query};
+      }
+    }
+  }
+
+  // An eye's tile, then the segments from a light to its hits.
+  void CheckEyeAndLight(const IndexedGeometry& scene, Vec3f eye, Vec3d toward, Vec3f light,
+                        double spacing, int n, bool shared_edges, TestRng& rng, Totals* eyes,
+                        Totals* lights) {
+    const RttOptions options{.tile_rays = RttTileRays(n), .shared_edges = shared_edges};
+    // Several tiles of one ray a pixel fill a packet.
+    const int side = n == 1 ? 16 : 4 * n;
+    Tile tile = MakeTile(eye, toward, spacing, side, rng.Uniform(0, 6));
+    truths_.clear();
+    ASSERT_NO_FATAL_FAILURE(Check(scene, tile, options, true, eyes));
+    const double sources = rng.Chance(0.5) ? 1 : rng.Uniform(0, 1);
+    for (size_t ray = 0; ray < truths_.size(); ++ray) {
+      RayPacket& packet = tile.Of(ray);
+      const Vec3d d = ToDouble(packet.target(static_cast<int>(ray % RayPacket::kMaxRays)));
+      const bool hit = truths_[ray].triangle != kNoTriangle;
+      const double t = hit ? truths_[ray].t : 1.0;
+      SetTarget(tile, ray, ToFloat(ToDouble(eye) + t * d),
+                rng.Chance(sources) ? truths_[ray].triangle : kNoTriangle);
+    }
+    for (RayPacket& packet : tile.span()) {
+      packet.origin = light;
+      packet.segments = true;
+    }
+    truths_.clear();
+    ASSERT_NO_FATAL_FAILURE(Check(scene, tile, options, rng.Chance(0.3), lights));
+  }
+
+  std::vector<Hit> truths_;
+};
+
+SIGHTLINE_FOR_EACH_TARGET(RttTest);
+
+TEST_P(RttTest, NastyScenesGiveBruteForcesBits) {
+  TestRng rng;
+  Totals eyes, lights;
+  for (NastyScene& scene : MakeNastyScenes(rng)) {
+    NastyRays rays(scene.indexed, rng);
+    for (const bool perfect : {false, true}) {
+      SCOPED_TRACE(absl::StrCat(scene.name, perfect ? ", perfect" : ""));
+      ASSERT_NO_FATAL_FAILURE(Build(perfect, &scene.indexed));
+      for (int64_t i = ScaledCount(40, 10); i > 0; --i) {
+        const Vec3f eye = rays.Point();
+        const Vec3d toward = ToDouble(rays.Target(eye, false));
+        if (!(Length(toward) > 0) || !std::isfinite(Length(toward))) continue;
+        const double spacing = std::ldexp(1.0, -static_cast<int>(rng.Below(16)) - 3);
+        ASSERT_NO_FATAL_FAILURE(CheckEyeAndLight(scene.indexed, eye, toward, rays.Point(), spacing,
+                                                 1 + static_cast<int>(rng.Below(6)),
+                                                 rng.Chance(0.5), rng, &eyes, &lights));
+      }
+    }
+  }
+  EXPECT_GT(eyes.stats.tiles_answered, 0u);
+  EXPECT_GT(lights.stats.tiles_answered, 0u);
+}
+
+// Blocks in a room, of triangles much larger than tiles.
+IndexedGeometry MakeRoom() {
+  return IndexObjects(
+      {MakeClosedBox(1, {-10, -10, -10}, {10, 10, 10}), MakeClosedBox(1, {-3, -10, -2}, {1, -4, 3}),
+       MakeClosedBox(2, {4, -10, 1}, {6, 2, 4}), MakeClosedSphere(12, 18, 2, {-5, 3, 4})},
+      Vec3d{});
+}
+
+TEST_P(RttTest, MostTilesOfARoomNeedNoRays) {
+  TestRng rng;
+  IndexedGeometry room = MakeRoom();
+  ASSERT_NO_FATAL_FAILURE(Build(false, &room));
+  for (const int n : {1, 2, 3, 4, 5, 6}) {
+    SCOPED_TRACE(n);
+    uint64_t answered[2];
+    for (const bool shared_edges : {false, true}) {
+      Totals eyes, lights;
+      TestRng same(static_cast<uint64_t>(n));
+      for (int64_t i = ScaledCount(60, 10); i > 0; --i) {
+        const auto within = [&] {
+          return Vec3d{same.Uniform(-9, 9), same.Uniform(3, 9), same.Uniform(-9, 9)};
+        };
+        ASSERT_NO_FATAL_FAILURE(CheckEyeAndLight(room, ToFloat(within()), within() - within(),
+                                                 ToFloat(within()), 0.003 / n, n, shared_edges,
+                                                 same, &eyes, &lights));
+      }
+      EXPECT_EQ(eyes.hits, eyes.rays);  // The room is closed.
+      EXPECT_GT(eyes.stats.tiles_answered, eyes.stats.tiles / 4);
+      EXPECT_GT(lights.stats.tiles_answered, lights.stats.tiles / 4);
+      EXPECT_GT(lights.by_shaft, 0);
+      EXPECT_GT(eyes.by_list, 0);
+      answered[shared_edges] = eyes.stats.tiles_answered;
+    }
+    EXPECT_GE(answered[1], answered[0]);
+  }
+}
+
+// The diagonal of a wall runs through the tile: neither triangle covers it, both together do.
+TEST_P(RttTest, TrianglesThatShareAnEdgeCoverTogether) {
+  // What stands behind the walls parts rays that are not stopped by them.
+  IndexedGeometry room = IndexObjects(
+      {MakeClosedBox(1, {-10, -10, -10}, {10, 10, 10}), MakeClosedSphere(60, 90, 12, {30, 0, 0})},
+      Vec3d{});
+  ASSERT_NO_FATAL_FAILURE(Build(false, &room));
+  uint64_t answered[2];
+  for (const bool shared_edges : {false, true}) {
+    Totals totals;
+    for (int i = 0; i < 20; ++i) {
+      // Toward points of the x = 10 wall's diagonals, off the axes.
+      const double at = -7 + 0.7 * i;
+      for (const double other : {at, -at}) {
+        Tile tile = MakeTile({0.1f, 0.2f, 0.3f}, {9.9, at - 0.2, other - 0.3}, 0.001, 4, 1);
+        truths_.clear();
+        ASSERT_NO_FATAL_FAILURE(Check(room, tile, {.shared_edges = shared_edges}, true, &totals));
+      }
+    }
+    answered[shared_edges] = totals.stats.tiles_answered;
+  }
+  EXPECT_GT(answered[1], answered[0] + 10);
+}
+
+TEST_P(RttTest, NothingToDoAndFiredTokens) {
+  IndexedGeometry room = MakeRoom();
+  ASSERT_NO_FATAL_FAILURE(Build(false, &room));
+  WalkStats stats;
+  EXPECT_TRUE(kernels().closest_rtt(room, {}, {}, nullptr, &stats));
+  EXPECT_EQ(stats.tiles, 0u);
+  CancelToken cancel;
+  cancel.Cancel();
+  for (const int n : {1, 6}) {
+    Tile tile = MakeTile({0, 5, 0}, {1, 0, 0}, 0.001, 4 * n, 0);
+    EXPECT_FALSE(
+        kernels().closest_rtt(room, tile.span(), {.tile_rays = RttTileRays(n)}, &cancel, &stats));
+  }
+}
+
+}  // namespace
+}  // namespace sightline::testing_support
