@@ -19,6 +19,11 @@ void* AllocateArray(size_t bytes);
 // What AllocateArray(bytes) gave, or null.
 void FreeArray(void* array, size_t bytes);
 
+// Gives memory that was freed back to the system, as far as whole pages of it are free: each thread
+// that ever allocated otherwise keeps the most that it once had. Takes milliseconds; for the end of
+// large works that come now and then, such as letting go of a scene.
+void ReturnFreeMemory();
+
 }  // namespace sightline
 
 #endif  // SIGHTLINE_CORE_BASE_ARRAY_MEMORY_H_

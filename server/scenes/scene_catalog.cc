@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/clock.h"
+#include "core/base/array_memory.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/builtin/builtin.h"
 #include "server/base/error.h"
@@ -229,6 +230,7 @@ void SceneCatalog::Forget(SceneView view) {
   view.status.latest.reset();
   requests_.ForgetResource(SceneName(scene_id));
   Tell(view);
+  ReturnFreeMemory();
 }
 
 absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(

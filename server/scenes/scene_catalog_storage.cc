@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+#include "core/base/array_memory.h"
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
 #include "server/base/log.h"
@@ -85,6 +86,7 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
     }
     return ExplainBuild(ExplainLoad(scene.status(), id), id);
   }
+  ReturnFreeMemory();  // What checking took.
   if ((*scene)->bvh.has_leaf_rows()) return Get(id);
   {
     MutexLock lock(mutex_);  // An edit builds as the file was built.
@@ -158,6 +160,7 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
       times->second.update_time = absl::Now();
     }
   }
+  ReturnFreeMemory();  // What checking took, and the revision before.
   return Get(scene_id);
 }
 
