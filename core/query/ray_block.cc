@@ -13,8 +13,6 @@ namespace {
 // AUTO's rule for rays that belong together: a shaft of one to three rays costs more than the
 // single walk, which tests eight boxes and sixteen triangles a step whatever the number of rays.
 constexpr size_t kMinShaftRays = 4;
-// On the kd-tree: a tile of fewer is no tile.
-constexpr size_t kMinRttRays = 16;
 
 // What a walk's rays are answered by, as far as its strategy tells.
 AnsweredBy AnsweredByWalk(Strategy strategy) {
@@ -37,10 +35,9 @@ Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t 
       form == RayForm::kOneOrigin || (form == RayForm::kParallel && kind == HitKind::kAny);
   switch (asked) {
     case Strategy::kAuto:
-      if (run.on_kd_tree()) {
-        return form == RayForm::kOneOrigin && rays >= kMinRttRays ? Strategy::kRtt
-                                                                  : Strategy::kSingle;
-      }
+      // On the kd-tree single rays were the fastest of all where triangles are small
+      // (core/traverse/DESIGN.md).
+      if (run.on_kd_tree()) return Strategy::kSingle;
       return shaft_fits && rays >= kMinShaftRays ? Strategy::kShaft : Strategy::kSingle;
     case Strategy::kRtt:
       return form == RayForm::kOneOrigin ? Strategy::kRtt : Strategy::kSingle;

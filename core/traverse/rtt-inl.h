@@ -3,12 +3,12 @@
 // Relevant triangles tracing (paper 002) on the kd-tree: the four corner rays of a tile's shaft
 // walk together, and gather the triangles that a ray between them may meet. As long as they go
 // through the same cells, no ray between them can go through another; its answer is the list's.
-// Where they part, the tile's rays walk as a packet.
+// Where they part, the tile's rays walk one by one.
 //
 // Coherence. Let S_i be the corner rays, cut at some ends, H the hull of the origin and those ends,
 // and say of a cell C that H∩C is the hull of the S_i∩C, whose beginnings lie in one plane (or in
 // the origin) and are cut by it from the same side. It holds for the root's cell, taken as all of
-// space. Let a split's plane not hold the origin.
+// space. A plane through the origin has all of H on one side, or the corners part. Else:
 //  * All S_i∩C end before it: H∩C is on the near side, and the far child needs no visit.
 //  * All begin beyond it: likewise.
 //  * All cross it: the near part is the hull of the parts before the crossings, since the other
@@ -39,7 +39,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <iterator>
 #include <limits>
+#include <numeric>
 #include <span>
 
 #include "core/accel/kd_tree.h"
@@ -47,7 +49,7 @@
 #include "core/base/check.h"
 #include "core/geometry/box_ray.h"
 #include "core/traverse/finish-inl.h"
-#include "core/traverse/kd_packet-inl.h"
+#include "core/traverse/kd_single-inl.h"
 #include "core/traverse/packet_lanes-inl.h"
 #include "core/traverse/range_leaf.h"
 #include "core/traverse/rtt.h"
@@ -131,7 +133,17 @@ class RttWalk {
     const D d;
     const int axis = node.axis();
     const float x = node.split() - shaft_.origin()[axis];
-    if (x == 0) return Children::kParted;  // The origin is on both sides.
+    if (x == 0) {
+      // The plane goes through the origin: the shaft lies on one side of it, but for the origin
+      // itself, where no triangle is hit.
+      const V none = hn::Zero(d), endless = hn::Set(d, std::numeric_limits<float>::infinity());
+      const bool above = Surely(hn::And(hn::Gt(inv_[axis], none), hn::Lt(inv_[axis], endless)));
+      const bool below =
+          Surely(hn::And(hn::Lt(inv_[axis], none), hn::Gt(inv_[axis], hn::Neg(endless))));
+      if (!above && !below) return Children::kParted;
+      at->node = node.first_child() + above;
+      return Children::kOne;
+    }
     const V t = hn::Mul(hn::Set(d, x), inv_[axis]);
     if (!hn::AllFalse(d, hn::Eq(t, hn::Zero(d)))) return Children::kParted;  // Underflow.
     const V never = hn::Set(d, std::numeric_limits<float>::infinity());
@@ -216,10 +228,7 @@ class RttTracer {
       }
     }
     if (left_count > 0 && !WalkWith(std::span<const int>(left, left_count), packet)) return false;
-    if (!kAny && packet.want_barycentrics) {
-      ReadyTriangles ready(scene_.geometry, packet.origin, /*weights=*/true);
-      FinishHits(ready, packet);
-    }
+    Finish(packet);
     return true;
   }
 
@@ -238,17 +247,16 @@ class RttTracer {
     RttList list(scene_, shaft, all, kAny, options_.shared_edges, stats_);
     gathered = gathered && RttWalk(scene_, shaft, list, stats_).Run();
     Count(gathered, list);
+    int every[RayPacket::kMaxRays];
+    std::iota(std::begin(every), std::end(every), 0);
     for (RayPacket& packet : packets) {
-      if (!gathered) {
-        if (!WalkAll(packet)) return false;
-        continue;
-      }
       PacketLanes<kAny> lanes(scene_, packet, stats_);
-      Answer(list, {&packet, 0, packet.count}, &lanes);
-      if (!kAny && packet.want_barycentrics) {
-        ReadyTriangles ready(scene_.geometry, packet.origin, /*weights=*/true);
-        FinishHits(ready, packet);
+      if (gathered) {
+        Answer(list, {&packet, 0, packet.count}, &lanes);
+      } else if (!WalkWith(std::span<const int>(every, packet.count), packet)) {
+        return false;
       }
+      Finish(packet);
     }
     return true;
   }
@@ -299,35 +307,28 @@ class RttTracer {
     }
   }
 
-  // The packet's own walk, which may be all that there is to do.
-  bool WalkAll(RayPacket& packet) {
-    if (packet.answered_by != nullptr) {
-      std::fill_n(packet.answered_by, packet.count, AnsweredBy::kPacket);
-    }
-    return TraceKdPacket<kAny>(scene_, packet, cancel_, stats_);
-  }
-
+  // Each by itself: tiles are left over where triangles are small, and packets gain least there.
   bool WalkWith(std::span<const int> lanes, RayPacket& packet) {
-    if (static_cast<int>(lanes.size()) == packet.count) return WalkAll(packet);
-    RayPacket rest;
-    rest.origin = packet.origin;
-    rest.segments = packet.segments;
-    rest.mask = packet.mask;
-    rest.origin_source = packet.origin_source;
-    rest.count = static_cast<int>(lanes.size());
     for (size_t i = 0; i < lanes.size(); ++i) {
-      rest.target_x[i] = packet.target_x[lanes[i]];
-      rest.target_y[i] = packet.target_y[lanes[i]];
-      rest.target_z[i] = packet.target_z[lanes[i]];
-      rest.target_source[i] = packet.target_source[lanes[i]];
-    }
-    if (!TraceKdPacket<kAny>(scene_, rest, cancel_, stats_)) return false;
-    for (size_t i = 0; i < lanes.size(); ++i) {
-      packet.t[lanes[i]] = rest.t[i];
-      packet.triangle[lanes[i]] = rest.triangle[i];
-      if (packet.answered_by != nullptr) packet.answered_by[lanes[i]] = AnsweredBy::kPacket;
+      if (i % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled()) return false;
+      const int lane = lanes[i];
+      const TraceRay ray = {
+          .ray = packet.ray(lane),
+          .mask = packet.mask,
+          .from_source = packet.origin_source,
+          .to_source = packet.segments ? packet.target_source[lane] : kNoTriangle};
+      const Hit hit = KdSingleWalk<kAny>(scene_, ray, stats_).Run();
+      packet.t[lane] = hit.t;
+      packet.triangle[lane] = hit.triangle;
+      if (packet.answered_by != nullptr) packet.answered_by[lane] = AnsweredBy::kRay;
     }
     return true;
+  }
+
+  void Finish(RayPacket& packet) {
+    if (kAny || !packet.want_barycentrics) return;
+    ReadyTriangles ready(scene_.geometry, packet.origin, /*weights=*/true);
+    FinishHits(ready, packet);
   }
 
   const IndexedGeometry& scene_;

@@ -250,6 +250,29 @@ TEST_P(RttTest, TrianglesThatShareAnEdgeCoverTogether) {
   EXPECT_GT(answered[1], answered[0] + 10);
 }
 
+// Lamps stand in the planes of their fittings, and splits in both.
+TEST_P(RttTest, OriginsInTheSplitsPlanesLoseNothing) {
+  TestRng rng;
+  IndexedGeometry room = MakeRoom();
+  ASSERT_NO_FATAL_FAILURE(Build(false, &room));
+  Totals eyes, lights;
+  for (int64_t i = ScaledCount(200, 10); i > 0; --i) {
+    const auto within = [&] {
+      return Vec3d{rng.Uniform(-9, 9), rng.Uniform(3, 9), rng.Uniform(-9, 9)};
+    };
+    Vec3f eye = ToFloat(within()), light = ToFloat(within());
+    for (const KdNode& node : room.kd_tree->nodes) {
+      if (node.is_leaf() || std::abs(node.split()) > 9) continue;
+      if (rng.Chance(0.2)) eye[node.axis()] = node.split();
+      if (rng.Chance(0.2)) light[node.axis()] = node.split();
+    }
+    ASSERT_NO_FATAL_FAILURE(CheckEyeAndLight(room, eye, within() - within(), light, 0.003, 1,
+                                             rng.Chance(0.5), rng, &eyes, &lights));
+  }
+  EXPECT_GT(eyes.stats.tiles_answered, eyes.stats.tiles / 4);
+  EXPECT_GT(lights.stats.tiles_answered, lights.stats.tiles / 4);
+}
+
 TEST_P(RttTest, NothingToDoAndFiredTokens) {
   IndexedGeometry room = MakeRoom();
   ASSERT_NO_FATAL_FAILURE(Build(false, &room));
