@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // sightlined: a Sightline server as a process. Reads its flags, starts a Server, and drains it on
-// SIGTERM or SIGINT.
+// SIGTERM or SIGINT. SIGHUP has it read certificates and the access file again.
 #include <unistd.h>
 
 #include <csignal>
@@ -12,6 +12,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "server/base/log.h"
 #include "server/option_sources.h"
 #include "server/options.h"
@@ -67,6 +68,7 @@ int Run(int argc, char** argv) {
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);
   sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGHUP);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 
   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
@@ -80,12 +82,14 @@ int Run(int argc, char** argv) {
   }
   Log(LogLevel::kInfo, "serving",
       {{"version", std::string(kVersion)},
-       {"listen", options.listen},
+       {"listen", absl::StrJoin(options.listen, ",")},
        {"port", absl::StrCat((*server)->port())},
        {"metrics_port", absl::StrCat((*server)->metrics_port())}});
 
   int signal = 0;
-  sigwait(&signals, &signal);
+  while (sigwait(&signals, &signal) == 0 && signal == SIGHUP) {
+    if ((*server)->ReloadSecurity().ok()) Log(LogLevel::kInfo, "reloaded");
+  }
   // A second signal ends the process at once.
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   Log(LogLevel::kInfo, "signal", {{"signal", absl::StrCat(signal)}});

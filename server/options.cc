@@ -9,10 +9,13 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
+#include "absl/time/clock.h"
 #include "core/base/folder.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/builtin/builtin.h"
+#include "server/auth/access_policy.h"
 #include "server/base/resource_name.h"
+#include "server/net/socket_address.h"
 
 namespace sightline {
 namespace {
@@ -35,16 +38,68 @@ absl::Status SetDuration(absl::string_view value, absl::Duration* out) {
   return Bad(value, "must be a duration of 0s to 24h, such as 30s or 1m30s");
 }
 
+// Sets a text within a part of the options.
+template <typename Part>
+std::function<absl::Status(absl::string_view, ParsedOptions*)> Text(Part ServerOptions::*part,
+                                                                    std::string Part::*text) {
+  return [part, text](absl::string_view value, ParsedOptions* out) {
+    out->options.*part.*text = std::string(value);
+    return absl::OkStatus();
+  };
+}
+
 std::vector<Option> MakeTable() {
   const ServerOptions defaults;
   std::vector<Option> table = {
-      {"listen", "HOST:PORT",
-       "where to listen; port 0 takes a free one; only loopback is safe without TLS",
-       defaults.listen,
+      {"listen", "HOST:PORT|unix:PATH",
+       "where to listen; may be given more than once; port 0 takes a free one; only loopback is "
+       "safe without TLS",
+       defaults.listen.front(),
        [](absl::string_view value, ParsedOptions* out) {
-         if (value.empty()) return Bad(value, "must be HOST:PORT");
-         out->options.listen = std::string(value);
+         if (value.empty()) return Bad(value, "must be HOST:PORT or unix:PATH");
+         if (!std::exchange(out->listen_given, true)) out->options.listen.clear();
+         out->options.listen.emplace_back(value);
          return absl::OkStatus();
+       },
+       /*repeated=*/true},
+      {"unix-socket-mode", "OCTAL", "permissions of Unix sockets, who may connect", "0600",
+       [](absl::string_view value, ParsedOptions* out) {
+         const bool octal = !value.empty() && value.size() <= 4 &&
+                            value.find_first_not_of("01234567") == absl::string_view::npos;
+         if (!octal) return Bad(value, "must be an octal mode such as 0660");
+         out->options.unix_socket_mode = std::stoi(std::string(value), nullptr, 8) & 0777;
+         return absl::OkStatus();
+       }},
+      {"tls-cert", "FILE", "PEM certificate of this server, then its chain: TLS on TCP", "none",
+       Text(&ServerOptions::tls, &TlsFiles::certificate)},
+      {"tls-key", "FILE", "PEM private key of --tls-cert", "none",
+       Text(&ServerOptions::tls, &TlsFiles::key)},
+      {"tls-client-ca", "FILE", "PEM authorities that clients' certificates must come from", "none",
+       Text(&ServerOptions::tls, &TlsFiles::client_ca)},
+      {"tls-client-auth", "WHEN",
+       "with --tls-client-ca: required, or optional for clients that show a token instead",
+       "required",
+       [](absl::string_view value, ParsedOptions* out) {
+         if (value != "required" && value != "optional") {
+           return Bad(value, "must be required or optional");
+         }
+         out->options.client_certificate_optional = value == "optional";
+         return absl::OkStatus();
+       }},
+      {"access-file", "FILE", "who may do what: lines of ROLES and a certificate's name or a token",
+       "none",
+       [](absl::string_view value, ParsedOptions* out) {
+         out->options.access_file = std::string(value);
+         return absl::OkStatus();
+       }},
+      {"reload-interval", "DURATION",
+       "how often certificates and the access file are looked at; SIGHUP does it at once",
+       absl::FormatDuration(defaults.reload_interval),
+       [](absl::string_view value, ParsedOptions* out) {
+         SL_RETURN_IF_ERROR(SetDuration(value, &out->options.reload_interval));
+         return out->options.reload_interval >= absl::Milliseconds(100)
+                    ? absl::OkStatus()
+                    : Bad(value, "must be at least 100ms");
        }},
       {"port-file", "FILE", "written with the bound port once it is bound", "none",
        [](absl::string_view value, ParsedOptions* out) {
@@ -150,6 +205,21 @@ std::vector<Option> MakeTable() {
   return table;
 }
 
+absl::Status CheckSecurity(const ServerOptions& options) {
+  const TlsFiles& tls = options.tls;
+  if (tls.certificate.empty() != tls.key.empty()) {
+    return absl::InvalidArgumentError("--tls-cert and --tls-key come together");
+  }
+  if (tls.certificate.empty() && !tls.client_ca.empty()) {
+    return absl::InvalidArgumentError("--tls-client-ca wants --tls-cert and --tls-key, too");
+  }
+  if (!tls.certificate.empty()) {
+    SL_RETURN_IF_ERROR(ReadTlsBundle(tls, absl::Now()).status());
+  }
+  if (options.access_file.empty()) return absl::OkStatus();
+  return AccessPolicy::Read(options.access_file).status();
+}
+
 }  // namespace
 
 const std::vector<Option>& OptionTable() {
@@ -186,7 +256,13 @@ absl::Status CheckOptions(const ServerOptions& options) {
       return absl::InvalidArgumentError(absl::StrCat("--repository = ", folder.message()));
     }
   }
-  return absl::OkStatus();
+  for (const std::string& text : options.listen) {
+    SL_RETURN_IF_ERROR(ParseListenAddress(text).status());
+  }
+  if (!options.metrics_listen.empty()) {
+    SL_RETURN_IF_ERROR(ParseListenAddress(options.metrics_listen).status());
+  }
+  return CheckSecurity(options);
 }
 
 std::string HelpText() {

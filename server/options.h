@@ -20,14 +20,20 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "core/base/file_calls.h"
+#include "server/auth/certificate_store.h"
 #include "server/base/limits.h"
 #include "server/base/log.h"
 
 namespace sightline {
 
 struct ServerOptions {
-  // HOST:PORT; port 0 takes a free one. Empty: no socket, in-process channels alone.
-  std::string listen = "127.0.0.1:0";
+  // HOST:PORT, port 0 takes a free one, or unix:PATH. Empty: in-process channels alone.
+  std::vector<std::string> listen = {"127.0.0.1:0"};
+  int unix_socket_mode = 0600;  // Permissions of Unix sockets' files.
+  TlsFiles tls;
+  bool client_certificate_optional = false;  // With tls.client_ca.
+  std::string access_file;                   // Who may do what; empty: everybody everything.
+  absl::Duration reload_interval = absl::Seconds(10);  // Of certificates and the access file.
   std::string port_file;            // Gets the bound port when it is bound; empty: none.
   std::vector<std::string> scenes;  // [ID=]builtin:NAME[:TRIANGLES], made before the port is bound.
   // A folder of native scene files, where scenes are stored; empty: none.
@@ -53,7 +59,8 @@ struct GivenOption {
 
 struct ParsedOptions {
   ServerOptions options;
-  std::string config;  // The configuration file; empty: none.
+  std::string config;         // The configuration file; empty: none.
+  bool listen_given = false;  // The default is not one of several.
   bool help = false, version = false, check_config = false, print_config = false;
   std::map<std::string, GivenOption> given;  // By name.
   std::vector<std::string> warnings;         // What was seen and is not used.

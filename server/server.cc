@@ -4,23 +4,18 @@
 #include <grpc/compression.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
-#include <grpcpp/security/server_credentials.h>
 #include <grpcpp/server_builder.h>
 
 #include <chrono>
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
 #include "server/base/log.h"
 #include "server/base/resource_name.h"
-#include "server/lease_sweeper.h"
-#include "server/metrics/liveness.h"
-#include "server/net/socket_address.h"
 
 namespace sightline {
 namespace {
@@ -35,11 +30,6 @@ constexpr int kKeepaliveTimeMs = 40'000;
 constexpr int kKeepaliveTimeoutMs = 20'000;
 // HTTP/2's own bound on what headers may take; ours carry nothing large.
 constexpr int kMaxMetadataBytes = 16 << 10;
-
-bool IsLoopback(absl::string_view address) {
-  return absl::StartsWith(address, "127.") || absl::StartsWith(address, "localhost:") ||
-         absl::StartsWith(address, "[::1]") || absl::StartsWith(address, "unix:");
-}
 
 }  // namespace
 
@@ -56,8 +46,8 @@ Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> re
       point_sets_(options_.limits, [] { return absl::Now(); }),
       metrics_([this] { return StateNow(); }),
       slow_queries_(options.slow_query_log),
-      env_{options_.limits, scenes_,    point_sets_, query_pool_, build_pool_,
-           ray_queue_,      scheduler_, calls_,      &metrics_,   &slow_queries_},
+      env_{options_.limits, scenes_, point_sets_, query_pool_, build_pool_,   ray_queue_,
+           scheduler_,      calls_,  &access_,    &metrics_,   &slow_queries_},
       scene_service_(env_, upload_slots_),
       point_set_service_(env_, upload_slots_),
       visibility_service_(env_),
@@ -70,12 +60,20 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
     SL_ASSIGN_OR_RETURN(repository, SceneRepository::Open(options.repository, *options.files));
   }
   std::unique_ptr<Server> server(new Server(options, std::move(repository)));
+  if (!options.access_file.empty()) {
+    SL_RETURN_IF_ERROR(server->access_.Load(options.access_file));
+  }
   // First of all, so that whoever starts the server sees it start.
   SL_RETURN_IF_ERROR(server->ServeHttp());
   SL_RETURN_IF_ERROR(server->MakeScenes());
   SL_RETURN_IF_ERROR(server->Listen());
   server->serving_ = true;
-  server->sweeper_ = std::make_unique<LeaseSweeper>(server->point_sets_, kSweepPeriod);
+  server->sweeper_ =
+      std::make_unique<PeriodicTask>(kSweepPeriod, [&sets = server->point_sets_] { sets.Sweep(); });
+  if (!options.tls.certificate.empty() || !options.access_file.empty()) {
+    server->reloader_ = std::make_unique<PeriodicTask>(
+        options.reload_interval, [self = server.get()] { (void)self->ReloadSecurity(); });
+  }
   return server;
 }
 
@@ -106,11 +104,7 @@ absl::Status Server::MakeScenes() {
 absl::Status Server::ServeHttp() {
   if (options_.metrics_listen.empty()) return absl::OkStatus();
   HttpEndpoint::Handlers handlers = {
-      {"/metrics",
-       [this](const HttpRequest&) {
-         return HttpReply{.body = metrics_.Text(),
-                          .content_type = "text/plain; version=0.0.4; charset=utf-8"};
-       }},
+      {"/metrics", [this](const HttpRequest& request) { return MetricsPage(request); }},
       {"/livez", [this](const HttpRequest&) { return Livez(); }},
       {"/readyz", [this](const HttpRequest&) { return Readyz(); }},
   };
@@ -118,7 +112,17 @@ absl::Status Server::ServeHttp() {
   return absl::OkStatus();
 }
 
-ServerState Server::StateNow() const {
+HttpReply Server::MetricsPage(const HttpRequest& request) {
+  const absl::Status allowed =
+      access_.CheckRoles("/metrics", kMetricsRole, {.authorization = request.authorization});
+  if (!allowed.ok()) {
+    return {.code = absl::IsUnauthenticated(allowed) ? 401 : 403,
+            .body = absl::StrCat(allowed.message(), "\n")};
+  }
+  return {.body = metrics_.Text(), .content_type = "text/plain; version=0.0.4; charset=utf-8"};
+}
+
+ServerState Server::StateNow() {
   ServerState state;
   for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) {
     ServerState::Scene& scene = state.scenes.emplace_back();
@@ -138,20 +142,21 @@ ServerState Server::StateNow() const {
   state.waiting_tasks = load.waiting_tasks;
   state.running_tasks = static_cast<uint64_t>(load.running_tasks);
   state.rays_per_second = load.rays_per_second;
+  if (serving_) {
+    const AcceptLoop::Counts connections = door_->counts();
+    state.open_connections = connections.open;
+    state.accepted_connections = connections.accepted;
+    state.refused_connections = connections.refused;
+    state.certificate_end = door_->CertificateEnd();
+  }
   state.draining = calls_.draining();
   return state;
 }
 
-HttpReply Server::Livez() const {
+HttpReply Server::Livez() {
   // Before and after there is no port to try; the process itself is well.
   if (!serving_) return {.body = "not serving yet, or no longer\n"};
-  if (options_.listen.empty()) return {.body = "alive, in this process alone\n"};
-  absl::StatusOr<ListenAddress> address = ParseListenAddress(options_.listen);
-  absl::Status alive = address.status();
-  if (alive.ok()) {
-    address->addresses[0].set_port(port_);
-    alive = CheckAlive(address->addresses[0], kLivenessTimeout);
-  }
+  const absl::Status alive = door_->CheckAlive(kLivenessTimeout);
   if (alive.ok()) return {.body = "alive\n"};
   Log(LogLevel::kError, "not_alive", {{"status", alive.ToString()}});
   return {.code = 503, .body = absl::StrCat("not alive: ", alive.ToString(), "\n")};
@@ -166,9 +171,14 @@ absl::Status Server::Listen() {
   grpc::EnableDefaultHealthCheckService(true);
   grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;
-  if (!options_.listen.empty()) {
-    builder.AddListeningPort(options_.listen, grpc::InsecureServerCredentials(), &port_);
-  }
+  SL_ASSIGN_OR_RETURN(
+      door_, FrontDoor::Open({.listen = options_.listen,
+                              .unix_socket_mode = static_cast<mode_t>(options_.unix_socket_mode),
+                              .max_connections = options_.limits.max_connections,
+                              .tls = options_.tls,
+                              .client_certificate_optional = options_.client_certificate_optional},
+                             access_));
+  door_->AddTo(&builder);
   builder.RegisterService(&scene_service_);
   builder.RegisterService(&point_set_service_);
   builder.RegisterService(&visibility_service_);
@@ -178,8 +188,6 @@ absl::Status Server::Listen() {
   builder.SetMaxSendMessageSize(max_bytes);
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS,
                              static_cast<int>(options_.limits.max_concurrent_streams));
-  // Two servers must not share a port in silence.
-  builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   // A compressed message is expanded whole before its length is checked: refuse compression.
   builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
   builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
@@ -193,19 +201,30 @@ absl::Status Server::Listen() {
   // it is not built, sees that order by this lock, which every call takes first.
   (void)calls_.active_calls();
   server_ = builder.BuildAndStart();
-  if (server_ == nullptr || (!options_.listen.empty() && port_ == 0)) {
-    return absl::UnavailableError(absl::StrCat("cannot listen on ", options_.listen,
-                                               ": is the address in use, or not ours?"));
-  }
-  if (!options_.listen.empty() && !IsLoopback(options_.listen)) {
-    Log(LogLevel::kWarning, "listening_without_tls", {{"address", options_.listen}});
-  }
+  if (server_ == nullptr) return absl::InternalError("gRPC did not start");
   scenes_.SetListener([this](const SceneView& view) {
     if (view.deleted) point_sets_.RemoveScene(view.status.name);
     ReportHealth(view);
   });
   for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) ReportHealth(view);
+  door_->Start();
   return absl::OkStatus();
+}
+
+absl::Status Server::ReloadSecurity() {
+  const absl::StatusOr<bool> certificates = door_->ReloadCertificates();
+  if (certificates.ok() && *certificates) {
+    Log(LogLevel::kInfo, "certificate_reloaded",
+        {{"until",
+          absl::FormatTime(absl::RFC3339_sec, door_->CertificateEnd(), absl::UTCTimeZone())}});
+  }
+  absl::Status status = certificates.status();
+  status.Update(access_.Reload());
+  if (!status.ok()) {
+    Log(LogLevel::kError, "reload_failed",
+        {{"status", status.ToString()}, {"kept", "the last good one"}});
+  }
+  return status;
 }
 
 void Server::ReportHealth(const SceneView& view) {
@@ -237,11 +256,13 @@ void Server::Shutdown() { ShutdownWithin(absl::ZeroDuration()); }
 
 void Server::ShutdownWithin(absl::Duration timeout) {
   sweeper_.reset();
+  reloader_.reset();
   if (server_ == nullptr) return;
   MutexLock lock(shutdown_mutex_);
   if (shut_down_) return;
   serving_ = false;
   calls_.StartDrain();
+  door_->Stop();
   // Without a deadline a stalled call could hold this up for ever.
   server_->Shutdown(absl::ToChronoTime(absl::Now() + std::max(timeout, absl::ZeroDuration())));
   server_->Wait();

@@ -33,9 +33,12 @@
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
 #include "server/admission/upload_slots.h"
+#include "server/auth/access_control.h"
+#include "server/base/periodic_task.h"
 #include "server/metrics/http_endpoint.h"
 #include "server/metrics/metrics.h"
 #include "server/metrics/slow_query_log.h"
+#include "server/net/front_door.h"
 #include "server/options.h"
 #include "server/points/point_set_store.h"
 #include "server/scenes/scene_catalog.h"
@@ -46,8 +49,6 @@
 #include "server/stream/query_environment.h"
 
 namespace sightline {
-
-class LeaseSweeper;
 
 class Server {
  public:
@@ -60,11 +61,15 @@ class Server {
   Server& operator=(const Server&) = delete;
 
   // The bound port; 0 without a socket.
-  int port() const { return port_; }
+  int port() const { return door_ == nullptr ? 0 : door_->port(); }
   // That of probes and metrics; 0 without.
   int metrics_port() const { return http_ == nullptr ? 0 : http_->port(); }
   // A channel that needs no socket. It must be gone before the server is.
   std::shared_ptr<grpc::Channel> InProcessChannel(const grpc::ChannelArguments& arguments);
+
+  // Reads certificates and the access file again, as happens every reload_interval. What was wrong
+  // with them, in which case the last good ones stay.
+  absl::Status ReloadSecurity();
 
   // Health goes to NOT_SERVING, new calls are refused, streams are told, and what is under way may
   // finish. Then shuts down. DeadlineExceeded if calls had to be cut off after `timeout`.
@@ -82,14 +87,15 @@ class Server {
   absl::Status MakeScenes();
   absl::Status ServeHttp();
   absl::Status Listen();
-  ServerState StateNow() const;
-  HttpReply Livez() const;
+  ServerState StateNow();
+  HttpReply MetricsPage(const HttpRequest& request);
+  HttpReply Livez();
   HttpReply Readyz() const;
   void ReportHealth(const SceneView& view);
   void ShutdownWithin(absl::Duration timeout);
 
   const ServerOptions options_;
-  int port_ = 0;
+  AccessControl access_;
   CallTracker calls_;
   RayQueue ray_queue_;
   UploadSlots upload_slots_;
@@ -105,8 +111,9 @@ class Server {
   PointSetService point_set_service_;
   VisibilityService visibility_service_;
   CapabilityService capability_service_;
-  std::unique_ptr<LeaseSweeper> sweeper_;
+  std::unique_ptr<FrontDoor> door_;  // Outlives the gRPC server.
   std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<PeriodicTask> sweeper_, reloader_;
   std::atomic<bool> serving_ = false;  // From the bound port to the beginning of a drain.
   std::unique_ptr<HttpEndpoint> http_;
   Mutex shutdown_mutex_;

@@ -49,6 +49,11 @@ void SessionFlags::Register(FlagSet* flags, bool embeddable, bool streams_too) {
   flags->Number("retry", "SECONDS",
                 "go on so long while the server cannot be reached or is busy, 0: try once",
                 &retry_seconds);
+  flags->Text("tls-ca", "FILE", "speak TLS; PEM authorities that the server must be known by",
+              &security.ca);
+  flags->Text("tls-cert", "FILE", "speak TLS; PEM certificate to show", &security.certificate);
+  flags->Text("tls-key", "FILE", "PEM private key of --tls-cert", &security.key);
+  flags->Text("token-file", "FILE", "holds a bearer token to show", &security.token);
   if (embeddable && streams_too) {
     flags->Count("streams", "N", "streams to the server at once, 0: one per connection", &streams,
                  0, 64);
@@ -107,6 +112,9 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags
   if (absl::Status s = flags.Check(); !s.ok()) return s;
   if (flags.server.empty()) return OpenEmbedded(flags);
   client::ConnectionOptions options;
+  absl::StatusOr<client::Security> security = client::LoadSecurity(flags.security, flags.server);
+  if (!security.ok()) return UsageError(security.status().message());
+  options.security = *std::move(security);
   options.retry = RetriesOf(flags);
   if (const uint64_t count = flags.ConnectionCount(); count > 0) {
     options.channels = static_cast<int>(count);

@@ -20,6 +20,7 @@
 #include "client/lib/client.h"
 #include "client/lib/connection.h"
 #include "core/scene/scene_file.h"
+#include "client/lib/security.h"
 
 namespace sightline::cli {
 
@@ -30,6 +31,7 @@ struct SessionFlags {
   double retry_seconds = 10;   // How long to go on without an answer.
   uint64_t streams = 0;        // 0: one per network connection.
   uint64_t connections = 0;    // Network connections; 0: as many as streams, at most 8.
+  client::SecurityFiles security;
 
   // `embeddable`: the command also works without a server. `streams_too`: with
   // --streams, for commands whose streams the library makes.

@@ -27,6 +27,7 @@
 #include "absl/time/time.h"
 #include "client/lib/backoff.h"
 #include "client/lib/cancellation.h"
+#include "client/lib/security.h"
 #include "client/lib/types.h"
 #include "sightline/v1/capability_service.pb.h"
 #include "sightline/v1/point_set_service.pb.h"
@@ -125,6 +126,8 @@ struct ConnectionOptions {
   RetryOptions retry;
   // Network connections of their own for bulk streams (MakeConnection by address).
   int channels = 2;
+  // What to show and whom to trust (MakeConnection by address).
+  Security security;
 };
 
 // Plain gRPC without retries over channels that exist: CallOptions, errors as absl::Status.
@@ -140,7 +143,7 @@ std::shared_ptr<Connection> MakeRetryingConnection(std::shared_ptr<Connection> i
 // Both, over channels of an in-process server or of the caller's making.
 std::shared_ptr<Connection> MakeConnection(std::vector<std::shared_ptr<grpc::Channel>> channels,
                                            const ConnectionOptions& options);
-// Both, to HOST:PORT (or any gRPC target), without encryption.
+// Both, to HOST:PORT (or any gRPC target).
 std::shared_ptr<Connection> MakeConnection(const std::string& target,
                                            const ConnectionOptions& options);
 

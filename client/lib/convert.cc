@@ -315,6 +315,7 @@ Capabilities FromProto(const v1::Capabilities& capabilities) {
   limits.max_concurrent_uploads = in.max_concurrent_uploads();
   limits.max_queued_rays_per_client = in.max_queued_rays_per_client();
   limits.max_bytes_per_scene = in.max_bytes_per_scene();
+  limits.max_connections = in.max_connections();
   out.instruction_set = capabilities.instruction_set();
   out.available_instruction_sets.assign(capabilities.available_instruction_sets().begin(),
                                         capabilities.available_instruction_sets().end());

@@ -318,8 +318,7 @@ std::shared_ptr<Connection> MakeConnection(const std::string& target,
   std::vector<std::shared_ptr<grpc::Channel>> channels;
   channels.reserve(static_cast<size_t>(count));
   for (int i = 0; i < count; ++i) {
-    channels.push_back(grpc::CreateCustomChannel(target, grpc::InsecureChannelCredentials(),
-                                                 DefaultChannelArguments()));
+    channels.push_back(MakeChannel(target, options.security, DefaultChannelArguments()));
   }
   return MakeConnection(std::move(channels), options);
 }

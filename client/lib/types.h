@@ -387,6 +387,7 @@ struct Limits {
   uint32_t max_concurrent_uploads = 0;
   int64_t max_queued_rays_per_client = 0;
   uint64_t max_bytes_per_scene = 0;
+  uint32_t max_connections = 0;
 };
 
 struct Capabilities {

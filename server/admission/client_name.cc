@@ -15,7 +15,12 @@ std::string ClientOfPeer(absl::string_view peer) {
   return std::string(peer.substr(0, peer.rfind(':')));
 }
 
-std::string ClientOf(const grpc::ServerContextBase& context) {
+std::string ClientOf(const grpc::ServerContextBase& context, const AccessControl* access) {
+  if (access != nullptr && access->active()) {
+    if (const std::optional<Caller> caller = access->Identify(ShownBy(context))) {
+      return caller->name;
+    }
+  }
   const std::shared_ptr<const grpc::AuthContext> auth = context.auth_context();
   if (auth != nullptr && auth->IsPeerAuthenticated()) {
     const std::vector<grpc::string_ref> identity = auth->GetPeerIdentity();

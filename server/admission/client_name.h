@@ -6,7 +6,7 @@
 //
 // Thread safety: functions only.
 //
-//   scheduler.Open(ClientOf(*context));   // "ipv4:10.1.2.3"
+//   scheduler.Open(ClientOf(*context, access));   // "ipv4:10.1.2.3"
 #ifndef SIGHTLINE_SERVER_ADMISSION_CLIENT_NAME_H_
 #define SIGHTLINE_SERVER_ADMISSION_CLIENT_NAME_H_
 
@@ -15,10 +15,12 @@
 #include <string>
 
 #include "absl/strings/string_view.h"
+#include "server/auth/access_control.h"
 
 namespace sightline {
 
-std::string ClientOf(const grpc::ServerContextBase& context);
+// `access` may be null.
+std::string ClientOf(const grpc::ServerContextBase& context, const AccessControl* access);
 
 // Of gRPC's name of a peer, such as "ipv4:10.1.2.3:40211" or "unix:".
 std::string ClientOfPeer(absl::string_view peer);

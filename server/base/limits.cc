@@ -47,6 +47,7 @@ constexpr LimitEntry kTable[] = {
      "unanswered rays of one client"},
     {"max_bytes_per_scene", &Limits::max_bytes_per_scene, 1 << 20, kMany,
      "memory for one revision of a scene, bytes"},
+    {"max_connections", &Limits::max_connections, 1, 1 << 20, "connections at once"},
 };
 
 }  // namespace

@@ -51,6 +51,7 @@ struct Limits {
   // Half of all: one client alone never fills the queue.
   uint64_t max_queued_rays_per_client = 128 << 20;
   uint64_t max_bytes_per_scene = 8ull << 30;
+  uint64_t max_connections = 1000;
 };
 
 // One row of the table: which limit, and what it may be set to.

@@ -18,33 +18,37 @@
 namespace sightline {
 namespace {
 
-// Connects within the time; the descriptor, or -1 with errno set.
-int Connect(const SocketAddress& server, absl::Duration timeout) {
+// A socket with an address of its own, which is written to *local; -1 with errno set.
+int OpenProbe(const SocketAddress& server, std::string* local) {
   const int fd = socket(server.family(), SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (fd < 0) return -1;
-  if (connect(fd, server.get(), server.length) == 0) return fd;
-  int error = errno;
-  if (error == EINPROGRESS) {
-    pollfd waiting{.fd = fd, .events = POLLOUT, .revents = 0};
-    socklen_t length = sizeof(error);
-    if (poll(&waiting, 1, static_cast<int>(absl::ToInt64Milliseconds(timeout))) != 1) {
-      error = ETIMEDOUT;
-    } else if (getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &length) == 0 && error == 0) {
-      return fd;
-    }
+  if (fd < 0 || server.family() == AF_UNIX) return fd;
+  // This machine's own address reaches it from that same address.
+  SocketAddress own = server;
+  own.set_port(0);
+  if (bind(fd, own.get(), own.length) == 0 && getsockname(fd, own.get(), &own.length) == 0) {
+    *local = own.ToString();
+    return fd;
   }
+  const int error = errno;
   close(fd);
   errno = error;
   return -1;
 }
 
-}  // namespace
+// 0, or errno.
+int Connect(int fd, const SocketAddress& server, absl::Duration timeout) {
+  if (connect(fd, server.get(), server.length) == 0) return 0;
+  if (errno != EINPROGRESS) return errno;
+  pollfd waiting{.fd = fd, .events = POLLOUT, .revents = 0};
+  if (poll(&waiting, 1, static_cast<int>(absl::ToInt64Milliseconds(timeout))) != 1) {
+    return ETIMEDOUT;
+  }
+  int error = 0;
+  socklen_t length = sizeof(error);
+  return getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &length) == 0 ? error : errno;
+}
 
-absl::Status CheckAlive(const SocketAddress& server, absl::Duration timeout) {
-  const absl::Time deadline = absl::Now() + timeout;
-  const SocketAddress target = server.Reachable();
-  const int fd = Connect(target, timeout);
-  if (fd < 0) return absl::ErrnoToStatus(errno, absl::StrCat("connecting to ", target.ToString()));
+absl::Status CallHealth(int fd, absl::Time deadline) {
   // The channel owns the descriptor, and with it the one connection that it ever has.
   grpc::GenericStub stub(grpc::CreateInsecureChannelFromFd("liveness", fd));
   grpc::ClientContext context;
@@ -60,9 +64,29 @@ absl::Status CheckAlive(const SocketAddress& server, absl::Duration timeout) {
   void* tag = nullptr;
   bool ok = false;
   queue.Next(&tag, &ok);
-  if (status.ok()) return absl::OkStatus();
-  return absl::Status(static_cast<absl::StatusCode>(status.error_code()),
-                      absl::StrCat("calling ", target.ToString(), ": ", status.error_message()));
+  return absl::Status(static_cast<absl::StatusCode>(status.error_code()), status.error_message());
+}
+
+}  // namespace
+
+absl::Status CheckAlive(const SocketAddress& server, absl::Duration timeout,
+                        const ProbeAnnouncement& announcement) {
+  const absl::Time deadline = absl::Now() + timeout;
+  const SocketAddress target = server.Reachable();
+  std::string local;
+  const int fd = OpenProbe(target, &local);
+  if (fd < 0) return absl::ErrnoToStatus(errno, "no socket for the probe");
+  if (!local.empty()) announcement.begin(local);
+  absl::Status status;
+  if (const int error = Connect(fd, target, timeout); error != 0) {
+    close(fd);
+    status = absl::ErrnoToStatus(error, "connecting");
+  } else {
+    status = CallHealth(fd, deadline);
+  }
+  if (!local.empty()) announcement.end(local);
+  if (status.ok()) return status;
+  return absl::Status(status.code(), absl::StrCat(target.ToString(), ": ", status.message()));
 }
 
 }  // namespace sightline

@@ -135,6 +135,11 @@ void AddLoad(const ServerState& state, StatePage* page) {
   page->Counter("sightline_refused_connections_total",
                 "Connections closed at once: too many, or no descriptor left.",
                 static_cast<double>(state.refused_connections));
+  if (state.certificate_end != absl::InfiniteFuture()) {
+    page->Gauge("sightline_certificate_end_seconds",
+                "When the server's certificate expires, seconds since 1970.",
+                static_cast<double>(absl::ToUnixSeconds(state.certificate_end)));
+  }
   page->Gauge("sightline_draining", "1 while the server shuts down.", state.draining ? 1 : 0);
 }
 

@@ -24,6 +24,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
+#include "absl/time/time.h"
 #include "core/query/options.h"
 
 namespace sightline {
@@ -65,6 +66,7 @@ struct ServerState {
   uint64_t clients = 0, waiting_tasks = 0, running_tasks = 0;
   double rays_per_second = 0;  // While computing, of all threads, of late.
   uint64_t open_connections = 0, accepted_connections = 0, refused_connections = 0;
+  absl::Time certificate_end = absl::InfiniteFuture();  // Of the server's certificate.
   bool draining = false;
 };
 

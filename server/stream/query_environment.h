@@ -11,6 +11,7 @@
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
+#include "server/auth/access_control.h"
 #include "server/base/limits.h"
 #include "server/metrics/metrics.h"
 #include "server/metrics/slow_query_log.h"
@@ -28,7 +29,8 @@ struct QueryEnvironment {
   RayQueue& ray_queue;
   Scheduler& scheduler;  // Shares the query pool's threads.
   CallTracker& calls;
-  Metrics* metrics = nullptr;  // Null: nothing is counted.
+  const AccessControl* access = nullptr;  // Null: nobody is asked who they are.
+  Metrics* metrics = nullptr;             // Null: nothing is counted.
   const SlowQueryLog* slow_queries = nullptr;
 };
 

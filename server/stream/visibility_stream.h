@@ -152,8 +152,8 @@ class VisibilityStream final
     self_ = this->shared_from_this();
     if (call.ok()) {
       call_ = *std::move(call);
-      account_ = env_.ray_queue.Open(ClientOf(*context_));
-      flow_ = env_.scheduler.Open(ClientOf(*context_));
+      account_ = env_.ray_queue.Open(ClientOf(*context_, env_.access));
+      flow_ = env_.scheduler.Open(ClientOf(*context_, env_.access));
       Read();
     } else {
       Fail(call.status());

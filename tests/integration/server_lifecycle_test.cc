@@ -112,10 +112,10 @@ TEST(LifecycleTest, CapabilitiesSayWhatTheServerIs) {
 TEST(LifecycleTest, APortIsNeverShared) {
   ServerHarness harness;
   ServerOptions options;
-  options.listen = absl::StrCat("127.0.0.1:", harness.server->port());
+  options.listen = {absl::StrCat("127.0.0.1:", harness.server->port())};
   const absl::Status status = Server::Start(options).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
-  EXPECT_TRUE(absl::StrContains(status.message(), options.listen)) << status;
+  EXPECT_TRUE(absl::StrContains(status.message(), options.listen.front())) << status;
 }
 
 TEST(LifecycleTest, AServerWithoutASocketAnswersInProcess) {

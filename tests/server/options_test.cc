@@ -23,17 +23,18 @@ absl::StatusOr<ParsedOptions> Parse(std::vector<const char*> arguments) {
 TEST(OptionsTest, DefaultsToLoopbackOnAFreePort) {
   const absl::StatusOr<ParsedOptions> parsed = Parse({});
   ASSERT_TRUE(parsed.ok());
-  EXPECT_EQ(parsed->options.listen, "127.0.0.1:0");
+  EXPECT_EQ(parsed->options.listen, std::vector<std::string>{"127.0.0.1:0"});
   EXPECT_TRUE(ValidateLimits(parsed->options.limits).ok());
 }
 
 TEST(OptionsTest, ReadsBothFormsAndBothSpellings) {
-  const absl::StatusOr<ParsedOptions> parsed =
-      Parse({"--listen=[::1]:9000", "--port_file", "port", "--scene", "a=builtin:hall:10k",
-             "--scene=builtin:room", "--threads", "3", "--drain-timeout=1m30s",
-             "--max-item-rays=12345", "--log-level=debug"});
+  const absl::StatusOr<ParsedOptions> parsed = Parse(
+      {"--listen=[::1]:9000", "--listen", "unix:run/s", "--unix-socket-mode=0660", "--port_file",
+       "port", "--scene", "a=builtin:hall:10k", "--scene=builtin:room", "--threads", "3",
+       "--drain-timeout=1m30s", "--max-item-rays=12345", "--log-level=debug"});
   ASSERT_TRUE(parsed.ok()) << parsed.status();
-  EXPECT_EQ(parsed->options.listen, "[::1]:9000");
+  EXPECT_EQ(parsed->options.listen, (std::vector<std::string>{"[::1]:9000", "unix:run/s"}));
+  EXPECT_EQ(parsed->options.unix_socket_mode, 0660);
   EXPECT_EQ(parsed->options.port_file, "port");
   EXPECT_EQ(parsed->options.scenes,
             (std::vector<std::string>{"a=builtin:hall:10k", "builtin:room"}));
@@ -73,6 +74,9 @@ TEST(OptionsTest, ErrorsNameTheFlagAndTheValue) {
       {{"--load=some"}, "all or none"},
       {{"--evict=random"}, "lru or none"},
       {{"--help=yes"}, "help"},
+      {{"--unix-socket-mode=rw"}, "octal"},
+      {{"--tls-client-auth=never"}, "required or optional"},
+      {{"--reload-interval=1ms"}, "at least 100ms"},
   };
   for (const auto& [arguments, named] : cases) {
     const absl::Status status = Parse(arguments).status();
@@ -90,6 +94,25 @@ TEST(OptionsTest, HelpNamesEveryLimit) {
   }
   EXPECT_TRUE(Parse({"--help"})->help);
   EXPECT_TRUE(Parse({"--version"})->version);
+}
+
+TEST(OptionsTest, WhatBelongsTogetherIsAskedForTogether) {
+  const std::vector<std::pair<std::vector<const char*>, const char*>> cases = {
+      {{"--tls-cert=a"}, "come together"},
+      {{"--tls-key=a"}, "come together"},
+      {{"--tls-client-ca=a"}, "wants --tls-cert"},
+      {{"--tls-cert=no-such-file", "--tls-key=no-such-file"}, "no-such-file"},
+      {{"--access-file=no-such-file"}, "no-such-file"},
+      {{"--listen=7070"}, "HOST:PORT"},
+      {{"--metrics-listen=7070"}, "HOST:PORT"},
+  };
+  for (const auto& [arguments, named] : cases) {
+    const absl::StatusOr<ParsedOptions> parsed = Parse(arguments);
+    ASSERT_TRUE(parsed.ok()) << parsed.status();
+    const absl::Status status = CheckOptions(parsed->options);
+    EXPECT_FALSE(status.ok());
+    EXPECT_TRUE(absl::StrContains(status.message(), named)) << status;
+  }
 }
 
 TEST(LimitsTest, EveryPublishedLimitIsSetAndEveryLimitIsPublished) {

@@ -46,7 +46,7 @@ class CliTest : public testing::Test {
   }
   static std::unique_ptr<Server> StartServer() {
     ServerOptions options;
-    options.listen = "127.0.0.1:0";
+    options.listen = {"127.0.0.1:0"};
     options.log_level = LogLevel::kError;
     absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
     EXPECT_TRUE(server.ok()) << server.status();

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/lease_sweeper.h"
+#include "server/base/periodic_task.h"
 
 #include <chrono>
+#include <utility>
 
 namespace sightline {
 
-LeaseSweeper::LeaseSweeper(PointSetStore& store, absl::Duration period)
-    : store_(store), thread_([this, period] { Run(period); }) {}
+PeriodicTask::PeriodicTask(absl::Duration period, std::function<void()> task)
+    : task_(std::move(task)), thread_([this, period] { Run(period); }) {}
 
-LeaseSweeper::~LeaseSweeper() {
+PeriodicTask::~PeriodicTask() {
   {
     MutexLock lock(mutex_);
     stop_ = true;
@@ -17,7 +18,7 @@ LeaseSweeper::~LeaseSweeper() {
   thread_.join();
 }
 
-void LeaseSweeper::Run(absl::Duration period) {
+void PeriodicTask::Run(absl::Duration period) {
   const std::chrono::nanoseconds wait = absl::ToChronoNanoseconds(period);
   auto next = std::chrono::steady_clock::now() + wait;
   while (true) {
@@ -27,7 +28,7 @@ void LeaseSweeper::Run(absl::Duration period) {
       }
       if (stop_) return;
     }
-    store_.Sweep();
+    task_();
     next = std::chrono::steady_clock::now() + wait;
   }
 }

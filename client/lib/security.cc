@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/security.h"
+
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+#include <grpcpp/support/client_interceptor.h>
+#include <sys/stat.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+
+namespace sightline::client {
+namespace {
+
+namespace grpcx = grpc::experimental;
+
+constexpr size_t kMaxFileBytes = 1 << 20;
+
+absl::StatusOr<std::string> ReadWhole(const std::string& path, bool secret) {
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rbe"),
+                                                             &std::fclose);
+  if (file == nullptr) return absl::ErrnoToStatus(errno, absl::StrCat("cannot read ", path));
+  struct stat facts {};
+  if (fstat(fileno(file.get()), &facts) != 0 || !S_ISREG(facts.st_mode)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " is no regular file"));
+  }
+  if (secret && (facts.st_mode & S_IRWXO) != 0) {
+    return absl::PermissionDeniedError(
+        absl::StrCat("others may use ", path, ", which holds a secret: chmod 600 it"));
+  }
+  std::string text(kMaxFileBytes, '\0');
+  text.resize(std::fread(text.data(), 1, text.size(), file.get()));
+  return text;
+}
+
+// Reads `path` into `*out` if it names a file.
+absl::Status Load(const std::string& path, bool secret, std::string* out) {
+  if (path.empty()) return absl::OkStatus();
+  absl::StatusOr<std::string> text = ReadWhole(path, secret);
+  if (text.ok()) *out = *std::move(text);
+  return text.status();
+}
+
+bool StaysOnThisMachine(const std::string& target) {
+  return absl::StartsWith(target, "unix:") || absl::StartsWith(target, "127.") ||
+         absl::StartsWith(target, "localhost:") || absl::StartsWith(target, "[::1]:");
+}
+
+// Call credentials would do this over TLS alone; Unix sockets have their own protection.
+class TokenInterceptor final : public grpcx::Interceptor {
+ public:
+  explicit TokenInterceptor(const std::string& value) : value_(value) {}
+
+  void Intercept(grpcx::InterceptorBatchMethods* methods) override {
+    if (methods->QueryInterceptionHookPoint(
+            grpcx::InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
+      methods->GetSendInitialMetadata()->insert({"authorization", value_});
+    }
+    methods->Proceed();
+  }
+
+ private:
+  const std::string& value_;  // The factory's, which outlives its calls.
+};
+
+class TokenInterceptorFactory final : public grpcx::ClientInterceptorFactoryInterface {
+ public:
+  explicit TokenInterceptorFactory(const std::string& token)
+      : value_(absl::StrCat("Bearer ", token)) {}
+  grpcx::Interceptor* CreateClientInterceptor(grpcx::ClientRpcInfo*) override {
+    return new TokenInterceptor(value_);
+  }
+
+ private:
+  const std::string value_;
+};
+
+}  // namespace
+
+absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::string& target) {
+  Security security;
+  if (files.certificate.empty() != files.key.empty()) {
+    return absl::InvalidArgumentError("a certificate and its key come together");
+  }
+  security.tls = !files.ca.empty() || !files.certificate.empty();
+  absl::Status status = Load(files.ca, /*secret=*/false, &security.ca);
+  status.Update(Load(files.certificate, /*secret=*/false, &security.certificate));
+  status.Update(Load(files.key, /*secret=*/true, &security.key));
+  status.Update(Load(files.token, /*secret=*/true, &security.token));
+  if (!status.ok()) return status;
+  if (files.token.empty()) return security;
+  security.token = std::string(absl::StripAsciiWhitespace(security.token));
+  if (security.token.empty() || security.token.find_first_of("\r\n") != std::string::npos) {
+    return absl::InvalidArgumentError(absl::StrCat(files.token, " must hold one token"));
+  }
+  if (!security.tls && !StaysOnThisMachine(target)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("the token would travel in the clear to ", target,
+                     ": say by which authorities the server is known"));
+  }
+  return security;
+}
+
+std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Security& security,
+                                           const grpc::ChannelArguments& arguments) {
+  const std::shared_ptr<grpc::ChannelCredentials> credentials =
+      security.tls ? grpc::SslCredentials({.pem_root_certs = security.ca,
+                                           .pem_private_key = security.key,
+                                           .pem_cert_chain = security.certificate})
+                   : grpc::InsecureChannelCredentials();
+  std::vector<std::unique_ptr<grpcx::ClientInterceptorFactoryInterface>> interceptors;
+  if (!security.token.empty()) {
+    interceptors.push_back(std::make_unique<TokenInterceptorFactory>(security.token));
+  }
+  return grpcx::CreateCustomChannelWithInterceptors(target, credentials, arguments,
+                                                    std::move(interceptors));
+}
+
+}  // namespace sightline::client

@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Who gets in, and who may do what: TLS, roles, tokens, Unix sockets, bounds on connections; over
+// real sockets.
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "client/lib/client.h"
+#include "client/lib/security.h"
+#include "gmock/gmock.h"
+#include "server/auth/role.h"
+#include "tests/integration/server_harness.h"
+#include "tests/support/http_get.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/test_certificates.h"
+
+namespace sightline {
+namespace {
+
+using client::Security;
+using ::testing::HasSubstr;
+using testing_support::HttpGet;
+using testing_support::IssuedCertificate;
+using testing_support::TestAuthority;
+
+constexpr char kQueryToken[] = "query-0123456789abcdef";
+constexpr char kMetricsToken[] = "metrics-0123456789abcdef";
+
+class SecurityTest : public ::testing::Test {
+ protected:
+  SecurityTest() { SetLogLevel(LogLevel::kOff); }
+
+  std::string Write(const std::string& name, const std::string& text) const {
+    std::ofstream(dir_.File(name)) << text;
+    chmod(dir_.File(name).c_str(), 0600);
+    return dir_.File(name);
+  }
+  // TLS with the authority's certificate.
+  ServerOptions TlsOptions() const {
+    const IssuedCertificate issued = Issue("server");
+    ServerOptions options;
+    options.log_level = LogLevel::kOff;
+    options.tls.certificate = Write("cert.pem", issued.certificate);
+    options.tls.key = Write("key.pem", issued.key);
+    return options;
+  }
+  // ... for clients with a certificate of the same.
+  ServerOptions MutualOptions() const {
+    ServerOptions options = TlsOptions();
+    options.tls.client_ca = Write("ca.pem", authority_.pem());
+    return options;
+  }
+  IssuedCertificate Issue(const std::string& name) const {
+    return authority_.Issue(
+        {.common_name = name, .alternative_names = "IP:127.0.0.1,URI:spiffe://test/" + name});
+  }
+  void Start(ServerOptions options) {
+    absl::StatusOr<std::unique_ptr<Server>> started = Server::Start(options);
+    ASSERT_TRUE(started.ok()) << started.status();
+    server_ = *std::move(started);
+  }
+  // What a client that trusts the authority shows.
+  Security Trusting(const IssuedCertificate& own = {}, const std::string& token = "") const {
+    return {.tls = true,
+            .ca = authority_.pem(),
+            .certificate = own.certificate,
+            .key = own.key,
+            .token = token};
+  }
+  std::string Target() const { return absl::StrCat("127.0.0.1:", server_->port()); }
+  static client::Client ClientTo(const std::string& target, const Security& security) {
+    client::ConnectionOptions options;
+    options.retry.give_up_after = absl::ZeroDuration();
+    options.channels = 1;
+    options.security = security;
+    return client::Client(client::MakeConnection(target, options));
+  }
+  absl::Status List(const Security& security) const {
+    return ClientTo(Target(), security).ListScenes().status();
+  }
+  absl::Status Delete(const Security& security) const {
+    return ClientTo(Target(), security).DeleteScene("scenes/none");
+  }
+
+  const testing_support::TempDir dir_;
+  const TestAuthority authority_{"authority"}, stranger_{"stranger"};
+  std::unique_ptr<Server> server_;
+};
+
+TEST_F(SecurityTest, TlsIsSpokenAndPlainIsNot) {
+  Start(TlsOptions());
+  EXPECT_TRUE(List(Trusting()).ok()) << List(Trusting());
+  EXPECT_TRUE(absl::IsUnavailable(List({})));
+  // A client that trusts somebody else does not talk to this server.
+  EXPECT_TRUE(absl::IsUnavailable(List({.tls = true, .ca = stranger_.pem()})));
+}
+
+TEST_F(SecurityTest, MutualTlsWantsAGoodCertificate) {
+  Start(MutualOptions());
+  EXPECT_TRUE(List(Trusting(Issue("client"))).ok()) << List(Trusting(Issue("client")));
+  EXPECT_TRUE(absl::IsUnavailable(List(Trusting())));
+  EXPECT_TRUE(absl::IsUnavailable(List(Trusting(stranger_.Issue({.common_name = "client"})))));
+  EXPECT_TRUE(absl::IsUnavailable(
+      List(Trusting(authority_.Issue({.common_name = "client", .until_seconds = -60})))));
+}
+
+TEST_F(SecurityTest, ABadCertificateDoesNotStart) {
+  ServerOptions options = TlsOptions();
+  Write("cert.pem", authority_.Issue({.common_name = "s", .until_seconds = -60}).certificate);
+  EXPECT_THAT(std::string(Server::Start(options).status().message()), HasSubstr("has expired"));
+}
+
+TEST_F(SecurityTest, ANewCertificateIsTakenAndABadOneIsNot) {
+  Start(TlsOptions());
+  ASSERT_TRUE(List(Trusting()).ok());
+  // Garbage is refused, and the server goes on with what it had.
+  Write("cert.pem", "garbage");
+  EXPECT_FALSE(server_->ReloadSecurity().ok());
+  EXPECT_TRUE(List(Trusting()).ok());
+  // From another authority: who trusts the first no longer connects, who trusts the other does.
+  const IssuedCertificate next =
+      stranger_.Issue({.common_name = "server", .alternative_names = "IP:127.0.0.1"});
+  Write("cert.pem", next.certificate);
+  Write("key.pem", next.key);
+  ASSERT_TRUE(server_->ReloadSecurity().ok());
+  EXPECT_TRUE(absl::IsUnavailable(List(Trusting())));
+  const Security other{.tls = true, .ca = stranger_.pem()};
+  EXPECT_TRUE(List(other).ok()) << List(other);
+}
+
+TEST_F(SecurityTest, RolesComeFromCertificates) {
+  ServerOptions options = MutualOptions();
+  options.access_file = Write("access", "query cert spiffe://test/reader\nadmin cert operator\n");
+  Start(options);
+  EXPECT_TRUE(List(Trusting(Issue("reader"))).ok()) << List(Trusting(Issue("reader")));
+  const absl::Status denied = Delete(Trusting(Issue("reader")));
+  EXPECT_TRUE(absl::IsPermissionDenied(denied)) << denied;
+  EXPECT_THAT(std::string(denied.message()), HasSubstr("wants the role admin"));
+  // Known by the common name; there is no such scene, but it was looked for.
+  EXPECT_TRUE(absl::IsNotFound(Delete(Trusting(Issue("operator")))));
+  // Connected by a good certificate that the file does not name.
+  EXPECT_TRUE(absl::IsUnauthenticated(List(Trusting(Issue("guest")))));
+}
+
+TEST_F(SecurityTest, RolesComeFromTokens) {
+  ServerOptions options = MutualOptions();
+  options.client_certificate_optional = true;
+  options.metrics_listen = "127.0.0.1:0";
+  options.access_file =
+      Write("access", absl::StrCat("query token reader plain:", kQueryToken,
+                                   "\nmetrics token prometheus plain:", kMetricsToken,
+                                   "\nadmin cert operator\n"));
+  Start(options);
+  EXPECT_TRUE(List(Trusting({}, kQueryToken)).ok()) << List(Trusting({}, kQueryToken));
+  EXPECT_TRUE(absl::IsUnauthenticated(List(Trusting())));
+  EXPECT_TRUE(absl::IsUnauthenticated(List(Trusting({}, "query-0123456789abcdeF"))));
+  EXPECT_TRUE(absl::IsPermissionDenied(Delete(Trusting({}, kQueryToken))));
+  EXPECT_TRUE(absl::IsPermissionDenied(List(Trusting({}, kMetricsToken))));
+  EXPECT_TRUE(absl::IsNotFound(Delete(Trusting(Issue("operator")))));
+  // Health is for everybody.
+  EXPECT_TRUE(ClientTo(Target(), Trusting()).CheckHealth("").ok());
+  // And the same for the page of metrics.
+  const auto page = [&](const std::string& token) {
+    return HttpGet(server_->metrics_port(), "/metrics", "Authorization: Bearer " + token + "\r\n");
+  };
+  EXPECT_EQ(page(kMetricsToken).code, 200);
+  EXPECT_EQ(page(kQueryToken).code, 403);
+  EXPECT_EQ(page("wrong").code, 401);
+  EXPECT_EQ(HttpGet(server_->metrics_port(), "/metrics").code, 401);
+  EXPECT_EQ(HttpGet(server_->metrics_port(), "/readyz").code, 200);
+  // The probe has neither certificate nor token.
+  EXPECT_EQ(HttpGet(server_->metrics_port(), "/livez").code, 200);
+  // A token that the file no longer has is out at once, on connections that there are, too.
+  const client::Client reader = ClientTo(Target(), Trusting({}, kQueryToken));
+  EXPECT_TRUE(reader.ListScenes().ok());
+  Write("access", "admin cert operator\n");
+  ASSERT_TRUE(server_->ReloadSecurity().ok());
+  EXPECT_TRUE(absl::IsUnauthenticated(reader.ListScenes().status()));
+}
+
+// A stream is refused like any other call.
+TEST_F(SecurityTest, StreamsAreCheckedToo) {
+  ServerOptions options;
+  options.scenes = {"builtin:box:1000"};
+  options.access_file = Write("access", absl::StrCat("query token t plain:", kQueryToken, "\n"));
+  ServerHarness harness(options);
+  v1::TraceTilesRequest header;
+  header.mutable_header()->mutable_stream()->set_scene("scenes/box");
+  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
+                   header.mutable_header()->mutable_camera());
+  TileStream stream(harness, header);
+  v1::TraceTilesResponse response;
+  EXPECT_FALSE(stream.Read(&response));
+  EXPECT_EQ(stream.Finish().error_code(), grpc::StatusCode::UNAUTHENTICATED);
+  v1::Scene scene;
+  EXPECT_EQ(harness.CreateScene(WallUpload("wall"), &scene).error_code(),
+            grpc::StatusCode::UNAUTHENTICATED);
+}
+
+TEST_F(SecurityTest, UnixSocketsServeBesideTcp) {
+  const std::string path = dir_.File("s.sock");
+  ServerOptions options = TlsOptions();
+  options.listen.push_back("unix:" + path);
+  options.access_file = Write("access", "query unix\n");
+  Start(options);
+  const client::Client local = ClientTo("unix:" + path, {});
+  EXPECT_TRUE(local.ListScenes().ok()) << local.ListScenes().status();
+  EXPECT_TRUE(absl::IsPermissionDenied(local.DeleteScene("scenes/none")));
+  // What the socket's file allows does not hold for TCP.
+  EXPECT_TRUE(absl::IsUnauthenticated(List(Trusting())));
+  server_.reset();
+  EXPECT_NE(access(path.c_str(), F_OK), 0);
+}
+
+// Connections that say nothing take up the room that there is, and no more.
+TEST_F(SecurityTest, ConnectionsAreBounded) {
+  ServerOptions options;
+  options.limits.max_connections = 2;
+  options.metrics_listen = "127.0.0.1:0";
+  Start(options);
+  const auto connect_to_it = [&] {
+    const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(static_cast<uint16_t>(server_->port()));
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    EXPECT_EQ(connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof(address)), 0);
+    return fd;
+  };
+  // HTTP/2 begins with the server's settings: a byte of them shows that it is in.
+  const auto is_in = [](int fd) {
+    char byte;
+    return recv(fd, &byte, 1, 0) == 1;
+  };
+  const int first = connect_to_it(), second = connect_to_it();
+  EXPECT_TRUE(is_in(first));
+  EXPECT_TRUE(is_in(second));
+  const int third = connect_to_it();
+  EXPECT_FALSE(is_in(third));
+  EXPECT_TRUE(absl::IsUnavailable(List({})));
+  EXPECT_EQ(HttpGet(server_->metrics_port(), "/livez").code, 200);
+  for (const int fd : {first, second, third}) close(fd);
+  // gRPC notices that they are gone in its own time; the client tries until then.
+  client::ConnectionOptions patient;
+  patient.channels = 1;
+  patient.retry.give_up_after = absl::Seconds(30);
+  EXPECT_TRUE(client::Client(client::MakeConnection(Target(), patient)).ListScenes().ok());
+}
+
+TEST(MethodRolesTest, EveryMethodOfEveryServiceIsInTheTable) {
+  int methods = 0;
+  const std::string folder = std::string(SIGHTLINE_SOURCE_DIR) + "/proto";
+  for (const auto& entry : std::filesystem::directory_iterator(folder + "/sightline/v1")) {
+    const std::string file = "sightline/v1/" + entry.path().filename().string();
+    if (!file.ends_with("_service.proto")) continue;
+    const auto* const descriptor =
+        google::protobuf::DescriptorPool::generated_pool()->FindFileByName(file);
+    ASSERT_NE(descriptor, nullptr) << file;
+    for (int s = 0; s < descriptor->service_count(); ++s) {
+      const google::protobuf::ServiceDescriptor* const service = descriptor->service(s);
+      for (int m = 0; m < service->method_count(); ++m, ++methods) {
+        const std::string name =
+            absl::StrCat("/", service->full_name(), "/", service->method(m)->name());
+        EXPECT_TRUE(IsKnownMethod(name)) << name;
+        EXPECT_NE(RolesFor(name), kNoRole) << name;
+      }
+    }
+  }
+  EXPECT_GE(methods, 16);
+  EXPECT_EQ(RolesFor("/sightline.v1.SceneService/DeleteScene"), kAdminRole);
+  EXPECT_EQ(RolesFor("/sightline.v1.SceneService/ListSceneObjects"), kQueryRole | kAdminRole);
+  EXPECT_EQ(RolesFor("/sightline.v1.VisibilityService/TraceTiles"), kQueryRole);
+  EXPECT_FALSE(IsKnownMethod("/sightline.v1.NewService/Anything"));
+  EXPECT_EQ(RolesFor("/sightline.v1.NewService/Anything"), kAdminRole);
+}
+
+TEST_F(SecurityTest, TheClientKeepsItsSecrets) {
+  const std::string token = Write("token", absl::StrCat(kQueryToken, "\n"));
+  const auto load = [&](const client::SecurityFiles& files, const std::string& target) {
+    return client::LoadSecurity(files, target);
+  };
+  EXPECT_EQ(load({.token = token}, "127.0.0.1:1")->token, kQueryToken);
+  EXPECT_EQ(load({.token = token}, "unix:s.sock")->token, kQueryToken);
+  EXPECT_THAT(std::string(load({.token = token}, "example.org:1").status().message()),
+              HasSubstr("in the clear"));
+  EXPECT_TRUE(load({.ca = Write("ca", "x"), .token = token}, "example.org:1").ok());
+  EXPECT_FALSE(load({.certificate = token}, "localhost:1").ok());
+  EXPECT_FALSE(load({.token = Write("empty", "\n")}, "localhost:1").ok());
+  EXPECT_FALSE(load({.token = dir_.File("none")}, "localhost:1").ok());
+  chmod(token.c_str(), 0644);
+  EXPECT_TRUE(absl::IsPermissionDenied(load({.token = token}, "localhost:1").status()));
+}
+
+}  // namespace
+}  // namespace sightline

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/net/accept_loop.h"
+
+#include <fcntl.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
+#include "core/base/mutex.h"
+#include "gtest/gtest.h"
+#include "server/base/log.h"
+
+namespace sightline {
+namespace {
+
+// A loop on a free port, and what it has taken.
+class Door {
+ public:
+  explicit Door(size_t max_connections)
+      : loop_(*BindAll({"127.0.0.1:0"}, 0600), max_connections, [this](const TakenConnection& c) {
+          MutexLock lock(mutex_);
+          taken_.push_back(c);
+          changed_.SignalAll();
+        }) {
+    SetLogLevel(LogLevel::kOff);
+  }
+  ~Door() {
+    loop_.Stop();
+    for (const TakenConnection& each : taken_) close(each.fd);
+  }
+
+  // A connection that waits to be taken; -1 with errno set.
+  int Connect(SocketAddress* own = nullptr) {
+    const SocketAddress& address = loop_.sockets().front().address();
+    const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (fd < 0) return -1;
+    if (own != nullptr) {
+      *own = address;
+      own->set_port(0);
+      if (bind(fd, own->get(), own->length) != 0) return -1;
+      getsockname(fd, own->get(), &own->length);
+      loop_.Expect(own->ToString());
+    }
+    return connect(fd, address.get(), address.length) == 0 ? fd : -1;
+  }
+  TakenConnection WaitFor(size_t count) {
+    MutexLock lock(mutex_);
+    while (taken_.size() < count) changed_.Wait(mutex_);
+    return taken_[count - 1];
+  }
+  // Ends the n-th taken connection, as gRPC would.
+  void Close(size_t n) {
+    MutexLock lock(mutex_);
+    close(taken_[n].fd);
+    taken_[n].fd = -1;
+  }
+  AcceptLoop& loop() { return loop_; }
+
+ private:
+  Mutex mutex_;
+  CondVar changed_;
+  std::vector<TakenConnection> taken_ ABSL_GUARDED_BY(mutex_);
+  AcceptLoop loop_;
+};
+
+// Whether the other side closed without a word: waits until it does.
+bool IsClosed(int fd) {
+  char byte;
+  return recv(fd, &byte, 1, 0) <= 0;
+}
+
+TEST(AcceptLoopTest, BeyondTheBoundConnectionsAreClosedAtOnce) {
+  Door door(2);
+  door.loop().Start();
+  const int first = door.Connect(), second = door.Connect();
+  door.WaitFor(2);
+  const int third = door.Connect();
+  EXPECT_TRUE(IsClosed(third));
+  AcceptLoop::Counts counts = door.loop().counts();
+  EXPECT_EQ(counts.open, 2u);
+  EXPECT_EQ(counts.accepted, 2u);
+  EXPECT_EQ(counts.refused, 1u);
+  // One that ends makes room for another, without anybody saying so.
+  door.Close(0);
+  EXPECT_EQ(door.loop().counts().open, 1u);
+  const int fourth = door.Connect();
+  door.WaitFor(3);
+  EXPECT_EQ(door.loop().counts().open, 2u);
+  for (const int fd : {first, second, third, fourth}) close(fd);
+}
+
+TEST(AcceptLoopTest, TheProbeGetsInWhateverTheBound) {
+  Door door(1);
+  door.loop().Start();
+  const int client = door.Connect();
+  EXPECT_FALSE(door.WaitFor(1).is_ours);
+  SocketAddress own;
+  const int probe = door.Connect(&own);
+  EXPECT_TRUE(door.WaitFor(2).is_ours);
+  // Only the connection that was announced, and only once.
+  const int other = door.Connect();
+  EXPECT_TRUE(IsClosed(other));
+  EXPECT_EQ(door.loop().counts().open, 1u);
+  for (const int fd : {client, probe, other}) close(fd);
+}
+
+TEST(AcceptLoopTest, StopEndsAWaitingLoop) {
+  Door door(10);
+  door.loop().Start();
+  door.loop().Stop();
+  EXPECT_EQ(door.Connect(), -1);
+  door.loop().Stop();  // Again does no harm.
+}
+
+// In a process of its own, whose limit on descriptors does not matter to others.
+void RunOutOfDescriptors() {
+  const auto must = [](bool good, const char* what) {
+    if (good) return;
+    std::fprintf(stderr, "failed: %s\n", what);
+    std::_Exit(1);
+  };
+  Door door(1000);
+  std::vector<int> waiting;
+  for (int i = 0; i < 5; ++i) waiting.push_back(door.Connect());
+  must(waiting.back() >= 0, "connecting");
+  const int spare = dup(waiting[0]);  // The loop's thread needs none; a client will.
+  rlimit limit{};
+  must(getrlimit(RLIMIT_NOFILE, &limit) == 0, "getrlimit");
+  limit.rlim_cur = 64;
+  must(setrlimit(RLIMIT_NOFILE, &limit) == 0, "setrlimit");
+  std::vector<int> fill;
+  for (int fd; (fd = dup(spare)) >= 0;) fill.push_back(fd);
+  must(!fill.empty(), "filling the table");
+  door.loop().Start();
+  // Those that wait hear at once that there is no room...
+  for (const int fd : waiting) must(IsClosed(fd), "closing what cannot be kept");
+  must(door.loop().counts().refused >= 5, "counting the refused");
+  // ... and as soon as there is, the loop goes on.
+  for (const int fd : fill) close(fd);
+  const int later = door.Connect();
+  must(later >= 0, "connecting again");
+  must(door.WaitFor(1).fd >= 0, "taking again");
+  std::fprintf(stderr, "recovered\n");
+  std::_Exit(0);
+}
+
+TEST(AcceptLoopTest, ItRecoversFromALackOfDescriptors) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(RunOutOfDescriptors(), ::testing::ExitedWithCode(0), "recovered");
+}
+
+}  // namespace
+}  // namespace sightline
