@@ -9,7 +9,7 @@
 // Thread safety: every method from any thread but gRPC's own and the pools'. Drain and Shutdown may
 // be called at once; each returns when its part is done.
 //
-//   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start({.listen = "127.0.0.1:0"});
+//   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start({.listen = {"127.0.0.1:0"}});
 //   auto channel = grpc::CreateChannel(absl::StrCat("127.0.0.1:", (*server)->port()), ...);
 //   ...
 //   (*server)->Drain(absl::Seconds(30));

@@ -19,8 +19,8 @@
 #include "client/cli/flags.h"
 #include "client/lib/client.h"
 #include "client/lib/connection.h"
-#include "core/scene/scene_file.h"
 #include "client/lib/security.h"
+#include "core/scene/scene_file.h"
 
 namespace sightline::cli {
 

@@ -2,6 +2,7 @@
 #include "server/admission/client_name.h"
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/strings/match.h"
@@ -15,21 +16,21 @@ std::string ClientOfPeer(absl::string_view peer) {
   return std::string(peer.substr(0, peer.rfind(':')));
 }
 
-std::string ClientOf(const grpc::ServerContextBase& context, const AccessControl* access) {
+Client ClientOf(const grpc::ServerContextBase& context, const AccessControl* access) {
   if (access != nullptr && access->active()) {
     if (const std::optional<Caller> caller = access->Identify(ShownBy(context))) {
-      return caller->name;
+      return {caller->name, caller->max_queued_rays};
     }
   }
   const std::shared_ptr<const grpc::AuthContext> auth = context.auth_context();
   if (auth != nullptr && auth->IsPeerAuthenticated()) {
     const std::vector<grpc::string_ref> identity = auth->GetPeerIdentity();
     if (!identity.empty()) {
-      return absl::StrCat("identity:",
-                          absl::string_view(identity.front().data(), identity.front().size()));
+      return {absl::StrCat("identity:",
+                           absl::string_view(identity.front().data(), identity.front().size()))};
     }
   }
-  return ClientOfPeer(context.peer());
+  return {ClientOfPeer(context.peer())};
 }
 
 }  // namespace sightline

@@ -6,12 +6,13 @@
 //
 // Thread safety: functions only.
 //
-//   scheduler.Open(ClientOf(*context, access));   // "ipv4:10.1.2.3"
+//   scheduler.Open(ClientOf(*context, access).name);   // "ipv4:10.1.2.3"
 #ifndef SIGHTLINE_SERVER_ADMISSION_CLIENT_NAME_H_
 #define SIGHTLINE_SERVER_ADMISSION_CLIENT_NAME_H_
 
 #include <grpcpp/server_context.h>
 
+#include <cstdint>
 #include <string>
 
 #include "absl/strings/string_view.h"
@@ -19,8 +20,13 @@
 
 namespace sightline {
 
+struct Client {
+  std::string name;
+  uint64_t max_queued_rays = 0;  // By its roles; 0: what every client may have.
+};
+
 // `access` may be null.
-std::string ClientOf(const grpc::ServerContextBase& context, const AccessControl* access);
+Client ClientOf(const grpc::ServerContextBase& context, const AccessControl* access);
 
 // Of gRPC's name of a peer, such as "ipv4:10.1.2.3:40211" or "unix:".
 std::string ClientOfPeer(absl::string_view peer);

@@ -19,7 +19,7 @@ void RayTicket::Release() {
   account_ = RayAccount();
 }
 
-RayAccount RayQueue::Open(const std::string& client) {
+RayAccount RayQueue::Open(const std::string& client, uint64_t max_rays) {
   MutexLock lock(mutex_);
   // Names of clients that are gone go with the next one that comes: no more are kept than are open.
   std::erase_if(accounts_, [](const auto& entry) { return entry.second.expired(); });
@@ -29,16 +29,16 @@ RayAccount RayQueue::Open(const std::string& client) {
     held = std::make_shared<RayAccount::Held>();
     entry = held;
   }
+  held->most = max_rays == 0 ? max_rays_per_client_ : max_rays;
   return RayAccount(std::move(held));
 }
 
 absl::StatusOr<RayTicket> RayQueue::Admit(const RayAccount& account, uint64_t rays) {
   MutexLock lock(mutex_);
   RayAccount::Held& held = *account.held_;
-  if (held.tickets > 0 && !Fits(rays, held.rays, max_rays_per_client_)) {
+  if (held.tickets > 0 && !Fits(rays, held.rays, held.most)) {
     return OverLimit("the client's rays waiting for an answer", held.rays + rays,
-                     "max_queued_rays_per_client", max_rays_per_client_,
-                     v1::ERROR_REASON_QUOTA_EXCEEDED);
+                     "max_queued_rays_per_client", held.most, v1::ERROR_REASON_QUOTA_EXCEEDED);
   }
   if (tickets_ > 0 && !Fits(rays, queued_, max_rays_)) {
     return OverLimit("rays waiting for an answer", queued_ + rays, "max_queued_rays", max_rays_,

@@ -39,7 +39,7 @@ class RayAccount {
   friend class RayQueue;
   friend class RayTicket;
   struct Held {
-    uint64_t rays = 0, tickets = 0;  // Guarded by the queue's lock.
+    uint64_t rays = 0, tickets = 0, most = 0;  // Guarded by the queue's lock.
   };
   explicit RayAccount(std::shared_ptr<Held> held) : held_(std::move(held)) {}
 
@@ -81,8 +81,9 @@ class RayQueue {
   RayQueue(const RayQueue&) = delete;
   RayQueue& operator=(const RayQueue&) = delete;
 
-  // The account of the client of that name; the same one as long as somebody has it.
-  RayAccount Open(const std::string& client);
+  // The account of the client of that name; the same one as long as somebody has it. `max_rays`:
+  // its quota from now on; 0: what every client may have.
+  RayAccount Open(const std::string& client, uint64_t max_rays = 0);
   absl::StatusOr<RayTicket> Admit(const RayAccount& account, uint64_t rays);
   uint64_t queued_rays() const;
 

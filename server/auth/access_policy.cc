@@ -10,6 +10,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
@@ -65,10 +66,35 @@ absl::Status AccessPolicy::AddToken(RoleSet roles, absl::string_view name,
   return absl::OkStatus();
 }
 
+absl::Status AccessPolicy::AddLimit(absl::string_view role, absl::string_view rays) {
+  SL_ASSIGN_OR_RETURN(const RoleSet roles, ParseRoles(role));
+  uint64_t most = 0;
+  if (!absl::SimpleAtoi(rays, &most) || most == 0) {
+    return Bad(
+        absl::StrCat("limit ", role, ": \"", rays, "\" must be a number of rays, 1 or more"));
+  }
+  for (const RoleSet each : {kQueryRole, kAdminRole, kMetricsRole}) {
+    if ((roles & each) != 0) limits_[each] = most;
+  }
+  return absl::OkStatus();
+}
+
+uint64_t AccessPolicy::MaxQueuedRays(RoleSet roles) const {
+  uint64_t most = 0;
+  for (const auto& [role, rays] : limits_) {
+    if ((roles & role) != 0) most = std::max(most, rays);
+  }
+  return most;
+}
+
 absl::Status AccessPolicy::AddLine(const std::vector<absl::string_view>& words) {
   constexpr absl::string_view kForm =
-      "must be ROLES cert NAME, ROLES token NAME sha256:HEX|plain:TEXT, or ROLES unix";
+      "must be ROLES cert NAME, ROLES token NAME sha256:HEX|plain:TEXT, ROLES unix, or limit ROLE "
+      "rays N";
   if (words.size() < 2) return Bad(kForm);
+  if (words[0] == "limit") {
+    return words.size() == 4 && words[2] == "rays" ? AddLimit(words[1], words[3]) : Bad(kForm);
+  }
   SL_ASSIGN_OR_RETURN(const RoleSet roles, ParseRoles(words[0]));
   if (words[1] == "unix" && words.size() == 2) {
     unix_roles_ |= roles;
@@ -128,6 +154,12 @@ std::optional<Caller> AccessPolicy::ByCertificate(const std::vector<std::string>
 }
 
 std::optional<Caller> AccessPolicy::Identify(const Shown& shown) const {
+  std::optional<Caller> caller = Recognize(shown);
+  if (caller.has_value()) caller->max_queued_rays = MaxQueuedRays(caller->roles);
+  return caller;
+}
+
+std::optional<Caller> AccessPolicy::Recognize(const Shown& shown) const {
   if (!shown.authorization.empty()) {
     absl::string_view token = shown.authorization;
     const size_t blank = token.find(' ');

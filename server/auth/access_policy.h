@@ -2,16 +2,19 @@
 //
 // Who may do what: an access file, read and checked. One line per caller:
 //
-//   # ROLES         KIND   WHO
-//   query           cert   *.clients.example.org
-//   query,admin     cert   spiffe://example.org/operator
-//   query           token  nightly
-//   sha256:9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08 metrics         token
-//   prometheus plain:a-secret-of-16-characters-or-more query,admin     unix
+//   # ROLES      KIND   WHO
+//   query        cert   *.clients.example.org
+//   query,admin  cert   spiffe://example.org/operator
+//   query        token  nightly     sha256:HEX
+//   metrics      token  prometheus  plain:a-secret-of-16-characters-or-more
+//   query,admin  unix
+//   limit        query  rays 4000000
 //
 // A certificate is known by its subject alternative names or its common name; a leading "*." stands
 // for one label. A token is sent as "authorization: Bearer TOKEN" and kept here by its SHA-256, or
-// plain. "unix" is whoever may open a Unix socket of the server, by the file's permissions.
+// plain. "unix" is whoever may open a Unix socket of the server, by the file's permissions. A limit
+// is of each caller with that role: how many rays it may have unanswered in all its streams; of
+// several roles with limits the largest counts, and without any the server's own.
 //
 // Invariants: a policy never changes; every token of the file is compared on every look, in time
 // that does not depend on where they differ; errors never quote a token.
@@ -25,6 +28,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -45,6 +49,7 @@ struct Shown {
 struct Caller {
   std::string name;  // "token:nightly", "cert:spiffe://example.org/operator", "unix".
   RoleSet roles = kNoRole;
+  uint64_t max_queued_rays = 0;  // By its roles; 0: the server's own.
 };
 
 class AccessPolicy {
@@ -73,6 +78,9 @@ class AccessPolicy {
   };
 
   absl::Status AddLine(const std::vector<absl::string_view>& words);
+  absl::Status AddLimit(absl::string_view role, absl::string_view rays);
+  uint64_t MaxQueuedRays(RoleSet roles) const;
+  std::optional<Caller> Recognize(const Shown& shown) const;
   absl::Status AddToken(RoleSet roles, absl::string_view name, absl::string_view secret);
   static Digest Hash(absl::string_view text);
   std::optional<Caller> ByToken(absl::string_view token) const;
@@ -81,6 +89,7 @@ class AccessPolicy {
   std::vector<Token> tokens_;
   std::vector<Certificate> certificates_;
   RoleSet unix_roles_ = kNoRole;
+  std::map<RoleSet, uint64_t> limits_;  // By one role each.
 };
 
 }  // namespace sightline

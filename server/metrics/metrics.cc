@@ -200,6 +200,10 @@ class Metrics::Impl {
     mine.requests[result]->Increment();
     const QueryStats& stats = record.stats;
     mine.rays->Increment(static_cast<double>(stats.rays));
+    if (stats.rays > 0) {
+      strategies_.Add({{"strategy", std::string(StrategyName(stats.strategy))}})
+          .Increment(static_cast<double>(stats.rays));
+    }
     nodes_.Increment(static_cast<double>(stats.nodes));
     leaves_.Increment(static_cast<double>(stats.leaves));
     triangle_tests_.Increment(static_cast<double>(stats.triangle_tests));
@@ -247,6 +251,11 @@ class Metrics::Impl {
   const std::function<ServerState()> state_;
   prometheus::Registry registry_;
   std::array<PerOperation, kOperations> operations_;
+  prometheus::Family<prometheus::Counter>& strategies_ =
+      prometheus::BuildCounter()
+          .Name("sightline_strategy_rays_total")
+          .Help("Rays by what answered their item; AUTO where more than one strategy did.")
+          .Register(registry_);
   prometheus::Counter& nodes_ = MakeCounter(registry_, "sightline_nodes_total",
                                             "Tree nodes visited, once per packet or ray.");
   prometheus::Counter& leaves_ =

@@ -114,6 +114,7 @@ bool AcceptLoop::TakeOne(const ListenSocket& socket) {
         return false;
     }
   }
+  if (std::exchange(exhausted_, false)) Log(LogLevel::kInfo, "descriptors_again");
   taken.is_ours = !taken.is_unix && IsExpected(peer);
   if (!taken.is_ours && connections_.AtLeast(max_connections_)) {
     ++refused_;
@@ -128,14 +129,16 @@ bool AcceptLoop::TakeOne(const ListenSocket& socket) {
 }
 
 void AcceptLoop::TakeAndClose(const ListenSocket& socket) {
-  // One line per pause, not per connection.
-  Log(LogLevel::kError, "out_of_descriptors", {{"address", socket.address().ToString()}});
+  // Once, not for every connection or pause.
+  if (!std::exchange(exhausted_, true)) {
+    Log(LogLevel::kError, "out_of_descriptors", {{"address", socket.address().ToString()}});
+  }
   if (reserve_ >= 0) close(std::exchange(reserve_, -1));
   for (int i = 0; i < kMostRefusedAtOnce; ++i) {
     const int fd = accept4(socket.fd(), nullptr, nullptr, SOCK_CLOEXEC);
     if (fd < 0) break;
-    close(fd);
     ++refused_;
+    close(fd);
   }
   reserve_ = OpenReserve();
   // Whoever frees descriptors gets them before more connections do.

@@ -81,7 +81,8 @@ class AcceptLoop {
   ConnectionTable connections_;
   std::atomic<uint64_t> accepted_ = 0, refused_ = 0;
   int reserve_ = -1;  // Held open to be given up.
-  bool paused_ = false;
+  // Of the loop's thread alone.
+  bool paused_ = false, exhausted_ = false;
   int wake_ = -1;
   std::thread thread_;
   Mutex mutex_;

@@ -101,8 +101,9 @@ grpc_ssl_certificate_config_reload_status TransportCredentials::Fetch(
   if (now == fetched_) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
   const grpc_ssl_pem_key_cert_pair pair{.private_key = now->key.c_str(),
                                         .cert_chain = now->certificate.c_str()};
-  *config = grpc_ssl_server_certificate_config_create(
-      now->client_ca.empty() ? nullptr : now->client_ca.c_str(), &pair, 1);
+  // gRPC insists on authorities even where it asks nobody for a certificate; any will do then.
+  const std::string& authorities = now->client_ca.empty() ? now->certificate : now->client_ca;
+  *config = grpc_ssl_server_certificate_config_create(authorities.c_str(), &pair, 1);
   if (*config == nullptr) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_FAIL;
   fetched_ = std::move(now);
   return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_NEW;

@@ -152,8 +152,9 @@ class VisibilityStream final
     self_ = this->shared_from_this();
     if (call.ok()) {
       call_ = *std::move(call);
-      account_ = env_.ray_queue.Open(ClientOf(*context_, env_.access));
-      flow_ = env_.scheduler.Open(ClientOf(*context_, env_.access));
+      const Client client = ClientOf(*context_, env_.access);
+      account_ = env_.ray_queue.Open(client.name, client.max_queued_rays);
+      flow_ = env_.scheduler.Open(client.name);
       Read();
     } else {
       Fail(call.status());

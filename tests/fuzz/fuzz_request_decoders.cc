@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/functional/any_invocable.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
@@ -24,6 +25,7 @@
 #include "core/base/parallel.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
+#include "server/admission/scheduler.h"
 #include "server/base/limits.h"
 #include "server/points/point_set_store.h"
 #include "server/points/point_upload.h"
@@ -64,9 +66,11 @@ struct World {
   ThreadPool pool{1};
   SceneCatalog scenes{limits, pool};
   PointSetStore point_sets{limits, &absl::Now};
-  RayQueue ray_queue{limits.max_queued_rays};
+  RayQueue ray_queue{limits.max_queued_rays, limits.max_queued_rays_per_client};
+  Scheduler scheduler{pool.threads(),
+                      [this](absl::AnyInvocable<void()> work) { pool.Submit(std::move(work)); }};
   CallTracker calls;
-  QueryEnvironment environment{limits, scenes, point_sets, pool, pool, ray_queue, calls};
+  QueryEnvironment environment{limits, scenes, point_sets, pool, pool, ray_queue, scheduler, calls};
 
   // A floor and a triangle above it.
   World() {
@@ -158,7 +162,7 @@ void FuzzStream(absl::string_view bytes) {
     if (!message.has_item() || method == nullptr) continue;
     if (method->Rays(message.item()) > world.limits.max_item_rays) continue;
     const CancelToken cancel;
-    auto work = method->Prepare(message.item(), cancel);
+    auto work = method->Prepare(message.item(), cancel, Scheduler::kLeastPartRays);
     if (!work.ok()) continue;
     QueryStats stats;
     typename Method::Response reply;

@@ -47,6 +47,17 @@ TEST(RayQueueTest, SumsDoNotWrapAround) {
   EXPECT_FALSE(queue.Admit(account, ~uint64_t{0}).ok());
 }
 
+TEST(RayQueueTest, AClientMayHaveAQuotaOfItsOwn) {
+  RayQueue queue(1000, 100);
+  const RayAccount small = queue.Open("small", 20), usual = queue.Open("usual");
+  const absl::StatusOr<RayTicket> first = queue.Admit(small, 15);
+  EXPECT_TRUE(first.ok());
+  EXPECT_EQ(ReasonOf(queue.Admit(small, 15).status()), v1::ERROR_REASON_QUOTA_EXCEEDED);
+  const absl::StatusOr<RayTicket> second = queue.Admit(usual, 15);
+  EXPECT_TRUE(second.ok());
+  EXPECT_TRUE(queue.Admit(usual, 85).ok());
+}
+
 TEST(RayQueueTest, EachClientHasItsQuota) {
   RayQueue queue(100, 60);
   const RayAccount a = queue.Open("a");

@@ -77,6 +77,24 @@ TEST(AccessPolicyTest, UnixSocketsAreNamedApart) {
   EXPECT_FALSE(without.Identify({.through_unix_socket = true}).has_value());
 }
 
+TEST(AccessPolicyTest, RolesHaveLimits) {
+  const absl::StatusOr<AccessPolicy> policy = AccessPolicy::Parse(
+      "a",
+      "query cert a\nquery,admin cert b\nmetrics cert c\nlimit query rays 1000\n"
+      "limit admin rays 5000\n");
+  ASSERT_TRUE(policy.ok()) << policy.status();
+  const auto limit = [&](const char* name) {
+    return policy->Identify({.certificate_names = {name}})->max_queued_rays;
+  };
+  EXPECT_EQ(limit("a"), 1000u);
+  EXPECT_EQ(limit("b"), 5000u);
+  EXPECT_EQ(limit("c"), 0u);
+  for (const char* wrong : {"limit query rays 0\n", "limit query rays many\n", "limit query 3\n",
+                            "limit reader rays 3\n", "limit query bytes 3\n"}) {
+    EXPECT_FALSE(AccessPolicy::Parse("a", wrong).ok()) << wrong;
+  }
+}
+
 TEST(AccessPolicyTest, ErrorsNameTheLineAndNoSecret) {
   const std::pair<std::string, const char*> cases[] = {
       {"query\n", "a:1: must be ROLES"},

@@ -21,6 +21,7 @@ TEST(MetricsTest, ItemsAreCountedByResult) {
   record.queue = milliseconds(2);
   record.total = milliseconds(30);
   record.stats.rays = 1000;
+  record.stats.strategy = Strategy::kShaft;
   record.stats.nodes = 70;
   record.stats.doubt_exact = 3;
   record.stats.compute_nanoseconds = 20'000'000;
@@ -42,6 +43,7 @@ TEST(MetricsTest, ItemsAreCountedByResult) {
            "sightline_requests_total{method=\"TraceTiles\",result=\"ok\"} 0",
            "sightline_requests_total{method=\"CreateScene\",result=\"failed\"} 1",
            "sightline_rays_total{method=\"ComputeShadows\"} 3000",
+           "sightline_strategy_rays_total{strategy=\"SHAFT\"} 3000",
            "sightline_nodes_total 210",
            "sightline_exact_tests_total 9",
            // What was refused at once is in no time.
