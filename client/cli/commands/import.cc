@@ -66,8 +66,8 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
              &out);
   flags.Choice("build", {"static", "dynamic", "compact"},
                "what the build favours: fast answers, being built fast, or little memory", &build);
-  flags.Choice("structure", {"bvh", "both"},
-               "what is built: the BVH alone, or a kd-tree beside it", &structure);
+  flags.Choice("structure", {"bvh", "both"}, "what is built: the BVH alone, or a kd-tree beside it",
+               &structure);
   flags.Point("origin",
               "what stored floats are relative to; without it the first vertex of the first object",
               &origin);
