@@ -5,7 +5,9 @@
 // The paper's scenes are PBRT's; here are four of like character. Direct light is a picture and its
 // shadow rays toward one light; the incoherent rays are one in a random direction from every second
 // hit, as a path's first bounce. One thread; the tests are Moeller and Trumbore's, one at a time,
-// as PBRT's are. Trees are built by our exact sweep, with PBRT's depth rule.
+// as PBRT's are. Trees are built by our exact sweep, with PBRT's depth rule. Boxes are put to
+// sixteen triangles at once, and made smaller between sixteens, not after every hit: NAU is lower
+// for that.
 #include <algorithm>
 #include <string>
 #include <utility>
