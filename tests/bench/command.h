@@ -30,6 +30,7 @@ absl::StatusOr<bool> EmbreeCommand(std::span<const std::string> args, Context& c
 absl::StatusOr<bool> BuildCommand(std::span<const std::string> args, Context& context);
 absl::StatusOr<bool> ScalingCommand(std::span<const std::string> args, Context& context);
 absl::StatusOr<bool> VerifyCommand(std::span<const std::string> args, Context& context);
+absl::StatusOr<bool> ServiceCommand(std::span<const std::string> args, Context& context);
 absl::StatusOr<bool> PapersCommand(std::span<const std::string> args, Context& context);
 
 // ---- What commands share

@@ -28,6 +28,8 @@ constexpr Entry kCommands[] = {
     {"scaling", "what more threads gain, as a share of an arithmetic loop's gain", ScalingCommand},
     {"verify", "soak: the strategies against each other, a walk of its own and brute force",
      VerifyCommand},
+    {"service", "rays per CPU second through gRPC against in process; latency of a tile",
+     ServiceCommand},
     {"papers", "the tables of the papers the engine is built from, ours beside them",
      PapersCommand},
 };

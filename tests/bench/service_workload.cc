@@ -1,0 +1,366 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/service_workload.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+#include <optional>
+#include <span>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/mutex.h"
+#include "core/base/status_macros.h"
+#include "core/light/light.h"
+#include "core/light/sky_patches.h"
+#include "core/query/segments.h"
+#include "core/query/shadows.h"
+#include "core/query/tiles.h"
+#include "server/base/limits.h"
+#include "server/codec/result_codec.h"
+#include "server/points/camera_points.h"
+#include "sightline/v1/point_set_service.grpc.pb.h"
+#include "sightline/v1/visibility_service.pb.h"
+#include "tests/bench/point_sets.h"
+#include "tests/bench/random.h"
+#include "tests/bench/service_exchange.h"
+
+namespace sightline::bench {
+namespace {
+
+constexpr uint64_t kPointsPerItem = 16'384;
+constexpr uint64_t kSegmentsPerItem = 32'768;
+constexpr uint32_t kTile = 128;
+// Items unanswered at once: enough to keep two threads busy while others travel...
+constexpr size_t kWindow = 8;
+// ... as far as the stream's credit goes.
+size_t WindowOf(uint64_t rays_per_item) {
+  const uint64_t credit = Limits().stream_credit_rays;
+  return std::clamp<size_t>((credit + rays_per_item - 1) / rays_per_item, 1, kWindow);
+}
+
+// By words, so that it costs neither side much: bits as they are, numbers by their bits.
+void AddBytes(const char* data, size_t size, Answer* answer) {
+  answer->bytes += size;
+  for (size_t at = 0; at < size; at += sizeof(uint32_t)) {
+    uint32_t word = 0;
+    std::memcpy(&word, data + at, std::min(sizeof(word), size - at));
+    answer->digest += word;
+  }
+}
+void AddBits(const char* data, size_t size, Answer* answer) {
+  answer->bytes += size;
+  for (size_t at = 0; at < size; at += sizeof(uint64_t)) {
+    uint64_t word = 0;
+    std::memcpy(&word, data + at, std::min(sizeof(word), size - at));
+    answer->digest += static_cast<uint64_t>(std::popcount(word));
+  }
+}
+template <typename T>
+const char* Bytes(const std::vector<T>& values) {
+  return reinterpret_cast<const char*>(values.data());
+}
+
+v1::StreamHeader StreamHeaderOf(const ServiceSpec& spec) {
+  v1::StreamHeader header;
+  header.set_scene(absl::StrCat("scenes/", spec.scene_id));
+  return header;
+}
+
+void EncodeVector(Vec3d v, v1::Vector3* out) {
+  out->set_x(v.x);
+  out->set_y(v.y);
+  out->set_z(v.z);
+}
+
+absl::StatusOr<Camera> CameraOf(const BuiltinView& view, const ServiceSpec& spec) {
+  return LookAt(view.eye, view.at, view.up, view.fov_y_degrees, spec.width, spec.height);
+}
+
+void EncodeLight(const Light& light, v1::Light* out) {
+  if (light.kind == Light::Kind::kDirectional) {
+    EncodeVector(light.direction, out->mutable_directional()->mutable_direction());
+  } else {
+    EncodeVector(light.position, out->mutable_point()->mutable_position());
+  }
+}
+
+// Runs `item` for each of `count` on the pool and adds the answers up.
+absl::StatusOr<Answer> RunItems(
+    ThreadPool& pool, size_t count,
+    const std::function<absl::Status(size_t item, Answer* answer)>& item) {
+  std::vector<Answer> answers(count);
+  Mutex mutex;
+  absl::Status failure;
+  pool.ParallelFor(count, 1, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      const absl::Status status = item(i, &answers[i]);
+      if (status.ok()) continue;
+      MutexLock lock(mutex);
+      failure = status;
+    }
+  });
+  if (!failure.ok()) return failure;
+  Answer all;
+  for (const Answer& answer : answers) {
+    all.digest += answer.digest;
+    all.bytes += answer.bytes;
+  }
+  return all;
+}
+
+template <typename Request, typename Response>
+absl::StatusOr<Answer> RunStream(const std::shared_ptr<grpc::Channel>& channel,
+                                 const std::string& method, const Request& header, size_t items,
+                                 uint64_t rays_per_item,
+                                 const std::function<Request(size_t item)>& make,
+                                 const std::function<void(const Response&, Answer*)>& take) {
+  Answer answer;
+  absl::Status failure;
+  Exchange<Request, Response> exchange(
+      {.method = absl::StrCat("/sightline.v1.VisibilityService/", method),
+       .header = header,
+       .items = items,
+       .window = WindowOf(rays_per_item),
+       .make = make,
+       .take = [&](Response* response) {
+         const v1::ReplyHeader& reply = response->reply().header();
+         if (reply.status().code() != 0) failure = absl::InternalError(reply.status().message());
+         ++answer.replies;
+         take(*response, &answer);
+         return reply.last();
+       }});
+  SL_RETURN_IF_ERROR(exchange.Run(channel));
+  SL_RETURN_IF_ERROR(failure);
+  return answer;
+}
+
+// Points × lights: bits, or sums.
+ServiceWorkload Shadows(const std::string& name, std::shared_ptr<const Scene> scene,
+                        std::shared_ptr<const PreparedPoints> points,
+                        const std::vector<Light>& lights, const ServiceSpec& spec, bool sums) {
+  v1::ComputeShadowsRequest header;
+  *header.mutable_header()->mutable_stream() = StreamHeaderOf(spec);
+  header.mutable_header()->mutable_outputs()->set_lit_bits(!sums);
+  header.mutable_header()->mutable_outputs()->set_weighted_sums(sums);
+  auto samples = std::make_shared<std::vector<LightSample>>();
+  for (uint32_t i = 0; i < lights.size(); ++i) {
+    EncodeLight(lights[i], header.mutable_header()->add_lights());
+    if (!AppendSamples(lights[i], i, scene->geometry.origin, samples.get()).ok()) return {};
+  }
+  ServiceWorkload workload{.name = name, .rays = points->size() * samples->size()};
+  workload.items = (points->size() + kPointsPerItem - 1) / kPointsPerItem;
+  const auto range = [points](size_t item) {
+    const uint64_t begin = item * kPointsPerItem;
+    return std::pair(begin, std::min<uint64_t>(kPointsPerItem, points->size() - begin));
+  };
+  workload.run_engine = [=, items = workload.items](ThreadPool& pool) {
+    const std::vector<double> weights(sums ? samples->size() : 0, 1.0);
+    return RunItems(pool, items, [&](size_t item, Answer* answer) -> absl::Status {
+      const auto [begin, count] = range(item);
+      ShadowResult result;
+      SL_RETURN_IF_ERROR(ComputeShadows(*scene, PointRange::Slice(*points, begin, count), *samples,
+                                        weights, {}, {.bits = !sums, .weighted_sums = sums}, {},
+                                        &result));
+      AddBits(Bytes(result.lit_bits), result.lit_bits.size(), answer);
+      AddBytes(Bytes(result.weighted_sums), 8 * result.weighted_sums.size(), answer);
+      return absl::OkStatus();
+    });
+  };
+  const auto make = [=](size_t item) {
+    v1::ComputeShadowsRequest request;
+    request.mutable_item()->mutable_item()->set_item_id(item);
+    v1::PointSetRange* set = request.mutable_item()->mutable_point_set_range();
+    set->set_point_set(absl::StrCat("scenes/", spec.scene_id, "/pointSets/", spec.point_set_id));
+    set->set_offset(range(item).first);
+    set->set_count(range(item).second);
+    return request;
+  };
+  workload.request_bytes = make(0).ByteSizeLong();
+  workload.run_service = [=, items = workload.items](const std::shared_ptr<grpc::Channel>& to) {
+    return RunStream<v1::ComputeShadowsRequest, v1::ComputeShadowsResponse>(
+        to, "ComputeShadows", header, items, kPointsPerItem * samples->size(), make,
+        [](const v1::ComputeShadowsResponse& response, Answer* answer) {
+          const v1::ShadowResult& result = response.reply().shadows();
+          AddBits(result.lit_bits().data(), result.lit_bits().size(), answer);
+          AddBytes(result.weighted_sums().data(), result.weighted_sums().size(), answer);
+        });
+  };
+  return workload;
+}
+
+// Segments between random points of the scene's box, a third of it long; bits.
+ServiceWorkload Segments(std::shared_ptr<const Scene> scene, const ServiceSpec& spec) {
+  const Box3f box = scene->geometry.bounds;
+  const Vec3d origin = scene->geometry.origin;
+  auto ends = std::make_shared<std::vector<std::array<Vec3d, 2>>>(spec.segments);
+  Random random(7);
+  for (auto& segment : *ends) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const double low = box.lo[axis], size = box.hi[axis] - low;
+      const double from = low + random.Uniform(0, size);
+      const double to = from + random.Uniform(-size, size) / 6;
+      segment[0][axis] = origin[axis] + from;
+      segment[1][axis] = origin[axis] + to;
+    }
+  }
+  v1::TestSegmentsRequest header;
+  *header.mutable_header()->mutable_stream() = StreamHeaderOf(spec);
+  ServiceWorkload workload{.name = "segments-bits", .rays = spec.segments};
+  workload.items = (spec.segments + kSegmentsPerItem - 1) / kSegmentsPerItem;
+  const auto slice = [ends](size_t item) {
+    const std::span<const std::array<Vec3d, 2>> all(*ends);
+    const size_t begin = item * kSegmentsPerItem;
+    return all.subspan(begin, std::min<size_t>(kSegmentsPerItem, all.size() - begin));
+  };
+  workload.run_engine = [=, items = workload.items](ThreadPool& pool) {
+    return RunItems(pool, items, [&](size_t item, Answer* answer) -> absl::Status {
+      PreparedSegments prepared;
+      SL_RETURN_IF_ERROR(PrepareSegments(*scene, slice(item), {}, {}, &prepared));
+      SegmentResult result;
+      SL_RETURN_IF_ERROR(TestSegments(*scene, prepared, {.bits = true}, {}, &result));
+      AddBits(Bytes(result.blocked_bits), result.blocked_bits.size(), answer);
+      return absl::OkStatus();
+    });
+  };
+  const auto make = [=](size_t item) {
+    v1::TestSegmentsRequest request;
+    request.mutable_item()->mutable_item()->set_item_id(item);
+    request.mutable_item()->set_segments(slice(item).data(), slice(item).size_bytes());
+    return request;
+  };
+  workload.request_bytes = make(0).ByteSizeLong();
+  workload.run_service = [=, items = workload.items](const std::shared_ptr<grpc::Channel>& to) {
+    return RunStream<v1::TestSegmentsRequest, v1::TestSegmentsResponse>(
+        to, "TestSegments", header, items, kSegmentsPerItem, make,
+        [](const v1::TestSegmentsResponse& response, Answer* answer) {
+          const std::string& bits = response.reply().segments().blocked_bits();
+          AddBits(bits.data(), bits.size(), answer);
+        });
+  };
+  return workload;
+}
+
+// Camera tiles: with depth and ids, or with the bits of hits and lights alone.
+ServiceWorkload Tiles(const std::string& name, std::shared_ptr<const Scene> scene,
+                      const Camera& camera, const std::vector<Light>& lights,
+                      const ServiceSpec& spec, bool arrays) {
+  v1::TraceTilesRequest header;
+  *header.mutable_header()->mutable_stream() = StreamHeaderOf(spec);
+  EncodeBenchCamera(camera, header.mutable_header()->mutable_camera());
+  header.mutable_header()->mutable_outputs()->set_hit_bits(!arrays);
+  header.mutable_header()->mutable_outputs()->set_depths(arrays);
+  header.mutable_header()->mutable_outputs()->set_object_ids(arrays);
+  header.mutable_header()->mutable_outputs()->set_triangle_ids(arrays);
+  auto samples = std::make_shared<std::vector<LightSample>>();
+  for (uint32_t i = 0; i < lights.size(); ++i) {
+    EncodeLight(lights[i], header.mutable_header()->add_lights());
+    if (!AppendSamples(lights[i], i, scene->geometry.origin, samples.get()).ok()) return {};
+  }
+  const uint32_t across = (camera.width + kTile - 1) / kTile;
+  const uint32_t down = (camera.height + kTile - 1) / kTile;
+  ServiceWorkload workload{.name = name,
+                           .rays = uint64_t{camera.width} * camera.height * (1 + samples->size()),
+                           .items = size_t{across} * down,
+                           .moves_arrays = arrays};
+  const auto rect = [=](size_t item) {
+    const auto x = static_cast<uint32_t>(item % across) * kTile;
+    const auto y = static_cast<uint32_t>(item / across) * kTile;
+    return TileRect{x, y, std::min(kTile, camera.width - x), std::min(kTile, camera.height - y)};
+  };
+  workload.run_engine = [=, items = workload.items](ThreadPool& pool) {
+    return RunItems(pool, items, [&](size_t item, Answer* answer) -> absl::Status {
+      TileResult result;
+      SL_RETURN_IF_ERROR(TraceTile(
+          *scene, camera, rect(item), *samples,
+          {.hits = true, .ids = arrays, .depth = arrays, .lit = !samples->empty()}, {}, &result));
+      if (!arrays) AddBits(Bytes(result.hit_bits), result.hit_bits.size(), answer);
+      AddBits(Bytes(result.lit_bits), result.lit_bits.size(), answer);
+      AddBytes(Bytes(result.depth), 4 * result.depth.size(), answer);
+      std::string objects, triangles;
+      if (arrays) EncodeTriangles(scene->geometry, result.triangle, &objects, &triangles);
+      AddBytes(objects.data(), objects.size(), answer);
+      AddBytes(triangles.data(), triangles.size(), answer);
+      return absl::OkStatus();
+    });
+  };
+  const auto make = [=](size_t item) {
+    const TileRect tile = rect(item);
+    v1::TraceTilesRequest request;
+    request.mutable_item()->mutable_item()->set_item_id(item);
+    request.mutable_item()->set_x(tile.x);
+    request.mutable_item()->set_y(tile.y);
+    request.mutable_item()->set_width(tile.width);
+    request.mutable_item()->set_height(tile.height);
+    return request;
+  };
+  workload.request_bytes = make(0).ByteSizeLong();
+  workload.run_service = [=, items = workload.items](const std::shared_ptr<grpc::Channel>& to) {
+    return RunStream<v1::TraceTilesRequest, v1::TraceTilesResponse>(
+        to, "TraceTiles", header, items, uint64_t{kTile} * kTile * (1 + samples->size()), make,
+        [](const v1::TraceTilesResponse& response, Answer* answer) {
+          const v1::TileResult& tile = response.reply().tile();
+          const std::string& lit = response.reply().shadows().lit_bits();
+          AddBits(tile.hit_bits().data(), tile.hit_bits().size(), answer);
+          AddBits(lit.data(), lit.size(), answer);
+          for (const std::string* array :
+               {&tile.depths(), &tile.object_ids(), &tile.triangle_ids()}) {
+            AddBytes(array->data(), array->size(), answer);
+          }
+        });
+  };
+  return workload;
+}
+
+}  // namespace
+
+void EncodeBenchCamera(const Camera& camera, v1::Camera* out) {
+  EncodeVector(camera.eye, out->mutable_eye());
+  EncodeVector(camera.right, out->mutable_right());
+  EncodeVector(camera.up, out->mutable_up());
+  EncodeVector(camera.forward, out->mutable_forward());
+  out->set_tan_half_fov_y(camera.tan_half_fov_y);
+  out->set_width(camera.width);
+  out->set_height(camera.height);
+}
+
+absl::StatusOr<std::vector<ServiceWorkload>> MakeServiceWorkloads(
+    std::shared_ptr<const Scene> scene, const BuiltinView& view, const ServiceSpec& spec,
+    ThreadPool& pool) {
+  SL_ASSIGN_OR_RETURN(const Camera camera, CameraOf(view, spec));
+  SL_ASSIGN_OR_RETURN(PreparedPoints hits, TraceCameraPoints(*scene, camera, {}, pool));
+  const auto points = std::make_shared<const PreparedPoints>(std::move(hits));
+  std::vector<Light> lights;
+  for (const Vec3d& position : view.lights) lights.push_back(Light::Point(position));
+  for (const Vec3d& sun : view.suns) lights.push_back(Light::Directional(sun));
+  SL_ASSIGN_OR_RETURN(const std::vector<Light> sky, SkyLights(view.up));
+  std::vector<ServiceWorkload> workloads;
+  workloads.push_back(Shadows("points-bits", scene, points, lights, spec, /*sums=*/false));
+  workloads.push_back(Shadows("sky-sums", scene, points, sky, spec, /*sums=*/true));
+  workloads.push_back(Segments(scene, spec));
+  workloads.push_back(Tiles("tiles-bits", scene, camera, lights, spec, /*arrays=*/false));
+  workloads.push_back(Tiles("tiles-depth-ids", scene, camera, {}, spec, /*arrays=*/true));
+  return workloads;
+}
+
+absl::Status MakePointSet(const std::shared_ptr<grpc::Channel>& channel, const BuiltinView& view,
+                          const ServiceSpec& spec) {
+  SL_ASSIGN_OR_RETURN(const Camera camera, CameraOf(view, spec));
+  v1::CreatePointSetRequest request;
+  request.mutable_header()->set_parent(absl::StrCat("scenes/", spec.scene_id));
+  request.mutable_header()->set_point_set_id(spec.point_set_id);
+  EncodeBenchCamera(camera, request.mutable_header()->mutable_camera()->mutable_camera());
+  request.mutable_header()->mutable_lease_duration()->set_seconds(24 * 3600);
+  const auto stub = v1::PointSetService::NewStub(channel);
+  grpc::ClientContext context;
+  v1::PointSet set;
+  const auto writer = stub->CreatePointSet(&context, &set);
+  writer->Write(request);
+  writer->WritesDone();
+  const grpc::Status status = writer->Finish();
+  if (status.ok()) return absl::OkStatus();
+  return absl::Status(static_cast<absl::StatusCode>(status.error_code()), status.error_message());
+}
+
+}  // namespace sightline::bench
