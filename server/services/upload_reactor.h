@@ -26,6 +26,7 @@
 #include "server/admission/call_tracker.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/error.h"
+#include "server/base/memory_guard.h"
 #include "server/metrics/metrics.h"
 
 namespace sightline {
@@ -94,9 +95,9 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   }
 
   void Receive() {
-    absl::Status status = job_->Add(request_);
+    absl::Status status = GuardMemory([&] { return job_->Add(request_); });
     const bool answered = status.ok() && job_->answered();
-    if (answered) status = job_->Finish(cancel_, response_);
+    if (answered) status = FinishJob();
     MutexLock lock(mutex_);
     --running_;
     if (cancel_.cancelled()) return End(cancel_.ToStatus());
@@ -105,10 +106,13 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   }
 
   void Complete() {
-    const absl::Status status = job_->Finish(cancel_, response_);
+    const absl::Status status = FinishJob();
     MutexLock lock(mutex_);
     --running_;
     End(status);
+  }
+  absl::Status FinishJob() {
+    return GuardMemory([&] { return job_->Finish(cancel_, response_); });
   }
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

@@ -47,6 +47,7 @@
 #include "server/admission/timeout_check.h"
 #include "server/base/error.h"
 #include "server/base/log.h"
+#include "server/base/memory_guard.h"
 #include "server/codec/query_codec.h"
 #include "server/codec/result_codec.h"
 #include "server/stream/item_report.h"
@@ -99,26 +100,21 @@ class VisibilityStream final
   void OnWriteDone(bool ok) override {
     MutexLock lock(mutex_);
     writing_ = nullptr;
-    if (!ok) cancelled_ = true;
+    if (!ok) Abandon();
     Advance();
   }
 
   void OnCancel() override {
     MutexLock lock(mutex_);
-    cancelled_ = true;
-    token_.Cancel();
-    Fail(MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
-                   "the call was cancelled or its deadline passed"));
+    Abandon();
     Advance();
   }
 
   void OnDone() override {
-    std::shared_ptr<VisibilityStream> self;
-    {
-      MutexLock lock(mutex_);
-      self.swap(self_);
-      call_.Release();
-    }
+    std::shared_ptr<VisibilityStream> self;  // Goes after the lock has.
+    MutexLock lock(mutex_);
+    self.swap(self_);
+    call_.Release();
   }
 
   void OnDrain() override {
@@ -211,7 +207,8 @@ class VisibilityStream final
       if (!failure_.ok()) return;
       ++running_;
     }
-    absl::StatusOr<std::unique_ptr<Method>> method = Method::Open(header, env_);
+    absl::StatusOr<std::unique_ptr<Method>> method =
+        GuardMemory([&] { return Method::Open(header, env_); });
     MutexLock lock(mutex_);
     --running_;
     if (!method.ok()) {
@@ -296,9 +293,6 @@ class VisibilityStream final
     return absl::OkStatus();
   }
 
-  // Beyond it a deadline means nothing, and clocks overflow.
-  static constexpr absl::Duration kLongestTimeout = absl::Hours(24 * 365);
-
   void SetDeadline(Item* item, absl::Duration timeout) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     item->token.set_deadline(item->arrival + absl::ToChronoNanoseconds(timeout));
     // The token stops what runs; the alarm answers for what still waits.
@@ -370,7 +364,7 @@ class VisibilityStream final
   bool RunTask(const ItemPtr& item, uint64_t part) {
     {
       MutexLock lock(mutex_);
-      if (!failure_.ok()) return false;
+      if (!failure_.ok() || finished_) return false;
       ++running_;
       if (!item->started) {
         item->started = true;
@@ -389,8 +383,9 @@ class VisibilityStream final
     absl::Status status = item->token.ToStatus();
     std::unique_ptr<typename Method::Work> work;
     if (status.ok()) {
-      absl::StatusOr<std::unique_ptr<typename Method::Work>> prepared =
-          method_->Prepare(item->request, item->token, flow_->PartRays());
+      auto prepared = GuardMemory([&] {
+        return method_->Prepare(std::move(item->request), item->token, flow_->PartRays());
+      });
       status = prepared.status();
       if (status.ok()) work = *std::move(prepared);
     }
@@ -398,10 +393,7 @@ class VisibilityStream final
     {
       MutexLock lock(mutex_);
       if (!failure_.ok()) return false;
-      if (!status.ok() || !item->status.ok()) {
-        FinishTask(item, status);
-        return false;
-      }
+      if (!status.ok() || !item->status.ok()) return FinishTask(item, status);
       item->work = std::move(work);
       AddParts(item);
     }
@@ -427,7 +419,10 @@ class VisibilityStream final
     auto response = std::make_unique<Response>();
     QueryStats stats;
     absl::Status status = item->token.ToStatus();
-    if (status.ok()) status = item->work->RunPart(part, item->token, response.get(), &stats);
+    if (status.ok()) {
+      status = GuardMemory(
+          [&] { return item->work->RunPart(part, item->token, response.get(), &stats); });
+    }
     MutexLock lock(mutex_);
     if (status.ok() && item->status.ok()) {
       item->stats.Add(stats);
@@ -445,12 +440,12 @@ class VisibilityStream final
         return true;
       }
     }
-    FinishTask(item, status);
-    return status.ok();
+    return FinishTask(item, status);
   }
 
-  void FinishTask(const ItemPtr& item, const absl::Status& status)
+  bool FinishTask(const ItemPtr& item, const absl::Status& status)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const bool done = status.ok() && item->status.ok();
     --item->tasks_left;
     if (!status.ok() && item->status.ok()) {
       item->status = status;
@@ -458,6 +453,7 @@ class VisibilityStream final
       DropWaiting(item);
     }
     if (item->tasks_left == 0 && !item->status.ok()) Close(item);
+    return done;
   }
 
   // --- Answering ---------------------------------------------------------------------------------
@@ -507,6 +503,13 @@ class VisibilityStream final
   void HoldBack() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const bool hold = outbox_bytes_ > kMaxOutboxBytes;
     if (hold != std::exchange(held_, hold)) flow_->Hold(hold);
+  }
+
+  // Nobody hears any more what is said.
+  void Abandon() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    cancelled_ = true;
+    Fail(MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
+                   "the call was cancelled or its deadline passed"));
   }
 
   void Fail(absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

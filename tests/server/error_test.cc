@@ -3,6 +3,7 @@
 
 #include "gtest/gtest.h"
 #include "server/base/log.h"
+#include "server/base/memory_guard.h"
 #include "server/base/resource_name.h"
 #include "server/services/unary.h"
 
@@ -105,6 +106,17 @@ TEST(ErrorTest, SaysWhenToTryAgain) {
   EXPECT_EQ(item.retry_delay().seconds(), 60);
   ToItemStatus(absl::CancelledError("gone"), &item);
   EXPECT_FALSE(item.has_retry_delay());
+}
+
+TEST(MemoryGuardTest, TurnsAFailedAllocationIntoAStatus) {
+  EXPECT_TRUE(GuardMemory([] { return absl::OkStatus(); }).ok());
+  EXPECT_EQ(*GuardMemory([]() -> absl::StatusOr<int> { return 7; }), 7);
+  const absl::Status failed = GuardMemory([]() -> absl::Status { throw std::bad_alloc(); });
+  EXPECT_EQ(failed.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(ReasonOf(failed), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  v1::ItemStatus item;
+  ToItemStatus(failed, &item);
+  EXPECT_TRUE(item.has_retry_delay());
 }
 
 TEST(PageTest, TokensGoBackAndForthAndNothingElseIsOne) {
