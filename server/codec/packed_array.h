@@ -27,18 +27,25 @@ namespace sightline {
 
 static_assert(std::endian::native == std::endian::little);
 
-// Appends the elements in `bytes` to `out`. InvalidArgument (BAD_ARRAY_LENGTH) naming `field`, the
-// length and `shape` unless they are whole elements.
+// InvalidArgument (BAD_ARRAY_LENGTH) naming `field`, the length and `shape` unless `bytes` are
+// whole elements.
+template <typename T>
+absl::Status CheckArrayLength(absl::string_view bytes, absl::string_view field,
+                              absl::string_view shape) {
+  if (bytes.size() % sizeof(T) == 0) return absl::OkStatus();
+  return InvalidField(
+      field, absl::StrCat(bytes.size(), " bytes"),
+      absl::StrCat("not a whole number of elements of ", sizeof(T), " bytes (", shape, ")"),
+      v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+}
+
+// Appends the elements in `bytes` to `out`, unless CheckArrayLength objects.
 template <typename T>
 absl::Status AppendArray(absl::string_view bytes, absl::string_view field, absl::string_view shape,
                          std::vector<T>* out) {
   static_assert(std::is_trivially_copyable_v<T>);
-  if (bytes.size() % sizeof(T) != 0) {
-    return InvalidField(
-        field, absl::StrCat(bytes.size(), " bytes"),
-        absl::StrCat("not a whole number of elements of ", sizeof(T), " bytes (", shape, ")"),
-        v1::ERROR_REASON_BAD_ARRAY_LENGTH);
-  }
+  const absl::Status length = CheckArrayLength<T>(bytes, field, shape);
+  if (!length.ok()) return length;
   const size_t old = out->size();
   out->resize(old + bytes.size() / sizeof(T));
   if (!bytes.empty())

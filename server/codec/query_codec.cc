@@ -150,11 +150,16 @@ absl::Status AppendPoints(absl::string_view field, const v1::PointArrays& arrays
                     points->objects.size(), "source_objects");
 }
 
+absl::Status CheckSegments(absl::string_view bytes) {
+  if (bytes.empty()) {
+    return InvalidField("item.segments", "", "needs at least one segment",
+                        v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+  }
+  return CheckArrayLength<std::array<Vec3d, 2>>(bytes, "item.segments", "float64 [n, 6]");
+}
+
 absl::Status DecodeSegments(absl::string_view bytes, std::vector<std::array<Vec3d, 2>>* segments) {
-  SL_RETURN_IF_ERROR(DecodeArray(bytes, "item.segments", "float64 [n, 6]", segments));
-  if (!segments->empty()) return absl::OkStatus();
-  return InvalidField("item.segments", "", "needs at least one segment",
-                      v1::ERROR_REASON_BAD_ARRAY_LENGTH);
+  return DecodeArray(bytes, "item.segments", "float64 [n, 6]", segments);
 }
 
 absl::StatusOr<absl::Duration> DecodeDuration(absl::string_view field, bool present,

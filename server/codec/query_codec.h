@@ -59,6 +59,8 @@ struct DecodedPoints {
 absl::Status AppendPoints(absl::string_view field, const v1::PointArrays& arrays,
                           DecodedPoints* points);
 
+// Whether an item's bytes are segments at all, before any is decoded.
+absl::Status CheckSegments(absl::string_view bytes);
 absl::Status DecodeSegments(absl::string_view bytes, std::vector<std::array<Vec3d, 2>>* segments);
 
 // A positive duration of at most `most`, or `unset` where there is none.

@@ -50,7 +50,10 @@ absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t 
   const uint64_t by_rays = std::max<uint64_t>(1, part_rays / rays_per_element / step);
   const uint64_t by_bytes =
       std::max<uint64_t>(1, target_bytes / std::max<uint64_t>(1, bytes(step)));
-  const uint64_t size = step * std::min(by_rays, by_bytes);
+  // In even parts, as many as come nearest: a little more at once is better than a small rest.
+  const uint64_t steps = (elements + step - 1) / step;
+  const uint64_t even = std::max<uint64_t>(1, (steps + by_rays / 2) / by_rays);
+  const uint64_t size = step * std::min((steps + even - 1) / even, by_bytes);
   std::vector<PartRange> parts;
   for (uint64_t offset = 0; offset < elements; offset += size) {
     parts.push_back({offset, std::min(size, elements - offset)});

@@ -2,10 +2,11 @@
 #include "server/stream/segment_method.h"
 
 #include <array>
-#include <span>
+#include <string>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
 #include "core/query/segments.h"
 #include "server/base/error.h"
@@ -18,19 +19,23 @@ constexpr size_t kSegmentBytes = sizeof(std::array<Vec3d, 2>);
 
 }  // namespace
 
-// Parts are prepared one by one, so that the stored copies never pile up.
+// Parts are decoded and prepared one by one, so that copies never pile up, and are warm in the
+// cache when they are used.
 class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
  public:
-  SegmentWork(const SegmentMethod& method, std::shared_ptr<const Scene> scene,
-              std::vector<std::array<Vec3d, 2>> ends, std::vector<PartRange> parts)
-      : Work(std::move(scene), std::move(parts)), method_(method), ends_(std::move(ends)) {}
+  SegmentWork(const SegmentMethod& method, std::shared_ptr<const Scene> scene, std::string bytes,
+              std::vector<PartRange> parts)
+      : Work(std::move(scene), std::move(parts)), method_(method), bytes_(std::move(bytes)) {}
 
   absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
                        QueryStats* stats) override {
     const PartRange range = parts()[part];
+    std::vector<std::array<Vec3d, 2>> ends;
+    SL_RETURN_IF_ERROR(DecodeSegments(
+        absl::string_view(bytes_).substr(range.offset * kSegmentBytes, range.count * kSegmentBytes),
+        &ends));
     PreparedSegments segments;
-    SL_RETURN_IF_ERROR(PrepareSegments(scene(), std::span(ends_).subspan(range.offset, range.count),
-                                       {}, {}, &segments));
+    SL_RETURN_IF_ERROR(PrepareSegments(scene(), ends, {}, {}, &segments));
     const v1::SegmentOutputs& wanted = method_.outputs_;
     QueryOptions options = method_.options_.query;
     options.cancel = &cancel;
@@ -47,7 +52,7 @@ class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
 
  private:
   const SegmentMethod& method_;
-  const std::vector<std::array<Vec3d, 2>> ends_;
+  const std::string bytes_;  // As they came.
 };
 
 absl::StatusOr<std::unique_ptr<SegmentMethod>> SegmentMethod::Open(const Header& header,
@@ -64,15 +69,14 @@ uint64_t SegmentMethod::Rays(const Item& item) const {
 }
 
 absl::StatusOr<std::unique_ptr<SegmentMethod::Work>> SegmentMethod::Prepare(
-    const Item& item, const CancelToken&, uint64_t part_rays) const {
+    Item&& item, const CancelToken&, uint64_t part_rays) const {
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
-  std::vector<std::array<Vec3d, 2>> ends;
-  SL_RETURN_IF_ERROR(DecodeSegments(item.segments(), &ends));
+  SL_RETURN_IF_ERROR(CheckSegments(item.segments()));
   SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
-                      CutIntoParts(ends.size(), 1, 1, part_rays, env_.limits,
+                      CutIntoParts(Rays(item), 1, 1, part_rays, env_.limits,
                                    [&](uint64_t n) { return SegmentBytes(outputs_, n); }));
-  return std::unique_ptr<Work>(
-      new SegmentWork(*this, std::move(scene), std::move(ends), std::move(parts)));
+  return std::unique_ptr<Work>(new SegmentWork(
+      *this, std::move(scene), std::move(*item.mutable_segments()), std::move(parts)));
 }
 
 }  // namespace sightline

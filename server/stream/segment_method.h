@@ -32,7 +32,7 @@ class SegmentMethod final : public StreamMethod {
                                                              const QueryEnvironment& env);
 
   uint64_t Rays(const Item& item) const;
-  absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel,
+  absl::StatusOr<std::unique_ptr<Work>> Prepare(Item&& item, const CancelToken& cancel,
                                                 uint64_t part_rays) const;
 
  private:
