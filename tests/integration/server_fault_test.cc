@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The real server under what happens to servers: killed, restarted, drained, spoken to in garbage,
+// abandoned and stalled by clients, out of descriptors and of memory. Clients go on asking all the
+// while, and every answer that they get is held against the engine's.
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "tests/integration/tile_load.h"
+#include "tests/support/random.h"
+
+namespace sightline {
+namespace {
+
+constexpr uint64_t kMiB = 1 << 20;
+
+class FaultTest : public testing::Test {
+ protected:
+  FaultTest() : tiles_("room:15000") {}
+
+  // A new connection gets an answer, and it is right.
+  void ExpectServing(const ServingProcess& server) const {
+    TileLoad load(tiles_, {.address = server.address(), .clients = 1});
+    load.WaitForAnswers(1);
+    load.Stop();
+    EXPECT_EQ(load.wrong(), 0u);
+  }
+
+  const KnownTiles tiles_;
+};
+
+TEST_F(FaultTest, KilledUnderLoadAndRestartedItGoesOn) {
+  auto server = std::make_unique<ServingProcess>(std::vector<std::string>{tiles_.flag()});
+  const std::string address = server->address();
+  TileLoad load(tiles_, {.address = address, .clients = 3});
+  for (int kill = 0; kill < 3; ++kill) {
+    load.WaitForAnswers(200);
+    server->Signal(SIGKILL);
+    EXPECT_EQ(server->Wait(), 1000 + SIGKILL);
+    server = std::make_unique<ServingProcess>(std::vector<std::string>{tiles_.flag()},
+                                              ServingProcess::Options{.listen = address});
+  }
+  load.WaitForAnswers(200);
+  load.Stop();
+  EXPECT_EQ(load.wrong(), 0u);
+  EXPECT_EQ(load.refused(), 0u);
+  EXPECT_GE(load.broken_streams(), 3u);
+}
+
+TEST_F(FaultTest, DrainedUnderLoadItLosesNothingThatItAccepted) {
+  ServingProcess server({tiles_.flag()});
+  TileLoad load(tiles_, {.address = server.address(), .clients = 4, .window = 16});
+  load.WaitForAnswers(300);
+  load.KeepStreams();
+  server.Signal(SIGTERM);
+  load.Join();
+  EXPECT_EQ(server.Wait(), 0);
+  EXPECT_EQ(load.drained_streams(), 4u);
+  EXPECT_EQ(load.lost_accepted(), 0u);
+  EXPECT_EQ(load.wrong(), 0u);
+}
+
+// Clients that ask for far more than they read, and clients that vanish in the middle: others are
+// answered meanwhile, and what they leave behind is given back.
+TEST_F(FaultTest, StalledAndVanishingClientsCostBoundedMemory) {
+  ServingProcess server({tiles_.flag()});
+  TileLoad load(tiles_, {.address = server.address(), .clients = 1});
+  load.WaitForAnswers(200);
+  const uint64_t before = server.ResidentBytes();
+  struct Client {
+    std::shared_ptr<grpc::Channel> channel;
+    std::unique_ptr<v1::VisibilityService::Stub> stub;
+    grpc::ClientContext context;
+    std::unique_ptr<grpc::ClientReaderWriter<v1::TraceTilesRequest, v1::TraceTilesResponse>> stream;
+  };
+  std::vector<std::unique_ptr<Client>> stalled;
+  constexpr uint64_t kStalled = 8;
+  for (uint64_t i = 0; i < kStalled; ++i) {
+    auto client = std::make_unique<Client>();
+    client->channel = server.Channel();
+    client->stub = v1::VisibilityService::NewStub(client->channel);
+    client->stream = client->stub->TraceTiles(&client->context);
+    v1::TraceTilesRequest header = tiles_.Header();
+    v1::TileOutputs* outputs = header.mutable_header()->mutable_outputs();
+    outputs->set_barycentrics(true);
+    outputs->set_object_ids(true);
+    outputs->set_triangle_ids(true);
+    ASSERT_TRUE(client->stream->Write(header));
+    // As much as the credit allows; 20 bytes per ray, 80 MiB in all, and nothing is read.
+    for (uint64_t id = 0; id < 1000; ++id) ASSERT_TRUE(client->stream->Write(tiles_.Request(id)));
+    stalled.push_back(std::move(client));
+  }
+  load.WaitForAnswers(500);
+  // 8 MiB of outbox each, and what the transport holds.
+  EXPECT_LT(server.ResidentBytes(), before + kStalled * 24 * kMiB);
+  // Half of them vanish without a word, half cancel.
+  for (uint64_t i = 0; i < kStalled; ++i) {
+    if (i % 2 == 0) stalled[i]->context.TryCancel();
+    v1::TraceTilesResponse response;
+    if (i % 2 == 0) {
+      while (stalled[i]->stream->Read(&response)) {
+      }
+      stalled[i]->stream->Finish();
+    } else {
+      stalled[i]->context.TryCancel();
+      stalled[i]->stream->Finish();
+    }
+  }
+  stalled.clear();
+  load.WaitForAnswers(300);
+  load.Stop();
+  EXPECT_EQ(load.wrong(), 0u);
+  EXPECT_EQ(load.refused(), 0u);
+  // Nothing holds up the end.
+  server.Signal(SIGTERM);
+  EXPECT_EQ(server.Wait(), 0);
+}
+
+// A plain TCP connection to the server.
+class RawConnection {
+ public:
+  explicit RawConnection(int port) : socket_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(static_cast<uint16_t>(port));
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    connected_ = connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
+  }
+  ~RawConnection() { close(socket_); }
+  RawConnection(const RawConnection&) = delete;
+  RawConnection& operator=(const RawConnection&) = delete;
+
+  bool connected() const { return connected_; }
+  // The server may hang up at any byte.
+  void Send(const std::string& bytes) const {
+    (void)send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+  }
+  // Closes with a reset instead of an orderly end.
+  void Abort() const {
+    const linger at_once{1, 0};
+    setsockopt(socket_, SOL_SOCKET, SO_LINGER, &at_once, sizeof(at_once));
+  }
+
+ private:
+  const int socket_;
+  bool connected_ = false;
+};
+
+TEST_F(FaultTest, GarbageOnThePortHurtsNobody) {
+  ServingProcess server({tiles_.flag()});
+  TileLoad load(tiles_, {.address = server.address(), .clients = 1});
+  load.WaitForAnswers(100);
+  const uint64_t before = server.ResidentBytes();
+  testing_support::TestRng rng;
+  const std::string preface = "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
+  const std::string settings("\0\0\0\4\0\0\0\0\0", 9);
+  std::vector<std::unique_ptr<RawConnection>> open;
+  for (int i = 0; i < 200; ++i) {
+    auto connection = std::make_unique<RawConnection>(server.port());
+    ASSERT_TRUE(connection->connected());
+    std::string garbage(1 + rng.Below(4096), '\0');
+    for (char& c : garbage) c = static_cast<char>(rng.Below(256));
+    switch (i % 4) {
+      case 0:
+        connection->Send(garbage);
+        break;
+      case 1:
+        connection->Send("GET / HTTP/1.1\r\nHost: x\r\n\r\n");
+        break;
+      case 2:
+        connection->Send(preface + settings + garbage);
+        break;
+      default:  // A header frame that promises 16 KiB and brings a few bytes.
+        connection->Send(preface + settings + std::string("\0\x40\0\1\4\0\0\0\1", 9) + "abc");
+        break;
+    }
+    if (rng.Chance(0.5)) connection->Abort();
+    if (rng.Chance(0.25)) open.push_back(std::move(connection));
+  }
+  load.WaitForAnswers(200);
+  EXPECT_LT(server.ResidentBytes(), before + 64 * kMiB);
+  ExpectServing(server);
+  load.Stop();
+  EXPECT_EQ(load.wrong(), 0u);
+  EXPECT_EQ(load.broken_streams(), 0u);
+}
+
+// A scene beyond the budget is refused before it is built, and what is there is served.
+TEST_F(FaultTest, OutOfItsMemoryBudgetItGoesOnServing) {
+  ServingProcess server({tiles_.flag(), "--max-scene-bytes=67108864"});
+  TileLoad load(tiles_, {.address = server.address(), .clients = 1});
+  const auto stub = v1::SceneService::NewStub(server.Channel());
+  const uint64_t before = server.ResidentBytes();
+  for (int i = 0; i < 5; ++i) {
+    grpc::ClientContext context;
+    v1::Scene scene;
+    const auto writer = stub->CreateScene(&context, &scene);
+    v1::CreateSceneRequest request;
+    request.mutable_header()->set_scene_id("large");
+    request.mutable_header()->mutable_upload()->set_object_count(1);
+    request.mutable_header()->mutable_upload()->set_triangle_count(50'000'000);
+    request.mutable_header()->mutable_upload()->set_vertex_count(25'000'000);
+    writer->Write(request);
+    writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+    EXPECT_EQ(ReasonIn(status), "OUT_OF_MEMORY_BUDGET");
+  }
+  EXPECT_LT(server.ResidentBytes(), before + 64 * kMiB);
+  load.WaitForAnswers(100);
+  load.Stop();
+  EXPECT_EQ(load.wrong(), 0u);
+  EXPECT_EQ(load.broken_streams(), 0u);
+}
+
+// Out of address space in the middle of requests: they fail, the server and its other clients do
+// not.
+TEST_F(FaultTest, OutOfMemoryARequestFailsAndNothingElse) {
+  // About 700 MiB of it are the stacks and arenas of a server at rest.
+  ServingProcess server({tiles_.flag()}, {.limits = {{RLIMIT_AS, 1024 * kMiB}}});
+  TileLoad load(tiles_, {.address = server.address(), .clients = 1});
+  load.WaitForAnswers(50);
+  const auto stub = v1::SceneService::NewStub(server.Channel());
+  for (int i = 0; i < 3; ++i) {
+    grpc::ClientContext context;
+    v1::Scene scene;
+    const auto writer = stub->CreateScene(&context, &scene);
+    v1::CreateSceneRequest request;
+    request.mutable_header()->set_scene_id("large");
+    request.mutable_header()->mutable_builtin()->set_spec("builtin:sphere:10000000");
+    writer->Write(request);
+    writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+    EXPECT_EQ(ReasonIn(status), "OUT_OF_MEMORY_BUDGET");
+  }
+  load.WaitForAnswers(50);
+  load.Stop();
+  EXPECT_EQ(load.wrong(), 0u);
+  EXPECT_EQ(load.broken_streams(), 0u);
+}
+
+// How long the soak lasts: SIGHTLINE_SOAK_SECONDS, a moment without it.
+double SoakSeconds() {
+  const char* const text = std::getenv("SIGHTLINE_SOAK_SECONDS");
+  double seconds = 0;
+  return text != nullptr && absl::SimpleAtod(text, &seconds) ? seconds : 3;
+}
+
+// Tiles all the time; meanwhile scenes come, are asked about and go, streams are opened, cancelled
+// and refused. Resident memory ends within 5 % of where it was after the first rounds.
+TEST_F(FaultTest, MixedLoadLeavesMemoryWhereItWas) {
+  ServingProcess server({tiles_.flag()});
+  TileLoad load(tiles_, {.address = server.address(), .clients = 2});
+  const auto channel = server.Channel();
+  const auto scenes = v1::SceneService::NewStub(channel);
+  const auto visibility = v1::VisibilityService::NewStub(channel);
+  const auto round = [&] {
+    {
+      grpc::ClientContext context;
+      v1::Scene scene;
+      const auto writer = scenes->CreateScene(&context, &scene);
+      v1::CreateSceneRequest request;
+      request.mutable_header()->set_scene_id("coming");
+      request.mutable_header()->mutable_builtin()->set_spec("builtin:box:5000");
+      writer->Write(request);
+      writer->WritesDone();
+      const grpc::Status status = writer->Finish();
+      ASSERT_TRUE(status.ok()) << status.error_message();
+    }
+    {
+      grpc::ClientContext context;
+      const auto stream = visibility->TraceTiles(&context);
+      stream->Write(tiles_.Header());
+      for (uint64_t id = 0; id < 100; ++id) stream->Write(tiles_.Request(id));
+      v1::TraceTilesResponse response;
+      stream->Read(&response);
+      context.TryCancel();
+      EXPECT_FALSE(stream->Finish().ok());
+    }
+    {
+      grpc::ClientContext context;
+      v1::TraceTilesRequest wrong = tiles_.Header();
+      wrong.mutable_header()->mutable_stream()->set_scene("scenes/none");
+      const auto stream = visibility->TraceTiles(&context);
+      stream->Write(wrong);
+      EXPECT_EQ(ReasonIn(stream->Finish()), "SCENE_NOT_FOUND");
+    }
+    grpc::ClientContext context;
+    v1::DeleteSceneRequest request;
+    request.set_name("scenes/coming");
+    google::protobuf::Empty empty;
+    EXPECT_TRUE(scenes->DeleteScene(&context, request, &empty).ok());
+  };
+  for (int i = 0; i < 20; ++i) round();
+  load.WaitForAnswers(300);
+  const uint64_t before = server.ResidentBytes();
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(SoakSeconds());
+  uint64_t rounds = 0;
+  while (std::chrono::steady_clock::now() < end && !HasFailure()) {
+    round();
+    ++rounds;
+  }
+  const uint64_t after = server.ResidentBytes();
+  RecordProperty("rounds", static_cast<int>(rounds));
+  RecordProperty("resident_before_mib", static_cast<int>(before / kMiB));
+  RecordProperty("resident_after_mib", static_cast<int>(after / kMiB));
+  load.Stop();
+  EXPECT_EQ(load.wrong(), 0u);
+  EXPECT_EQ(load.broken_streams(), 0u);
+  // A few MiB come and go with the allocator's arenas, whatever the size of the whole.
+  EXPECT_LT(static_cast<double>(after), 1.05 * static_cast<double>(before) + 16.0 * kMiB);
+}
+
+}  // namespace
+}  // namespace sightline

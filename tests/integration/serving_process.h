@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// sightlined as a process that serves: started with flags and limits, reached by channels, watched
+// for what it takes.
+//
+// Thread safety: one thread, except that Channel may be called from any.
+//
+//   ServingProcess server({"--scene=builtin:room:5000"}, {.limits = {{RLIMIT_NOFILE, 64}}});
+//   auto channel = server.Channel();
+//   server.Signal(SIGTERM);
+//   EXPECT_EQ(server.Wait(), 0);
+#ifndef SIGHTLINE_TESTS_INTEGRATION_SERVING_PROCESS_H_
+#define SIGHTLINE_TESTS_INTEGRATION_SERVING_PROCESS_H_
+
+#include <grpcpp/grpcpp.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <cstdint>
+#include <cstdlib>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "gtest/gtest.h"
+#include "tests/integration/server_process.h"
+
+namespace sightline {
+
+class ServingProcess : public ServerProcess {
+ public:
+  struct Options {
+    std::vector<std::pair<int, rlim_t>> limits;  // setrlimit's resource and value.
+    std::string listen = "127.0.0.1:0";
+  };
+
+  explicit ServingProcess(const std::vector<std::string>& flags)
+      : ServingProcess(flags, Options()) {}
+  ServingProcess(std::vector<std::string> flags, const Options& options)
+      : ServerProcess(WithListen(std::move(flags), options.listen),
+                      [&options] {
+                        for (const auto& [resource, value] : options.limits) {
+                          const rlimit limit{value, value};
+                          if (setrlimit(static_cast<__rlimit_resource_t>(resource), &limit) != 0) {
+                            _exit(126);
+                          }
+                        }
+                      }),
+        port_(Port()) {
+    if (port_ == 0) std::abort();  // Reported; whatever follows would wait for it.
+  }
+
+  std::string address() const { return absl::StrCat("127.0.0.1:", port_); }
+  int port() const { return port_; }
+  // A connection of its own, which tries again soon after it was lost.
+  std::shared_ptr<grpc::Channel> Channel() const { return ChannelTo(address()); }
+  static std::shared_ptr<grpc::Channel> ChannelTo(const std::string& address) {
+    grpc::ChannelArguments arguments;
+    arguments.SetMaxReceiveMessageSize(-1);
+    arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+    arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 20);
+    arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 20);
+    arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 200);
+    return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+  }
+
+  // As the kernel counts them.
+  uint64_t ResidentBytes() const {
+    std::ifstream file(absl::StrCat("/proc/", pid(), "/statm"));
+    uint64_t pages = 0, resident = 0;
+    file >> pages >> resident;
+    return resident * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
+  }
+  double CpuSeconds() const {
+    std::ifstream file(absl::StrCat("/proc/", pid(), "/stat"));
+    std::string word;
+    uint64_t ticks = 0;
+    // Fields 14 and 15 are user and system time; the name in field 2 has no blank in it here.
+    for (int field = 1; field <= 15 && file >> word; ++field) {
+      if (field >= 14) ticks += std::stoull(word);
+    }
+    return static_cast<double>(ticks) / static_cast<double>(sysconf(_SC_CLK_TCK));
+  }
+
+ private:
+  static std::vector<std::string> WithListen(std::vector<std::string> flags,
+                                             const std::string& listen) {
+    flags.push_back(absl::StrCat("--listen=", listen));
+    return flags;
+  }
+
+  const int port_;
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_TESTS_INTEGRATION_SERVING_PROCESS_H_
