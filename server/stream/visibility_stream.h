@@ -505,7 +505,6 @@ class VisibilityStream final
     if (hold != std::exchange(held_, hold)) flow_->Hold(hold);
   }
 
-  // Nobody hears any more what is said.
   void Abandon() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     cancelled_ = true;
     Fail(MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
