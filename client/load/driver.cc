@@ -121,10 +121,13 @@ void Driver::WaitForAnswers() {
   }
   if (outstanding_ == 0) return;
   stopped_ = true;
-  mutex_.Unlock();
-  target_.CancelAll();
-  mutex_.Lock();
-  while (outstanding_ > 0) answered_.Wait(mutex_);
+  while (outstanding_ > 0) {
+    // Again and again: a request on its way out may have been overlooked.
+    mutex_.Unlock();
+    target_.CancelAll();
+    mutex_.Lock();
+    if (outstanding_ > 0) answered_.WaitUntil(mutex_, PollTime());
+  }
 }
 
 void Driver::OnDone(const Outcome& outcome) {

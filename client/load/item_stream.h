@@ -42,6 +42,9 @@
 
 namespace sightline::load {
 
+// How long a server that can be reached may take to open a stream.
+inline constexpr absl::Duration kOpenTimeout = absl::Seconds(30);
+
 // A stream of any kind, to a target.
 class Lane {
  public:
@@ -63,6 +66,7 @@ struct LaneContext {
   std::function<bool(const Work&)> is_checked;
   std::function<void(const Answer&, Outcome*)> judge;
   std::function<void(const Outcome&)> on_done;
+  std::function<void()> on_gone;  // The lane has given up; its status says why from then on.
   absl::Duration item_timeout = absl::ZeroDuration();  // 0: none.
   int64_t min_item_cost = 0;                           // Limits.min_item_cost_rays.
   client::RetryOptions retry;
@@ -98,8 +102,15 @@ class ItemStream final : public Lane {
   }
 
   absl::Status WaitUntilOpen() override {
+    const absl::Duration most =
+        std::min(context_.retry.give_up_after + kOpenTimeout, absl::Hours(24));
+    const auto until = std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(most);
     MutexLock lock(mutex_);
-    while (!opened_ && gone_.ok()) changed_.Wait(mutex_);
+    while (!opened_ && gone_.ok()) {
+      if (!changed_.WaitUntil(mutex_, until)) {
+        return absl::DeadlineExceededError("the server does not open the streams of the test");
+      }
+    }
     return gone_;
   }
 
@@ -250,6 +261,7 @@ class ItemStream final : public Lane {
     std::deque<Request> waiting;
     waiting.swap(queue_);
     mutex_.Unlock();
+    context_.on_gone();
     for (const Request& request : waiting) Finish({.request = request}, status);
     mutex_.Lock();
   }

@@ -51,7 +51,12 @@ class LoadTest {
   // One run of the plan; the target's status.
   absl::Status Measure(const RunPlan& plan, bool until_stable, const std::string& title,
                        Measurement* measured);
+  // The same at the report's rate, for the report.
+  absl::Status MeasureReported(LoadReport* report);
   absl::StatusOr<KneeTrial> Try(double rate);
+  // Whether a run met the objective and kept up with what was due.
+  bool Keeps(const Measurement& measured) const;
+  KneeTrial TrialOf(double rate, const Measurement& measured) const;
 
   const LoadOptions& options_;
   std::ostream& err_;

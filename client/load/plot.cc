@@ -40,6 +40,15 @@ double Rarity(double percent, double most) {
   return percent >= 100 ? most : std::min(most, -std::log10(1 - percent / 100));
 }
 
+// 1, 2 or 5 times a power of ten, at most six times into `most`.
+double TickStep(double most) {
+  const double decade = std::pow(10, std::floor(std::log10(most)));
+  for (const double step : {0.1, 0.2, 0.5, 1.0}) {
+    if (most / (step * decade) <= 6.001) return step * decade;
+  }
+  return 2 * decade;
+}
+
 void AddLine(PlotPoint a, PlotPoint b, uint32_t color, Drawing* drawing) {
   drawing->strokes.push_back({.points = {a, b}, .color = color, .width = 1});
 }
@@ -143,8 +152,8 @@ Drawing DrawPlot(const Measurement& measured, const std::string& title) {
   over_time.right = 1250;
   over_time.x_most = std::max(1e-3, absl::ToDoubleSeconds(measured.elapsed));
   AddLatencyScale(over_time, &drawing);
-  for (int i = 0; i <= 5; ++i) {
-    const double seconds = over_time.x_most * i / 5;
+  const double step = TickStep(over_time.x_most);
+  for (double seconds = 0; seconds <= over_time.x_most * 1.001; seconds += step) {
     const PlotPoint at = over_time.At(seconds, least);
     AddLine(at, over_time.At(seconds, most), kGrid, &drawing);
     drawing.labels.push_back({.x = at.x,

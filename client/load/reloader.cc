@@ -54,18 +54,26 @@ ReloadReport Reloader::report() const {
   return report_;
 }
 
+void Reloader::WaitUntilIdle() {
+  MutexLock lock(mutex_);
+  while (due_ && !over_) changed_.Wait(mutex_);
+}
+
 void Reloader::Run() {
   while (true) {
     {
       MutexLock lock(mutex_);
       while (!due_ && !closed_) changed_.Wait(mutex_);
-      if (closed_) return;
-      due_ = false;
+      over_ = closed_;
+      if (over_) return;
     }
     const absl::Time start = absl::Now();
     const absl::Status status = Edit(!present_);
     MutexLock lock(mutex_);
+    due_ = false;
+    changed_.SignalAll();
     if (!status.ok()) {
+      over_ = true;
       report_.status = status;
       return;
     }

@@ -43,6 +43,8 @@ class Reloader {
   ~Reloader();
 
   void CountAnswer();
+  // Returns once the edit that is due or under way, if any, is done.
+  void WaitUntilIdle();
   ReloadReport report() const;
 
  private:
@@ -59,7 +61,8 @@ class Reloader {
   mutable Mutex mutex_;
   CondVar changed_;
   uint64_t answers_ ABSL_GUARDED_BY(mutex_) = 0;
-  bool due_ ABSL_GUARDED_BY(mutex_) = false;
+  bool due_ ABSL_GUARDED_BY(mutex_) = false;   // An edit is to be made, or is being made.
+  bool over_ ABSL_GUARDED_BY(mutex_) = false;  // No edit will be made any more.
   bool closed_ ABSL_GUARDED_BY(mutex_) = false;
   ReloadReport report_ ABSL_GUARDED_BY(mutex_);
   std::thread thread_;  // Last: it uses the others.

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/progress.h"
 
@@ -106,16 +107,24 @@ std::string MetricsText(const LoadReport& report) {
     return absl::StrCat("\nserver's metrics: ", report.server_metrics_error, "\n");
   }
   if (report.server_metrics.empty()) return "";
-  std::string text = "\nserver's metrics, change during the run (value after)\n";
+  std::string text = "\nserver's metrics during the run\n";
   size_t shown = 0;
   for (const auto& [name, change] : report.server_metrics) {
+    if (name.find("_sum") != std::string::npos) continue;  // With its count.
     if (++shown > kMetricsShown) {
-      absl::StrAppend(&text, "  and ", report.server_metrics.size() - kMetricsShown,
-                      " more: --output json has all\n");
+      absl::StrAppend(&text, "  and more: --output json has all\n");
       break;
     }
-    absl::StrAppend(&text, absl::StrFormat("  %-64s %+.6g (%.6g)\n", name,
-                                           change.after - change.before, change.after));
+    const double grown = change.after - change.before;
+    const auto sum = report.server_metrics.find(absl::StrReplaceAll(name, {{"_count", "_sum"}}));
+    if (name.find("_count") != std::string::npos && sum != report.server_metrics.end()) {
+      absl::StrAppend(&text, absl::StrFormat("  %-58s %+.6g, mean %.3g\n",
+                                             absl::StrReplaceAll(name, {{"_count", ""}}), grown,
+                                             (sum->second.after - sum->second.before) / grown));
+    } else {
+      absl::StrAppend(&text,
+                      absl::StrFormat("  %-58s %+.6g, now %.6g\n", name, grown, change.after));
+    }
   }
   return text;
 }

@@ -10,6 +10,7 @@
 #define SIGHTLINE_CLIENT_LOAD_SERVER_TARGET_H_
 
 #include <array>
+#include <atomic>
 #include <memory>
 #include <vector>
 
@@ -62,6 +63,7 @@ class ServerTarget final : public Target {
   const Workload& workload_;
   const Reference* const reference_;
   OnDone on_done_;
+  std::atomic<bool> gone_{false};  // A lane has given up.
   // By kind: connections, then the kind's streams. They point into all_.
   std::array<std::vector<std::vector<Lane*>>, kKinds> lanes_;
   std::vector<std::unique_ptr<Lane>> all_;

@@ -56,6 +56,7 @@ class ItemStreamTest : public testing::Test {
       outcomes_.push_back(outcome);
       changed_.SignalAll();
     };
+    context.on_gone = [] {};
     context.retry = {.give_up_after = give_up,
                      .initial_delay = absl::Microseconds(100),
                      .max_delay = absl::Milliseconds(1)};

@@ -106,6 +106,16 @@ TEST_F(ReportTest, TextSaysWhatWentWrong) {
   EXPECT_THAT(text, Not(HasSubstr("points, plan")));
 }
 
+TEST_F(ReportTest, SumsAndCountsOfMetricsBecomeMeans) {
+  report_.server_metrics["x_seconds_count{method=\"A\"}"] = {10, 30};
+  report_.server_metrics["x_seconds_sum{method=\"A\"}"] = {1, 6};
+  report_.server_metrics["y_total"] = {1, 4};
+  const std::string text = Print("text");
+  EXPECT_THAT(text, testing::ContainsRegex("x_seconds.method=.A.. +.20, mean 0.25\n"));
+  EXPECT_THAT(text, testing::ContainsRegex("y_total +.3, now 4\n"));
+  EXPECT_THAT(text, Not(HasSubstr("_sum")));
+}
+
 TEST_F(ReportTest, ManyMetricsAreCutShortForPeople) {
   for (int i = 0; i < 100; ++i) report_.server_metrics["m" + std::to_string(i)] = {0, 1};
   EXPECT_THAT(Print("text"), HasSubstr("more: --output json has all"));

@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// sightline-load as a whole, against servers in this process. Runs end by the number of requests.
+#include <atomic>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/exit_code.h"
+#include "client/cli/formats/file.h"
+#include "client/lib/client.h"
+#include "client/lib/connection.h"
+#include "client/load/run.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/server.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline::load {
+namespace {
+
+using testing::HasSubstr;
+using testing::StartsWith;
+
+struct RunResult {
+  int code = 0;
+  std::string out, err;
+  nlohmann::json json() const { return nlohmann::json::parse(out); }
+};
+
+// Small pictures of a small scene; no warm-up, and far more time than is needed.
+RunResult RunWith(std::vector<std::string> args, const std::atomic<bool>* interrupted = nullptr) {
+  for (const char* arg : {"--size=128x72", "--tile=32", "--cameras=2", "--points=64",
+                          "--distinct=16", "--warm-up=0s", "--duration=10m"}) {
+    args.insert(args.begin(), arg);
+  }
+  std::ostringstream out, err;
+  RunResult result;
+  result.code = RunLoad(args, out, err, /*err_is_terminal=*/false, interrupted);
+  result.out = out.str();
+  result.err = err.str();
+  return result;
+}
+
+class LoadRunTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    ServerOptions options;
+    options.listen = "127.0.0.1:0";
+    options.log_level = LogLevel::kOff;
+    SetLogLevel(LogLevel::kOff);
+    options.scenes = {"box=builtin:box"};
+    absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
+    ASSERT_TRUE(server.ok()) << server.status();
+    server_ = *std::move(server);
+  }
+  std::string ServerFlag() const { return absl::StrCat("--server=127.0.0.1:", server_->port()); }
+  std::vector<client::Scene> Scenes() const {
+    const client::Client client(
+        client::MakeConnection(absl::StrCat("127.0.0.1:", server_->port()), {}));
+    absl::StatusOr<std::vector<client::Scene>> scenes = client.ListScenes();
+    EXPECT_TRUE(scenes.ok()) << scenes.status();
+    return scenes.ok() ? *std::move(scenes) : std::vector<client::Scene>();
+  }
+
+  std::unique_ptr<Server> server_;
+};
+
+TEST_F(LoadRunTest, AClosedLoopAnswersEverythingRight) {
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=builtin:box", "--workload=mixed", "--requests=600",
+               "--concurrency=6", "--connections=3", "--check=all", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  const nlohmann::json json = result.json();
+  EXPECT_EQ(json["mode"], "closed");
+  EXPECT_EQ(json["all"]["requests"], 600);
+  EXPECT_EQ(json["all"]["answered"], 600);
+  EXPECT_EQ(json["checked"], 600);
+  EXPECT_EQ(json["wrong"], 0);
+  EXPECT_EQ(json["streams"], 3 * (2 + 1 + 1));
+  EXPECT_GT(json["server_compute_ms"]["count"], 0);
+  EXPECT_GT(json["all"]["rays_per_s"], 0);
+  for (const char* kind : {"tiles", "points", "segments"}) {
+    EXPECT_GT(json["by_kind"][kind]["answered"], 0) << kind;
+  }
+  EXPECT_EQ(Scenes().size(), 1u) << "the scene of the test is still there";
+}
+
+TEST_F(LoadRunTest, AnOpenLoopCountsFromThePlanToo) {
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=builtin:box", "--mode=open", "--rate=2000", "--requests=300",
+               "--workload=segments", "--check=all", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  const nlohmann::json json = result.json();
+  EXPECT_EQ(json["mode"], "open");
+  EXPECT_EQ(json["all"]["answered"], 300);
+  EXPECT_EQ(json["wrong"], 0);
+  for (const char* percentile : {"p50", "p99", "max"}) {
+    EXPECT_GE(json["all"]["latency_planned_ms"][percentile],
+              json["all"]["latency_sent_ms"][percentile]);
+  }
+}
+
+TEST_F(LoadRunTest, WrongAnswersAreCaught) {
+  // The reference has another scene than the server: the server's answers are then wrong.
+  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box:20k",
+                                    "--requests=40", "--check=all"});
+  EXPECT_EQ(result.code, kExitWrong) << result.err;
+  EXPECT_THAT(result.err, HasSubstr("answers are wrong; the first: request "));
+  EXPECT_THAT(result.out, HasSubstr("first wrong"));
+}
+
+TEST_F(LoadRunTest, AScenesOfTheServersOwnIsCheckedAgainstWhatItIs) {
+  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box",
+                                    "--requests=60", "--check=sample", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_GT(result.json()["checked"], 0);
+  EXPECT_LT(result.json()["checked"], 60);
+  EXPECT_EQ(Scenes().size(), 1u);
+}
+
+TEST_F(LoadRunTest, EditsUnderLoadAreSeenWholeOrNotAtAll) {
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box", "--workload=mixed",
+               "--requests=1500", "--reload-every=100", "--check=all", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(result.json()["checked"], 1500);
+  EXPECT_GT(result.json()["edits"], 0);
+  // An edit for each that took place, and perhaps one that takes the object away at the end.
+  const int64_t edits = result.json()["edits"];
+  ASSERT_EQ(Scenes().size(), 1u);
+  const int64_t revision = Scenes()[0].revision;
+  EXPECT_EQ(revision, 1 + edits + edits % 2) << "the test's object is still there";
+}
+
+TEST_F(LoadRunTest, AnObjectiveThatIsMissedHasItsExitCode) {
+  const std::vector<std::string> args = {ServerFlag(), "--scene=box", "--requests=20"};
+  std::vector<std::string> strict = args, lax = args;
+  strict.emplace_back("--slo=p50=1ns");
+  lax.emplace_back("--slo=p99=10m");
+  const RunResult missed = RunWith(strict);
+  EXPECT_EQ(missed.code, kExitMissed);
+  EXPECT_THAT(missed.err, HasSubstr("the objective was missed: p50 "));
+  EXPECT_THAT(missed.out, HasSubstr("MISSED"));
+  EXPECT_EQ(RunWith(lax).code, 0);
+}
+
+TEST_F(LoadRunTest, AKneeThatIsNotThereIsAMiss) {
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--find-knee", "--rate=200", "--slo=p50=1ns",
+               "--requests=3", "--trial=100ms", "--workload=segments", "--output=json"});
+  EXPECT_EQ(result.code, kExitMissed) << result.err;
+  EXPECT_EQ(result.json()["knee"]["rate_per_s"], 0);
+  EXPECT_GT(result.json()["knee"]["trials"].size(), 2u);
+}
+
+TEST_F(LoadRunTest, ErrorsAreCountedByCode) {
+  // No item can be answered within a nanosecond.
+  const RunResult result = RunWith(
+      {ServerFlag(), "--scene=box", "--requests=50", "--item-timeout=1ns", "--output=json"});
+  EXPECT_GT(result.json()["all"]["failed"], 0) << result.err;
+  EXPECT_EQ(result.json()["errors"]["DEADLINE_EXCEEDED"], result.json()["all"]["failed"]);
+  EXPECT_EQ(result.json()["all"]["requests"], 50);
+}
+
+TEST_F(LoadRunTest, FilesAreWritten) {
+  testing_support::TempDir dir;
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--requests=50", "--hgrm", dir.File("a.hgrm"), "--plot",
+               dir.File("a.png"), "--output=csv"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_THAT(result.out, StartsWith("window,seconds,answered,"));
+  EXPECT_THAT(*cli::ReadFile(dir.File("a.hgrm")), HasSubstr("Total count    =           50]"));
+  EXPECT_THAT(*cli::ReadFile(dir.File("a.png")), StartsWith("\x89PNG"));
+}
+
+TEST_F(LoadRunTest, WhatCannotBeReachedOrFoundHasItsExitCode) {
+  EXPECT_EQ(RunWith({ServerFlag(), "--scene=scenes/nowhere"}).code, cli::kExitNoInput);
+  EXPECT_EQ(RunWith({ServerFlag(), "--scene=builtin:nothing"}).code, cli::kExitUsage);
+  EXPECT_EQ(RunWith({ServerFlag()}).code, cli::kExitUsage);
+  const std::string gone = ServerFlag();
+  server_->Shutdown();
+  const RunResult unreachable = RunWith({gone, "--scene=box", "--retry=0"});
+  EXPECT_EQ(unreachable.code, cli::kExitUnavailable) << unreachable.err;
+  EXPECT_EQ(unreachable.out, "");
+}
+
+TEST_F(LoadRunTest, MetricsThatAreNotThereDoNotEndTheRun) {
+  // The port speaks gRPC and no HTTP/1.
+  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--requests=20", "--output=json",
+                                    absl::StrCat("--server-metrics=127.0.0.1:", server_->port())});
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_TRUE(result.json().contains("server_metrics_error"));
+}
+
+TEST(LoadEmbeddedTest, NoServerIsNeeded) {
+  const RunResult result = RunWith({"--scene=builtin:box", "--workload=points", "--requests=100",
+                                    "--check=all", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(result.json()["checked"], 100);
+}
+
+TEST(LoadEmbeddedTest, AnInterruptedRunIsReported) {
+  const std::atomic<bool> interrupted{true};
+  const RunResult result =
+      RunWith({"--scene=builtin:box", "--workload=segments", "--output=json"}, &interrupted);
+  ASSERT_EQ(result.code, 0) << result.err;
+  const nlohmann::json all = result.json()["all"];
+  EXPECT_EQ(all["answered"], all["requests"]);
+  EXPECT_LT(result.json()["measured_s"], 600);
+}
+
+}  // namespace
+}  // namespace sightline::load
