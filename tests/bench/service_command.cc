@@ -132,7 +132,8 @@ absl::StatusOr<Endpoint> MakeEndpoint(const std::string& name, const Sockets& so
   const bool tcp = name == "tcp";
   Endpoint endpoint{.name = name};
   ServerOptions options;
-  options.listen = tcp ? "127.0.0.1:0" : sockets.Address("service");
+  const std::string address = tcp ? "127.0.0.1:0" : sockets.Address("service");
+  options.listen = {address};
   options.threads = threads;
   options.log_level = LogLevel::kWarning;
   SL_ASSIGN_OR_RETURN(endpoint.server, Server::Start(options));
@@ -140,8 +141,7 @@ absl::StatusOr<Endpoint> MakeEndpoint(const std::string& name, const Sockets& so
       endpoint.server->scenes().Create({.scene_id = kSceneId}, source.objects, nullptr).status());
   const std::string raw = tcp ? "127.0.0.1:0" : sockets.Address("raw");
   SL_ASSIGN_OR_RETURN(endpoint.raw, RawServer::Start(raw));
-  endpoint.channel =
-      ChannelTo(tcp ? absl::StrCat("127.0.0.1:", endpoint.server->port()) : options.listen);
+  endpoint.channel = ChannelTo(tcp ? absl::StrCat("127.0.0.1:", endpoint.server->port()) : address);
   endpoint.raw_channel = ChannelTo(tcp ? absl::StrCat("127.0.0.1:", endpoint.raw->port()) : raw);
   return endpoint;
 }

@@ -49,7 +49,7 @@ class LoadRunTest : public testing::Test {
  protected:
   void SetUp() override {
     ServerOptions options;
-    options.listen = "127.0.0.1:0";
+    options.listen = {"127.0.0.1:0"};
     options.log_level = LogLevel::kOff;
     SetLogLevel(LogLevel::kOff);
     options.scenes = {"box=builtin:box"};
