@@ -179,14 +179,20 @@ class PacketSlopes {
       longest = std::max({longest, std::abs(frustum.lo[s]), std::abs(frustum.hi[s])});
     }
     const auto x = hn::Load(d, rows[0]), y = hn::Load(d, rows[1]), z = hn::Load(d, rows[2]);
+    const auto infinity = hn::Set(d, std::numeric_limits<float>::infinity());
     bool inside = true;
     for (int e = 0; e < 3; ++e) {
       const auto value =
           hn::MulAdd(hn::Set(d, f.edge[e][0]), x,
                      hn::MulAdd(hn::Set(d, f.edge[e][1]), y, hn::Mul(hn::Set(d, f.edge[e][2]), z)));
       const auto bound = hn::Set(d, f.edge_bound[e] * longest * (1 + 0x1p-22f) + kFloatUnderflow);
-      if (hn::AllTrue(d, hn::Lt(hn::Add(value, bound), hn::Zero(d)))) return Corners::kOutside;
-      inside &= hn::AllTrue(d, hn::Gt(hn::Sub(value, bound), hn::Zero(d)));
+      // A sum that has overflowed says nothing, not even its sign: fused, a later product that is
+      // larger still does not turn it into NaN.
+      const auto sound = hn::Lt(hn::Abs(value), infinity);
+      const auto below = hn::And(sound, hn::Lt(hn::Add(value, bound), hn::Zero(d)));
+      const auto above = hn::And(sound, hn::Gt(hn::Sub(value, bound), hn::Zero(d)));
+      if (hn::AllTrue(d, below)) return Corners::kOutside;
+      inside &= hn::AllTrue(d, above);
     }
     return inside ? Corners::kInside : Corners::kUnknown;
   }
