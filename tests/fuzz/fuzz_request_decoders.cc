@@ -153,7 +153,7 @@ template <typename Method>
 void FuzzStream(absl::string_view bytes) {
   World& world = TheWorld();
   std::unique_ptr<Method> method;
-  for (const auto& message : Messages<typename Method::Request>(bytes)) {
+  for (auto& message : Messages<typename Method::Request>(bytes)) {
     if (message.has_header()) {
       auto opened = Method::Open(message.header(), world.environment);
       if (!opened.ok()) return;
@@ -162,7 +162,8 @@ void FuzzStream(absl::string_view bytes) {
     if (!message.has_item() || method == nullptr) continue;
     if (method->Rays(message.item()) > world.limits.max_item_rays) continue;
     const CancelToken cancel;
-    auto work = method->Prepare(message.item(), cancel, Scheduler::kLeastPartRays);
+    auto work =
+        method->Prepare(std::move(*message.mutable_item()), cancel, Scheduler::kLeastPartRays);
     if (!work.ok()) continue;
     QueryStats stats;
     typename Method::Response reply;
