@@ -248,24 +248,10 @@ class CulledPacketWalk {
   bool Bounds() const { return kAny || tree_.boxes_bound_hits(); }
 
   // The lanes of a group that may hit something in the box, given relative to the origin.
-  HWY_INLINE uint32_t LanesMeet(uint32_t group, const Vec3f& lo, const Vec3f& hi,
-                                V* entry_out) const {
-    const D d;
-    const size_t first = group * hn::Lanes(d);
-    V entry = hn::Set(d, -std::numeric_limits<float>::infinity());
-    V exit = hn::Set(d, std::numeric_limits<float>::infinity());
-    for (int k = 0; k < 3; ++k) {
-      const V inv = hn::Load(d, lanes_.inv_row(k) + first);
-      const V a = hn::Mul(hn::Set(d, lo[k]), inv), b = hn::Mul(hn::Set(d, hi[k]), inv);
-      // By sign, and the running value second: core/geometry/box_ray.h, 3.
-      entry = hn::Max(hn::IfNegativeThenElse(inv, b, a), entry);
-      exit = hn::Min(hn::IfNegativeThenElse(inv, a, b), exit);
-    }
-    auto met = hn::Le(hn::Max(entry, hn::Zero(d)),
-                      hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
-    if (Bounds()) met = hn::And(met, hn::Le(entry, hn::Load(d, lanes_.limit_row() + first)));
-    *entry_out = entry;
-    return MaskBits(d, met) & lanes_.active(group);
+  HWY_INLINE uint32_t LanesMeet(uint32_t group, const Vec3f& lo, const Vec3f& hi, V* entry) const {
+    auto met = lanes_.LanesMeet(group, lo, hi, entry);
+    if (Bounds()) met = hn::And(met, lanes_.WithinLimits(group, *entry));
+    return MaskBits(D(), met) & lanes_.active(group);
   }
 
   // Whether some lane meets the child's box; finds the first group that does.

@@ -42,7 +42,7 @@ class KdPacketWalk {
         limit_(lanes_.first_limit()),
         // With perfect splits a cell's entry says nothing about distances (kd_tree.h, 3).
         cells_bound_(kAny || !tree_.perfect()) {
-    for (int axis = 0; axis < 3; ++axis) BoundReciprocals(axis);
+    for (int axis = 0; axis < 3; ++axis) ranges_[axis] = lanes_.Reciprocals(axis);
   }
 
   // Returns false if `cancel` fired.
@@ -86,27 +86,10 @@ class KdPacketWalk {
     uint32_t node;
     float entry, exit;  // No lane enters before, or leaves after.
   };
-  // Of the lanes' reciprocals along an axis; usable where they share a sign and are finite.
-  // Elsewhere the axis tells nothing.
-  struct Range {
-    bool usable, negative;
-    float least, most;
-  };
+  using Range = typename PacketLanes<kAny>::ReciprocalRange;
   struct Span {
     float least, most;
   };
-
-  void BoundReciprocals(int axis) {
-    float least = std::numeric_limits<float>::infinity(), most = -least;
-    bool usable = true;
-    for (int i = 0; i < lanes_.count(); ++i) {
-      const float inv = lanes_.inv_row(axis)[i];
-      usable &= std::isfinite(inv);
-      least = std::min(least, inv);
-      most = std::max(most, inv);
-    }
-    ranges_[axis] = {usable && (least > 0 || most < 0), most < 0, least, most};
-  }
 
   // The lanes' parameters at a plane. REQUIRES: the axis is usable.
   HWY_INLINE Span At(int axis, float plane) const {
@@ -154,22 +137,10 @@ class KdPacketWalk {
 
   // The lanes of a group that may hit something in the leaf's box, given relative to the origin.
   HWY_INLINE uint32_t LanesMeet(uint32_t group, const Vec3f& box_lo, const Vec3f& box_hi) const {
-    const D d;
-    const size_t first = group * hn::Lanes(d);
-    V entry = hn::Set(d, -std::numeric_limits<float>::infinity());
-    V exit = hn::Set(d, std::numeric_limits<float>::infinity());
-    for (int axis = 0; axis < 3; ++axis) {
-      const V inv = hn::Load(d, lanes_.inv_row(axis) + first);
-      const V lo = hn::Mul(hn::Set(d, box_lo[axis]), inv);
-      const V hi = hn::Mul(hn::Set(d, box_hi[axis]), inv);
-      // By sign, and the running value second: core/geometry/box_ray.h, 3.
-      entry = hn::Max(hn::IfNegativeThenElse(inv, hi, lo), entry);
-      exit = hn::Min(hn::IfNegativeThenElse(inv, lo, hi), exit);
-    }
-    auto met = hn::Le(hn::Max(entry, hn::Zero(d)),
-                      hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
-    if (cells_bound_) met = hn::And(met, hn::Le(entry, hn::Load(d, lanes_.limit_row() + first)));
-    return MaskBits(d, met) & lanes_.active(group);
+    V entry;
+    auto met = lanes_.LanesMeet(group, box_lo, box_hi, &entry);
+    if (cells_bound_) met = hn::And(met, lanes_.WithinLimits(group, entry));
+    return MaskBits(D(), met) & lanes_.active(group);
   }
 
   // Returns true when no lane is left to answer.

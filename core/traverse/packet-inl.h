@@ -34,7 +34,7 @@ class PacketWalk {
  public:
   PacketWalk(const IndexedGeometry& scene, RayPacket& packet, WalkStats* stats)
       : scene_(scene), stats_(stats), lanes_(scene, packet, stats), limit_(lanes_.first_limit()) {
-    BoundReciprocals();
+    for (int axis = 0; axis < 3; ++axis) ranges_[axis] = lanes_.Reciprocals(axis);
   }
 
   // Returns false if `cancel` fired.
@@ -93,25 +93,6 @@ class PacketWalk {
     Slab slab;
   };
 
-  // Per axis, the range of the lanes' reciprocals, where they share a sign and are finite;
-  // elsewhere the axis stays out of the interval test.
-  void BoundReciprocals() {
-    for (int k = 0; k < 3; ++k) {
-      float lo = std::numeric_limits<float>::infinity(), hi = -lo;
-      bool usable = true;
-      for (int i = 0; i < lanes_.count(); ++i) {
-        const float v = lanes_.inv_row(k)[i];
-        usable &= std::isfinite(v);
-        lo = std::min(lo, v);
-        hi = std::max(hi, v);
-      }
-      axis_usable_[k] = usable && (lo > 0 || hi < 0);
-      axis_negative_[k] = hi < 0;
-      inv_min_[k] = lo;
-      inv_max_[k] = hi;
-    }
-  }
-
   // Which of the node's boxes some lane may enter; their least entries.
   uint32_t MeetPacket(const BvhNode& node, float* entries) const {
     const hn::CappedTag<float, kBvhWidth> d8;
@@ -119,11 +100,12 @@ class PacketWalk {
     V8 entry = hn::Set(d8, -std::numeric_limits<float>::infinity());
     V8 exit = hn::Set(d8, std::numeric_limits<float>::infinity());
     for (int k = 0; k < 3; ++k) {
-      if (!axis_usable_[k]) continue;
+      const auto& range = ranges_[k];
+      if (!range.usable) continue;
       const V8 o = hn::Set(d8, lanes_.origin()[k]);
-      const V8 i0 = hn::Set(d8, inv_min_[k]), i1 = hn::Set(d8, inv_max_[k]);
-      const V8 near = hn::Sub(hn::Load(d8, node.bounds[axis_negative_[k] ? k + 3 : k]), o);
-      const V8 far = hn::Sub(hn::Load(d8, node.bounds[axis_negative_[k] ? k : k + 3]), o);
+      const V8 i0 = hn::Set(d8, range.least), i1 = hn::Set(d8, range.most);
+      const V8 near = hn::Sub(hn::Load(d8, node.bounds[range.negative ? k + 3 : k]), o);
+      const V8 far = hn::Sub(hn::Load(d8, node.bounds[range.negative ? k : k + 3]), o);
       entry = hn::Max(hn::Min(hn::Mul(near, i0), hn::Mul(near, i1)), entry);
       exit = hn::Min(hn::Max(hn::Mul(far, i0), hn::Mul(far, i1)), exit);
     }
@@ -144,23 +126,11 @@ class PacketWalk {
     return slab;
   }
 
-  // The lanes of a group that may enter the box: the slab test of core/geometry/box_ray.h.
+  // The lanes of a group that may enter the box before their limits.
   HWY_INLINE M LanesMeet(uint32_t group, const Slab& slab) const {
-    const D d;
-    const size_t first = group * hn::Lanes(d);
-    V entry = hn::Set(d, -std::numeric_limits<float>::infinity());
-    V exit = hn::Set(d, std::numeric_limits<float>::infinity());
-    for (int k = 0; k < 3; ++k) {
-      const V inv = hn::Load(d, lanes_.inv_row(k) + first);
-      const V lo = hn::Mul(hn::Set(d, slab.lo[k]), inv), hi = hn::Mul(hn::Set(d, slab.hi[k]), inv);
-      // By sign, not by minimum: a face on the ray's line gives NaN, which must stay with its own
-      // face.
-      entry = hn::Max(hn::IfNegativeThenElse(inv, hi, lo), entry);
-      exit = hn::Min(hn::IfNegativeThenElse(inv, lo, hi), exit);
-    }
-    return hn::And(hn::Le(hn::Max(entry, hn::Zero(d)),
-                          hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift))),
-                   hn::Le(entry, hn::Load(d, lanes_.limit_row() + first)));
+    V entry;
+    const M met = lanes_.LanesMeet(group, slab.lo, slab.hi, &entry);
+    return hn::And(met, lanes_.WithinLimits(group, entry));
   }
 
   bool GroupMeets(uint32_t group, const Slab& slab) const {
@@ -193,8 +163,7 @@ class PacketWalk {
   WalkStats* stats_;
   PacketLanes<kAny> lanes_;
   float limit_;  // No live lane looks beyond this.
-  bool axis_usable_[3], axis_negative_[3];
-  float inv_min_[3], inv_max_[3];
+  typename PacketLanes<kAny>::ReciprocalRange ranges_[3];
 };
 
 template <bool kAny>

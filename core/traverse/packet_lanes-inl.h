@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <limits>
 
 #include "core/accel/indexed_geometry.h"
@@ -104,6 +105,48 @@ class PacketLanes {
   const float* limit_row() const {
     return limit_of_;
   }  // Nearest hit or end, in units of D; -inf when done.
+
+  // Of the lanes' reciprocals along an axis; usable where they share a sign and are finite.
+  // Elsewhere intervals of the whole packet say nothing about the axis.
+  struct ReciprocalRange {
+    bool usable, negative;
+    float least, most;
+  };
+  ReciprocalRange Reciprocals(int axis) const {
+    float least = std::numeric_limits<float>::infinity(), most = -least;
+    bool finite = true;
+    for (int i = 0; i < count(); ++i) {
+      const float inv = inv_[axis][i];
+      finite &= std::isfinite(inv);
+      least = std::min(least, inv);
+      most = std::max(most, inv);
+    }
+    return {finite && (least > 0 || most < 0), most < 0, least, most};
+  }
+
+  // The lanes of a group that may hit something in a box, its corners given relative to the origin,
+  // whatever their limits; and where each enters it. The slab test of core/geometry/box_ray.h.
+  // Corner: three floats, by index.
+  template <class Corner>
+  HWY_INLINE M LanesMeet(uint32_t group, const Corner& lo, const Corner& hi, V* entry) const {
+    const D d;
+    const size_t first = group * hn::Lanes(d);
+    *entry = hn::Set(d, -std::numeric_limits<float>::infinity());
+    V exit = hn::Set(d, std::numeric_limits<float>::infinity());
+    for (int k = 0; k < 3; ++k) {
+      const V inv = hn::Load(d, inv_[k] + first);
+      const V a = hn::Mul(hn::Set(d, lo[k]), inv), b = hn::Mul(hn::Set(d, hi[k]), inv);
+      // By sign, not by minimum: a face on the ray's line gives NaN, which must stay with its own
+      // face; and the running value second, which NaN leaves as it is.
+      *entry = hn::Max(hn::IfNegativeThenElse(inv, b, a), *entry);
+      exit = hn::Min(hn::IfNegativeThenElse(inv, a, b), exit);
+    }
+    return hn::Le(hn::Max(*entry, hn::Zero(d)),
+                  hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
+  }
+  HWY_INLINE M WithinLimits(uint32_t group, V entry) const {
+    return hn::Le(entry, hn::Load(D(), limit_of_ + group * hn::Lanes(D())));
+  }
 
   // The largest limit over all lanes: nothing entered later matters.
   float LargestLimit() const {
