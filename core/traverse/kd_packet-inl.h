@@ -23,8 +23,8 @@
 #include "core/base/cancel.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/kd_single-inl.h"
+#include "core/traverse/leaf_range.h"
 #include "core/traverse/packet_lanes-inl.h"
-#include "core/traverse/range_leaf.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
@@ -153,9 +153,10 @@ class KdPacketWalk {
     }
     if (some == 0) return false;
     ++stats_->leaves;
-    RangeLeaf leaf(scene_.geometry, tree_.LeafIds(kd_leaf));
-    while (leaf.Next()) {
-      const LeafView view = leaf.view();
+    const LeafRange range = LeafRange::Of(tree_.LeafIds(kd_leaf));
+    for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      const RangeView some(scene_.geometry, range, at);
+      const LeafView& view = some.leaf;
       FacingTriangle facing[kMaxLeafTriangles];
       const uint32_t count = TurnTriangles(lanes_, view, (1u << view.count) - 1, facing);
       for (uint32_t group = 0; group < lanes_.groups() && count > 0; ++group) {

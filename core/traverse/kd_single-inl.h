@@ -18,7 +18,7 @@
 
 #include "core/accel/kd_tree.h"
 #include "core/geometry/box_ray.h"
-#include "core/traverse/range_leaf.h"
+#include "core/traverse/leaf_range.h"
 #include "core/traverse/single-inl.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
@@ -107,9 +107,10 @@ class KdSingleWalk {
     if (!MayHoldHit(entry, BoxExit(box_ray_, box))) return false;
     if ((kAny || !tree_.perfect()) && entry > limit_) return false;
     ++stats_->leaves;
-    RangeLeaf leaf(scene_.geometry, tree_.LeafIds(kd_leaf));
-    while (leaf.Next()) {
-      const LeafView view = leaf.view();
+    const LeafRange range = LeafRange::Of(tree_.LeafIds(kd_leaf));
+    for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      const RangeView some(scene_.geometry, range, at);
+      const LeafView& view = some.leaf;
       if (TestLeaf(view, query_, scene_.geometry, stats_, [&](uint32_t lane) HWY_ATTR {
             if constexpr (kAny) {
               best_ = {0.0f, view.id(lane)};

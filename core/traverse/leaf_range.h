@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <span>
 
+#include "core/accel/bvh.h"
 #include "core/accel/leaf_rows.h"
 #include "core/accel/leaf_triangles.h"
 #include "core/traverse/leaf_view.h"
@@ -27,33 +28,42 @@ struct LeafRange {
   std::span<const uint32_t> ids;   // The whole tree's.
   const LeafTriangles* triangles;  // Of all ids; null: fetched on the way.
   uint32_t first, count;
+
+  // All of `ids`, fetched on the way.
+  static LeafRange Of(std::span<const uint32_t> ids) {
+    return {ids, nullptr, 0, static_cast<uint32_t>(ids.size())};
+  }
 };
 
 class RangeView {
  public:
   // Triangles at, at + 1, ... of the range, sixteen at most. REQUIRES: at < range.count.
   RangeView(const SceneGeometry& geometry, const LeafRange& range, uint32_t at)
-      : leaf(Rows(geometry, range, at),
-             range.triangles != nullptr ? static_cast<uint32_t>(range.triangles->stride)
-                                        : kMaxLeafTriangles,
-             std::min<uint32_t>(kMaxLeafTriangles, range.count - at)) {}
+      : leaf(Rows(geometry, range, at), Stride(range, at), Count(range, at)) {}
   RangeView(const RangeView&) = delete;  // `leaf` may point into it.
   RangeView& operator=(const RangeView&) = delete;
 
  private:
-  alignas(64) float fetched_[kMaxLeafTriangles * kLeafRows];  // Not initialized.
+  static uint32_t Count(const LeafRange& range, uint32_t at) {
+    return std::min<uint32_t>(kMaxLeafTriangles, range.count - at);
+  }
+  // Fetched rows are as long as they must be: most leaves are small.
+  static uint32_t Stride(const LeafRange& range, uint32_t at) {
+    if (range.triangles != nullptr) return static_cast<uint32_t>(range.triangles->stride);
+    return (Count(range, at) + kUnitTriangles - 1) / kUnitTriangles * kUnitTriangles;
+  }
+  const float* Rows(const SceneGeometry& geometry, const LeafRange& range, uint32_t at) {
+    if (range.triangles != nullptr) return range.triangles->rows.data() + range.first + at;
+    WriteLeafRows(geometry, range.ids.subspan(range.first + at, Count(range, at)),
+                  Stride(range, at), fetched_);
+    return fetched_;
+  }
+
+  // Not initialized. Sixteen lanes may be loaded from any row.
+  alignas(64) float fetched_[kMaxLeafTriangles * kLeafRows + kLeafPadding];
 
  public:
   const LeafView leaf;
-
- private:
-  const float* Rows(const SceneGeometry& geometry, const LeafRange& range, uint32_t at) {
-    if (range.triangles != nullptr) return range.triangles->rows.data() + range.first + at;
-    const uint32_t count = std::min<uint32_t>(kMaxLeafTriangles, range.count - at);
-    WriteLeafRows(geometry, range.ids.subspan(range.first + at, count), kMaxLeafTriangles,
-                  fetched_);
-    return fetched_;
-  }
 };
 
 }  // namespace sightline

@@ -50,8 +50,8 @@
 #include "core/geometry/box_ray.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/kd_single-inl.h"
+#include "core/traverse/leaf_range.h"
 #include "core/traverse/packet_lanes-inl.h"
-#include "core/traverse/range_leaf.h"
 #include "core/traverse/rtt.h"
 #include "core/traverse/rtt_list-inl.h"
 #include "core/traverse/rtt_shaft-inl.h"
@@ -168,9 +168,10 @@ class RttWalk {
   // False: there are too many relevant triangles.
   bool VisitLeaf(const KdLeaf& kd_leaf) {
     ++stats_->leaves;
-    RangeLeaf leaf(scene_.geometry, tree_.LeafIds(kd_leaf));
-    while (leaf.Next()) {
-      const LeafView view = leaf.view();
+    const LeafRange range = LeafRange::Of(tree_.LeafIds(kd_leaf));
+    for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      const RangeView some(scene_.geometry, range, at);
+      const LeafView& view = some.leaf;
       if (!list_.Add(view)) return false;
     }
     return true;
@@ -193,9 +194,10 @@ void PutToList(const SceneGeometry& geometry, std::span<const uint32_t> ids, int
   const uint32_t width = static_cast<uint32_t>(hn::Lanes(d));
   const uint32_t begin = static_cast<uint32_t>(first) / width;
   const uint32_t end = (static_cast<uint32_t>(first + count) + width - 1) / width;
-  RangeLeaf leaf(geometry, ids);
-  while (leaf.Next()) {
-    const LeafView view = leaf.view();
+  const LeafRange range = LeafRange::Of(ids);
+  for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+    const RangeView some(geometry, range, at);
+    const LeafView& view = some.leaf;
     FacingTriangle facing[kMaxLeafTriangles];
     const uint32_t turned = TurnTriangles(lanes, view, (1u << view.count) - 1, facing);
     for (uint32_t group = begin; group < end; ++group) {
