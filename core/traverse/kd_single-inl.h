@@ -107,7 +107,7 @@ class KdSingleWalk {
     if (!MayHoldHit(entry, BoxExit(box_ray_, box))) return false;
     if ((kAny || !tree_.perfect()) && entry > limit_) return false;
     ++stats_->leaves;
-    const LeafRange range = LeafRange::Of(tree_.LeafIds(kd_leaf));
+    const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;

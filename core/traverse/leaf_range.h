@@ -18,6 +18,8 @@
 #include <span>
 
 #include "core/accel/bvh.h"
+#include "core/accel/indexed_geometry.h"
+#include "core/accel/kd_tree.h"
 #include "core/accel/leaf_rows.h"
 #include "core/accel/leaf_triangles.h"
 #include "core/traverse/leaf_view.h"
@@ -32,6 +34,14 @@ struct LeafRange {
   // All of `ids`, fetched on the way.
   static LeafRange Of(std::span<const uint32_t> ids) {
     return {ids, nullptr, 0, static_cast<uint32_t>(ids.size())};
+  }
+  // A leaf of the scene's kd-tree. REQUIRES: the scene has one.
+  static LeafRange Of(const IndexedGeometry& scene, const KdLeaf& leaf) {
+    const KdTree& tree = *scene.kd_tree;
+    return {{tree.ids.data(), tree.ids.size()},
+            scene.kd_leaves ? &*scene.kd_leaves : nullptr,
+            leaf.first,
+            leaf.count};
   }
 };
 

@@ -17,6 +17,9 @@ struct RttOptions {
   // So many rays that follow one another are a tile: RttTileRays(1 .. kMaxRttAntialiasing). Where
   // it is more than a packet holds, all packets given together are one.
   int tile_rays = RttTileRays(1);
+  // Tiles whose corner rays walk in one register: as many as it holds (two with AVX2, four with
+  // AVX-512), or fewer. 0: as many as it holds.
+  int side_by_side = 0;
   // Whether two triangles that share an edge may end the corner rays, too.
   bool shared_edges = false;
 };

@@ -60,58 +60,54 @@ class RttList {
         shared_edges_(shared_edges),
         stats_(stats) {}
 
-  // Adds a leaf's. False: there are too many.
-  bool Add(const LeafView& leaf) {
-    const hn::CappedTag<float, kMaxLeafTriangles> d;
-    using V = hn::Vec<decltype(d)>;
-    const size_t lanes = hn::Lanes(d);
+  using D = hn::CappedTag<float, kMaxLeafTriangles>;
+
+  // Adds what it must of a leaf's triangles `first` to first + Lanes(D) - 1, of which `t` are the
+  // forms. False: there are too many.
+  HWY_INLINE bool Add(const LeafView& leaf, uint32_t first, const OriginTriangles<hn::Vec<D>>& t) {
+    const D d;
+    using V = hn::Vec<D>;
+    const uint32_t lanes = static_cast<uint32_t>(hn::Lanes(d));
     const V zero = hn::Zero(d), underflow = hn::Set(d, kFloatUnderflow);
-    const Vec3f o = shaft_.origin();
-    for (size_t first = 0; first < leaf.count; first += lanes) {
-      const OriginTriangles<V> t =
-          PrepareTriangles(d, leaf.rows + first, leaf.stride, Broadcast(d, o.x, o.y, o.z));
-      const auto all = hn::Eq(zero, zero);
-      // By form, the last one the plane's: whether it is certainly negative, or positive, at all
-      // corners.
-      decltype(hn::Eq(zero, zero)) negative[4] = {all, all, all, all},
-                                   positive[4] = {all, all, all, all};
-      for (int corner = 0; corner < 4; ++corner) {
-        const Vec3f c = shaft_.direction(corner);
-        const Vec3V<V> dir = Broadcast(d, c.x, c.y, c.z);
-        const V inf = hn::Set(d, MaxAbs(c));
-        for (int k = 0; k < 4; ++k) {
-          const V value = DotV(k == 3 ? t.normal : t.edge[k % 3], dir);
-          const V bound = hn::MulAdd(k == 3 ? t.normal_bound : t.edge_bound[k % 3], inf, underflow);
-          negative[k] = hn::And(negative[k], hn::Lt(hn::Add(value, bound), zero));
-          positive[k] = hn::And(positive[k], hn::Gt(hn::Sub(value, bound), zero));
-        }
+    const auto all = hn::Eq(zero, zero);
+    // By form, the last one the plane's: whether it is certainly negative, or positive, at all
+    // corners.
+    decltype(hn::Eq(zero, zero)) negative[4] = {all, all, all, all},
+                                 positive[4] = {all, all, all, all};
+    for (int corner = 0; corner < 4; ++corner) {
+      const Vec3f c = shaft_.direction(corner);
+      const Vec3V<V> dir = Broadcast(d, c.x, c.y, c.z);
+      const V inf = hn::Set(d, MaxAbs(c));
+      for (int k = 0; k < 4; ++k) {
+        const V value = DotV(k == 3 ? t.normal : t.edge[k % 3], dir);
+        const V bound = hn::MulAdd(k == 3 ? t.normal_bound : t.edge_bound[k % 3], inf, underflow);
+        negative[k] = hn::And(negative[k], hn::Lt(hn::Add(value, bound), zero));
+        positive[k] = hn::And(positive[k], hn::Gt(hn::Sub(value, bound), zero));
       }
-      const auto some_negative =
-          hn::Or(hn::Or(negative[0], negative[1]), hn::Or(negative[2], negative[3]));
-      const auto some_positive =
-          hn::Or(hn::Or(positive[0], positive[1]), hn::Or(positive[2], positive[3]));
-      const auto behind = hn::Gt(t.origin_side, t.origin_bound);
-      const auto front = hn::Lt(t.origin_side, hn::Neg(t.origin_bound));
-      const auto passed =
-          hn::Or(hn::Or(hn::And(behind, some_negative), hn::And(front, some_positive)),
-                 hn::And(some_negative, some_positive));
-      uint32_t left = ~MaskBits(d, passed) & ((1u << lanes) - 1);
-      if (leaf.count - first < lanes) left &= (1u << (leaf.count - first)) - 1;
-      stats_->triangle_tests += 4 * std::min<size_t>(lanes, leaf.count - first);
-      if (left == 0) continue;
-      uint32_t held[3];  // By edge: forms that hold at all corners.
-      for (int k = 0; k < 3; ++k) {
-        held[k] = MaskBits(d, hn::Or(hn::And(behind, positive[k]), hn::And(front, negative[k])));
-      }
-      const uint32_t turned = MaskBits(d, front);
-      for (; left != 0; left &= left - 1) {
-        const uint32_t bit = static_cast<uint32_t>(std::countr_zero(left));
-        const uint32_t edges =
-            (held[0] >> bit & 1) | (held[1] >> bit & 1) << 1 | (held[2] >> bit & 1) << 2;
-        if (!AddOne(leaf, static_cast<uint32_t>(first) + bit, edges, turned >> bit & 1)) {
-          return false;
-        }
-      }
+    }
+    const auto some_negative =
+        hn::Or(hn::Or(negative[0], negative[1]), hn::Or(negative[2], negative[3]));
+    const auto some_positive =
+        hn::Or(hn::Or(positive[0], positive[1]), hn::Or(positive[2], positive[3]));
+    const auto behind = hn::Gt(t.origin_side, t.origin_bound);
+    const auto front = hn::Lt(t.origin_side, hn::Neg(t.origin_bound));
+    const auto passed =
+        hn::Or(hn::Or(hn::And(behind, some_negative), hn::And(front, some_positive)),
+               hn::And(some_negative, some_positive));
+    const uint32_t count = std::min(lanes, leaf.count - first);
+    uint32_t left = ~MaskBits(d, passed) & ((1u << count) - 1);
+    stats_->triangle_tests += 4 * count;
+    if (left == 0) return true;
+    uint32_t held[3];  // By edge: forms that hold at all corners.
+    for (int k = 0; k < 3; ++k) {
+      held[k] = MaskBits(d, hn::Or(hn::And(behind, positive[k]), hn::And(front, negative[k])));
+    }
+    const uint32_t turned = MaskBits(d, front);
+    for (; left != 0; left &= left - 1) {
+      const uint32_t bit = static_cast<uint32_t>(std::countr_zero(left));
+      const uint32_t edges =
+          (held[0] >> bit & 1) | (held[1] >> bit & 1) << 1 | (held[2] >> bit & 1) << 2;
+      if (!AddOne(leaf, first + bit, edges, turned >> bit & 1)) return false;
     }
     return true;
   }
@@ -124,7 +120,6 @@ class RttList {
   uint32_t blocker() const { return blocker_; }
 
  private:
-  using D = hn::CappedTag<float, 16>;
   struct HalfCover {
     uint32_t id;
     int open;  // Its edge whose form does not hold.

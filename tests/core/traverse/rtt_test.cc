@@ -226,6 +226,53 @@ TEST_P(RttTest, MostTilesOfARoomNeedNoRays) {
   }
 }
 
+// Tiles that share a register fare as they do alone: the same are answered, by the same lists.
+TEST_P(RttTest, TilesSideBySideWalkAsTheyDoAlone) {
+  TestRng rng;
+  IndexedGeometry room = MakeRoom();
+  ASSERT_NO_FATAL_FAILURE(Build(rng.Chance(0.5), &room));
+  uint64_t answered = 0, left = 0, nodes[3] = {};
+  for (int64_t i = ScaledCount(200, 20); i > 0; --i) {
+    const auto within = [&] {
+      return Vec3d{rng.Uniform(-9, 9), rng.Uniform(-9, 9), rng.Uniform(-9, 9)};
+    };
+    const Vec3f eye = ToFloat(within());
+    const Vec3d toward = within() - within();
+    const double spacing = std::ldexp(1.0, -static_cast<int>(rng.Below(4)) - 5);
+    const double roll = rng.Uniform(0, 6);
+    const bool shared_edges = rng.Chance(0.5);
+    const int n = rng.Chance(0.7) ? 1 : 2;
+    WalkStats alone;
+    std::vector<AnsweredBy> alone_by;
+    for (const int side_by_side : {1, 2, 4}) {
+      SCOPED_TRACE(absl::StrCat(side_by_side, " side by side"));
+      Tile tile = MakeTile(eye, toward, spacing, 16, roll);
+      truths_.clear();
+      Totals totals;
+      ASSERT_NO_FATAL_FAILURE(Check(
+          room, tile,
+          {.tile_rays = RttTileRays(n), .side_by_side = side_by_side, .shared_edges = shared_edges},
+          true, &totals));
+      nodes[side_by_side / 2] += totals.stats.nodes;
+      if (side_by_side == 1) {
+        alone = totals.stats;
+        alone_by = tile.answered_by;
+        answered += alone.tiles_answered;
+        left += alone.tiles - alone.tiles_answered;
+      }
+      ASSERT_EQ(totals.stats.tiles, alone.tiles);
+      ASSERT_EQ(totals.stats.tiles_answered, alone.tiles_answered);
+      ASSERT_EQ(totals.stats.relevant_triangles, alone.relevant_triangles);
+      ASSERT_EQ(tile.answered_by, alone_by);
+    }
+  }
+  EXPECT_GT(answered, 0u);
+  EXPECT_GT(left, 0u);
+  // Nodes that several visit are visited once.
+  EXPECT_LT(nodes[1], nodes[0]);
+  EXPECT_LE(nodes[2], nodes[1]);
+}
+
 // The diagonal of a wall runs through the tile: neither triangle covers it, both together do.
 TEST_P(RttTest, TrianglesThatShareAnEdgeCoverTogether) {
   // What stands behind the walls parts rays that are not stopped by them.
