@@ -2,7 +2,8 @@
 //
 // Which order to walk points in, so that blocks of them are neighbours and share a narrow shaft. A
 // mesh's order winds along the surface; blocks cut from it are several times as wide as they need
-// to be. So points are parted in space first, once for all their lights. Internal to core/query.
+// to be. So points are parted in space first, once for all their lights. ComputeShadows does so by
+// itself; whoever hands it points bit by bit orders all of them before.
 //
 // Thread safety: functions only.
 #ifndef SIGHTLINE_CORE_QUERY_POINT_ORDER_H_

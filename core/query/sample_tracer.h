@@ -52,6 +52,13 @@ class SampleTracer {
   void RecordAnsweredBy() { record_answered_by_ = true; }
   AnsweredBy answered_by(size_t i) const { return answered_by_[i]; }
 
+  // Where walks begin, by sample: what another tracer of the same scene and samples left, or
+  // nothing.
+  void TakeFirstLeaves(const std::vector<uint32_t>& leaves) {
+    if (!leaves.empty()) first_leaves_ = leaves;
+  }
+  const std::vector<uint32_t>& first_leaves() const { return first_leaves_; }
+
   size_t count() const { return positions_.size(); }
   uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }
   // kClosest only.

@@ -31,6 +31,12 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
                                                    " light samples need as many weights, not ",
                                                    weights.size()));
   }
+  if (shadow.hints != nullptr && !shadow.hints->first_leaves.empty() &&
+      shadow.hints->first_leaves.size() != samples.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("hints of ", shadow.hints->first_leaves.size(),
+                                                   " light samples for ", samples.size(),
+                                                   "; they are good for one set of samples alone"));
+  }
   if (!(shadow.t_min >= 0 && shadow.t_min < 1)) {
     return absl::InvalidArgumentError(absl::StrCat("t_min = ", shadow.t_min, " is outside [0, 1)"));
   }
@@ -65,8 +71,10 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::vector<size_t> index;
   SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
   if (outputs.answered_by) tracer.RecordAnsweredBy();
+  if (shadow.hints != nullptr) tracer.TakeFirstLeaves(shadow.hints->first_leaves);
   std::vector<uint32_t> order;
-  const bool ordered = OrderingPays(points.positions, points.valid, samples.size());
+  const bool ordered =
+      !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size());
   if (ordered) order = SpatialOrder(points.positions, points.valid);
   const size_t end = ordered ? order.size() : n;
   for (size_t next = 0; next < end;) {
@@ -136,6 +144,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       }
     }
   }
+  if (shadow.hints != nullptr) shadow.hints->first_leaves = tracer.first_leaves();
   *result = std::move(out);
   return absl::OkStatus();
 }

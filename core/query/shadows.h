@@ -42,10 +42,22 @@ struct PointRange {
   }
 };
 
+// Where walks toward each sample last found a blocker: tried first for the next points, which are
+// their neighbours. Of one scene and one set of samples; empty at first.
+struct ShadowHints {
+  std::vector<uint32_t> first_leaves;
+};
+
 struct ShadowOptions {
   // Segments end this share of their length before the point: in [0, 1). The shortened end is the
   // double P + t_min·(L − P), rounded once; for directional lights the start is P + t_min·D.
   double t_min = 0;
+  // Speed alone, for points that are handed over bit by bit. The points come as neighbours already:
+  // no other order is looked for.
+  bool ordered = false;
+  // What the points before these left behind, taken over and left to those that follow; may be
+  // null.
+  ShadowHints* hints = nullptr;
 };
 
 struct ShadowOutputs {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/admission/scheduler.h"
 
+#include <time.h>  // NOLINT(modernize-deprecated-headers): clock_gettime is POSIX.
+
 #include <algorithm>
 #include <utility>
 #include <vector>
@@ -26,8 +28,17 @@ void Scheduler::Pace::Add(uint64_t rays, std::chrono::nanoseconds time) {
   rays_ = rays_ * kPast + static_cast<double>(rays);
 }
 
-Scheduler::Scheduler(int threads, Executor executor, Now now)
-    : threads_(threads), executor_(std::move(executor)), now_(std::move(now)) {
+std::chrono::nanoseconds Scheduler::ThreadCpuTime() {
+  timespec time{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
+}
+
+Scheduler::Scheduler(int threads, Executor executor, Now now, CpuTime cpu_time)
+    : threads_(threads),
+      executor_(std::move(executor)),
+      now_(std::move(now)),
+      cpu_time_(std::move(cpu_time)) {
   SIGHTLINE_CHECK_GT(threads, 0);
 }
 
@@ -118,6 +129,16 @@ double Scheduler::NanosPerRay(const Flow& flow) const {
   return pace_.known() ? pace_.nanos_per_ray() : 0;
 }
 
+uint64_t Scheduler::PartRays(const Flow& flow) const {
+  const Pace& pace = flow.cpu_pace_.known() ? flow.cpu_pace_ : cpu_pace_;
+  if (!pace.known()) return kFirstPartRays;
+  // What takes no measurable time fits any size.
+  const double wanted =
+      static_cast<double>(kPartTime.count()) / std::max(pace.nanos_per_ray(), 1e-6);
+  return static_cast<uint64_t>(
+      std::clamp(wanted, static_cast<double>(kLeastPartRays), static_cast<double>(kMostPartRays)));
+}
+
 int Scheduler::Claim() {
   const auto startable = static_cast<int64_t>(startable_);
   const auto wanted =
@@ -135,6 +156,7 @@ void Scheduler::Spawn(int workers) {
 // others gave to the same threads gets its turn.
 void Scheduler::Work() {
   uint64_t spent = 0;
+  std::chrono::nanoseconds spent_time{0};
   int more = 0;
   bool first = true;
   while (true) {
@@ -142,7 +164,7 @@ void Scheduler::Work() {
     {
       MutexLock lock(mutex_);
       if (std::exchange(first, false)) --starting_;
-      if (spent >= kMostPartRays || !Take(&taken)) {
+      if (spent >= kMostPartRays || spent_time >= kPartTime || !Take(&taken)) {
         --workers_;
         more = Claim();
         if (workers_ == 0) idle_.SignalAll();
@@ -151,15 +173,19 @@ void Scheduler::Work() {
       ++running_;
     }
     const Clock::time_point start = now_();
+    const std::chrono::nanoseconds cpu_start = cpu_time_();
     const bool done = taken.task();
-    const std::chrono::nanoseconds time = now_() - start;
+    const std::chrono::nanoseconds time = now_() - start, cpu_time = cpu_time_() - cpu_start;
     spent += taken.rays;
+    spent_time += cpu_time;
     {
       MutexLock lock(mutex_);
       --running_;
       if (done) {
         taken.flow->pace_.Add(taken.rays, time);
+        taken.flow->cpu_pace_.Add(taken.rays, cpu_time);
         pace_.Add(taken.rays, time);
+        cpu_pace_.Add(taken.rays, cpu_time);
       }
       Expect(taken.flow, -static_cast<int64_t>(taken.rays));
     }
@@ -264,17 +290,14 @@ Scheduler::Forecast Scheduler::Flow::Foresee(uint64_t rays) const {
   }
   // The threads share the work, but for the last part, which is one thread's alone.
   const double threads = scheduler_->threads_;
-  const double last = static_cast<double>(std::min(rays, kMostPartRays)) * own_pace;
+  const double last = static_cast<double>(std::min(rays, scheduler_->PartRays(*this))) * own_pace;
   const double tail = last * (1 - 1 / threads);
   return {.alone = Nanos(item / threads + tail), .shared = Nanos(all / threads + tail)};
 }
 
 uint64_t Scheduler::Flow::PartRays() const {
   MutexLock lock(scheduler_->mutex_);
-  if (!pace_.known()) return kMostPartRays;
-  const double wanted = static_cast<double>(kPartTime.count()) / pace_.nanos_per_ray();
-  return static_cast<uint64_t>(
-      std::clamp(wanted, static_cast<double>(kLeastPartRays), static_cast<double>(kMostPartRays)));
+  return scheduler_->PartRays(*this);
 }
 
 }  // namespace sightline

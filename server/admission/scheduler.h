@@ -5,10 +5,11 @@
 // likewise, and within a stream the task with the least key goes first. So a client with one tile
 // waits for the tasks that run just now, and not for another client's million points.
 //
-// It also knows how long work takes, by what tasks of each stream took per ray: from that come the
-// size of a part that keeps a thread for kPartTime, the time until a new item would be answered
-// (an item that cannot make its deadline is better refused than computed), and the delay after
-// which a refused client may try again.
+// It also knows how long work takes, by what tasks of each stream took per ray. By the time of
+// their threads' CPUs come the sizes of parts, which should not shrink because the machine is busy;
+// by the clock come the time until a new item would be answered (an item that cannot make its
+// deadline is better refused than computed) and the delay after which a refused client may try
+// again.
 //
 // Invariants
 //  1. At most `threads` tasks run at once, and while fewer do, none of a stream that is not held
@@ -64,14 +65,20 @@ class Scheduler {
   // Runs what it is given later, on a thread of its choice; never within the call.
   using Executor = std::function<void(absl::AnyInvocable<void()>)>;
   using Now = std::function<Clock::time_point()>;
+  // CPU time of the calling thread.
+  using CpuTime = std::function<std::chrono::nanoseconds()>;
 
-  // How long a part should keep its thread: what the smallest of items may have to wait for each
-  // busy thread, and long beside what a task costs by itself (about 10 us).
+  // How much CPU time a part should take: what the smallest of items may have to wait for each busy
+  // thread, and long beside what a task costs by itself (about 10 us).
   static constexpr std::chrono::nanoseconds kPartTime = std::chrono::milliseconds(4);
-  // Parts of at most this many rays: neighbours share a walk, and more gain nothing by it.
-  static constexpr uint64_t kMostPartRays = 64 << 10;
+  // Parts of at most this many rays: some 1,800 points of the 145 patches of a sky, whose
+  // neighbours share their walks. A quarter of it traced them at less than half the rate
+  // (sightline-bench service, sky-sums).
+  static constexpr uint64_t kMostPartRays = 256 << 10;
   // Parts of at least this many: below it the sharing is lost.
   static constexpr uint64_t kLeastPartRays = 8 << 10;
+  // Parts while nothing is known: at 20 M/s of one thread, 3 ms.
+  static constexpr uint64_t kFirstPartRays = 64 << 10;
 
   // A moving mean of what a ray takes: the last few tasks, each by its rays.
   class Pace {
@@ -129,10 +136,11 @@ class Scheduler {
     std::map<TaskKey, Waiting> waiting_;
     bool held_ = false;
     uint64_t announced_ = 0;  // Rays not yet run.
-    Pace pace_;
+    Pace pace_, cpu_pace_;
   };
 
-  Scheduler(int threads, Executor executor, Now now = &Clock::now);
+  Scheduler(int threads, Executor executor, Now now = &Clock::now,
+            CpuTime cpu_time = &ThreadCpuTime);
   ~Scheduler();
   Scheduler(const Scheduler&) = delete;
   Scheduler& operator=(const Scheduler&) = delete;
@@ -172,6 +180,8 @@ class Scheduler {
   void Expect(Flow* flow, int64_t rays) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool Take(Taken* taken) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   double NanosPerRay(const Flow& flow) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  uint64_t PartRays(const Flow& flow) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  static std::chrono::nanoseconds ThreadCpuTime();
   // How many more threads there is work for; they are then to be asked for without the lock.
   int Claim() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Spawn(int workers);
@@ -180,6 +190,7 @@ class Scheduler {
   const int threads_;
   const Executor executor_;
   const Now now_;
+  const CpuTime cpu_time_;
   mutable Mutex mutex_;
   CondVar idle_;
   std::map<std::string, std::unique_ptr<Client>> clients_ ABSL_GUARDED_BY(mutex_);
@@ -191,7 +202,7 @@ class Scheduler {
   int starting_ ABSL_GUARDED_BY(mutex_) = 0;      // Of them, those yet to take a task.
   int running_ ABSL_GUARDED_BY(mutex_) = 0;       // Tasks.
   uint64_t announced_ ABSL_GUARDED_BY(mutex_) = 0;
-  Pace pace_ ABSL_GUARDED_BY(mutex_);  // Of all flows.
+  Pace pace_ ABSL_GUARDED_BY(mutex_), cpu_pace_ ABSL_GUARDED_BY(mutex_);  // Of all flows.
 };
 
 }  // namespace sightline

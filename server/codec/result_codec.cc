@@ -2,6 +2,7 @@
 #include "server/codec/result_codec.h"
 
 #include <algorithm>
+#include <bit>
 #include <limits>
 #include <vector>
 
@@ -171,50 +172,49 @@ void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statist
   out->set_relevant_triangle_count(stats.relevant_triangles);
 }
 
-ShadowResult SpreadOverPixels(const ShadowResult& of_hits, std::span<const uint32_t> hit_pixels,
-                              size_t pixels, size_t samples, const ShadowOutputs& outputs) {
+ShadowResult NothingLit(size_t points, size_t samples, const ShadowOutputs& outputs) {
   ShadowResult result;
-  result.stats = of_hits.stats;
-  const size_t hits = hit_pixels.size();
-  if (outputs.bits) {
-    result.lit_bits.assign(samples * BitBytes(pixels), 0);
-    for (size_t s = 0; s < samples && hits > 0; ++s) {
-      const uint8_t* from = of_hits.lit_bits.data() + s * BitBytes(hits);
-      uint8_t* to = result.lit_bits.data() + s * BitBytes(pixels);
-      for (size_t i = 0; i < hits; ++i) {
-        const uint32_t pixel = hit_pixels[i];
-        to[pixel / 8] |= static_cast<uint8_t>(((from[i / 8] >> (i % 8)) & 1u) << (pixel % 8));
-      }
-    }
-  }
-  if (outputs.counts) {
-    result.lit_counts.assign(pixels, 0);
-    for (size_t i = 0; i < hits; ++i) result.lit_counts[hit_pixels[i]] = of_hits.lit_counts[i];
-  }
-  if (outputs.weighted_sums) {
-    result.weighted_sums.assign(pixels, 0.0);
-    for (size_t i = 0; i < hits; ++i)
-      result.weighted_sums[hit_pixels[i]] = of_hits.weighted_sums[i];
-  }
+  if (outputs.bits) result.lit_bits.assign(samples * BitBytes(points), 0);
+  if (outputs.counts) result.lit_counts.assign(points, 0);
+  if (outputs.weighted_sums) result.weighted_sums.assign(points, 0.0);
   if (outputs.blockers) {
-    result.blocker.assign(samples * pixels, kNoTriangle);
-    result.blocker_t.assign(samples * pixels, std::numeric_limits<float>::infinity());
-    for (size_t s = 0; s < samples; ++s) {
-      for (size_t i = 0; i < hits; ++i) {
-        result.blocker[s * pixels + hit_pixels[i]] = of_hits.blocker[s * hits + i];
-        result.blocker_t[s * pixels + hit_pixels[i]] = of_hits.blocker_t[s * hits + i];
-      }
-    }
+    result.blocker.assign(samples * points, kNoTriangle);
+    result.blocker_t.assign(samples * points, std::numeric_limits<float>::infinity());
   }
-  if (outputs.answered_by) {
-    result.answered_by.assign(samples * pixels, AnsweredBy::kNoRay);
-    for (size_t s = 0; s < samples; ++s) {
-      for (size_t i = 0; i < hits; ++i) {
-        result.answered_by[s * pixels + hit_pixels[i]] = of_hits.answered_by[s * hits + i];
-      }
-    }
-  }
+  if (outputs.answered_by) result.answered_by.assign(samples * points, AnsweredBy::kNoRay);
   return result;
+}
+
+void SpreadShadows(const ShadowResult& some, std::span<const uint32_t> places, size_t points,
+                   size_t samples, const ShadowOutputs& outputs, ShadowResult* all) {
+  const size_t count = places.size();
+  for (size_t s = 0; s < samples && outputs.bits; ++s) {
+    const uint8_t* from = some.lit_bits.data() + s * BitBytes(count);
+    uint8_t* to = all->lit_bits.data() + s * BitBytes(points);
+    for (size_t byte = 0; byte < BitBytes(count); ++byte) {
+      for (uint32_t lit = from[byte]; lit != 0; lit &= lit - 1) {
+        const uint32_t place = places[8 * byte + static_cast<size_t>(std::countr_zero(lit))];
+        to[place / 8] |= static_cast<uint8_t>(1u << (place % 8));
+      }
+    }
+  }
+  for (size_t i = 0; i < count && outputs.counts; ++i) {
+    all->lit_counts[places[i]] = some.lit_counts[i];
+  }
+  for (size_t i = 0; i < count && outputs.weighted_sums; ++i) {
+    all->weighted_sums[places[i]] = some.weighted_sums[i];
+  }
+  for (size_t s = 0; s < samples && outputs.blockers; ++s) {
+    for (size_t i = 0; i < count; ++i) {
+      all->blocker[s * points + places[i]] = some.blocker[s * count + i];
+      all->blocker_t[s * points + places[i]] = some.blocker_t[s * count + i];
+    }
+  }
+  for (size_t s = 0; s < samples && outputs.answered_by; ++s) {
+    for (size_t i = 0; i < count; ++i) {
+      all->answered_by[s * points + places[i]] = some.answered_by[s * count + i];
+    }
+  }
 }
 
 }  // namespace sightline

@@ -55,10 +55,13 @@ void EncodeSegments(const SceneGeometry& geometry, const SegmentResult& result,
 
 void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statistics* out);
 
-// Shadows computed for the points of a tile that are hits, spread out over its n pixels: pixels
-// that hit nothing are not lit, have no blocker, and count nothing.
-ShadowResult SpreadOverPixels(const ShadowResult& of_hits, std::span<const uint32_t> hit_pixels,
-                              size_t pixels, size_t samples, const ShadowOutputs& outputs);
+// Shadows of points that are not lit, have no blocker, and count nothing.
+ShadowResult NothingLit(size_t points, size_t samples, const ShadowOutputs& outputs);
+
+// Puts shadows computed for some of `points` points (the hits of a tile, a part of them in another
+// order) where they belong: point i of `some` at places[i] of `all`. Statistics stay.
+void SpreadShadows(const ShadowResult& some, std::span<const uint32_t> places, size_t points,
+                   size_t samples, const ShadowOutputs& outputs, ShadowResult* all);
 
 }  // namespace sightline
 

@@ -1,9 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One item of a visibility stream once it is decoded: parts that can be computed side by side, each
-// of which fills one reply.
+// One item of a visibility stream once it is decoded: parts that can be computed side by side. Each
+// fills a reply, or several share in one, which the last of them to be done fills.
+//
+// Invariants: the parts hold every element once; the replies do, too, perhaps in another order; the
+// part that fills a reply is known when it is done.
 //
 // Thread safety: RunPart may run for several parts at once, each part once; the rest is constant.
+//
+//   SL_ASSIGN_OR_RETURN(const PartRange answered, work->RunPart(part, token, &response, &stats));
+//   if (answered.count > 0) Send(response, answered);
 #ifndef SIGHTLINE_SERVER_STREAM_ITEM_WORK_H_
 #define SIGHTLINE_SERVER_STREAM_ITEM_WORK_H_
 
@@ -64,26 +70,37 @@ absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t 
 template <typename Response>
 class ItemWork {
  public:
+  // Each part fills a reply of its own, which holds the elements of its range.
   ItemWork(std::shared_ptr<const Scene> scene, std::vector<PartRange> parts)
-      : scene_(std::move(scene)), parts_(std::move(parts)) {}
+      : ItemWork(std::move(scene), std::move(parts), 0) {
+    replies_ = parts_.size();
+  }
   ItemWork(const ItemWork&) = delete;
   ItemWork& operator=(const ItemWork&) = delete;
   virtual ~ItemWork() = default;
 
+  // One behind the other, from 0 to the number of elements.
   const std::vector<PartRange>& parts() const { return parts_; }
+  // How many replies the parts will fill.
+  size_t replies() const { return replies_; }
   uint64_t revision() const { return scene_->revision; }
-  // Fills everything of `reply` but its header. On an error the reply is not sent.
-  virtual absl::Status RunPart(size_t part, const CancelToken& cancel, Response* reply,
-                               QueryStats* stats) = 0;
+  // The elements that the reply holds: it is filled but for its header. No elements: other parts
+  // share in this one's reply. On an error nothing is sent.
+  virtual absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* reply,
+                                            QueryStats* stats) = 0;
   // Adds to the last reply what is true of the whole item.
   virtual void Complete(Response* reply) { (void)reply; }
 
  protected:
+  ItemWork(std::shared_ptr<const Scene> scene, std::vector<PartRange> parts, size_t replies)
+      : scene_(std::move(scene)), parts_(std::move(parts)), replies_(replies) {}
+
   const Scene& scene() const { return *scene_; }
 
  private:
   const std::shared_ptr<const Scene> scene_;
   const std::vector<PartRange> parts_;
+  size_t replies_;
 };
 
 }  // namespace sightline

@@ -27,8 +27,8 @@ class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
               std::vector<PartRange> parts)
       : Work(std::move(scene), std::move(parts)), method_(method), bytes_(std::move(bytes)) {}
 
-  absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
-                       QueryStats* stats) override {
+  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* response,
+                                    QueryStats* stats) override {
     const PartRange range = parts()[part];
     std::vector<std::array<Vec3d, 2>> ends;
     SL_RETURN_IF_ERROR(DecodeSegments(
@@ -47,7 +47,7 @@ class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
     stats->Add(result.stats);
     EncodeSegments(scene().geometry, result, segments.valid, wanted,
                    response->mutable_reply()->mutable_segments());
-    return absl::OkStatus();
+    return range;
   }
 
  private:

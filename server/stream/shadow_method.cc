@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stream/shadow_method.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/query/point_order.h"
 #include "server/base/error.h"
 #include "server/base/resource_name.h"
 #include "server/codec/result_codec.h"
+#include "server/stream/shadow_chunk.h"
 
 namespace sightline {
 
@@ -20,30 +23,71 @@ struct ShadowMethod::Points {
   uint64_t near_surface = 0;  // Of inline points.
 };
 
+// Which points each part computes, and which reply they go into.
+struct ShadowMethod::Plan {
+  // A run of points with a reply of its own; in several parts if it has a chunk, else one part.
+  struct Run {
+    PartRange points;
+    std::unique_ptr<ShadowChunk> chunk;
+  };
+  std::vector<Run> runs;
+  std::vector<PartRange> parts;
+  std::vector<std::pair<size_t, size_t>> of_part;  // Its run, and its number within that.
+
+  void Add(const PartRange& points, size_t part_points) {
+    Run run{.points = points, .chunk = nullptr};
+    if (part_points < points.count) {
+      run.chunk = std::make_unique<ShadowChunk>(points.count, part_points);
+    }
+    for (size_t k = 0; k * part_points < points.count; ++k) {
+      parts.push_back({points.offset + k * part_points,
+                       std::min<uint64_t>(part_points, points.count - k * part_points)});
+      of_part.emplace_back(runs.size(), k);
+    }
+    runs.push_back(std::move(run));
+  }
+};
+
 class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
  public:
   ShadowWork(const ShadowMethod& method, std::shared_ptr<const Scene> scene,
-             std::shared_ptr<const SampleSet> samples, Points points, std::vector<PartRange> parts)
-      : Work(std::move(scene), std::move(parts)),
+             std::shared_ptr<const SampleSet> samples, Points points, Plan plan)
+      : Work(std::move(scene), std::move(plan.parts), plan.runs.size()),
         method_(method),
         samples_(std::move(samples)),
-        points_(std::move(points)) {}
+        points_(std::move(points)),
+        runs_(std::move(plan.runs)),
+        of_part_(std::move(plan.of_part)) {}
 
-  absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
-                       QueryStats* stats) override {
-    const PartRange range = parts()[part];
+  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* response,
+                                    QueryStats* stats) override {
+    const auto [index, within] = of_part_[part];
+    const Plan::Run& run = runs_[index];
     const PointRange points =
-        PointRange::Slice(*points_.points, points_.offset + range.offset, range.count);
+        PointRange::Slice(*points_.points, points_.offset + run.points.offset, run.points.count);
     const v1::ShadowOutputs& wanted = method_.outputs_;
+    const ShadowOutputs outputs = DecodeShadowOutputs(wanted);
     QueryOptions options = method_.options_.query;
     options.cancel = &cancel;
+    const auto compute = [&](const PointRange& some, ShadowHints* hints, ShadowResult* result) {
+      ShadowOptions shadow = method_.shadow_options_;
+      shadow.ordered = hints != nullptr;
+      shadow.hints = hints;
+      return ComputeShadows(scene(), some, *samples_, shadow, outputs, options, result);
+    };
     ShadowResult result;
-    SL_RETURN_IF_ERROR(ComputeShadows(scene(), points, *samples_, method_.shadow_options_,
-                                      DecodeShadowOutputs(wanted), options, &result));
-    stats->Add(result.stats);
+    if (run.chunk == nullptr) {
+      SL_RETURN_IF_ERROR(compute(points, nullptr, &result));
+      stats->Add(result.stats);
+    } else {
+      SL_ASSIGN_OR_RETURN(const bool last,
+                          run.chunk->RunPart(within, points, samples_->samples.size(), outputs,
+                                             compute, &result, stats));
+      if (!last) return PartRange();
+    }
     EncodeShadows(scene().geometry, result, points.valid, samples_->samples, wanted,
                   response->mutable_reply()->mutable_shadows());
-    return absl::OkStatus();
+    return run.points;
   }
 
   void Complete(Response* response) override {
@@ -55,6 +99,8 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
   const ShadowMethod& method_;
   const std::shared_ptr<const SampleSet> samples_;
   const Points points_;
+  const std::vector<Plan::Run> runs_;
+  const std::vector<std::pair<size_t, size_t>> of_part_;
 };
 
 absl::StatusOr<std::unique_ptr<ShadowMethod>> ShadowMethod::Open(const Header& header,
@@ -131,18 +177,39 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
                 range.count(), 0};
 }
 
+// Runs are long where their points have to be ordered, since they are ordered within a run.
+absl::StatusOr<ShadowMethod::Plan> ShadowMethod::MakePlan(const Points& points, uint64_t samples,
+                                                          uint64_t part_rays) const {
+  const auto bytes = [&](uint64_t n) { return ShadowBytes(outputs_, n, samples); };
+  const auto cut = [&](uint64_t count, uint64_t rays) {
+    return CutIntoParts(count, 1, samples, rays, env_.limits, bytes);
+  };
+  SL_ASSIGN_OR_RETURN(
+      const std::vector<PartRange> runs,
+      cut(points.count, std::max(part_rays, RayCount(ShadowChunk::kMostPoints, samples))));
+  Plan plan;
+  for (const PartRange& run : runs) {
+    const PointRange slice =
+        PointRange::Slice(*points.points, points.offset + run.offset, run.count);
+    if (OrderingPays(slice.positions, slice.valid, samples)) {
+      plan.Add(run, ShadowChunk::PartPoints(part_rays, samples));
+      continue;
+    }
+    SL_ASSIGN_OR_RETURN(const std::vector<PartRange> parts, cut(run.count, part_rays));
+    for (const PartRange& part : parts)
+      plan.Add({run.offset + part.offset, part.count}, part.count);
+  }
+  return plan;
+}
+
 absl::StatusOr<std::unique_ptr<ShadowMethod::Work>> ShadowMethod::Prepare(
     const Item& item, const CancelToken& cancel, uint64_t part_rays) const {
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
   SL_ASSIGN_OR_RETURN(Points points, FindPoints(item, scene, cancel));
-  const uint64_t sample_count = samples->samples.size();
-  SL_ASSIGN_OR_RETURN(
-      std::vector<PartRange> parts,
-      CutIntoParts(points.count, 1, sample_count, part_rays, env_.limits,
-                   [&](uint64_t n) { return ShadowBytes(outputs_, n, sample_count); }));
+  SL_ASSIGN_OR_RETURN(Plan plan, MakePlan(points, samples->samples.size(), part_rays));
   return std::unique_ptr<Work>(new ShadowWork(*this, std::move(scene), std::move(samples),
-                                              std::move(points), std::move(parts)));
+                                              std::move(points), std::move(plan)));
 }
 
 }  // namespace sightline

@@ -40,10 +40,12 @@ class ShadowMethod final : public StreamMethod {
  private:
   class ShadowWork;
   struct Points;
+  struct Plan;
   explicit ShadowMethod(const QueryEnvironment& env) : StreamMethod(env) {}
 
   absl::StatusOr<Points> FindPoints(const Item& item, const std::shared_ptr<const Scene>& scene,
                                     const CancelToken& cancel) const;
+  absl::StatusOr<Plan> MakePlan(const Points& points, uint64_t samples, uint64_t part_rays) const;
 
   PointOptions point_options_;
   ShadowOptions shadow_options_;

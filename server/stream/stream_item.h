@@ -38,9 +38,12 @@ struct StreamItem {
 
   std::unique_ptr<typename Method::Work> work;  // Once prepared.
   uint64_t queue_nanos = 0;
-  bool started = false;     // Some task of it has begun.
-  uint64_t tasks_left = 1;  // Waiting or running: first the preparation, then the parts.
-  absl::Status status;      // The first thing that went wrong.
+  bool started = false;       // Some task of it has begun.
+  uint64_t tasks_left = 1;    // Waiting or running: first the preparation, then the parts.
+  uint64_t replies_left = 0;  // Of the work, not yet filled.
+  // The last reply, while a part that shared in it is not yet through.
+  std::unique_ptr<typename Method::Response> last;
+  absl::Status status;  // The first thing that went wrong.
   QueryStats stats;
   bool closed = false;  // Its last reply is in the outbox.
 

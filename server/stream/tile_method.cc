@@ -42,8 +42,8 @@ class TileMethod::TileWork final : public TileMethod::Work {
         samples_(std::move(samples)),
         tile_(tile) {}
 
-  absl::Status RunPart(size_t part, const CancelToken& cancel, Response* response,
-                       QueryStats* stats) override {
+  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* response,
+                                    QueryStats* stats) override {
     const PartRange range = parts()[part];
     const TileRect band{tile_.x, tile_.y + static_cast<uint32_t>(range.offset / tile_.width),
                         tile_.width, static_cast<uint32_t>(range.count / tile_.width)};
@@ -73,7 +73,7 @@ class TileMethod::TileWork final : public TileMethod::Work {
     stats->Add(result.primary);
     v1::TileReply* reply = response->mutable_reply();
     EncodeTile(scene().geometry, result, method_.outputs_, reply->mutable_tile());
-    if (!lights) return absl::OkStatus();
+    if (!lights) return range;
     ShadowResult shadows;
     if (bits_alone) {
       shadows.lit_bits = std::move(result.lit_bits);
@@ -87,7 +87,7 @@ class TileMethod::TileWork final : public TileMethod::Work {
     for (size_t i = 0; i < valid.size(); ++i) valid[i] = (result.hit_bits[i / 8] >> (i % 8)) & 1;
     EncodeShadows(scene().geometry, shadows, valid, samples_->samples, wanted,
                   reply->mutable_shadows());
-    return absl::OkStatus();
+    return range;
   }
 
  private:
@@ -95,12 +95,13 @@ class TileMethod::TileWork final : public TileMethod::Work {
                          ShadowResult* shadows) const {
     const ShadowOutputs outputs = DecodeShadowOutputs(method_.shadow_outputs_);
     ShadowResult of_hits;
-    if (tile.points.size() > 0) {
-      SL_RETURN_IF_ERROR(ComputeShadows(scene(), PointRange::All(tile.points), *samples_,
-                                        ShadowOptions{}, outputs, options, &of_hits));
-    }
-    *shadows =
-        SpreadOverPixels(of_hits, tile.point_pixel, pixels, samples_->samples.size(), outputs);
+    const size_t samples = samples_->samples.size();
+    *shadows = NothingLit(pixels, samples, outputs);
+    if (tile.points.size() == 0) return absl::OkStatus();
+    SL_RETURN_IF_ERROR(ComputeShadows(scene(), PointRange::All(tile.points), *samples_,
+                                      ShadowOptions{}, outputs, options, &of_hits));
+    shadows->stats = of_hits.stats;
+    SpreadShadows(of_hits, tile.point_pixel, pixels, samples, outputs, shadows);
     return absl::OkStatus();
   }
 

@@ -29,9 +29,9 @@
 
 #include <algorithm>
 #include <chrono>
-#include <deque>
 #include <memory>
 #include <string>
+#include <tuple>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -40,6 +40,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 #include "core/base/cancel.h"
+#include "core/base/check.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "server/admission/call_tracker.h"
@@ -51,6 +52,7 @@
 #include "server/codec/query_codec.h"
 #include "server/codec/result_codec.h"
 #include "server/stream/item_report.h"
+#include "server/stream/outbox.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/stream_item.h"
 
@@ -128,15 +130,7 @@ class VisibilityStream final
  private:
   // More than any client has under way; see invariant 5.
   static constexpr uint64_t kMaxDiscarded = 1 << 16;
-  // Parts wait for the transport beyond this, so that a slow reader's answers stay uncomputed.
-  static constexpr uint64_t kMaxOutboxBytes = 8 << 20;
   static constexpr int32_t kMaxPriority = 100;
-
-  struct Outgoing {
-    std::unique_ptr<Response> response;
-    uint64_t bytes = 0;
-    ItemPtr last_of;  // The item whose last reply this is.
-  };
 
   VisibilityStream(grpc::CallbackServerContext* context, const QueryEnvironment& env)
       : context_(context),
@@ -404,6 +398,7 @@ class VisibilityStream final
   void AddParts(const ItemPtr& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const std::vector<PartRange>& parts = item->work->parts();
     item->tasks_left = parts.size();
+    item->replies_left = item->work->replies();
     const uint64_t elements = parts.back().offset + parts.back().count;
     const auto rays = [&](size_t part) {
       return std::max<uint64_t>(1, item->cost / elements * parts[part].count);
@@ -418,29 +413,32 @@ class VisibilityStream final
   bool Compute(const ItemPtr& item, size_t part) {
     auto response = std::make_unique<Response>();
     QueryStats stats;
-    absl::Status status = item->token.ToStatus();
-    if (status.ok()) {
-      status = GuardMemory(
+    absl::StatusOr<PartRange> answered = PartRange();
+    if (const absl::Status status = item->token.ToStatus(); !status.ok()) {
+      answered = status;
+    } else {
+      answered = GuardMemory(
           [&] { return item->work->RunPart(part, item->token, response.get(), &stats); });
     }
     MutexLock lock(mutex_);
-    if (status.ok() && item->status.ok()) {
-      item->stats.Add(stats);
-      const PartRange range = item->work->parts()[part];
+    if (!answered.ok() || !item->status.ok()) return FinishTask(item, answered.status());
+    item->stats.Add(stats);
+    if (answered->count > 0) {
       v1::ReplyHeader* header = response->mutable_reply()->mutable_header();
-      header->set_offset(range.offset);
-      header->set_element_count(range.count);
-      if (item->tasks_left > 1) {
+      header->set_offset(answered->offset);
+      header->set_element_count(answered->count);
+      if (--item->replies_left == 0) {
+        item->last = std::move(response);
+      } else {
         FillHeader(*item, header);
         Send(std::move(response), nullptr);
-      } else {
-        item->work->Complete(response.get());
-        --item->tasks_left;
-        Close(item, std::move(response));
-        return true;
       }
     }
-    return FinishTask(item, status);
+    if (--item->tasks_left > 0) return true;
+    SIGHTLINE_CHECK(item->last != nullptr) << "the parts are done, and not all replies are filled";
+    item->work->Complete(item->last.get());
+    Close(item, std::move(item->last));
+    return true;
   }
 
   bool FinishTask(const ItemPtr& item, const absl::Status& status)
@@ -479,6 +477,7 @@ class VisibilityStream final
     }
     ReportItem(env_, *context_, *method_, *item);
     item->work.reset();
+    item->last.reset();
     item->deadline_alarm.reset();
     Send(std::move(response), item);
   }
@@ -493,15 +492,13 @@ class VisibilityStream final
   void Send(std::unique_ptr<Response> response, ItemPtr last_of)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (!failure_.ok()) return;
-    const uint64_t bytes = response->ByteSizeLong();
-    outbox_bytes_ += bytes;
-    outbox_.push_back({std::move(response), bytes, std::move(last_of)});
+    outbox_.Push(std::move(response), std::move(last_of));
     HoldBack();
   }
 
   // The answers of a client that does not read stay uncomputed.
   void HoldBack() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const bool hold = outbox_bytes_ > kMaxOutboxBytes;
+    const bool hold = outbox_.full();
     if (hold != std::exchange(held_, hold)) flow_->Hold(hold);
   }
 
@@ -517,8 +514,7 @@ class VisibilityStream final
     token_.Cancel();
     for (const auto& [id, item] : items_) flow_->Withdraw(std::exchange(item->to_come, 0));
     if (flow_ != nullptr) flow_->Clear();
-    outbox_.clear();
-    outbox_bytes_ = 0;
+    outbox_.Clear();
     if (!absl::IsCancelled(failure_)) {
       Log(LogLevel::kInfo, "stream_failed",
           {{"peer", std::string(context_->peer())}, {"status", failure_.ToString()}});
@@ -538,18 +534,16 @@ class VisibilityStream final
 
   void Write() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (writing_ != nullptr || outbox_.empty() || cancelled_) return;
-    Outgoing& next = outbox_.front();
-    if (next.response->has_reply() && limit_results_ && result_credit_ <= 0) return;
-    writing_ = std::move(next.response);
-    outbox_bytes_ -= next.bytes;
-    if (const ItemPtr item = std::move(next.last_of); item != nullptr) {
+    if (outbox_.first().has_reply() && limit_results_ && result_credit_ <= 0) return;
+    ItemPtr item;
+    std::tie(writing_, item) = outbox_.Pop();
+    if (item != nullptr) {
       // Before the write: the client may answer the reply before we hear that it went out.
       credit_ += static_cast<int64_t>(item->cost);
       if (limit_results_) result_credit_ -= static_cast<int64_t>(item->cost);
       item->ticket.Release();
       items_.erase(item->id);
     }
-    outbox_.pop_front();
     HoldBack();
     this->StartWrite(writing_.get());
   }
@@ -583,8 +577,7 @@ class VisibilityStream final
   uint64_t discarded_ ABSL_GUARDED_BY(mutex_) = 0;
   std::unordered_map<uint64_t, ItemPtr> items_ ABSL_GUARDED_BY(mutex_);  // Unanswered, by id.
   int running_ ABSL_GUARDED_BY(mutex_) = 0;                              // Tasks.
-  std::deque<Outgoing> outbox_ ABSL_GUARDED_BY(mutex_);
-  uint64_t outbox_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  Outbox<Response, ItemPtr> outbox_ ABSL_GUARDED_BY(mutex_);  // Due: the item whose last it is.
   bool held_ ABSL_GUARDED_BY(mutex_) = false;  // Nothing is computed until something is read.
   std::unique_ptr<Response> writing_ ABSL_GUARDED_BY(mutex_);
   int64_t credit_ ABSL_GUARDED_BY(mutex_);

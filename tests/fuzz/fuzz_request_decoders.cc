@@ -167,10 +167,14 @@ void FuzzStream(absl::string_view bytes) {
     if (!work.ok()) continue;
     QueryStats stats;
     typename Method::Response reply;
+    size_t replies = 0;
     for (size_t part = 0; part < (*work)->parts().size(); ++part) {
       reply.Clear();
-      if (!(*work)->RunPart(part, cancel, &reply, &stats).ok()) return;
+      const absl::StatusOr<PartRange> answered = (*work)->RunPart(part, cancel, &reply, &stats);
+      if (!answered.ok()) return;
+      if (answered->count > 0) ++replies;
     }
+    Require(replies == (*work)->replies());
     (*work)->Complete(&reply);
   }
 }

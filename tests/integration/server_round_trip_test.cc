@@ -289,6 +289,70 @@ TEST_F(RoundTripTest, PointShadowsAreTheEngines) {
   EXPECT_EQ(reply.shadows().near_surface_point_count(), prepared.near_surface);
 }
 
+// Many points that are no neighbours, and many lights: the server orders them, and computes in
+// parts what it answers at once.
+TEST_F(RoundTripTest, ScatteredPointsAndManyLightsAreTheEngines) {
+  testing_support::TestRng rng;
+  std::vector<Vec3d> points(6001);
+  for (Vec3d& p : points) p = {rng.Uniform(-3, 3), rng.Uniform(-3, 3), rng.Uniform(0, 3)};
+  points[7].x = std::nan("");
+  const PreparedPoints prepared = *PreparePoints(*scene_, {points, {}, {}}, {});
+  v1::ComputeShadowsRequest header;
+  header.mutable_header()->mutable_stream()->set_scene("scenes/room");
+  header.mutable_header()->mutable_stream()->mutable_options()->set_statistics(true);
+  std::vector<LightSample> samples;
+  constexpr uint32_t kLights = 28;
+  for (uint32_t i = 0; i < kLights; ++i) {
+    const Vec3d at = {rng.Uniform(-2, 2), rng.Uniform(-2, 2), rng.Uniform(0, 3)};
+    EncodeTestVector(at,
+                     header.mutable_header()->add_lights()->mutable_point()->mutable_position());
+    ASSERT_TRUE(AppendSamples(Light::Point(at), i, scene_->geometry.origin, &samples).ok());
+  }
+  for (const bool blockers : {false, true}) {
+    v1::ShadowOutputs* outputs = header.mutable_header()->mutable_outputs();
+    outputs->set_lit_bits(true);
+    outputs->set_lit_counts(true);
+    outputs->set_weighted_sums(true);
+    outputs->set_first_blockers(blockers);
+    ShadowStream stream(harness_, header);
+    v1::ComputeShadowsRequest item;
+    item.mutable_item()->mutable_points()->set_points(PackArray(points));
+    stream.Write(item);
+    const auto replies = stream.ReadAll();
+    ASSERT_TRUE(stream.Finish().ok());
+    const auto& parts = replies.at(0);
+    ShadowResult engine;
+    ASSERT_TRUE(ComputeShadows(
+                    *scene_, PointRange::All(prepared), samples, std::vector<double>(kLights, 1.0),
+                    {}, {.bits = true, .counts = true, .weighted_sums = true, .blockers = blockers},
+                    {.strategy = Strategy::kSingle}, &engine)
+                    .ok());
+    const auto joined = [&](size_t rows, auto field) {
+      return Joined(parts, rows, [&](const v1::ShadowReply& r) { return field(r.shadows()); });
+    };
+    using Result = v1::ShadowResult;
+    EXPECT_EQ(joined(1, [](const Result& r) { return r.lit_counts(); }),
+              PackArray(engine.lit_counts));
+    EXPECT_EQ(joined(1, [](const Result& r) { return r.weighted_sums(); }),
+              PackArray(engine.weighted_sums));
+    EXPECT_EQ(joined(kLights, [](const Result& r) { return r.lit_bits(); }),
+              PackArray(engine.lit_bits));
+    if (blockers) {
+      EXPECT_EQ(joined(kLights, [](const Result& r) { return r.blocker_distances(); }),
+                PackArray(engine.blocker_t));
+    } else {
+      // One reply of several parts.
+      EXPECT_EQ(parts.size(), 1u);
+    }
+    uint64_t lasts = 0;
+    for (const auto& part : parts) lasts += part.reply().header().last() ? 1 : 0;
+    EXPECT_EQ(lasts, 1u);
+    EXPECT_TRUE(parts.back().reply().header().last());
+    // Its statistics are those of all parts.
+    EXPECT_EQ(parts.back().reply().header().statistics().ray_count(), uint64_t{6000} * kLights);
+  }
+}
+
 // Points kept from a camera give the tile's own shadows when they are lit again.
 TEST_F(RoundTripTest, PointSetsFromACameraAreRelit) {
   v1::CreatePointSetRequest create;

@@ -312,18 +312,19 @@ TEST(ResultCodecTest, InvalidPointsAndSamplesAreNamed) {
   EXPECT_THAT(out.invalid_samples(), ElementsAre(1u));
 }
 
-// Hits at pixels 1, 4 and 9 of ten; two samples.
-TEST(ResultCodecTest, ShadowsOfHitsAreSpreadOverPixels) {
+// Points 1, 4 and 9 of ten; two samples.
+TEST(ResultCodecTest, ShadowsOfSomePointsAreSpreadOverAll) {
   ShadowResult of_hits;
   of_hits.lit_bits = {0b101, 0b010};
   of_hits.lit_counts = {1, 1, 1};
   of_hits.weighted_sums = {0.5, 0.25, 0.125};
   of_hits.blocker = {7, 8, 9, 1, 2, 3};
   of_hits.blocker_t = {.7f, .8f, .9f, .1f, .2f, .3f};
-  const std::vector<uint32_t> pixels = {1, 4, 9};
-  const ShadowResult all =
-      SpreadOverPixels(of_hits, pixels, 10, 2,
-                       {.bits = true, .counts = true, .weighted_sums = true, .blockers = true});
+  const std::vector<uint32_t> places = {1, 4, 9};
+  const ShadowOutputs outputs = {
+      .bits = true, .counts = true, .weighted_sums = true, .blockers = true};
+  ShadowResult all = NothingLit(10, 2, outputs);
+  SpreadShadows(of_hits, places, 10, 2, outputs, &all);
   EXPECT_THAT(all.lit_bits, ElementsAre(0b00000010, 0b10, 0b00010000, 0));
   EXPECT_THAT(all.lit_counts, ElementsAre(0, 1, 0, 0, 1, 0, 0, 0, 0, 1));
   EXPECT_EQ(all.weighted_sums[9], 0.125);
@@ -332,7 +333,12 @@ TEST(ResultCodecTest, ShadowsOfHitsAreSpreadOverPixels) {
   EXPECT_EQ(all.blocker[0], kNoTriangle);
   EXPECT_EQ(all.blocker_t[9], .9f);
   EXPECT_TRUE(std::isinf(all.blocker_t[10]));
-  const ShadowResult none = SpreadOverPixels({}, {}, 10, 2, {.bits = true, .blockers = true});
+  // Others come in any order, and leave alone what is there.
+  ShadowResult rest;
+  rest.lit_bits = {0b10, 0b01};
+  SpreadShadows(rest, std::vector<uint32_t>{8, 0}, 10, 2, {.bits = true}, &all);
+  EXPECT_THAT(all.lit_bits, ElementsAre(0b00000011, 0b10, 0b00010000, 0b1));
+  const ShadowResult none = NothingLit(10, 2, {.bits = true, .blockers = true});
   EXPECT_THAT(none.lit_bits, ElementsAre(0, 0, 0, 0));
   EXPECT_EQ(none.blocker.size(), 20u);
 }

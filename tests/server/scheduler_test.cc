@@ -34,16 +34,18 @@ class ByHand {
       : scheduler(
             threads,
             [this](absl::AnyInvocable<void()> work) { workers.push_back(std::move(work)); },
-            [this] { return Scheduler::Clock::time_point(now); }) {}
+            [this] { return Scheduler::Clock::time_point(now); }, [this] { return cpu; }) {}
   ~ByHand() { RunAll(); }
 
-  // A task that takes `time` and appends `name` to `order`.
+  // A task that takes `time`, `busy` times as long as its thread works, and appends `name` to
+  // `order`.
   void Add(Flow& flow, const std::string& name, uint64_t rays, TaskKey key,
-           nanoseconds time = nanoseconds(0), bool done = true) {
+           nanoseconds time = nanoseconds(0), bool done = true, int busy = 1) {
     flow.Announce(rays);
-    flow.Add(key, rays, [this, name, time, done] {
+    flow.Add(key, rays, [this, name, time, done, busy] {
       order.push_back(name);
       now += time;
+      cpu += time / busy;
       return done;
     });
   }
@@ -65,7 +67,7 @@ class ByHand {
 
   std::deque<absl::AnyInvocable<void()>> workers;
   std::vector<std::string> order;
-  nanoseconds now{0};
+  nanoseconds now{0}, cpu{0};
   uint64_t sequence = 0;
   Scheduler scheduler;
 };
@@ -235,7 +237,7 @@ TEST(SchedulerTest, AFlowMayGoWithItsLastTask) {
 TEST(SchedulerTest, PartsTakeAboutTheSameTime) {
   ByHand hand;
   const auto flow = hand.scheduler.Open("a");
-  EXPECT_EQ(flow->PartRays(), Scheduler::kMostPartRays);
+  EXPECT_EQ(flow->PartRays(), Scheduler::kFirstPartRays);
   // 0.2 us per ray: 4 ms are 20,000 rays.
   hand.Add(*flow, "", 5000, {}, milliseconds(1));
   hand.RunAll();
@@ -244,6 +246,8 @@ TEST(SchedulerTest, PartsTakeAboutTheSameTime) {
   hand.Add(*flow, "", 5000, {}, nanoseconds(1), /*done=*/false);
   hand.RunAll();
   EXPECT_EQ(flow->PartRays(), 20'000u);
+  // Another stream's first parts are sized by what is known of others.
+  EXPECT_EQ(hand.scheduler.Open("b")->PartRays(), 20'000u);
   // A pace that changes is followed.
   for (int i = 0; i < 200; ++i) {
     hand.Add(*flow, "", 1000, {}, nanoseconds(1));
@@ -255,6 +259,26 @@ TEST(SchedulerTest, PartsTakeAboutTheSameTime) {
     hand.RunAll();
   }
   EXPECT_EQ(flow->PartRays(), Scheduler::kLeastPartRays);
+}
+
+// A thread that is kept off its CPU makes no smaller parts, but later answers.
+TEST(SchedulerTest, ABusyMachineMakesPartsNoSmaller) {
+  ByHand hand;
+  const auto flow = hand.scheduler.Open("a");
+  hand.Add(*flow, "", 5000, {}, milliseconds(8), /*done=*/true, /*busy=*/8);
+  hand.RunAll();
+  EXPECT_EQ(flow->PartRays(), 20'000u);
+  EXPECT_EQ(flow->Foresee(5000).shared, milliseconds(8));
+}
+
+TEST(SchedulerTest, AWorkerThatHasTakenAPartsTimeQueuesUpAgain) {
+  ByHand hand;
+  const auto flow = hand.scheduler.Open("a");
+  for (int i = 0; i < 5; ++i) {
+    hand.Add(*flow, "half", 100, {.sequence = hand.sequence++}, Scheduler::kPartTime / 2);
+  }
+  ASSERT_TRUE(hand.RunWorker());
+  EXPECT_EQ(hand.order.size(), 2u);
 }
 
 TEST(SchedulerTest, ForeseesWhatFairTurnsComeTo) {
@@ -295,8 +319,9 @@ TEST(SchedulerTest, ThreadsShareAllButTheLastPart) {
   EXPECT_EQ(flow->Foresee(1000).shared, milliseconds(1));
   // ... many are everybody's.
   const nanoseconds large = flow->Foresee(4'000'000).shared;
-  EXPECT_GT(large, milliseconds(1000));
-  EXPECT_LT(large, milliseconds(1060));
+  const nanoseconds part = std::chrono::microseconds(flow->PartRays());  // At 1 us per ray.
+  EXPECT_EQ(large, milliseconds(1000) + part * 3 / 4);
+  EXPECT_LT(part, milliseconds(10));
 }
 
 // Tasks that come from and run on many threads: each runs once, and the destructor waits.

@@ -165,5 +165,33 @@ TEST(PointOrderTest, ShuffledPointsGetTheirOwnAnswers) {
   }
 }
 
+// What points elsewhere left behind says where to look first, and nothing else.
+TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
+  TestRng rng;
+  const IndexedGeometry scene = IndexObjects({MakeClosedSphere(16, 24, 0.4, {0, 0, 0.5})}, Vec3d{});
+  std::vector<LightSample> samples;
+  for (uint32_t i = 0; i < 6; ++i) {
+    const Vec3d at = {rng.Uniform(-1, 1), rng.Uniform(-1, 1), -3};
+    ASSERT_TRUE(AppendSamples(Light::Point(at), i, {}, &samples).ok());
+  }
+  const Points rows = MakeRows(64);
+  const Points mixed = Permuted(rows, Shuffled(rows.positions.size(), rng));
+  ShadowResult plain, hinted;
+  const PointRange points{mixed.positions, mixed.sources, mixed.valid};
+  ASSERT_TRUE(ComputeShadows(scene, points, samples, {}, {}, {.bits = true}, {}, &plain).ok());
+  ShadowHints hints;
+  const ShadowOptions shadow{.ordered = true, .hints = &hints};
+  for (int round = 0; round < 3; ++round) {
+    ASSERT_TRUE(
+        ComputeShadows(scene, points, samples, {}, shadow, {.bits = true}, {}, &hinted).ok());
+    EXPECT_EQ(hinted.lit_bits, plain.lit_bits) << round;
+    EXPECT_EQ(hints.first_leaves.size(), samples.size());
+  }
+  hints.first_leaves.pop_back();
+  const absl::Status wrong =
+      ComputeShadows(scene, points, samples, {}, shadow, {.bits = true}, {}, &hinted);
+  EXPECT_TRUE(absl::IsInvalidArgument(wrong)) << wrong;
+}
+
 }  // namespace
 }  // namespace sightline

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stream/shadow_chunk.h"
+
+#include <algorithm>
+#include <bit>
+#include <utility>
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/query/point_order.h"
+#include "server/codec/result_codec.h"
+
+namespace sightline {
+
+ShadowChunk::ShadowChunk(size_t count, size_t part_points)
+    : count_(count),
+      part_points_(part_points),
+      parts_((count + part_points - 1) / part_points),
+      parts_left_(parts_) {
+  SIGHTLINE_CHECK_GT(parts_, 0u);
+}
+
+size_t ShadowChunk::PartPoints(uint64_t part_rays, uint64_t samples) {
+  constexpr uint64_t kLeastPoints = 8;
+  const uint64_t wanted = part_rays / samples;
+  // The power of two that is nearest by ratio, or about.
+  return std::max(kLeastPoints, std::bit_floor(wanted + wanted / 2));
+}
+
+std::vector<uint32_t> ShadowChunk::Begin(size_t part, const PointRange& points,
+                                         ShadowHints* hints) {
+  MutexLock lock(mutex_);
+  *hints = hints_;
+  if (!std::exchange(ordered_, true)) order_ = SpatialOrder(points.positions, points.valid);
+  const size_t begin = std::min(part * part_points_, order_.size());
+  const size_t end = std::min(begin + part_points_, order_.size());
+  return {order_.begin() + static_cast<ptrdiff_t>(begin),
+          order_.begin() + static_cast<ptrdiff_t>(end)};
+}
+
+absl::StatusOr<bool> ShadowChunk::RunPart(size_t part, const PointRange& points, size_t samples,
+                                          const ShadowOutputs& outputs, const Compute& compute,
+                                          ShadowResult* result, QueryStats* stats) {
+  SIGHTLINE_CHECK_EQ(points.positions.size(), count_);
+  ShadowHints hints;
+  const std::vector<uint32_t> places = Begin(part, points, &hints);
+  ShadowResult mine;
+  if (!places.empty()) {
+    std::vector<Vec3f> positions(places.size());
+    std::vector<uint32_t> sources(places.size());
+    for (size_t i = 0; i < places.size(); ++i) {
+      positions[i] = points.positions[places[i]];
+      sources[i] = points.sources[places[i]];
+    }
+    const std::vector<uint8_t> valid(places.size(), 1);
+    SL_RETURN_IF_ERROR(compute({positions, sources, valid}, &hints, &mine));
+    stats->Add(mine.stats);
+  }
+  MutexLock lock(mutex_);
+  hints_ = std::move(hints);
+  if (!std::exchange(begun_, true)) all_ = NothingLit(count_, samples, outputs);
+  if (!places.empty()) SpreadShadows(mine, places, count_, samples, outputs, &all_);
+  if (--parts_left_ > 0) return false;
+  *result = std::move(all_);
+  return true;
+}
+
+}  // namespace sightline
