@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/bench/service_workload.h"
 
+#include <google/protobuf/io/coded_stream.h>
+#include <google/protobuf/io/zero_copy_stream_impl_lite.h>
+#include <google/protobuf/wire_format_lite.h>
+#include <grpcpp/support/byte_buffer.h>
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -190,6 +195,34 @@ ServiceWorkload Shadows(const std::string& name, std::shared_ptr<const Scene> sc
   return workload;
 }
 
+grpc::ByteBuffer Serialized(const google::protobuf::MessageLite& message) {
+  const grpc::Slice slice(message.SerializeAsString());
+  return grpc::ByteBuffer(&slice, 1);
+}
+
+// An item's message that refers to `segments`, which outlive the call, as a client sends it that
+// keeps its arrays: they are copied once, into the socket.
+grpc::ByteBuffer SegmentsMessage(uint64_t item_id, std::span<const std::array<Vec3d, 2>> segments) {
+  using google::protobuf::internal::WireFormatLite;
+  using Item = v1::SegmentItem;
+  const auto head = [](int field, uint64_t length, std::string* out) {
+    google::protobuf::io::StringOutputStream stream(out);
+    google::protobuf::io::CodedOutputStream coded(&stream);
+    coded.WriteTag(WireFormatLite::MakeTag(field, WireFormatLite::WIRETYPE_LENGTH_DELIMITED));
+    coded.WriteVarint64(length);
+  };
+  Item item;
+  item.mutable_item()->set_item_id(item_id);
+  std::string inner = item.SerializeAsString();
+  head(Item::kSegmentsFieldNumber, segments.size_bytes(), &inner);
+  std::string outer;
+  head(v1::TestSegmentsRequest::kItemFieldNumber, inner.size() + segments.size_bytes(), &outer);
+  const grpc::Slice slices[] = {
+      grpc::Slice(outer + inner),
+      grpc::Slice(segments.data(), segments.size_bytes(), grpc::Slice::STATIC_SLICE)};
+  return grpc::ByteBuffer(slices, 2);
+}
+
 // Segments between random points of the scene's box, a third of it long; bits.
 ServiceWorkload Segments(std::shared_ptr<const Scene> scene, const ServiceSpec& spec) {
   const Box3f box = scene->geometry.bounds;
@@ -224,16 +257,11 @@ ServiceWorkload Segments(std::shared_ptr<const Scene> scene, const ServiceSpec& 
       return absl::OkStatus();
     });
   };
-  const auto make = [=](size_t item) {
-    v1::TestSegmentsRequest request;
-    request.mutable_item()->mutable_item()->set_item_id(item);
-    request.mutable_item()->set_segments(slice(item).data(), slice(item).size_bytes());
-    return request;
-  };
-  workload.request_bytes = make(0).ByteSizeLong();
+  const auto make = [=](size_t item) { return SegmentsMessage(item, slice(item)); };
+  workload.request_bytes = make(0).Length();
   workload.run_service = [=, items = workload.items](const std::shared_ptr<grpc::Channel>& to) {
-    return RunStream<v1::TestSegmentsRequest, v1::TestSegmentsResponse>(
-        to, "TestSegments", header, items, kSegmentsPerItem, make,
+    return RunStream<grpc::ByteBuffer, v1::TestSegmentsResponse>(
+        to, "TestSegments", Serialized(header), items, kSegmentsPerItem, make,
         [](const v1::TestSegmentsResponse& response, Answer* answer) {
           const std::string& bits = response.reply().segments().blocked_bits();
           AddBits(bits.data(), bits.size(), answer);
