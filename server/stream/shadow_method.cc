@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/query/point_order.h"
 #include "server/base/error.h"
@@ -71,13 +72,15 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
     options.cancel = &cancel;
     const auto compute = [&](const PointRange& some, ShadowHints* hints, ShadowResult* result) {
       ShadowOptions shadow = method_.shadow_options_;
-      shadow.ordered = hints != nullptr;
+      shadow.ordered = run.chunk != nullptr;
       shadow.hints = hints;
       return ComputeShadows(scene(), some, *samples_, shadow, outputs, options, result);
     };
     ShadowResult result;
     if (run.chunk == nullptr) {
-      SL_RETURN_IF_ERROR(compute(points, nullptr, &result));
+      ShadowHints hints = TakeHints();
+      SL_RETURN_IF_ERROR(compute(points, &hints, &result));
+      LeaveHints(std::move(hints));
       stats->Add(result.stats);
     } else {
       SL_ASSIGN_OR_RETURN(const bool last,
@@ -96,11 +99,23 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
   }
 
  private:
+  // What the parts before left for those that come as neighbours.
+  ShadowHints TakeHints() {
+    MutexLock lock(mutex_);
+    return hints_;
+  }
+  void LeaveHints(ShadowHints hints) {
+    MutexLock lock(mutex_);
+    hints_ = std::move(hints);
+  }
+
   const ShadowMethod& method_;
   const std::shared_ptr<const SampleSet> samples_;
   const Points points_;
   const std::vector<Plan::Run> runs_;
   const std::vector<std::pair<size_t, size_t>> of_part_;
+  Mutex mutex_;
+  ShadowHints hints_ ABSL_GUARDED_BY(mutex_);
 };
 
 absl::StatusOr<std::unique_ptr<ShadowMethod>> ShadowMethod::Open(const Header& header,
