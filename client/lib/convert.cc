@@ -87,6 +87,24 @@ absl::Time TimeFromProto(const google::protobuf::Timestamp& time) {
 
 }  // namespace
 
+void ToProto(const LeafCulling& culling, v1::LeafCulling* out) {
+  out->set_side_planes(culling.side_planes);
+  out->set_near_far_planes(culling.near_far_planes);
+  out->set_aperture(culling.aperture);
+  out->set_aperture_first(culling.aperture_first);
+  out->set_skip_edges(culling.skip_edges);
+  out->set_first_axis(culling.first_axis);
+  out->set_ray_mask(culling.ray_mask);
+  out->set_split_to_rays(culling.split_to_rays);
+  out->set_frustum_rays(culling.frustum_rays == FrustumRays::kMasked ? v1::FRUSTUM_RAYS_MASKED
+                        : culling.frustum_rays == FrustumRays::kRows ? v1::FRUSTUM_RAYS_ROWS
+                                                                     : v1::FRUSTUM_RAYS_ALL);
+  out->set_ray_box(culling.ray_box);
+  out->set_ray_box_fixed(culling.ray_box_fixed);
+  out->set_mailbox(culling.mailbox);
+  out->set_ray_box_min_triangles(culling.ray_box_min_triangles);
+}
+
 void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
   switch (options.strategy) {
     case Strategy::kAuto:
@@ -121,6 +139,7 @@ void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
   }
   out->mutable_rtt()->set_antialiasing(options.rtt_antialiasing);
   out->mutable_rtt()->set_shared_edges(options.rtt_shared_edges);
+  if (options.leaf_culling) ToProto(*options.leaf_culling, out->mutable_leaf_culling());
   out->set_mask(options.mask);
   out->set_statistics(options.statistics);
 }
@@ -281,6 +300,7 @@ Statistics FromProto(const v1::Statistics& statistics) {
   out.tiles = statistics.tile_count();
   out.tiles_answered = statistics.answered_tile_count();
   out.relevant_triangles = statistics.relevant_triangle_count();
+  out.culled_tests = statistics.culled_test_count();
   return out;
 }
 

@@ -27,6 +27,7 @@ namespace sightline::client {
 void ToProto(const Point3& p, v1::Vector3* out);
 void ToProto(const Camera& camera, v1::Camera* out);
 void ToProto(const Light& light, v1::Light* out);
+void ToProto(const LeafCulling& culling, v1::LeafCulling* out);
 void ToProto(const QueryOptions& options, v1::QueryOptions* out);
 void ToProto(const PointOptions& options, v1::PointOptions* out);
 void ToProto(const ObjectUpload& object, v1::ObjectHeader* out);

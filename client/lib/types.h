@@ -170,7 +170,8 @@ struct Statistics {
   Strategy strategy = Strategy::kAuto;  // What answered; kAuto where several did.
   // RTT: tiles, those answered without rays, and the triangles on their lists.
   uint64_t tiles = 0, tiles_answered = 0, relevant_triangles = 0;
-  absl::Duration compute;  // Summed over threads.
+  uint64_t culled_tests = 0;  // Within leaves, by leaf_culling.
+  absl::Duration compute;     // Summed over threads.
   absl::Duration queue;
 
   void Add(const Statistics& other) {
@@ -185,9 +186,21 @@ struct Statistics {
     tiles += other.tiles;
     tiles_answered += other.tiles_answered;
     relevant_triangles += other.relevant_triangles;
+    culled_tests += other.culled_tests;
     compute += other.compute;
     queue += other.queue;
   }
+};
+
+// What single rays and packets leave out within the kd-tree's leaves: LeafCulling of
+// query_options.proto, which says more. As made, nothing.
+enum class FrustumRays { kAll, kRows, kMasked };
+struct LeafCulling {
+  bool side_planes = false, near_far_planes = false, aperture = false, aperture_first = false;
+  bool skip_edges = false, first_axis = false, ray_mask = false, split_to_rays = false;
+  FrustumRays frustum_rays = FrustumRays::kAll;
+  bool ray_box = false, ray_box_fixed = false, mailbox = false;
+  uint32_t ray_box_min_triangles = 0;  // 0: the server's own choice.
 };
 
 struct QueryOptions {
@@ -198,6 +211,7 @@ struct QueryOptions {
   Structure structure = Structure::kAuto;  // Speed alone; an error where the scene has no kd-tree.
   uint32_t rtt_antialiasing = 1;           // Rays a pixel, in either direction: 1 to 6.
   bool rtt_shared_edges = false;
+  std::optional<LeafCulling> leaf_culling;  // SINGLE and PACKET on the kd-tree alone.
 };
 
 // What became of a streamed query as a whole.

@@ -92,6 +92,20 @@ absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& opti
         " needs a kd-tree, which this scene was not built with: build it with one, or ask for ",
         options.strategy == Strategy::kRtt ? "another strategy" : "structure BVH"));
   }
+  if (options.leaf_culling.has_value()) {
+    const bool walks =
+        options.strategy == Strategy::kSingle || options.strategy == Strategy::kPacket;
+    if (!walks || !kd_tree) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "leaf_culling is for strategies SINGLE and PACKET on structure KD_TREE, not for ",
+          StrategyName(options.strategy), " on ", StructureName(options.structure)));
+    }
+    if (options.leaf_culling->intersector != Intersector::kExact) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "leaf_culling.intersector is ", IntersectorName(options.leaf_culling->intersector),
+          "; queries answer by EXACT alone"));
+    }
+  }
   if (options.rtt_antialiasing < 1 || options.rtt_antialiasing > kMaxRttAntialiasing) {
     return absl::InvalidArgumentError(absl::StrCat("rtt_antialiasing = ", options.rtt_antialiasing,
                                                    " is outside 1 .. ", kMaxRttAntialiasing));
@@ -114,6 +128,7 @@ void QueryStats::Add(const QueryStats& other) {
   tiles += other.tiles;
   tiles_answered += other.tiles_answered;
   relevant_triangles += other.relevant_triangles;
+  culled_tests += other.culled_tests;
   compute_nanoseconds += other.compute_nanoseconds;
 }
 

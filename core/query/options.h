@@ -10,12 +10,14 @@
 #define SIGHTLINE_CORE_QUERY_OPTIONS_H_
 
 #include <cstdint>
+#include <optional>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
+#include "core/traverse/leaf_culling.h"
 #include "core/traverse/simd_target.h"
 
 namespace sightline {
@@ -52,7 +54,10 @@ struct QueryOptions {
   // direction, to be averaged, have n × n rays a pixel: 1 .. kMaxRttAntialiasing (core/traverse/
   // rtt.h).
   int rtt_antialiasing = 1;
-  bool rtt_shared_edges = false;        // RttOptions::shared_edges.
+  bool rtt_shared_edges = false;  // RttOptions::shared_edges.
+  // Culling within the kd-tree's leaves: kSingle and kPacket on structure kKdTree alone. Its `tree`
+  // is not read; its intersector must be the predicate.
+  std::optional<LeafCulling> leaf_culling;
   SimdTarget simd = SimdTarget::kBest;  // REQUIRES: SimdTargetAvailable(simd).
   uint32_t mask = 0xFFFFFFFFu;
   const CancelToken* cancel = nullptr;  // Polled during traversal; may be null.
@@ -77,6 +82,7 @@ struct QueryStats {
   uint64_t tiles = 0;                   // kRtt: tiles asked about,
   uint64_t tiles_answered = 0;          // those that needed no rays,
   uint64_t relevant_triangles = 0;      // and the triangles on the lists of these.
+  uint64_t culled_tests = 0;            // leaf_culling: pairs that never came to a test.
   uint64_t compute_nanoseconds = 0;     // Summed over threads.
   Strategy strategy = Strategy::kAuto;  // What AUTO chose; kAuto where more than one was used.
 

@@ -12,6 +12,7 @@
 #include "absl/status/status.h"
 #include "core/base/check.h"
 #include "core/query/options.h"
+#include "core/traverse/culled_kernels.h"
 #include "core/traverse/kernels.h"
 
 namespace sightline {
@@ -19,7 +20,12 @@ namespace sightline {
 class QueryRun {
  public:
   explicit QueryRun(const QueryOptions& options)
-      : options_(options), kernels_(KernelsFor(options.simd)) {}
+      : options_(options), kernels_(KernelsFor(options.simd)) {
+    if (options.leaf_culling.has_value()) {
+      culling_ = *options.leaf_culling;
+      culling_.tree = CulledTree::kKdTree;
+    }
+  }
 
   const QueryOptions& options() const { return options_; }
   const Kernels& kernels() const { return kernels_; }
@@ -27,6 +33,12 @@ class QueryRun {
 
   // Whether the kd-tree is walked, not the BVH.
   bool on_kd_tree() const { return WalksKdTree(options_); }
+
+  // What single rays and packets cull within leaves by; null: they do not. Its kernels beside.
+  const LeafCulling* culling() const {
+    return options_.leaf_culling.has_value() ? &culling_ : nullptr;
+  }
+  const CulledKernels& culled_kernels() const { return CulledKernelsFor(options_.simd); }
 
   // The status of a walk that left off. REQUIRES: the token has fired.
   absl::Status Stopped() const {
@@ -37,6 +49,7 @@ class QueryRun {
  private:
   const QueryOptions& options_;
   const Kernels& kernels_;
+  LeafCulling culling_;
 };
 
 // Adds what happened between its construction and destruction to `stats`.
@@ -56,6 +69,7 @@ class StatsScope {
     now.tiles = walk_.tiles;
     now.tiles_answered = walk_.tiles_answered;
     now.relevant_triangles = walk_.relevant_triangles;
+    now.culled_tests = walk_.culled_tests;
     now.compute_nanoseconds = static_cast<uint64_t>(
         std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now() - start_).count());
     stats_->Add(now);

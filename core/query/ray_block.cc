@@ -60,6 +60,13 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
   const Kernels& kernels = run.kernels();
   const bool brute = strategy == Strategy::kBruteForce;
   const bool any = kind == HitKind::kAny;
+  if (!brute && run.culling() != nullptr) {
+    const CulledKernels& culled = run.culled_kernels();
+    return (any ? culled.occluded_single : culled.closest_single)(scene, *run.culling(), rays, hits,
+                                                                  run.cancel(), stats)
+               ? absl::OkStatus()
+               : run.Stopped();
+  }
   const TraceRaysFn trace = brute ? (any ? kernels.occluded_brute : kernels.closest_brute)
                             : run.on_kd_tree()
                                 ? (any ? kernels.occluded_kd_single : kernels.closest_kd_single)
@@ -93,6 +100,13 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
                              .shared_edges = run.options().rtt_shared_edges};
     return (any ? kernels.occluded_rtt : kernels.closest_rtt)(scene, {packet, 1}, options,
                                                               run.cancel(), stats)
+               ? absl::OkStatus()
+               : run.Stopped();
+  }
+  if (strategy == Strategy::kPacket && run.culling() != nullptr) {
+    const CulledKernels& culled = run.culled_kernels();
+    return (any ? culled.occluded_packet : culled.closest_packet)(scene, *run.culling(), *packet,
+                                                                  run.cancel(), stats)
                ? absl::OkStatus()
                : run.Stopped();
   }

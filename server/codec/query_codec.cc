@@ -54,6 +54,46 @@ absl::StatusOr<Structure> DecodeStructure(v1::Structure structure) {
   }
 }
 
+absl::StatusOr<LeafCulling> DecodeLeafCulling(const v1::LeafCulling& culling) {
+  LeafCulling result;
+  result.side_planes = culling.side_planes();
+  result.near_far = culling.near_far_planes();
+  result.aperture = culling.aperture();
+  result.aperture_first = culling.aperture_first();
+  result.skip_edges = culling.skip_edges();
+  result.first_axis = culling.first_axis();
+  result.ray_mask = culling.ray_mask();
+  result.split = culling.split_to_rays() ? PacketSplit::kSingleRays : PacketSplit::kHalves;
+  result.ray_box = culling.ray_box();
+  result.ray_box_update = !culling.ray_box_fixed();
+  result.mailbox = culling.mailbox();
+  switch (culling.frustum_rays()) {
+    case v1::FRUSTUM_RAYS_UNSPECIFIED:
+    case v1::FRUSTUM_RAYS_ALL:
+      result.frustum = FrustumRays::kAll;
+      break;
+    case v1::FRUSTUM_RAYS_ROWS:
+      result.frustum = FrustumRays::kRows;
+      break;
+    case v1::FRUSTUM_RAYS_MASKED:
+      result.frustum = FrustumRays::kMasked;
+      break;
+    default:
+      return InvalidField(
+          "options.leaf_culling.frustum_rays", static_cast<int>(culling.frustum_rays()),
+          "is not a choice of rays that this server knows", v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  }
+  constexpr uint32_t kMost = 1u << 20;
+  if (culling.ray_box_min_triangles() > kMost) {
+    return InvalidField("options.leaf_culling.ray_box_min_triangles",
+                        culling.ray_box_min_triangles(), absl::StrCat("must be at most ", kMost));
+  }
+  if (culling.ray_box_min_triangles() > 0) {
+    result.ray_box_min_triangles = culling.ray_box_min_triangles();
+  }
+  return result;
+}
+
 }  // namespace
 
 absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options) {
@@ -68,6 +108,9 @@ absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options) {
   }
   if (antialiasing > 0) result.query.rtt_antialiasing = static_cast<int>(antialiasing);
   result.query.rtt_shared_edges = options.rtt().shared_edges();
+  if (options.has_leaf_culling()) {
+    SL_ASSIGN_OR_RETURN(result.query.leaf_culling, DecodeLeafCulling(options.leaf_culling()));
+  }
   result.statistics = options.statistics();
   return result;
 }

@@ -170,6 +170,7 @@ void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statist
   out->set_tile_count(stats.tiles);
   out->set_answered_tile_count(stats.tiles_answered);
   out->set_relevant_triangle_count(stats.relevant_triangles);
+  out->set_culled_test_count(stats.culled_tests);
 }
 
 ShadowResult NothingLit(size_t points, size_t samples, const ShadowOutputs& outputs) {

@@ -147,7 +147,10 @@ std::string Way::Name() const {
   return std::string(strategy_name.data(), strategy_name.size()) + " on " +
          std::string(target_name.data(), target_name.size()) + ", structure " +
          std::string(structure_name.data(), structure_name.size()) + ", antialiasing " +
-         std::to_string(rtt_antialiasing);
+         std::to_string(rtt_antialiasing) +
+         (leaf_culling ? ", culling in leaves, frustum " +
+                             std::to_string(static_cast<int>(leaf_culling->frustum))
+                       : "");
 }
 
 std::vector<Way> AllWays(bool kd_tree) {
@@ -162,6 +165,18 @@ std::vector<Way> AllWays(bool kd_tree) {
     for (const Strategy strategy :
          {Strategy::kSingle, Strategy::kPacket, Strategy::kRtt, Strategy::kAuto}) {
       ways.push_back({strategy, simd, Structure::kKdTree});
+    }
+    for (const FrustumRays rays : {FrustumRays::kAll, FrustumRays::kRows, FrustumRays::kMasked}) {
+      LeafCulling culling;
+      culling.frustum = rays;
+      culling.aperture_first = rays != FrustumRays::kAll;
+      culling.mailbox = rays == FrustumRays::kAll;
+      culling.ray_box_update = rays != FrustumRays::kRows;
+      for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket}) {
+        Way way = {strategy, simd, Structure::kKdTree};
+        way.leaf_culling = culling;
+        ways.push_back(way);
+      }
     }
     for (const int antialiasing : {2, 3, 4, 6}) {
       ways.push_back({Strategy::kRtt, simd, Structure::kAuto, antialiasing, antialiasing != 3});

@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -59,17 +60,20 @@ struct Way {
   Structure structure = Structure::kAuto;
   int rtt_antialiasing = 1;
   bool rtt_shared_edges = false;
+  std::optional<LeafCulling> leaf_culling;
   std::string Name() const;
   QueryOptions Options(uint32_t mask = 0xFFFFFFFFu) const {
     return {.strategy = strategy,
             .structure = structure,
             .rtt_antialiasing = rtt_antialiasing,
             .rtt_shared_edges = rtt_shared_edges,
+            .leaf_culling = leaf_culling,
             .simd = simd,
             .mask = mask};
   }
 };
-// Every strategy × instruction set of this machine, on the BVH and, if it is there, on the kd-tree;
+// Every strategy × instruction set of this machine, on the BVH and, if it is there, on the kd-tree,
+// there with and without culling within leaves;
 // the first is brute force, the reference.
 std::vector<Way> AllWays(bool kd_tree = false);
 

@@ -180,6 +180,27 @@ TEST(OptionsCodecTest, StructuresAndTilesAreKnownOrRefused) {
   options.mutable_rtt()->set_antialiasing(7);
   ExpectInvalid(DecodeOptions(options).status(), "options.rtt.antialiasing = 7");
   options.mutable_rtt()->clear_antialiasing();
+  EXPECT_FALSE(DecodeOptions(options)->query.leaf_culling.has_value());
+  v1::LeafCulling* const culling = options.mutable_leaf_culling();
+  EXPECT_FALSE(DecodeOptions(options)->query.leaf_culling->side_planes)
+      << "nothing set, nothing done";
+  EXPECT_EQ(DecodeOptions(options)->query.leaf_culling->ray_box_min_triangles, 3u);
+  culling->set_side_planes(true);
+  culling->set_ray_box_fixed(true);
+  culling->set_ray_box_min_triangles(9);
+  culling->set_frustum_rays(v1::FRUSTUM_RAYS_ROWS);
+  EXPECT_TRUE(DecodeOptions(options)->query.leaf_culling->side_planes);
+  EXPECT_FALSE(DecodeOptions(options)->query.leaf_culling->ray_box_update);
+  EXPECT_EQ(DecodeOptions(options)->query.leaf_culling->ray_box_min_triangles, 9u);
+  EXPECT_EQ(DecodeOptions(options)->query.leaf_culling->frustum, FrustumRays::kRows);
+  culling->set_ray_box_min_triangles(1u << 21);
+  ExpectInvalid(DecodeOptions(options).status(),
+                "options.leaf_culling.ray_box_min_triangles = 2097152");
+  culling->set_ray_box_min_triangles(0);
+  culling->set_frustum_rays(static_cast<v1::FrustumRays>(7));
+  ExpectInvalid(DecodeOptions(options).status(), "options.leaf_culling.frustum_rays = 7",
+                v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  options.clear_leaf_culling();
   options.set_structure(static_cast<v1::Structure>(9));
   ExpectInvalid(DecodeOptions(options).status(), "options.structure = 9",
                 v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);

@@ -2,10 +2,14 @@
 #include "client/cli/commands/command.h"
 
 #include <algorithm>
+#include <iterator>
+#include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/file.h"
 
@@ -16,6 +20,36 @@ Json PointJson(const client::Point3& p) { return Json::array({p[0], p[1], p[2]})
 
 std::string PointText(const client::Point3& p) {
   return absl::StrFormat("(%.17g, %.17g, %.17g)", p[0], p[1], p[2]);
+}
+
+// The words of --leaf-culling.
+absl::Status ParseLeafCulling(const std::string& text,
+                              std::optional<client::LeafCulling>* culling) {
+  client::LeafCulling result;
+  const std::pair<absl::string_view, bool*> switches[] = {
+      {"side-planes", &result.side_planes}, {"near-far", &result.near_far_planes},
+      {"aperture", &result.aperture},       {"aperture-first", &result.aperture_first},
+      {"skip-edges", &result.skip_edges},   {"first-axis", &result.first_axis},
+      {"ray-mask", &result.ray_mask},       {"split-to-rays", &result.split_to_rays},
+      {"ray-box", &result.ray_box},         {"ray-box-fixed", &result.ray_box_fixed},
+      {"mailbox", &result.mailbox}};
+  for (const absl::string_view word : absl::StrSplit(text, ',')) {
+    const auto found = std::find_if(std::begin(switches), std::end(switches),
+                                    [&](const auto& entry) { return entry.first == word; });
+    if (found != std::end(switches)) {
+      *found->second = true;
+    } else if (word == "rows") {
+      result.frustum_rays = client::FrustumRays::kRows;
+    } else if (word == "masked") {
+      result.frustum_rays = client::FrustumRays::kMasked;
+    } else {
+      std::string names;
+      for (const auto& [name, target] : switches) absl::StrAppend(&names, name, ", ");
+      return UsageError(absl::StrCat("'", word, "' is none of ", names, "rows, masked"));
+    }
+  }
+  *culling = result;
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -60,6 +94,12 @@ void StrategyFlags::Register(FlagSet* flags) {
   flags->Switch("rtt-shared-edges",
                 "with RTT: let two triangles that share an edge end a tile's corner rays",
                 &rtt_shared_edges);
+  flags->Custom(
+      "leaf-culling", "WORD,...",
+      "with SINGLE or PACKET on KD_TREE, what is left out within leaves: side-planes, near-far, "
+      "aperture, aperture-first, skip-edges, rows or masked (the frustum's rays), first-axis, "
+      "ray-mask, split-to-rays; ray-box, ray-box-fixed, mailbox",
+      "", [this](const std::string& text) { return ParseLeafCulling(text, &leaf_culling); });
 }
 
 void StrategyFlags::Apply(client::QueryOptions* options) const {
@@ -74,6 +114,7 @@ void StrategyFlags::Apply(client::QueryOptions* options) const {
                                                 : client::Structure::kAuto;
   options->rtt_antialiasing = static_cast<uint32_t>(rtt_antialiasing);
   options->rtt_shared_edges = rtt_shared_edges;
+  options->leaf_culling = leaf_culling;
 }
 
 std::optional<client::KdTreeOptions> StrategyFlags::KdTree() const {
@@ -242,6 +283,7 @@ void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json
     j["tiles_answered"] = summary.statistics.tiles_answered;
     j["relevant_triangles"] = summary.statistics.relevant_triangles;
   }
+  if (summary.statistics.culled_tests > 0) j["culled_tests"] = summary.statistics.culled_tests;
   j["bytes_received"] = summary.bytes_received;
   j["bytes_sent"] = summary.bytes_sent;
 }

@@ -58,6 +58,7 @@ struct StrategyFlags {
   std::string strategy, structure;
   uint64_t rtt_antialiasing = 1;
   bool rtt_shared_edges = false;
+  std::optional<client::LeafCulling> leaf_culling;
 
   // --strategy, --structure and what RTT goes by; AUTO unless said otherwise.
   void Register(FlagSet* flags);

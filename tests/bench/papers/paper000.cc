@@ -280,7 +280,7 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
           TracePackets(scene.indexed, culling, picture, &stats[v]);
         });
       }
-      const std::vector<double> seconds = SecondsByTurns(calls, 1);
+      const std::vector<double> seconds = SecondsByTurns(calls, options.repeats);
       for (size_t v = 0; v < variants.size(); ++v) {
         const double tests = static_cast<double>(stats[v].triangle_tests);
         const double culled = static_cast<double>(stats[v].culled_tests);

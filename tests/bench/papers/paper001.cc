@@ -91,7 +91,7 @@ absl::Status Scene001(const std::string& name, const PaperOptions& options, Pape
           TraceSingly(indexed, culling, work.any, true, &stats[variant]);
         });
       }
-      const std::vector<double> seconds = SecondsByTurns(calls, 1);
+      const std::vector<double> seconds = SecondsByTurns(calls, options.repeats);
       const double rays = static_cast<double>(work.closest.size() + work.any.size());
       const auto per_ray = [&](uint64_t count) { return static_cast<double>(count) / rays; };
       outcomes[w].push_back({build, seconds[0], seconds[1]});

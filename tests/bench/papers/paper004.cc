@@ -33,6 +33,7 @@ LeafCulling AllTests() {
 struct Scene004 {
   PaperScene scene;
   uint32_t size;
+  uint64_t repeats;
   ThreadPool one{1};
 
   // Builds with the options; returns the seconds.
@@ -62,7 +63,7 @@ absl::Status ByRatio(Scene004& s, PaperReport* report) {
     const BinaryBvh& bvh = *s.scene.indexed.binary_bvh;
     for (const int side : sides) {
       const Picture picture = MakePicture(s.scene, s.size, s.size, side);
-      const double trace = SecondsByTurns({s.Trace(AllTests(), picture)}, 3)[0];
+      const double trace = SecondsByTurns({s.Trace(AllTests(), picture)}, s.repeats)[0];
       report->Add({{"packets", absl::StrCat(side, " x ", side)},
                    {"ratio", ratio},
                    {"leaf_triangles", static_cast<double>(bvh.ids.size()) / bvh.leaf_count},
@@ -90,7 +91,7 @@ absl::Status ByBins(Scene004& s, PaperReport* report) {
   double at_8 = 0, at_256 = 0, at_512 = 0, best = 0, best_rebuilt = 0, rebuilt_8 = 0;
   for (int bins = 2; bins <= kMaxBinaryBvhBins; bins *= 2) {
     SL_ASSIGN_OR_RETURN(const double build, s.Build({.bins = bins, .cost_ratio = 0.1f}));
-    const double trace = SecondsByTurns({s.Trace(AllTests(), picture)}, 3)[0];
+    const double trace = SecondsByTurns({s.Trace(AllTests(), picture)}, s.repeats)[0];
     report->Add({{"scene", s.scene.name},
                  {"bins", bins},
                  {"build_s", build},
@@ -137,7 +138,7 @@ absl::Status ByTest(Scene004& s, PaperReport* report) {
       c.ray_mask = v.ab;
       calls.push_back(s.Trace(c, picture));
     }
-    const std::vector<double> seconds = SecondsByTurns(calls, 3);
+    const std::vector<double> seconds = SecondsByTurns(calls, s.repeats);
     for (size_t v = 0; v < variants.size(); ++v) {
       report->Add({{"packets", absl::StrCat(side, " x ", side)},
                    {"tests", variants[v].name},
@@ -197,7 +198,7 @@ absl::Status Paper004(const PaperOptions& options, PaperReport* report, Context&
     }
     SL_RETURN_IF_ERROR(read.status());
     context.err << read->name << ": ratios, bins, tests, shadows" << std::endl;
-    Scene004 scene = {*std::move(read), static_cast<uint32_t>(options.size)};
+    Scene004 scene = {*std::move(read), static_cast<uint32_t>(options.size), options.repeats};
     SL_RETURN_IF_ERROR(ByRatio(scene, report));
     SL_RETURN_IF_ERROR(ByBins(scene, report));
     SL_RETURN_IF_ERROR(ByTest(scene, report));

@@ -79,6 +79,18 @@ TEST(OptionsTest, WhatASceneLacksIsNamed) {
   AddKdTree(&scene);
   EXPECT_TRUE(CheckOptions(scene, {.strategy = Strategy::kRtt}).ok());
   EXPECT_TRUE(CheckOptions(scene, {.structure = Structure::kKdTree}).ok());
+  EXPECT_TRUE(CheckOptions(scene, {.strategy = Strategy::kPacket,
+                                   .structure = Structure::kKdTree,
+                                   .leaf_culling = LeafCulling{}})
+                  .ok());
+  expect({.strategy = Strategy::kPacket, .leaf_culling = LeafCulling{}}, kInvalid,
+         "leaf_culling is for strategies SINGLE and PACKET on structure KD_TREE");
+  expect({.structure = Structure::kKdTree, .leaf_culling = LeafCulling{}}, kInvalid,
+         "not for AUTO");
+  LeafCulling wald;
+  wald.intersector = Intersector::kWald;
+  expect({.strategy = Strategy::kSingle, .structure = Structure::kKdTree, .leaf_culling = wald},
+         kInvalid, "leaf_culling.intersector is WALD");
   expect({.strategy = Strategy::kRtt, .rtt_antialiasing = 0}, kInvalid, "rtt_antialiasing = 0");
   expect({.strategy = Strategy::kRtt, .rtt_antialiasing = 7}, kInvalid, "rtt_antialiasing = 7");
 }
