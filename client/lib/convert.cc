@@ -103,6 +103,9 @@ void ToProto(const LeafCulling& culling, v1::LeafCulling* out) {
   out->set_ray_box_fixed(culling.ray_box_fixed);
   out->set_mailbox(culling.mailbox);
   out->set_ray_box_min_triangles(culling.ray_box_min_triangles);
+  out->set_node_test(culling.node_test == NodeTest::kCorners   ? v1::NODE_TEST_CORNERS
+                     : culling.node_test == NodeTest::kAllRays ? v1::NODE_TEST_ALL_RAYS
+                                                               : v1::NODE_TEST_FIRST_ACTIVE);
 }
 
 void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
@@ -140,6 +143,12 @@ void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
   out->mutable_rtt()->set_antialiasing(options.rtt_antialiasing);
   out->mutable_rtt()->set_shared_edges(options.rtt_shared_edges);
   if (options.leaf_culling) ToProto(*options.leaf_culling, out->mutable_leaf_culling());
+  // The wire's numbers.
+  static_assert(static_cast<int>(Intersector::kExact) == v1::INTERSECTOR_EXACT);
+  static_assert(static_cast<int>(Intersector::kMoellerTrumbore) ==
+                v1::INTERSECTOR_MOELLER_TRUMBORE);
+  out->set_intersector(static_cast<v1::Intersector>(options.intersector));
+  out->set_packet_side(options.packet_side);
   out->set_mask(options.mask);
   out->set_statistics(options.statistics);
 }

@@ -192,15 +192,28 @@ struct Statistics {
   }
 };
 
-// What single rays and packets leave out within the kd-tree's leaves: LeafCulling of
-// query_options.proto, which says more. As made, nothing.
+// The test that decides; those of query_options.proto.
+enum class Intersector {
+  kExact = 1,
+  kHavelHerout,
+  kHavelHeroutDivided,
+  kWald,
+  kShevtsov,
+  kKenslerShirley,
+  kMoellerTrumbore
+};
+
+// What single rays and packets leave out within leaves: LeafCulling of query_options.proto, which
+// says more. As made, nothing.
 enum class FrustumRays { kAll, kRows, kMasked };
+enum class NodeTest { kFirstActive, kCorners, kAllRays };
 struct LeafCulling {
   bool side_planes = false, near_far_planes = false, aperture = false, aperture_first = false;
   bool skip_edges = false, first_axis = false, ray_mask = false, split_to_rays = false;
   FrustumRays frustum_rays = FrustumRays::kAll;
   bool ray_box = false, ray_box_fixed = false, mailbox = false;
   uint32_t ray_box_min_triangles = 0;  // 0: the server's own choice.
+  NodeTest node_test = NodeTest::kFirstActive;
 };
 
 struct QueryOptions {
@@ -211,7 +224,10 @@ struct QueryOptions {
   Structure structure = Structure::kAuto;  // Speed alone; an error where the scene has no kd-tree.
   uint32_t rtt_antialiasing = 1;           // Rays a pixel, in either direction: 1 to 6.
   bool rtt_shared_edges = false;
-  std::optional<LeafCulling> leaf_culling;  // SINGLE and PACKET on the kd-tree alone.
+  std::optional<LeafCulling> leaf_culling;  // SINGLE and PACKET alone.
+  // Another than kExact with SINGLE, PACKET and BRUTE_FORCE alone; answers are that test's then.
+  Intersector intersector = Intersector::kExact;
+  uint32_t packet_side = 0;  // PACKET: 2, 4, 8 or 16; 0: the server's own choice.
 };
 
 // What became of a streamed query as a whole.

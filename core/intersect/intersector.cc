@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/intersect/intersector.h"
 
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -170,6 +171,13 @@ PreparedTriangle PrepareTriangle(Intersector intersector, Vec3f a, Vec3f b, Vec3
 bool Intersect(Intersector intersector, const PreparedTriangle& triangle, Vec3f origin,
                Vec3f direction, float t_max, IntersectorHit* hit) {
   return N_AVX2::IntersectOne(intersector, triangle, origin, direction, t_max, hit);
+}
+
+bool IntersectRay(Intersector intersector, const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c,
+                  IntersectorHit* hit) {
+  return Intersect(intersector, PrepareTriangle(intersector, a, b, c), ray.origin,
+                   ray.RoundedDirection(),
+                   ray.segment ? 1.0f : std::numeric_limits<float>::infinity(), hit);
 }
 
 bool IntersectByDotProducts(const PreparedTriangle& triangle, Vec3f origin, Vec3f direction,

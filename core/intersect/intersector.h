@@ -41,6 +41,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "core/geometry/vec3.h"
+#include "core/intersect/predicate.h"
 
 namespace sightline {
 
@@ -86,6 +87,10 @@ PreparedTriangle PrepareTriangle(Intersector intersector, Vec3f a, Vec3f b, Vec3
 // One ray, one triangle. `hit` is written if the result is true. t_max may be +inf.
 bool Intersect(Intersector intersector, const PreparedTriangle& triangle, Vec3f origin,
                Vec3f direction, float t_max, IntersectorHit* hit);
+// A ray of the predicate's against corners: D is its rounded direction, t_max 1 for a segment and
+// +inf for a ray. What a query with this intersector asks.
+bool IntersectRay(Intersector intersector, const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c,
+                  IntersectorHit* hit);
 // kHavelHerout by SSE4.1's dot-product instruction (paper 003, section IV): the same bits.
 bool IntersectByDotProducts(const PreparedTriangle& triangle, Vec3f origin, Vec3f direction,
                             float t_max, IntersectorHit* hit);

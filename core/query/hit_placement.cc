@@ -5,7 +5,6 @@
 #include <array>
 
 #include "core/base/check.h"
-#include "core/intersect/predicate.h"
 
 namespace sightline {
 namespace {
@@ -20,12 +19,7 @@ constexpr int kRecentSources = 8;
 
 Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, float t,
                uint32_t triangle) {
-  HitSource source(scene, origin, triangle);
-  if (source.plane.side == 0) {  // Not a hit of ours; any answer will do.
-    const auto& [a, b, c] = source.plane.corners;
-    source.plane =
-        MakePlane(source.plane.corners, SideOfDirection(a, b, c, direction) > 0 ? -1 : 1);
-  }
+  const HitSource source(scene, origin, triangle);
   const Placement placement = source.PlacementOf(origin, direction, t);
   std::vector<uint32_t> touched;
   FindTouching(scene, placement.at, placement.radius, triangle, &touched);
@@ -62,7 +56,6 @@ void HitPlacer::CollectSources(const RayPacket& packet) {
     if (source < oldest) {
       source = sources;
       sources_.emplace_back(scene_, packet.origin, triangle);
-      SIGHTLINE_DCHECK(sources_.back().plane.side != 0);
       hits_of[source + 1] = 0;
     }
     lane_[hits_] = lane;

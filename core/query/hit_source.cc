@@ -57,7 +57,10 @@ HitSource::HitSource(const IndexedGeometry& scene, Vec3f origin, uint32_t triang
                std::abs(ab.z * ac.x) + std::abs(ab.x * ac.z),
                std::abs(ab.x * ac.y) + std::abs(ab.y * ac.x)};
   closest = ClosestPoints(a, b, c);
-  plane = MakePlane(corners, SideOfPlane(a, b, c, origin));
+  // An origin within the plane sees the triangle by a test of the papers' alone; either side will
+  // do.
+  const int side = SideOfPlane(a, b, c, origin);
+  plane = MakePlane(corners, side != 0 ? side : 1);
 }
 
 Placement HitSource::PlacementOf(Vec3f origin, Vec3f direction, float t) const {

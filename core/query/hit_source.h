@@ -24,7 +24,7 @@ struct HitSource {
   Vec3d anchor, normal;  // A, and (B - A) × (C - A).
   Vec3d permanent;       // The same product with the sum of absolute values in each component.
   ClosestPoints closest;
-  Plane plane;  // Oriented toward the origin; side 0: the origin lies in it.
+  Plane plane;  // Oriented toward the origin; either way where that lies in it.
 
   HitSource(const IndexedGeometry& scene, Vec3f origin, uint32_t triangle);
 

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/query/options.h"
 
+#include <algorithm>
 #include <array>
 #include <string>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
 #include "core/traverse/rtt.h"
 
 namespace sightline {
@@ -29,6 +31,29 @@ absl::StatusOr<T> Parse(absl::string_view name, const char* kind,
   }
   return absl::InvalidArgumentError(
       absl::StrCat("unknown ", kind, " '", name, "'; there are ", names));
+}
+
+// What kSingle and kPacket go by.
+absl::Status CheckWalkOptions(const QueryOptions& options) {
+  const bool walks = options.strategy == Strategy::kSingle || options.strategy == Strategy::kPacket;
+  if (options.leaf_culling.has_value() && !walks) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("leaf_culling is for strategies SINGLE and PACKET, not for ",
+                     StrategyName(options.strategy), ": ask for one of them, or leave it out"));
+  }
+  if (options.intersector != Intersector::kExact && !walks &&
+      options.strategy != Strategy::kBruteForce) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "intersector ", IntersectorName(options.intersector),
+        " is for strategies SINGLE, PACKET and BRUTE_FORCE, not for ",
+        StrategyName(options.strategy), ": ask for one of them, or for intersector EXACT"));
+  }
+  if (std::find(kPacketSides.begin(), kPacketSides.end(), options.packet_side) ==
+      kPacketSides.end()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("packet_side = ", options.packet_side, " is none of 2, 4, 8, 16"));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -92,20 +117,7 @@ absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& opti
         " needs a kd-tree, which this scene was not built with: build it with one, or ask for ",
         options.strategy == Strategy::kRtt ? "another strategy" : "structure BVH"));
   }
-  if (options.leaf_culling.has_value()) {
-    const bool walks =
-        options.strategy == Strategy::kSingle || options.strategy == Strategy::kPacket;
-    if (!walks || !kd_tree) {
-      return absl::InvalidArgumentError(absl::StrCat(
-          "leaf_culling is for strategies SINGLE and PACKET on structure KD_TREE, not for ",
-          StrategyName(options.strategy), " on ", StructureName(options.structure)));
-    }
-    if (options.leaf_culling->intersector != Intersector::kExact) {
-      return absl::InvalidArgumentError(absl::StrCat(
-          "leaf_culling.intersector is ", IntersectorName(options.leaf_culling->intersector),
-          "; queries answer by EXACT alone"));
-    }
-  }
+  SL_RETURN_IF_ERROR(CheckWalkOptions(options));
   if (options.rtt_antialiasing < 1 || options.rtt_antialiasing > kMaxRttAntialiasing) {
     return absl::InvalidArgumentError(absl::StrCat("rtt_antialiasing = ", options.rtt_antialiasing,
                                                    " is outside 1 .. ", kMaxRttAntialiasing));

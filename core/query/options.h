@@ -2,13 +2,16 @@
 //
 // What every kind of query shares: strategy, masks, cancellation, statistics.
 //
-// None of these options changes an answer, except the mask: a strategy, a structure, a thread count
-// or an instruction set only decides how fast the one exact answer is found.
+// None of these options changes an answer, except the mask and the intersector: a strategy, a
+// structure, a thread count or an instruction set only decides how fast the one exact answer is
+// found. With another intersector than the predicate answers are that test's, and two ways to one
+// may differ by as much as its error bound says (core/intersect/intersector_check.h).
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_QUERY_OPTIONS_H_
 #define SIGHTLINE_CORE_QUERY_OPTIONS_H_
 
+#include <array>
 #include <cstdint>
 #include <optional>
 
@@ -17,6 +20,7 @@
 #include "absl/strings/string_view.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
+#include "core/intersect/intersector.h"
 #include "core/traverse/leaf_culling.h"
 #include "core/traverse/simd_target.h"
 
@@ -47,6 +51,9 @@ absl::string_view StructureName(Structure structure);  // "AUTO", "BVH", "KD_TRE
 // By that name, in any case. InvalidArgument listing the names.
 absl::StatusOr<Structure> ParseStructure(absl::string_view name);
 
+// Sides that packets of kPacket may have.
+inline constexpr std::array<int, 4> kPacketSides = {2, 4, 8, 16};
+
 struct QueryOptions {
   Strategy strategy = Strategy::kAuto;
   Structure structure = Structure::kAuto;
@@ -55,9 +62,13 @@ struct QueryOptions {
   // rtt.h).
   int rtt_antialiasing = 1;
   bool rtt_shared_edges = false;  // RttOptions::shared_edges.
-  // Culling within the kd-tree's leaves: kSingle and kPacket on structure kKdTree alone. Its `tree`
-  // is not read; its intersector must be the predicate.
+  // Culling within leaves: kSingle and kPacket alone. Its `tree` and `intersector` are not read.
   std::optional<LeafCulling> leaf_culling;
+  // The test that decides: another than the predicate with kSingle, kPacket and kBruteForce alone.
+  Intersector intersector = Intersector::kExact;
+  // kPacket alone: rays of so many pixels square, or as many of the points that follow one another,
+  // walk together. One of kPacketSides.
+  int packet_side = 16;
   SimdTarget simd = SimdTarget::kBest;  // REQUIRES: SimdTargetAvailable(simd).
   uint32_t mask = 0xFFFFFFFFu;
   const CancelToken* cancel = nullptr;  // Polled during traversal; may be null.

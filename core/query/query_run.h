@@ -21,10 +21,9 @@ class QueryRun {
  public:
   explicit QueryRun(const QueryOptions& options)
       : options_(options), kernels_(KernelsFor(options.simd)) {
-    if (options.leaf_culling.has_value()) {
-      culling_ = *options.leaf_culling;
-      culling_.tree = CulledTree::kKdTree;
-    }
+    culling_ = options.leaf_culling.value_or(LeafCulling::None());
+    culling_.intersector = options.intersector;
+    culling_.tree = on_kd_tree() ? CulledTree::kKdTree : CulledTree::kBvh;
   }
 
   const QueryOptions& options() const { return options_; }
@@ -34,9 +33,12 @@ class QueryRun {
   // Whether the kd-tree is walked, not the BVH.
   bool on_kd_tree() const { return WalksKdTree(options_); }
 
-  // What single rays and packets cull within leaves by; null: they do not. Its kernels beside.
+  // What single rays, packets and brute force test by, and cull within leaves; null: by the
+  // predicate, and they do not. Its kernels beside.
   const LeafCulling* culling() const {
-    return options_.leaf_culling.has_value() ? &culling_ : nullptr;
+    return options_.leaf_culling.has_value() || options_.intersector != Intersector::kExact
+               ? &culling_
+               : nullptr;
   }
   const CulledKernels& culled_kernels() const { return CulledKernelsFor(options_.simd); }
 

@@ -22,6 +22,40 @@ AnsweredBy AnsweredByWalk(Strategy strategy) {
                                          : AnsweredBy::kRay;
 }
 
+bool TraceOnePacket(const IndexedGeometry& scene, const QueryRun& run, bool any, RayPacket& packet,
+                    WalkStats* stats) {
+  if (run.culling() != nullptr) {
+    const CulledKernels& culled = run.culled_kernels();
+    return (any ? culled.occluded_packet : culled.closest_packet)(scene, *run.culling(), packet,
+                                                                  run.cancel(), stats);
+  }
+  const Kernels& kernels = run.kernels();
+  const TracePacketFn trace = run.on_kd_tree()
+                                  ? (any ? kernels.occluded_kd_packet : kernels.closest_kd_packet)
+                                  : (any ? kernels.occluded_packet : kernels.closest_packet);
+  return trace(scene, packet, run.cancel(), stats);
+}
+
+// By as many rays at a time as were asked for.
+bool TracePackets(const IndexedGeometry& scene, const QueryRun& run, bool any, RayPacket* packet,
+                  WalkStats* stats) {
+  const int rays = run.options().packet_side * run.options().packet_side;
+  if (packet->count <= rays) return TraceOnePacket(scene, run, any, *packet, stats);
+  RayPacket part;
+  for (int first = 0; first < packet->count; first += rays) {
+    const int count = std::min(rays, packet->count - first);
+    packet->CopyLanes(first, count, &part);
+    if (!TraceOnePacket(scene, run, any, part, stats)) return false;
+    std::copy_n(part.triangle, count, packet->triangle + first);
+    if (any) continue;
+    std::copy_n(part.t, count, packet->t + first);
+    if (!packet->want_barycentrics) continue;
+    std::copy_n(part.u, count, packet->u + first);
+    std::copy_n(part.v, count, packet->v + first);
+  }
+  return true;
+}
+
 }  // namespace
 
 int RttTileRaysOf(const QueryOptions& options, bool points) {
@@ -60,12 +94,13 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
   const Kernels& kernels = run.kernels();
   const bool brute = strategy == Strategy::kBruteForce;
   const bool any = kind == HitKind::kAny;
-  if (!brute && run.culling() != nullptr) {
+  if (run.culling() != nullptr) {
     const CulledKernels& culled = run.culled_kernels();
-    return (any ? culled.occluded_single : culled.closest_single)(scene, *run.culling(), rays, hits,
-                                                                  run.cancel(), stats)
-               ? absl::OkStatus()
-               : run.Stopped();
+    const TraceCulledRaysFn trace = brute ? (any ? culled.occluded_brute : culled.closest_brute)
+                                    : any ? culled.occluded_single
+                                          : culled.closest_single;
+    return trace(scene, *run.culling(), rays, hits, run.cancel(), stats) ? absl::OkStatus()
+                                                                         : run.Stopped();
   }
   const TraceRaysFn trace = brute ? (any ? kernels.occluded_brute : kernels.closest_brute)
                             : run.on_kd_tree()
@@ -103,26 +138,14 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
                ? absl::OkStatus()
                : run.Stopped();
   }
-  if (strategy == Strategy::kPacket && run.culling() != nullptr) {
-    const CulledKernels& culled = run.culled_kernels();
-    return (any ? culled.occluded_packet : culled.closest_packet)(scene, *run.culling(), *packet,
-                                                                  run.cancel(), stats)
+  if (strategy == Strategy::kPacket) {
+    return TracePackets(scene, run, any, packet, stats) ? absl::OkStatus() : run.Stopped();
+  }
+  if (strategy == Strategy::kShaft) {
+    return (any ? kernels.occluded_shaft : kernels.closest_shaft)(scene, *packet, cut, run.cancel(),
+                                                                  stats)
                ? absl::OkStatus()
                : run.Stopped();
-  }
-  if (strategy == Strategy::kPacket && run.on_kd_tree()) {
-    return (any ? kernels.occluded_kd_packet : kernels.closest_kd_packet)(scene, *packet,
-                                                                          run.cancel(), stats)
-               ? absl::OkStatus()
-               : run.Stopped();
-  }
-  if (strategy == Strategy::kPacket || strategy == Strategy::kShaft) {
-    const bool done = strategy == Strategy::kShaft
-                          ? (any ? kernels.occluded_shaft : kernels.closest_shaft)(
-                                scene, *packet, cut, run.cancel(), stats)
-                          : (any ? kernels.occluded_packet : kernels.closest_packet)(
-                                scene, *packet, run.cancel(), stats);
-    return done ? absl::OkStatus() : run.Stopped();
   }
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
@@ -141,7 +164,14 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
     packet->u[i] = packet->v[i] = 0;
     if (packet->want_barycentrics && kind == HitKind::kClosest && hits[i].triangle != kNoTriangle) {
       const auto [a, b, c] = scene.geometry.Corners(hits[i].triangle);
-      HitBarycentrics(packet->ray(i), a, b, c, &packet->u[i], &packet->v[i]);
+      if (run.options().intersector == Intersector::kExact) {
+        HitBarycentrics(packet->ray(i), a, b, c, &packet->u[i], &packet->v[i]);
+        continue;
+      }
+      IntersectorHit at;
+      IntersectRay(run.options().intersector, packet->ray(i), a, b, c, &at);
+      packet->u[i] = at.u;
+      packet->v[i] = at.v;
     }
   }
   return absl::OkStatus();

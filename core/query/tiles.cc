@@ -142,7 +142,10 @@ class TileTrace {
       StatsScope scope(&out_.primary, strategy, size_t{group.width} * group.height);
       const ShaftCut* cut =
           strategy == Strategy::kShaft && !one_block ? CutOutline(group) : nullptr;
-      const uint32_t side = strategy == Strategy::kRtt ? RttBlockSide() : kBlockSide;
+      const uint32_t side = strategy == Strategy::kRtt ? RttBlockSide()
+                            : strategy == Strategy::kPacket
+                                ? static_cast<uint32_t>(run_.options().packet_side)
+                                : kBlockSide;
       for (uint32_t y = 0; y < group.height; y += side) {
         for (uint32_t x = 0; x < group.width; x += side) {
           const TileRect block = {x, y, std::min(side, group.width - x),

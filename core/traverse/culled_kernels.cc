@@ -25,6 +25,8 @@ const CulledKernels& TargetCulledKernels() {
       .closest_single = &TraceCulledSingle<false>,
       .occluded_packet = &TraceCulledPacket<true>,
       .closest_packet = &TraceCulledPacket<false>,
+      .occluded_brute = &TraceBruteByIntersector<true>,
+      .closest_brute = &TraceBruteByIntersector<false>,
   };
   return kKernels;
 }

@@ -35,6 +35,9 @@ using TraceCulledPacketFn = bool (*)(const IndexedGeometry& scene, const LeafCul
 struct CulledKernels {
   TraceCulledRaysFn occluded_single, closest_single;
   TraceCulledPacketFn occluded_packet, closest_packet;
+  // The intersector over every triangle; no structure. REQUIRES: it is not the predicate
+  // (kernels.h has that).
+  TraceCulledRaysFn occluded_brute, closest_brute;
 };
 
 // REQUIRES: SimdTargetAvailable(target).

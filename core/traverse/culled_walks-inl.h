@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The walks over the binary BVH, and over the kd-tree seen as a tree of boxes, that cull within
-// leaves (leaf_culling.h): single rays with ray-box culling, packets with vertex culling and paper
-// 004's node tests.
+// The walks over either BVH, and over the kd-tree seen as a tree of boxes, that cull within leaves
+// (leaf_culling.h): single rays with ray-box culling, packets with vertex culling and paper 004's
+// node tests. And brute force by one of the papers' tests, which they are compared with.
 //
 // A kd-tree's cell is walked as the box that it is: its interval along a ray is made of the same
 // products as a box's (core/accel/kd_tree.h), so what that header promises to walks holds here. It
@@ -23,6 +23,7 @@
 #include <span>
 
 #include "core/accel/binary_bvh.h"
+#include "core/accel/bvh.h"
 #include "core/accel/kd_tree.h"
 #include "core/base/cancel.h"
 #include "core/traverse/finish-inl.h"
@@ -34,7 +35,12 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// ---- The two trees, as boxes with two children
+// ---- The trees, as boxes with a few children. The root is node 0.
+
+struct TreeChild {
+  uint32_t node;
+  Box3f box;
+};
 
 class BinaryBvhView {
  public:
@@ -49,18 +55,59 @@ class BinaryBvhView {
     *leaf_box = box;
     return true;
   }
-  uint32_t Children(uint32_t node, const Box3f&, Box3f* left, Box3f* right) const {
+  // Writes them to `out`, kWidth at most; returns how many there are.
+  uint32_t Children(uint32_t node, const Box3f&, TreeChild* out) const {
     const uint32_t first = bvh_.nodes[node].first;
-    *left = bvh_.nodes[first].box();
-    *right = bvh_.nodes[first + 1].box();
-    return first;
+    out[0] = {first, bvh_.nodes[first].box()};
+    out[1] = {first + 1, bvh_.nodes[first + 1].box()};
+    return 2;
   }
   // Whether a box entered after the nearest hit may be left out.
   bool boxes_bound_hits() const { return true; }
+  static constexpr uint32_t kWidth = 2;
   static constexpr uint32_t kStack = kMaxBinaryBvhDepth + 1;
 
  private:
   const BinaryBvh& bvh_;
+};
+
+// Nodes are numbered by the bits of their ChildRef.
+class BvhView {
+ public:
+  explicit BvhView(const IndexedGeometry& scene) : bvh_(scene.bvh) {
+    static_assert(ChildRef::Inner(0).bits() == 0);
+  }
+  bool empty() const { return bvh_.empty(); }
+  Box3f root_box() const { return bvh_.bounds; }
+  bool is_leaf(uint32_t node) const { return ChildRef::FromBits(node).is_leaf(); }
+  bool LeafOf(uint32_t node, const Box3f& box, LeafRange* range, Box3f* leaf_box) const {
+    const ChildRef ref = ChildRef::FromBits(node);
+    *range = {{bvh_.leaf_ids.data(), bvh_.leaf_ids.size()},
+              nullptr,
+              ref.leaf_unit() * kUnitTriangles,
+              ref.leaf_count()};
+    if (bvh_.has_leaf_rows()) {
+      range->rows = bvh_.leaves.data() + size_t{ref.leaf_unit()} * kUnitFloats;
+      range->stride = ref.leaf_units() * kUnitTriangles;
+    }
+    *leaf_box = box;
+    return true;
+  }
+  uint32_t Children(uint32_t node, const Box3f&, TreeChild* out) const {
+    const BvhNode& n = bvh_.nodes[ChildRef::FromBits(node).node()];
+    for (uint32_t i = 0; i < n.child_count; ++i) {
+      out[i] = {n.child[i].bits(),
+                {{n.bounds[0][i], n.bounds[1][i], n.bounds[2][i]},
+                 {n.bounds[3][i], n.bounds[4][i], n.bounds[5][i]}}};
+    }
+    return n.child_count;
+  }
+  bool boxes_bound_hits() const { return true; }
+  static constexpr uint32_t kWidth = kBvhWidth;
+  static constexpr uint32_t kStack = kBvhStackSize;
+
+ private:
+  const Bvh& bvh_;
 };
 
 class KdTreeView {
@@ -77,20 +124,30 @@ class KdTreeView {
     *leaf_box = leaf.box();
     return true;
   }
-  uint32_t Children(uint32_t node, const Box3f& box, Box3f* left, Box3f* right) const {
+  uint32_t Children(uint32_t node, const Box3f& box, TreeChild* out) const {
     const KdNode n = tree_.nodes[node];
-    *left = *right = box;
-    left->hi[n.axis()] = n.split();
-    right->lo[n.axis()] = n.split();
-    return n.first_child();
+    out[0] = {n.first_child(), box};
+    out[1] = {n.first_child() + 1, box};
+    out[0].box.hi[n.axis()] = n.split();
+    out[1].box.lo[n.axis()] = n.split();
+    return 2;
   }
   bool boxes_bound_hits() const { return !tree_.perfect(); }
+  static constexpr uint32_t kWidth = 2;
   static constexpr uint32_t kStack = kKdStackSize;
 
  private:
   const KdTree& tree_;
   const LeafTriangles* const triangles_;
 };
+
+// Onto the stack, above `base` the nearest last; of equal ones the first that came.
+template <class Pending>
+HWY_INLINE void PushByEntry(const Pending& child, int base, Pending* stack, int* depth) {
+  int to = (*depth)++;
+  for (; to > base && stack[to - 1].entry <= child.entry; --to) stack[to] = stack[to - 1];
+  stack[to] = child;
+}
 
 // ---- One ray
 
@@ -119,16 +176,12 @@ class CulledSingleWalk {
         continue;
       }
       ++stats_->nodes;
-      Pending left, right;
-      left.node = tree_.Children(at.node, at.box, &left.box, &right.box);
-      right.node = left.node + 1;
-      const bool left_met = Meets(&left), right_met = Meets(&right);
-      if (left_met && right_met) {
-        const bool left_first = left.entry <= right.entry;
-        stack[depth++] = left_first ? right : left;
-        stack[depth++] = left_first ? left : right;
-      } else if (left_met || right_met) {
-        stack[depth++] = left_met ? left : right;
+      TreeChild children[Tree::kWidth];
+      const uint32_t count = tree_.Children(at.node, at.box, children);
+      const int base = depth;
+      for (uint32_t i = 0; i < count; ++i) {
+        Pending child = {children[i].node, children[i].box, 0};
+        if (Meets(&child)) PushByEntry(child, base, stack, &depth);
       }
     }
     return best_;
@@ -177,9 +230,55 @@ bool TraceCulledSingle(const IndexedGeometry& scene, const LeafCulling& culling,
                        const CancelToken* cancel, WalkStats* stats) {
   for (size_t i = 0; i < rays.size(); ++i) {
     if (i % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
-    hits[i] = culling.tree == CulledTree::kBinaryBvh
-                  ? CulledSingleWalk<BinaryBvhView, kAny>(scene, culling, rays[i], stats).Run()
-                  : CulledSingleWalk<KdTreeView, kAny>(scene, culling, rays[i], stats).Run();
+    switch (culling.tree) {
+      case CulledTree::kBinaryBvh:
+        hits[i] = CulledSingleWalk<BinaryBvhView, kAny>(scene, culling, rays[i], stats).Run();
+        break;
+      case CulledTree::kKdTree:
+        hits[i] = CulledSingleWalk<KdTreeView, kAny>(scene, culling, rays[i], stats).Run();
+        break;
+      case CulledTree::kBvh:
+        hits[i] = CulledSingleWalk<BvhView, kAny>(scene, culling, rays[i], stats).Run();
+        break;
+    }
+  }
+  return true;
+}
+
+// One of the papers' tests over every triangle: what the walks with it are compared with.
+template <bool kAny>
+Hit BruteByIntersector(const IndexedGeometry& scene, const LeafCulling& culling,
+                       const TraceRay& query, WalkStats* stats) {
+  const SceneGeometry& geometry = scene.geometry;
+  Hit best;
+  auto inert = geometry.inert.begin();
+  for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
+    if (inert != geometry.inert.end() && *inert == id) {
+      ++inert;
+      continue;
+    }
+    if (id == query.from_source || id == query.to_source) continue;
+    ++stats->triangle_tests;
+    const auto [a, b, c] = geometry.Corners(id);
+    IntersectorHit hit;
+    if (!IntersectRay(culling.intersector, query.ray, a, b, c, &hit)) continue;
+    if (MustAskObjects(geometry, query.mask) &&
+        !ObjectBlocks(geometry, id, query.mask, SideOfPlane(a, b, c, query.ray.origin))) {
+      continue;
+    }
+    if constexpr (kAny) return {0.0f, id};
+    best = std::min(best, Hit{hit.t, id});
+  }
+  return best;
+}
+
+template <bool kAny>
+bool TraceBruteByIntersector(const IndexedGeometry& scene, const LeafCulling& culling,
+                             std::span<const TraceRay> rays, std::span<Hit> hits,
+                             const CancelToken* cancel, WalkStats* stats) {
+  for (size_t i = 0; i < rays.size(); ++i) {
+    if (cancel != nullptr && cancel->cancelled()) return false;
+    hits[i] = BruteByIntersector<kAny>(scene, culling, rays[i], stats);
   }
   return true;
 }
@@ -218,17 +317,12 @@ class CulledPacketWalk {
         continue;
       }
       ++stats_->nodes;
-      Pending left, right;
-      left.node = tree_.Children(at.node, at.box, &left.box, &right.box);
-      right.node = left.node + 1;
-      const bool left_met = Meets(at.first_group, &left);
-      const bool right_met = Meets(at.first_group, &right);
-      if (left_met && right_met) {
-        const bool left_first = left.entry <= right.entry;
-        stack[depth++] = left_first ? right : left;
-        stack[depth++] = left_first ? left : right;
-      } else if (left_met || right_met) {
-        stack[depth++] = left_met ? left : right;
+      TreeChild children[Tree::kWidth];
+      const uint32_t count = tree_.Children(at.node, at.box, children);
+      const int base = depth;
+      for (uint32_t i = 0; i < count; ++i) {
+        Pending child = {children[i].node, 0, children[i].box, 0};
+        if (Meets(at.first_group, &child)) PushByEntry(child, base, stack, &depth);
       }
     }
     return true;
@@ -311,19 +405,6 @@ class CulledPacketWalk {
   float limit_;  // No live lane looks beyond this.
 };
 
-// The lanes first .. first + count - 1 of a packet, as a packet.
-inline void CopyLanes(const RayPacket& from, int first, int count, RayPacket* to) {
-  to->origin = from.origin;
-  to->segments = from.segments;
-  to->mask = from.mask;
-  to->origin_source = from.origin_source;
-  to->count = count;
-  std::copy_n(from.target_x + first, count, to->target_x);
-  std::copy_n(from.target_y + first, count, to->target_y);
-  std::copy_n(from.target_z + first, count, to->target_z);
-  std::copy_n(from.target_source + first, count, to->target_source);
-}
-
 template <class Tree, bool kAny>
 bool TraceCulledTree(const IndexedGeometry& scene, const LeafCulling& culling, RayPacket& packet,
                      const CancelToken* cancel, WalkStats* stats) {
@@ -348,7 +429,7 @@ bool TraceCulledTree(const IndexedGeometry& scene, const LeafCulling& culling, R
   for (int first = 0; first < packet.count;) {
     const int half = packet.count / 2;
     const int count = first == 0 ? half : packet.count - half;
-    CopyLanes(packet, first, count, part.get());
+    packet.CopyLanes(first, count, part.get());
     if (!TraceCulledTree<Tree, kAny>(scene, culling, *part, cancel, stats)) return false;
     std::copy_n(part->t, count, packet.t + first);
     std::copy_n(part->triangle, count, packet.triangle + first);
@@ -361,14 +442,33 @@ template <bool kAny>
 bool TraceCulledPacket(const IndexedGeometry& scene, const LeafCulling& culling, RayPacket& packet,
                        const CancelToken* cancel, WalkStats* stats) {
   if (packet.count == 0) return true;
-  const bool done =
-      culling.tree == CulledTree::kBinaryBvh
-          ? TraceCulledTree<BinaryBvhView, kAny>(scene, culling, packet, cancel, stats)
-          : TraceCulledTree<KdTreeView, kAny>(scene, culling, packet, cancel, stats);
+  bool done = false;
+  switch (culling.tree) {
+    case CulledTree::kBinaryBvh:
+      done = TraceCulledTree<BinaryBvhView, kAny>(scene, culling, packet, cancel, stats);
+      break;
+    case CulledTree::kKdTree:
+      done = TraceCulledTree<KdTreeView, kAny>(scene, culling, packet, cancel, stats);
+      break;
+    case CulledTree::kBvh:
+      done = TraceCulledTree<BvhView, kAny>(scene, culling, packet, cancel, stats);
+      break;
+  }
   if (!done) return false;
-  if (!kAny && packet.want_barycentrics) {
+  if (kAny || !packet.want_barycentrics) return true;
+  if (culling.intersector == Intersector::kExact) {
     ReadyTriangles ready(scene.geometry, packet.origin, /*weights=*/true);
     FinishHits(ready, packet);
+    return true;
+  }
+  for (int i = 0; i < packet.count; ++i) {
+    IntersectorHit at;
+    if (packet.triangle[i] != kNoTriangle) {
+      const auto [a, b, c] = scene.geometry.Corners(packet.triangle[i]);
+      IntersectRay(culling.intersector, packet.ray(i), a, b, c, &at);
+    }
+    packet.u[i] = at.u;
+    packet.v[i] = at.v;
   }
   return true;
 }

@@ -13,6 +13,7 @@
 #ifndef SIGHTLINE_CORE_TRAVERSE_LEAF_CULLING_H_
 #define SIGHTLINE_CORE_TRAVERSE_LEAF_CULLING_H_
 
+#include <array>
 #include <cstdint>
 
 #include "core/intersect/intersector.h"
@@ -22,6 +23,7 @@ namespace sightline {
 enum class CulledTree : uint8_t {
   kBinaryBvh,  // IndexedGeometry::binary_bvh.
   kKdTree,     // IndexedGeometry::kd_tree, and kd_leaves where they are there.
+  kBvh,        // IndexedGeometry::bvh, whose leaves hold at most sixteen triangles.
 };
 
 // The rays that the transient frustum of a leaf holds (paper 000).
@@ -44,7 +46,21 @@ enum class PacketSplit : uint8_t {
   kSingleRays,  // Every ray by itself (paper 004).
 };
 
+inline constexpr std::array kAllFrustumRays = {FrustumRays::kAll, FrustumRays::kRows,
+                                               FrustumRays::kMasked};
+inline constexpr std::array kAllNodeTests = {NodeTest::kAllRays, NodeTest::kFirstActive,
+                                             NodeTest::kCorners};
+inline constexpr std::array kAllPacketSplits = {PacketSplit::kHalves, PacketSplit::kSingleRays};
+
 struct LeafCulling {
+  // Nothing left out, nothing prepared for it: leaves are tested whole.
+  static constexpr LeafCulling None() {
+    LeafCulling c;
+    c.side_planes = c.near_far = c.aperture = c.skip_edges = c.ray_mask = c.ray_box = false;
+    c.frustum = FrustumRays::kAll;
+    return c;
+  }
+
   CulledTree tree = CulledTree::kBinaryBvh;
   Intersector intersector = Intersector::kExact;
 
@@ -60,7 +76,7 @@ struct LeafCulling {
   FrustumRays frustum = FrustumRays::kMasked;
   bool first_axis = false;  // The first axis that will do, not the one with the longest directions.
   bool ray_mask = true;     // Rays that miss the leaf's box are not put to its triangles.
-  NodeTest node_test = NodeTest::kFirstActive;  // Of the binary BVH.
+  NodeTest node_test = NodeTest::kFirstActive;
   PacketSplit split = PacketSplit::kHalves;
 
   // ---- Single rays

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A leaf that names a range of triangle ids, whichever tree it belongs to (binary_bvh.h,
-// kd_tree.h), as views of up to sixteen triangles: of rows that were laid out beforehand where the
-// scene has them (core/accel/leaf_triangles.h), else of rows fetched on the way.
+// A leaf that names a range of triangle ids, whichever tree it belongs to (binary_bvh.h, kd_tree.h,
+// bvh.h), as views of up to sixteen triangles: of rows that were laid out beforehand where the
+// scene has them (core/accel/leaf_triangles.h, and the leaves of an ordinary BVH), else of rows
+// fetched on the way.
 //
 // Thread safety: plain values; the calls are const.
 //
@@ -30,6 +31,9 @@ struct LeafRange {
   std::span<const uint32_t> ids;   // The whole tree's.
   const LeafTriangles* triangles;  // Of all ids; null: fetched on the way.
   uint32_t first, count;
+  // A leaf of an ordinary BVH: its own rows, as long as `stride`; at most sixteen triangles.
+  const float* rows = nullptr;
+  uint32_t stride = 0;
 
   // All of `ids`, fetched on the way.
   static LeafRange Of(std::span<const uint32_t> ids) {
@@ -59,10 +63,12 @@ class RangeView {
   }
   // Fetched rows are as long as they must be: most leaves are small.
   static uint32_t Stride(const LeafRange& range, uint32_t at) {
+    if (range.rows != nullptr) return range.stride;
     if (range.triangles != nullptr) return static_cast<uint32_t>(range.triangles->stride);
     return (Count(range, at) + kUnitTriangles - 1) / kUnitTriangles * kUnitTriangles;
   }
   const float* Rows(const SceneGeometry& geometry, const LeafRange& range, uint32_t at) {
+    if (range.rows != nullptr) return range.rows;
     if (range.triangles != nullptr) return range.triangles->rows.data() + range.first + at;
     WriteLeafRows(geometry, range.ids.subspan(range.first + at, Count(range, at)),
                   Stride(range, at), fetched_);

@@ -6,6 +6,7 @@
 #ifndef SIGHTLINE_CORE_TRAVERSE_TRACE_RAY_H_
 #define SIGHTLINE_CORE_TRAVERSE_TRACE_RAY_H_
 
+#include <algorithm>
 #include <cstdint>
 
 #include "core/geometry/vec3.h"
@@ -53,6 +54,20 @@ struct alignas(64) RayPacket {
   Vec3f target(int lane) const { return {target_x[lane], target_y[lane], target_z[lane]}; }
   PredicateRay ray(int lane) const { return {origin, target(lane), segments}; }
   Hit hit(int lane) const { return {t[lane], triangle[lane]}; }
+
+  // The question of `lanes` lanes from `first` on, as another packet's.
+  void CopyLanes(int first, int lanes, RayPacket* to) const {
+    to->origin = origin;
+    to->segments = segments;
+    to->mask = mask;
+    to->origin_source = origin_source;
+    to->want_barycentrics = want_barycentrics;
+    to->count = lanes;
+    std::copy_n(target_x + first, lanes, to->target_x);
+    std::copy_n(target_y + first, lanes, to->target_y);
+    std::copy_n(target_z + first, lanes, to->target_z);
+    std::copy_n(target_source + first, lanes, to->target_source);
+  }
 };
 
 // Rays with one direction (a sun's) that walk together: from each origin toward it, without end.

@@ -54,6 +54,31 @@ absl::StatusOr<Structure> DecodeStructure(v1::Structure structure) {
   }
 }
 
+// The wire's numbers are core's, after UNSPECIFIED.
+constexpr int kFirstIntersector = v1::INTERSECTOR_EXACT;
+static_assert(static_cast<int>(Intersector::kExact) + kFirstIntersector == v1::INTERSECTOR_EXACT);
+static_assert(static_cast<int>(Intersector::kHavelHerout) + kFirstIntersector ==
+              v1::INTERSECTOR_HAVEL_HEROUT);
+static_assert(static_cast<int>(Intersector::kHavelHeroutDivided) + kFirstIntersector ==
+              v1::INTERSECTOR_HAVEL_HEROUT_DIVIDED);
+static_assert(static_cast<int>(Intersector::kWald) + kFirstIntersector == v1::INTERSECTOR_WALD);
+static_assert(static_cast<int>(Intersector::kShevtsov) + kFirstIntersector ==
+              v1::INTERSECTOR_SHEVTSOV);
+static_assert(static_cast<int>(Intersector::kKenslerShirley) + kFirstIntersector ==
+              v1::INTERSECTOR_KENSLER_SHIRLEY);
+static_assert(static_cast<int>(Intersector::kMoellerTrumbore) + kFirstIntersector ==
+              v1::INTERSECTOR_MOELLER_TRUMBORE);
+
+absl::StatusOr<Intersector> DecodeIntersector(v1::Intersector intersector) {
+  if (intersector == v1::INTERSECTOR_UNSPECIFIED) return Intersector::kExact;
+  if (!v1::Intersector_IsValid(intersector)) {
+    return InvalidField("options.intersector", static_cast<int>(intersector),
+                        "is not an intersector that this server knows",
+                        v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  }
+  return static_cast<Intersector>(intersector - kFirstIntersector);
+}
+
 absl::StatusOr<LeafCulling> DecodeLeafCulling(const v1::LeafCulling& culling) {
   LeafCulling result;
   result.side_planes = culling.side_planes();
@@ -83,6 +108,22 @@ absl::StatusOr<LeafCulling> DecodeLeafCulling(const v1::LeafCulling& culling) {
           "options.leaf_culling.frustum_rays", static_cast<int>(culling.frustum_rays()),
           "is not a choice of rays that this server knows", v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
   }
+  switch (culling.node_test()) {
+    case v1::NODE_TEST_UNSPECIFIED:
+    case v1::NODE_TEST_FIRST_ACTIVE:
+      result.node_test = NodeTest::kFirstActive;
+      break;
+    case v1::NODE_TEST_CORNERS:
+      result.node_test = NodeTest::kCorners;
+      break;
+    case v1::NODE_TEST_ALL_RAYS:
+      result.node_test = NodeTest::kAllRays;
+      break;
+    default:
+      return InvalidField("options.leaf_culling.node_test", static_cast<int>(culling.node_test()),
+                          "is not a test of nodes that this server knows",
+                          v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  }
   constexpr uint32_t kMost = 1u << 20;
   if (culling.ray_box_min_triangles() > kMost) {
     return InvalidField("options.leaf_culling.ray_box_min_triangles",
@@ -110,6 +151,13 @@ absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options) {
   result.query.rtt_shared_edges = options.rtt().shared_edges();
   if (options.has_leaf_culling()) {
     SL_ASSIGN_OR_RETURN(result.query.leaf_culling, DecodeLeafCulling(options.leaf_culling()));
+  }
+  SL_ASSIGN_OR_RETURN(result.query.intersector, DecodeIntersector(options.intersector()));
+  if (options.packet_side() > 16) {
+    return InvalidField("options.packet_side", options.packet_side(), "must be 2, 4, 8 or 16");
+  }
+  if (options.packet_side() > 0) {
+    result.query.packet_side = static_cast<int>(options.packet_side());
   }
   result.statistics = options.statistics();
   return result;

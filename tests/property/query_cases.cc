@@ -147,10 +147,8 @@ std::string Way::Name() const {
   return std::string(strategy_name.data(), strategy_name.size()) + " on " +
          std::string(target_name.data(), target_name.size()) + ", structure " +
          std::string(structure_name.data(), structure_name.size()) + ", antialiasing " +
-         std::to_string(rtt_antialiasing) +
-         (leaf_culling ? ", culling in leaves, frustum " +
-                             std::to_string(static_cast<int>(leaf_culling->frustum))
-                       : "");
+         std::to_string(rtt_antialiasing) + (leaf_culling ? ", culling in leaves" : "") +
+         ", packets of " + std::to_string(packet_side);
 }
 
 std::vector<Way> AllWays(bool kd_tree) {
@@ -161,22 +159,23 @@ std::vector<Way> AllWays(bool kd_tree) {
                                     Strategy::kShaft, Strategy::kAuto}) {
       ways.push_back({strategy, simd});
     }
+    // Whole grids of these: tests/property/grid_test.cc.
+    for (const Structure structure : {Structure::kBvh, Structure::kKdTree}) {
+      if (structure == Structure::kKdTree && !kd_tree) continue;
+      ways.push_back({.strategy = Strategy::kSingle,
+                      .simd = simd,
+                      .structure = structure,
+                      .leaf_culling = LeafCulling()});
+      ways.push_back({.strategy = Strategy::kPacket,
+                      .simd = simd,
+                      .structure = structure,
+                      .leaf_culling = LeafCulling(),
+                      .packet_side = structure == Structure::kBvh ? 4 : 8});
+    }
     if (!kd_tree) continue;
     for (const Strategy strategy :
          {Strategy::kSingle, Strategy::kPacket, Strategy::kRtt, Strategy::kAuto}) {
       ways.push_back({strategy, simd, Structure::kKdTree});
-    }
-    for (const FrustumRays rays : {FrustumRays::kAll, FrustumRays::kRows, FrustumRays::kMasked}) {
-      LeafCulling culling;
-      culling.frustum = rays;
-      culling.aperture_first = rays != FrustumRays::kAll;
-      culling.mailbox = rays == FrustumRays::kAll;
-      culling.ray_box_update = rays != FrustumRays::kRows;
-      for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket}) {
-        Way way = {strategy, simd, Structure::kKdTree};
-        way.leaf_culling = culling;
-        ways.push_back(way);
-      }
     }
     for (const int antialiasing : {2, 3, 4, 6}) {
       ways.push_back({Strategy::kRtt, simd, Structure::kAuto, antialiasing, antialiasing != 3});

@@ -60,7 +60,8 @@ struct Way {
   Structure structure = Structure::kAuto;
   int rtt_antialiasing = 1;
   bool rtt_shared_edges = false;
-  std::optional<LeafCulling> leaf_culling;
+  std::optional<LeafCulling> leaf_culling = {};
+  int packet_side = 16;
   std::string Name() const;
   QueryOptions Options(uint32_t mask = 0xFFFFFFFFu) const {
     return {.strategy = strategy,
@@ -68,13 +69,13 @@ struct Way {
             .rtt_antialiasing = rtt_antialiasing,
             .rtt_shared_edges = rtt_shared_edges,
             .leaf_culling = leaf_culling,
+            .packet_side = packet_side,
             .simd = simd,
             .mask = mask};
   }
 };
 // Every strategy × instruction set of this machine, on the BVH and, if it is there, on the kd-tree,
-// there with and without culling within leaves;
-// the first is brute force, the reference.
+// with and without culling within leaves; the first is brute force, the reference.
 std::vector<Way> AllWays(bool kd_tree = false);
 
 template <typename T>

@@ -200,10 +200,38 @@ TEST(OptionsCodecTest, StructuresAndTilesAreKnownOrRefused) {
   culling->set_frustum_rays(static_cast<v1::FrustumRays>(7));
   ExpectInvalid(DecodeOptions(options).status(), "options.leaf_culling.frustum_rays = 7",
                 v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  culling->clear_frustum_rays();
+  EXPECT_EQ(DecodeOptions(options)->query.leaf_culling->node_test, NodeTest::kFirstActive);
+  culling->set_node_test(v1::NODE_TEST_CORNERS);
+  EXPECT_EQ(DecodeOptions(options)->query.leaf_culling->node_test, NodeTest::kCorners);
+  culling->set_node_test(static_cast<v1::NodeTest>(4));
+  ExpectInvalid(DecodeOptions(options).status(), "options.leaf_culling.node_test = 4",
+                v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
   options.clear_leaf_culling();
   options.set_structure(static_cast<v1::Structure>(9));
   ExpectInvalid(DecodeOptions(options).status(), "options.structure = 9",
                 v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+}
+
+TEST(OptionsCodecTest, IntersectorsAndPacketsAreKnownOrRefused) {
+  v1::QueryOptions options;
+  EXPECT_EQ(DecodeOptions(options)->query.intersector, Intersector::kExact);
+  EXPECT_EQ(DecodeOptions(options)->query.packet_side, 16);
+  for (const Intersector intersector : kPaperIntersectors) {
+    v1::Intersector wire = v1::INTERSECTOR_UNSPECIFIED;
+    ASSERT_TRUE(
+        v1::Intersector_Parse(absl::StrCat("INTERSECTOR_", IntersectorName(intersector)), &wire));
+    options.set_intersector(wire);
+    EXPECT_EQ(DecodeOptions(options)->query.intersector, intersector);
+  }
+  options.set_intersector(static_cast<v1::Intersector>(8));
+  ExpectInvalid(DecodeOptions(options).status(), "options.intersector = 8",
+                v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
+  options.clear_intersector();
+  options.set_packet_side(4);
+  EXPECT_EQ(DecodeOptions(options)->query.packet_side, 4);
+  options.set_packet_side(17);
+  ExpectInvalid(DecodeOptions(options).status(), "options.packet_side = 17");
 }
 
 TEST(SceneCodecTest, KdTreeOptionsAreCheckedByName) {

@@ -22,6 +22,16 @@ std::string PointText(const client::Point3& p) {
   return absl::StrFormat("(%.17g, %.17g, %.17g)", p[0], p[1], p[2]);
 }
 
+// The words of --intersector; the first is assumed.
+constexpr std::pair<const char*, client::Intersector> kIntersectors[] = {
+    {"exact", client::Intersector::kExact},
+    {"havel-herout", client::Intersector::kHavelHerout},
+    {"havel-herout-divided", client::Intersector::kHavelHeroutDivided},
+    {"wald", client::Intersector::kWald},
+    {"shevtsov", client::Intersector::kShevtsov},
+    {"kensler-shirley", client::Intersector::kKenslerShirley},
+    {"moeller-trumbore", client::Intersector::kMoellerTrumbore}};
+
 // The words of --leaf-culling.
 absl::Status ParseLeafCulling(const std::string& text,
                               std::optional<client::LeafCulling>* culling) {
@@ -42,10 +52,15 @@ absl::Status ParseLeafCulling(const std::string& text,
       result.frustum_rays = client::FrustumRays::kRows;
     } else if (word == "masked") {
       result.frustum_rays = client::FrustumRays::kMasked;
+    } else if (word == "corner-nodes") {
+      result.node_test = client::NodeTest::kCorners;
+    } else if (word == "all-ray-nodes") {
+      result.node_test = client::NodeTest::kAllRays;
     } else {
       std::string names;
       for (const auto& [name, target] : switches) absl::StrAppend(&names, name, ", ");
-      return UsageError(absl::StrCat("'", word, "' is none of ", names, "rows, masked"));
+      return UsageError(absl::StrCat("'", word, "' is none of ", names,
+                                     "rows, masked, corner-nodes, all-ray-nodes"));
     }
   }
   *culling = result;
@@ -96,10 +111,20 @@ void StrategyFlags::Register(FlagSet* flags) {
                 &rtt_shared_edges);
   flags->Custom(
       "leaf-culling", "WORD,...",
-      "with SINGLE or PACKET on KD_TREE, what is left out within leaves: side-planes, near-far, "
-      "aperture, aperture-first, skip-edges, rows or masked (the frustum's rays), first-axis, "
-      "ray-mask, split-to-rays; ray-box, ray-box-fixed, mailbox",
+      "what is left out within leaves: with PACKET side-planes, near-far, aperture, "
+      "aperture-first, skip-edges, rows or masked (the frustum's rays), first-axis, ray-mask, "
+      "split-to-rays, and how nodes are tested, corner-nodes or all-ray-nodes; with SINGLE "
+      "ray-box, ray-box-fixed, mailbox",
       "", [this](const std::string& text) { return ParseLeafCulling(text, &leaf_culling); });
+  intersector = kIntersectors[0].first;
+  std::vector<std::string> names;
+  for (const auto& [name, value] : kIntersectors) names.emplace_back(name);
+  flags->Choice("intersector", names,
+                "with SINGLE, PACKET or BRUTE_FORCE, the ray-triangle test that decides; all but "
+                "exact round as they were published",
+                &intersector);
+  flags->Count("packet-side", "N", "with PACKET, the pixels along a packet's side: 2, 4, 8 or 16",
+               &packet_side, 2, 16);
 }
 
 void StrategyFlags::Apply(client::QueryOptions* options) const {
@@ -115,6 +140,10 @@ void StrategyFlags::Apply(client::QueryOptions* options) const {
   options->rtt_antialiasing = static_cast<uint32_t>(rtt_antialiasing);
   options->rtt_shared_edges = rtt_shared_edges;
   options->leaf_culling = leaf_culling;
+  for (const auto& [name, value] : kIntersectors) {
+    if (intersector == name) options->intersector = value;
+  }
+  options->packet_side = static_cast<uint32_t>(packet_side);
 }
 
 std::optional<client::KdTreeOptions> StrategyFlags::KdTree() const {

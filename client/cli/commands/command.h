@@ -59,6 +59,8 @@ struct StrategyFlags {
   uint64_t rtt_antialiasing = 1;
   bool rtt_shared_edges = false;
   std::optional<client::LeafCulling> leaf_culling;
+  std::string intersector;
+  uint64_t packet_side = 16;
 
   // --strategy, --structure and what RTT goes by; AUTO unless said otherwise.
   void Register(FlagSet* flags);

@@ -83,14 +83,17 @@ TEST(OptionsTest, WhatASceneLacksIsNamed) {
                                    .structure = Structure::kKdTree,
                                    .leaf_culling = LeafCulling{}})
                   .ok());
-  expect({.strategy = Strategy::kPacket, .leaf_culling = LeafCulling{}}, kInvalid,
-         "leaf_culling is for strategies SINGLE and PACKET on structure KD_TREE");
+  EXPECT_TRUE(
+      CheckOptions(scene, {.strategy = Strategy::kSingle, .leaf_culling = LeafCulling{}}).ok());
   expect({.structure = Structure::kKdTree, .leaf_culling = LeafCulling{}}, kInvalid,
-         "not for AUTO");
-  LeafCulling wald;
-  wald.intersector = Intersector::kWald;
-  expect({.strategy = Strategy::kSingle, .structure = Structure::kKdTree, .leaf_culling = wald},
-         kInvalid, "leaf_culling.intersector is WALD");
+         "leaf_culling is for strategies SINGLE and PACKET, not for AUTO");
+  for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket, Strategy::kBruteForce}) {
+    EXPECT_TRUE(
+        CheckOptions(scene, {.strategy = strategy, .intersector = Intersector::kWald}).ok());
+  }
+  expect({.strategy = Strategy::kShaft, .intersector = Intersector::kWald}, kInvalid,
+         "intersector WALD is for strategies SINGLE, PACKET and BRUTE_FORCE, not for SHAFT");
+  expect({.strategy = Strategy::kPacket, .packet_side = 3}, kInvalid, "packet_side = 3");
   expect({.strategy = Strategy::kRtt, .rtt_antialiasing = 0}, kInvalid, "rtt_antialiasing = 0");
   expect({.strategy = Strategy::kRtt, .rtt_antialiasing = 7}, kInvalid, "rtt_antialiasing = 7");
 }

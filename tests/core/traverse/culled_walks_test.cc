@@ -15,10 +15,10 @@
 
 #include "core/accel/binary_bvh_builder.h"
 #include "core/accel/kd_builder.h"
-#include "core/intersect/intersector_check.h"
 #include "core/traverse/culled_kernels.h"
 #include "core/traverse/kernels.h"
 #include "gtest/gtest.h"
+#include "tests/core/intersect/intersector_answers.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/support/random.h"
@@ -31,7 +31,7 @@ bool SameBits(const Hit& a, const Hit& b) {
   return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
 }
 
-// Both trees, with leaves of all sizes.
+// All trees, with leaves of all sizes.
 void AddTrees(IndexedGeometry* scene, TestRng& rng) {
   ThreadPool pool(2);
   const float ratios[] = {0.01f, 0.1f, 1.0f, 10.0f};
@@ -40,6 +40,8 @@ void AddTrees(IndexedGeometry* scene, TestRng& rng) {
                      {.bins = rng.Chance(0.5) ? 8 : 32, .cost_ratio = ratios[rng.Below(4)]}, pool);
   ASSERT_TRUE(bvh.ok()) << bvh.status();
   scene->binary_bvh = *std::move(bvh);
+  scene->bvh = BuildOrFail(scene->geometry, BvhPresetOptions(rng.Chance(0.5) ? BvhPreset::kCompact
+                                                                             : BvhPreset::kStatic));
   auto kd = BuildKdTree(
       scene->geometry,
       {.traversal_cost = rng.Chance(0.5) ? 10.0f : 0.5f, .perfect_splits = rng.Chance(0.3)}, pool);
@@ -54,7 +56,7 @@ void AddTrees(IndexedGeometry* scene, TestRng& rng) {
 
 LeafCulling RandomCulling(TestRng& rng) {
   LeafCulling c;
-  c.tree = rng.Chance(0.5) ? CulledTree::kBinaryBvh : CulledTree::kKdTree;
+  c.tree = static_cast<CulledTree>(rng.Below(3));
   c.side_planes = rng.Chance(0.7);
   c.near_far = rng.Chance(0.6);
   c.aperture = rng.Chance(0.6);
@@ -73,7 +75,9 @@ LeafCulling RandomCulling(TestRng& rng) {
 }
 
 std::string Describe(const LeafCulling& c) {
-  std::string text = c.tree == CulledTree::kBinaryBvh ? "bvh" : "kd";
+  std::string text = c.tree == CulledTree::kBinaryBvh ? "binary"
+                     : c.tree == CulledTree::kKdTree  ? "kd"
+                                                      : "bvh";
   const std::pair<const char*, bool> switches[] = {
       {"planes", c.side_planes},    {"near_far", c.near_far},
       {"aperture", c.aperture},     {"aperture_first", c.aperture_first},
@@ -208,47 +212,9 @@ TEST_P(CulledWalksTest, PacketsGiveBruteForcesBitsWithEveryOption) {
   EXPECT_GT(culled_tests, tests / 10);
 }
 
-// What the same test over every triangle says.
-Hit BruteByIntersector(const SceneGeometry& geometry, Intersector kind, const TraceRay& query) {
-  Hit best;
-  const float end = query.ray.segment ? 1.0f : std::numeric_limits<float>::infinity();
-  for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
-    if (id == query.from_source || id == query.to_source) continue;
-    if (std::binary_search(geometry.inert.begin(), geometry.inert.end(), id)) continue;
-    const auto [a, b, c] = geometry.Corners(id);
-    IntersectorHit hit;
-    if (!Intersect(kind, PrepareTriangle(kind, a, b, c), query.ray.origin,
-                   query.ray.RoundedDirection(), end, &hit)) {
-      continue;
-    }
-    const ObjectRecord& object = geometry.objects[geometry.ObjectOf(id)];
-    if ((object.mask & query.mask) == 0) continue;
-    const int side = SideOfPlane(a, b, c, query.ray.origin);
-    if (object.culling == Culling::kBack && side <= 0) continue;
-    if (object.culling == Culling::kFront && side >= 0) continue;
-    best = std::min(best, Hit{hit.t, id});
-  }
-  return best;
-}
-
-// Whether the test's bound allows that one of two hits is taken for the other, or for none.
-bool WithinBound(const SceneGeometry& geometry, Intersector kind, const TraceRay& query,
-                 const Hit& one, const Hit& other) {
-  double reach = 0;
-  for (const Hit& hit : {one, other}) {
-    if (hit.triangle == kNoTriangle) continue;
-    const auto [a, b, c] = geometry.Corners(hit.triangle);
-    const IntersectorCheck check = CheckIntersector(kind, query.ray, a, b, c);
-    if (!check.certain) return true;
-    reach += check.t_error;
-  }
-  return one.triangle != kNoTriangle && other.triangle != kNoTriangle &&
-         !(std::abs(static_cast<double>(one.t) - other.t) > reach);
-}
-
 TEST_P(CulledWalksTest, ThePapersTestsDifferFromTheirBruteForceOnlyWithinTheirBounds) {
   TestRng rng;
-  int64_t compared = 0, different = 0;
+  DifferenceTally tally;
   const auto packet = std::make_unique<RayPacket>();
   for (NastyScene& scene : MakeNastyScenes(rng)) {
     SCOPED_TRACE(scene.name);
@@ -264,28 +230,29 @@ TEST_P(CulledWalksTest, ThePapersTestsDifferFromTheirBruteForceOnlyWithinTheirBo
         SCOPED_TRACE(Describe(culling));
         std::vector<TraceRay> queries;
         FillPacket(scene.indexed, rays, rng, packet.get(), &queries);
-        std::vector<Hit> hits(queries.size());
+        std::vector<Hit> hits(queries.size()), truths = hits;
         WalkStats stats;
         ASSERT_TRUE(culled().closest_packet(scene.indexed, culling, *packet, nullptr, &stats));
         ASSERT_TRUE(
             culled().closest_single(scene.indexed, culling, queries, hits, nullptr, &stats));
+        ASSERT_TRUE(
+            culled().closest_brute(scene.indexed, culling, queries, truths, nullptr, &stats));
         for (size_t k = 0; k < queries.size(); ++k) {
-          const Hit truth = BruteByIntersector(geometry, kind, queries[k]);
           for (const Hit& hit : {packet->hit(static_cast<int>(k)), hits[k]}) {
-            ++compared;
-            if (SameBits(hit, truth)) continue;
-            ++different;
-            ASSERT_TRUE(WithinBound(geometry, kind, queries[k], hit, truth))
+            const Difference difference =
+                CompareHits(geometry, kind, queries[k].ray, hit, truths[k]);
+            tally.Add(difference);
+            ASSERT_NE(difference, Difference::kBeyondBound)
                 << Printed{queries[k]} << ": " << hit.triangle << " at " << hit.t << ", not "
-                << truth.triangle << " at " << truth.t;
+                << truths[k].triangle << " at " << truths[k].t;
           }
         }
       }
     }
   }
-  std::cout << different << " of " << compared << " differ, all within the bound\n";
-  EXPECT_GT(compared, 1000);
-  EXPECT_LT(different, compared / 4);
+  std::cout << tally << '\n';
+  EXPECT_GT(tally.compared(), 1000);
+  EXPECT_GT(tally.of(Difference::kNone), tally.compared() * 3 / 4);
 }
 
 TEST_P(CulledWalksTest, ACancelledWalkStops) {
