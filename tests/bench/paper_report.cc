@@ -149,6 +149,28 @@ void PaperReport::Add(Row row) {
   rows_.push_back(std::move(row));
 }
 
+void PaperReport::Claim(PaperClaim claim) {
+  claims_.push_back({{"paper", paper_},
+                     {"table", title_},
+                     {"claim", std::move(claim.what)},
+                     {"the paper's", std::move(claim.paper)},
+                     {"measured", std::move(claim.measured)},
+                     {"carries over", claim.holds ? "yes" : "no"},
+                     {"why not", claim.holds ? "" : std::move(claim.reason)}});
+}
+
+void PaperReport::EndClaims() {
+  if (claims_.empty()) return;
+  Begin("all", "what carries over", "the papers' claims, each with what was measured here");
+  for (Row& claim : claims_) {
+    // Its own paper and table, not this one's.
+    if (json_) out_ << claim.dump() << std::endl;
+    rows_.push_back(std::move(claim));
+  }
+  claims_.clear();
+  End();
+}
+
 void PaperReport::End() {
   if (json_) {
     for (const std::string& sentence : conclusions_) {

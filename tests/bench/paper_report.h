@@ -37,6 +37,13 @@ std::string PaperCell(const Row& value);
 // An SVG picture of the rows' lines. REQUIRES: every row has the keys.
 std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const std::string& title);
 
+// What a paper says, what was measured, and whether it carries over; if not, why.
+struct PaperClaim {
+  std::string what, paper, measured;
+  bool holds = false;
+  std::string reason;  // Shown where it does not hold.
+};
+
 class PaperReport {
  public:
   // `markdown_path` empty: no Markdown.
@@ -48,7 +55,11 @@ class PaperReport {
   void Plot(PlotSpec spec) { plots_.push_back(std::move(spec)); }
   // A sentence below the table that is open: how the paper's claim fared.
   void Conclude(std::string sentence) { conclusions_.push_back(std::move(sentence)); }
+  // One of the table that is open; all of them are a table of their own at the end.
+  void Claim(PaperClaim claim);
   void End();
+  // The table of claims. REQUIRES: none is open.
+  void EndClaims();
   // Writes the Markdown file and its plots. Unavailable names the file that could not be written.
   absl::Status Finish();
 
@@ -63,6 +74,7 @@ class PaperReport {
   std::vector<Row> rows_;
   std::vector<PlotSpec> plots_;
   std::vector<std::string> conclusions_;
+  std::vector<Row> claims_;
   std::vector<std::pair<std::string, std::string>> pictures_;  // File names and SVG.
 };
 

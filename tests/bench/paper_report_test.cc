@@ -63,6 +63,24 @@ TEST(PaperReportTest, MarkdownHasTheTableAndItsPlot) {
   EXPECT_EQ(svg.find("<4>"), std::string::npos) << "a name must not become a tag";
 }
 
+TEST(PaperReportTest, ClaimsAreATableOfTheirOwn) {
+  std::stringstream out;
+  PaperReport report(/*json=*/true, out, "");
+  report.EndClaims();
+  EXPECT_EQ(out.str(), "") << "none made";
+  report.Begin("003", "Table I", "speed");
+  report.Claim({"gain", "1.37", "1.10", false, "latency"});
+  report.Claim({"packets", "1.09", "1.20", true, "not said"});
+  report.End();
+  report.EndClaims();
+  EXPECT_EQ(
+      out.str(),
+      "{\"paper\":\"003\",\"table\":\"Table I\",\"claim\":\"gain\",\"the paper's\":\"1.37\","
+      "\"measured\":\"1.10\",\"carries over\":\"no\",\"why not\":\"latency\"}\n"
+      "{\"paper\":\"003\",\"table\":\"Table I\",\"claim\":\"packets\",\"the paper's\":\"1.09\","
+      "\"measured\":\"1.20\",\"carries over\":\"yes\",\"why not\":\"\"}\n");
+}
+
 TEST(PaperReportTest, AFileThatCannotBeWrittenIsNamed) {
   std::stringstream out;
   PaperReport report(false, out, "no-such-folder/report.md");

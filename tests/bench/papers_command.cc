@@ -98,6 +98,7 @@ absl::StatusOr<bool> PapersCommand(std::span<const std::string> args, Context& c
     if (options.paper != "all" && options.paper != paper.name) continue;
     SL_RETURN_IF_ERROR(paper.run(options.common, &report, context));
   }
+  report.EndClaims();
   SL_RETURN_IF_ERROR(report.Finish());
   return true;
 }

@@ -41,6 +41,7 @@ struct Workload001 {
 
 struct Outcome {
   double build = 0, plain = 0, culled = 0;
+  double removed = 0;  // Share of the tests.
 };
 
 absl::Status Scene001(const std::string& name, const PaperOptions& options, PaperReport* report,
@@ -94,7 +95,9 @@ absl::Status Scene001(const std::string& name, const PaperOptions& options, Pape
       const std::vector<double> seconds = SecondsByTurns(calls, options.repeats);
       const double rays = static_cast<double>(work.closest.size() + work.any.size());
       const auto per_ray = [&](uint64_t count) { return static_cast<double>(count) / rays; };
-      outcomes[w].push_back({build, seconds[0], seconds[1]});
+      outcomes[w].push_back({build, seconds[0], seconds[1],
+                             1 - static_cast<double>(stats[1].triangle_tests) /
+                                     static_cast<double>(stats[0].triangle_tests)});
       report->Add({{"rays", work.name},
                    {"leaf", leaf_size},
                    {"TB", build},
@@ -138,6 +141,17 @@ absl::Status Scene001(const std::string& name, const PaperOptions& options, Pape
                                            }) / best([](const Outcome& o) { return o.culled; }),
                         best([](const Outcome& o) { return o.build + o.plain; }) /
                             best([](const Outcome& o) { return o.build + o.culled; })));
+    const double removed = -best([](const Outcome& o) { return -o.removed; });
+    report->Claim({absl::StrCat(scene.name, ", ", workloads[w].name, ": tests removed"),
+                   "up to 92 %", absl::StrFormat("up to %.1f %%", 100 * removed), removed > 0.9,
+                   "the triangles of this scene are large against its leaves, and their boxes are "
+                   "met where they are not"});
+    const double gain = best([](const Outcome& o) { return o.plain; }) /
+                        best([](const Outcome& o) { return o.culled; });
+    report->Claim({absl::StrCat(scene.name, ", ", workloads[w].name, ": faster tracing"),
+                   "1.06 to 1.15", absl::StrFormat("%.2f", gain), gain >= 1.06,
+                   "boxes are put to sixteen triangles at once, but without them tests are few "
+                   "already in this tree's leaves at its best leaf size"});
   }
   report->End();
   return absl::OkStatus();
@@ -155,6 +169,16 @@ absl::Status Paper001(const PaperOptions& options, PaperReport* report, Context&
   report->Begin("001", "Table 3",
                 "memory of the kd-tree (8 bytes a node, 32 a leaf with its box, 4 a reference) and "
                 "of the triangles' boxes (24 each)");
+  // At each side's best leaf size in the paper: 1 without culling, boxes left out; 16 with it.
+  for (size_t i = 0; i + 4 < memory.size(); i += 5) {
+    const double plain = memory[i].at("tree_KB"), culled = memory[i + 3].at("total_KB");
+    report->Claim({absl::StrCat(memory[i].at("scene").get<std::string>(),
+                                ": memory with culling (leaves of 16) against without (of 1)"),
+                   "-47 % to -63 %", absl::StrFormat("%+.0f %%", 100 * (culled / plain - 1)),
+                   culled < 0.6 * plain,
+                   "a tree under the depth rule is small already with leaves of 1, and the "
+                   "triangles' boxes do not shrink with it"});
+  }
   for (Row& row : memory) report->Add(std::move(row));
   report->End();
   return absl::OkStatus();
