@@ -13,8 +13,8 @@ namespace {
 constexpr size_t kLeastPoints = 1024;
 // What a walk puts to a triangle at once (core/traverse/shaft_rays-inl.h).
 constexpr size_t kSmallestBlock = 16;
-// Every so manieth block is looked at.
-constexpr size_t kBlockStride = 4;
+// About so many blocks are looked at: enough for a mean.
+constexpr size_t kMostBlocks = 32;
 // Ordering a point costs about what two lights do. A light's cost grows with the blocks' spread,
 // which is 1 for the hits of a smooth surface, 2 to 3 for those of foliage, 2 to 24 for the points
 // of a mesh as they come and 40 to 60 for shuffled ones.
@@ -31,8 +31,9 @@ double Spread(std::span<const Vec3f> positions, std::span<const uint8_t> valid) 
   Box3f all;
   double sum = 0;
   size_t blocks = 0;
-  for (size_t first = 0; first + kSmallestBlock <= positions.size();
-       first += kBlockStride * kSmallestBlock) {
+  const size_t step =
+      kSmallestBlock * std::max<size_t>(1, positions.size() / (kSmallestBlock * kMostBlocks));
+  for (size_t first = 0; first + kSmallestBlock <= positions.size(); first += step) {
     Box3f block;
     size_t count = 0;
     for (size_t i = first; i < first + kSmallestBlock; ++i) {

@@ -83,7 +83,9 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     size_t count = 0;
     if (!ordered) {
       const size_t most = std::min<size_t>(kGroupRays, end - first);
-      while (count < most && points.valid[first + count]) ++count;
+      const uint8_t* valid = points.valid.data() + first;
+      const void* not_valid = std::memchr(valid, 0, most);
+      count = not_valid == nullptr ? most : static_cast<const uint8_t*>(not_valid) - valid;
       next += count;
     }
     // Mostly they follow one another and are taken where they are.

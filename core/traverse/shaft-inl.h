@@ -10,7 +10,7 @@
 //  3. A relevant triangle is put to sixteen blocks of sixteen rays at once, each with its own
 //     rectangle and range of depths, one block per SIMD lane: blocks it misses drop out; blocks it
 //     covers whole and stands before are blocked without a ray tested; the rest take the exact
-//     test, ray by ray.
+//     test, ray by ray (shaft_test-inl.h).
 //  4. When any hit will do and a walk has cost too much, its rays are split at the middle of their
 //     widest extent, and both halves go on with what is left on the stack.
 //  5. Closest hits are ordered by bounds of their inverse distance; only two whose bounds overlap
@@ -30,11 +30,11 @@
 #include "core/intersect/hit.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/packet-inl.h"
-#include "core/traverse/plane_side-inl.h"
 #include "core/traverse/shaft_cut-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_pair-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
+#include "core/traverse/shaft_test-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
@@ -89,6 +89,7 @@ class ShaftWalk {
  private:
   using V = ShaftV;
   using M = ShaftM;
+  using Test = ShaftTest<kAny, kParallel>;
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
   // Nodes visited together where any hit will do, as long as few are pending: beyond, a depth-first
@@ -232,7 +233,15 @@ class ShaftWalk {
       count += ListBlocks(std::countr_zero(left), pairs + count);
     }
     MarkTested(rays_, bounds_, leaf, {pairs, count}, packet_.answered_by);
-    for (size_t k = 0; k < count; ++k) TestBlock(leaf, pairs[k]);
+    // Those in doubt wait, so that no test has to know how the one before ended.
+    size_t doubtful = 0;
+    for (size_t k = 0; k < count; ++k) {
+      const uint32_t pair = pairs[k];
+      const bool settled = TestBlock(leaf, pair);
+      pairs[doubtful] = pair;
+      doubtful += settled ? 0 : 1;
+    }
+    for (size_t k = 0; k < doubtful; ++k) SettleBlock(leaf, pairs[k]);
     if constexpr (!kAny) {
       if (found_) UpdateFar();
     }
@@ -319,128 +328,77 @@ class ShaftWalk {
     return count;
   }
 
-  // The rays of one block that are still asked about.
-  HWY_INLINE void TestBlock(const LeafView& leaf, uint32_t pair) {
+  // The rays of one block that are still asked about, by floats, without a branch that depends on
+  // them: whether a ray is hit cannot be foretold. False: some are left in doubt.
+  HWY_INLINE bool TestBlock(const LeafView& leaf, uint32_t pair) {
     const ShaftD d;
-    const hn::RebindToUnsigned<ShaftD> du;
     const uint32_t b = pair % kShaftBlocks, i = pair >> kTriangleShift & (kMaxLeafTriangles - 1);
+    const uint32_t id = leaf.id(i);
+    const Test test(rays_, leaf, leaf_->forms());
     const bool covered = (pair & kCovered) != 0;
+    const M covers = hn::FirstN(d, covered ? kLanes : 0);
+    uint32_t doubt = 0;
+    for (size_t at = size_t{b} * kShaftBlockRays; at < (size_t{b} + 1) * kShaftBlockRays;
+         at += kLanes) {
+      const M asked = Asked(at, id);
+      M hit = asked;
+      // Where any hit will do, covers are too few to be foretold: they pay for the test.
+      if (kAny || !covered) {
+        stats_->triangle_tests += hn::CountTrue(d, asked);
+        const typename Test::Floats said = test.InFloats(i, at);
+        const M certain = kAny ? hn::Or(said.hit, covers) : said.hit;
+        hit = hn::And(asked, certain);
+        doubt |= MaskBits(d, hn::AndNot(certain, hn::And(asked, said.open)));
+      }
+      Take(leaf, i, id, at, hit);
+    }
+    return doubt == 0;
+  }
+
+  // The same, for certain.
+  HWY_NOINLINE void SettleBlock(const LeafView& leaf, uint32_t pair) {
+    const Test test(rays_, leaf, leaf_->forms());
+    const uint32_t b = pair % kShaftBlocks, i = pair >> kTriangleShift & (kMaxLeafTriangles - 1);
     const uint32_t id = leaf.id(i);
     for (size_t at = size_t{b} * kShaftBlockRays; at < (size_t{b} + 1) * kShaftBlockRays;
          at += kLanes) {
-      M asked = LanesOf(bounds_.open, at);
-      if (rays_.has_sources()) {
-        asked = hn::AndNot(
-            hn::RebindMask(d, hn::Eq(hn::Load(du, rays_.sources() + at), hn::Set(du, id))), asked);
-      }
-      const M hit = covered ? asked : TestRays(leaf, i, at, asked);
-      if constexpr (kAny) {
-        // Without a branch: whether a ray is hit cannot be foretold.
-        uint32_t* out = packet_.triangle + at;
-        hn::Store(hn::IfThenElse(hn::RebindMask(du, hit), hn::Set(du, id), hn::Load(du, out)), du,
-                  out);
-        const uint32_t done = MaskBits(d, hit) << (at % kShaftBlockRays);
-        bounds_.open[b] &= static_cast<uint16_t>(~done);
-        rays_.active().rays[b] &= static_cast<uint16_t>(~done);
-        bounds_.open_blocks &= ~(static_cast<uint32_t>(bounds_.open[b] == 0) << b);
-      } else {
-        KeepCloser(leaf, i, at, hit);
-      }
+      const M hit = test.Certain(
+          i, at, Asked(at, id), [&](int lane) HWY_ATTR { return packet_.ray(lane); }, stats_);
+      Take(leaf, i, id, at, hit);
     }
   }
 
-  // Which of the rays `asked` the triangle blocks, by the predicate.
-  HWY_INLINE M TestRays(const LeafView& leaf, uint32_t i, size_t at, M asked) {
+  // The rays at .. at + kLanes that triangle `id` may answer.
+  HWY_INLINE M Asked(size_t at, uint32_t id) const {
     const ShaftD d;
-    const LeafForms& forms = leaf_->forms();
-    const V underflow = hn::Set(d, kFloatUnderflow), zero = hn::Zero(d);
-    const Vec3V<V> own = rays_.Own(at);
-    stats_->triangle_tests += hn::CountTrue(d, asked);
-    M inside_plane = asked, beyond = asked;  // Perhaps, and certainly, beyond the plane.
-    const bool has_plane = kParallel || rays_.segments();
-    if (has_plane) {
-      // From the triangle's own corner, which settles points that lie near it. Mostly they are its
-      // neighbours' and on its near side.
-      const V plane = PlaneFromCorner(leaf, i, at), off = CornerBound(leaf, i, at);
-      inside_plane = hn::And(asked, hn::Ge(hn::Add(plane, off), zero));
-      if (hn::AllFalse(d, inside_plane)) return inside_plane;
-      beyond = hn::And(asked, hn::Gt(plane, off));
-    }
-    const auto along = [&](const float(&rows)[3][kMaxLeafTriangles]) HWY_ATTR {
-      return DotV(Broadcast(d, rows[0][i], rows[1][i], rows[2][i]), own);
-    };
-    V edge[3], bound = hn::Set(d, forms.edge_bound[i]);
-    for (int e = 0; e < 3; ++e) {
-      edge[e] = along(forms.edge[e]);
-      if constexpr (kParallel) edge[e] = hn::Sub(hn::Set(d, forms.edge_offset[e][i]), edge[e]);
-    }
-    if constexpr (!kParallel) bound = hn::MulAdd(bound, rays_.OwnInf(at), underflow);
-    const V inner = hn::Min(hn::Min(edge[0], edge[1]), edge[2]);
-    // Some form is certainly negative; all are certainly positive.
-    M open = hn::And(inside_plane, hn::Ge(hn::Add(inner, bound), zero));
-    const M inside = hn::Gt(hn::Sub(inner, bound), zero);
-    M hit = hn::And(open, hn::And(inside, beyond));
-    if (HWY_UNLIKELY(!hn::AllFalse(d, hn::AndNot(hit, open)))) {
-      if (has_plane) {
-        const V plane = PlaneInDoubles(leaf, i, at);
-        open = hn::And(open, hn::Ge(plane, zero));
-        hit = hn::And(open, hn::And(inside, hn::Gt(plane, zero)));
-        if (hn::AllFalse(d, hn::AndNot(hit, open))) return hit;
-      }
-      hit = Decide(leaf, i, at, hit, hn::AndNot(hit, open));
-    }
-    return hit;
+    const hn::RebindToUnsigned<ShaftD> du;
+    const M asked = LanesOf(bounds_.open, at);
+    if (!rays_.has_sources()) return asked;
+    return hn::AndNot(
+        hn::RebindMask(d, hn::Eq(hn::Load(du, rays_.sources() + at), hn::Set(du, id))), asked);
   }
 
-  // A point's vector from corner A: its side of the plane by this is good to the triangle's own
-  // size, not to its distance from the apex. It settles points that lie near the triangle.
-  HWY_INLINE Vec3V<V> FromCorner(const LeafView& leaf, uint32_t i, size_t at) const {
-    const Vec3f a = leaf.corner(0, i);
-    return SubV({rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)},
-                Broadcast(ShaftD(), a.x, a.y, a.z));
-  }
-  HWY_INLINE V PlaneFromCorner(const LeafView& leaf, uint32_t i, size_t at) const {
-    const LeafForms& forms = leaf_->forms();
-    const V side =
-        DotV(Broadcast(ShaftD(), forms.normal[0][i], forms.normal[1][i], forms.normal[2][i]),
-             FromCorner(leaf, i, at));
-    return kParallel ? hn::Neg(side) : side;
-  }
-  HWY_INLINE V CornerBound(const LeafView& leaf, uint32_t i, size_t at) const {
-    const ShaftD d;
-    return hn::MulAdd(hn::Set(d, leaf_->forms().normal_bound[i]), NormInfV(FromCorner(leaf, i, at)),
-                      hn::Set(d, kFloatUnderflow));
-  }
-
-  // 1 where the plane is passed, -1 where not, 0 where doubles cannot tell.
-  HWY_NOINLINE V PlaneInDoubles(const LeafView& leaf, uint32_t i, size_t at) const {
-    // N·(P-A) is positive where a segment's end is beyond; a parallel ray's origin is before.
-    const float turn = leaf_->forms().turn[i];
-    return SideOfPlaneInDoubles(leaf.corner(0, i), leaf.corner(1, i), leaf.corner(2, i),
-                                kParallel ? -turn : turn,
-                                {rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)});
-  }
-
-  // What floats leave in doubt.
-  HWY_NOINLINE M Decide(const LeafView& leaf, uint32_t i, size_t at, M hit, M in_doubt) {
-    const ShaftD d;
-    uint32_t bits[2] = {MaskBits(d, hit)};
-    for (uint32_t doubt = MaskBits(d, in_doubt); doubt != 0; doubt &= doubt - 1) {
-      const uint32_t bit = std::countr_zero(doubt);
-      PredicateStage stage;
-      if (Blocks(packet_.ray(static_cast<int>(at + bit)), leaf.corner(0, i), leaf.corner(1, i),
-                 leaf.corner(2, i), &stage)) {
-        bits[0] |= 1u << bit;
-      }
-      ++stats_->doubt_double;
-      stats_->doubt_exact += stage == PredicateStage::kExact;
+  // Takes note of what triangle i blocks.
+  HWY_INLINE void Take(const LeafView& leaf, uint32_t i, uint32_t id, size_t at, M hit) {
+    if constexpr (kAny) {
+      const ShaftD d;
+      const hn::RebindToUnsigned<ShaftD> du;
+      const size_t b = at / kShaftBlockRays;
+      uint32_t* out = packet_.triangle + at;
+      hn::Store(hn::IfThenElse(hn::RebindMask(du, hit), hn::Set(du, id), hn::Load(du, out)), du,
+                out);
+      const uint32_t done = MaskBits(d, hit) << (at % kShaftBlockRays);
+      bounds_.open[b] &= static_cast<uint16_t>(~done);
+      rays_.active().rays[b] &= static_cast<uint16_t>(~done);
+      bounds_.open_blocks &= ~(static_cast<uint32_t>(bounds_.open[b] == 0) << b);
+    } else {
+      KeepCloser(leaf, i, id, at, hit);
     }
-    return hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(bits));
   }
 
   // Keeps the least hit by (t, id) in the lanes of `hit`. Bounds of 1/t decide where they do not
   // overlap.
-  HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t i, size_t at, M hit) {
+  HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t i, uint32_t id, size_t at, M hit) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
     const LeafForms& forms = leaf_->forms();
@@ -457,7 +415,6 @@ class ShaftWalk {
     const M closer = hn::And(hn::And(hit, sound), hn::Gt(lo, best_hi));
     const M farther = hn::And(sound, hn::Lt(hi, best_lo));
     uint32_t* ids = packet_.triangle + at;
-    const uint32_t id = leaf.id(i);
     hn::Store(hn::IfThenElse(closer, lo, best_lo), d, best_lo_ + at);
     hn::Store(hn::IfThenElse(closer, hi, best_hi), d, best_hi_ + at);
     hn::Store(hn::IfThenElse(hn::RebindMask(du, closer), hn::Set(du, id), hn::Load(du, ids)), du,

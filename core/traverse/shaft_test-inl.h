@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A triangle and a vector of a shaft's rays: the exact predicate, in the stages that the forms of
+// shaft_leaf-inl.h allow. Floats decide nearly always; a point's side of the plane is then asked of
+// doubles, sixteen points at a time, and what is left of the predicate itself, ray by ray.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_TEST_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_TEST_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_SHAFT_TEST_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_SHAFT_TEST_INL_H_
+#endif
+
+#include <bit>
+#include <cstdint>
+
+#include "core/intersect/predicate.h"
+#include "core/traverse/leaf_view.h"
+#include "core/traverse/plane_side-inl.h"
+#include "core/traverse/shaft_leaf-inl.h"
+#include "core/traverse/shaft_rays-inl.h"
+#include "core/traverse/trace_ray.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+template <bool kAny, bool kParallel>
+class ShaftTest {
+ public:
+  using V = ShaftV;
+  using M = ShaftM;
+
+  // Which rays the triangle certainly blocks, which perhaps, and which certainly run within its
+  // edges.
+  struct Floats {
+    M hit, open, inside;
+  };
+
+  // Triangles of `leaf`, whose forms are `forms`.
+  ShaftTest(const ShaftRays<kAny, kParallel>& rays, const LeafView& leaf, const LeafForms& forms)
+      : rays_(rays), leaf_(leaf), forms_(forms) {}
+
+  // What floats say of triangle i and the rays at .. at + Lanes().
+  HWY_INLINE Floats InFloats(uint32_t i, size_t at) const {
+    const ShaftD d;
+    const V zero = hn::Zero(d);
+    const Vec3V<V> own = rays_.Own(at);
+    const auto along = [&](const float(&rows)[3][kMaxLeafTriangles]) HWY_ATTR {
+      return DotV(Broadcast(d, rows[0][i], rows[1][i], rows[2][i]), own);
+    };
+    V edge[3], bound = hn::Set(d, forms_.edge_bound[i]);
+    for (int e = 0; e < 3; ++e) {
+      edge[e] = along(forms_.edge[e]);
+      if constexpr (kParallel) edge[e] = hn::Sub(hn::Set(d, forms_.edge_offset[e][i]), edge[e]);
+    }
+    if constexpr (!kParallel) {
+      bound = hn::MulAdd(bound, rays_.OwnInf(at), hn::Set(d, kFloatUnderflow));
+    }
+    const V inner = hn::Min(hn::Min(edge[0], edge[1]), edge[2]);
+    // Some form is certainly negative; all are certainly positive.
+    Floats said;
+    said.open = hn::Ge(hn::Add(inner, bound), zero);
+    said.inside = hn::Gt(hn::Sub(inner, bound), zero);
+    said.hit = said.inside;
+    if (HasPlane()) {
+      // From the triangle's own corner, which settles points that lie near it.
+      const V plane = PlaneFromCorner(i, at), off = CornerBound(i, at);
+      said.open = hn::And(said.open, hn::Ge(hn::Add(plane, off), zero));
+      said.hit = hn::And(said.hit, hn::Gt(plane, off));
+    }
+    return said;
+  }
+
+  // Which of the rays `asked` triangle i blocks. `ray(lane)` is that of a lane, for the predicate.
+  template <class Ray>
+  M Certain(uint32_t i, size_t at, M asked, const Ray& ray, WalkStats* stats) const {
+    const ShaftD d;
+    const Floats said = InFloats(i, at);
+    M open = hn::And(asked, said.open), hit = hn::And(open, said.hit);
+    if (HasPlane() && !hn::AllFalse(d, hn::AndNot(hit, open))) {
+      const V plane = PlaneInDoubles(i, at);
+      open = hn::And(open, hn::Ge(plane, hn::Zero(d)));
+      hit = hn::And(open, hn::And(said.inside, hn::Gt(plane, hn::Zero(d))));
+    }
+    uint32_t bits[2] = {MaskBits(d, hit)};
+    for (uint32_t doubt = MaskBits(d, hn::AndNot(hit, open)); doubt != 0; doubt &= doubt - 1) {
+      const uint32_t bit = std::countr_zero(doubt);
+      PredicateStage stage;
+      if (Blocks(ray(static_cast<int>(at + bit)), leaf_.corner(0, i), leaf_.corner(1, i),
+                 leaf_.corner(2, i), &stage)) {
+        bits[0] |= 1u << bit;
+      }
+      ++stats->doubt_double;
+      stats->doubt_exact += stage == PredicateStage::kExact;
+    }
+    return hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(bits));
+  }
+
+ private:
+  // Whether a hit depends on the side of the triangle's plane that a point is on.
+  bool HasPlane() const { return kParallel || rays_.segments(); }
+
+  // A point's vector from corner A: its side of the plane by this is good to the triangle's own
+  // size, not to its distance from the apex. It settles points that lie near the triangle.
+  HWY_INLINE Vec3V<V> FromCorner(uint32_t i, size_t at) const {
+    const Vec3f a = leaf_.corner(0, i);
+    return SubV({rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)},
+                Broadcast(ShaftD(), a.x, a.y, a.z));
+  }
+  HWY_INLINE V PlaneFromCorner(uint32_t i, size_t at) const {
+    const V side =
+        DotV(Broadcast(ShaftD(), forms_.normal[0][i], forms_.normal[1][i], forms_.normal[2][i]),
+             FromCorner(i, at));
+    return kParallel ? hn::Neg(side) : side;
+  }
+  HWY_INLINE V CornerBound(uint32_t i, size_t at) const {
+    const ShaftD d;
+    return hn::MulAdd(hn::Set(d, forms_.normal_bound[i]), NormInfV(FromCorner(i, at)),
+                      hn::Set(d, kFloatUnderflow));
+  }
+
+  // 1 where the plane is passed, -1 where not, 0 where doubles cannot tell.
+  HWY_NOINLINE V PlaneInDoubles(uint32_t i, size_t at) const {
+    // N·(P-A) is positive where a segment's end is beyond; a parallel ray's origin is before.
+    const float turn = forms_.turn[i];
+    return SideOfPlaneInDoubles(leaf_.corner(0, i), leaf_.corner(1, i), leaf_.corner(2, i),
+                                kParallel ? -turn : turn,
+                                {rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)});
+  }
+
+  const ShaftRays<kAny, kParallel>& rays_;
+  const LeafView& leaf_;
+  const LeafForms& forms_;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
