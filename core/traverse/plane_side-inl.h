@@ -22,21 +22,22 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// The signs of turn·N·(P-A), N = (B-A)×(C-A): 1, -1, or 0 where doubles cannot tell. `turn` is 1 or
-// -1. The bound is the float stage's (predicate-inl.h) with u = 2^-53.
-inline ShaftV SideOfPlaneInDoubles(Vec3f a, Vec3f b, Vec3f c, float turn,
-                                   const Vec3V<ShaftV>& points) {
+// The signs of sign·(v×w)·q for the vectors q = P - base, or q = P where `base` is null: 1, -1, or
+// 0 where doubles cannot tell. v and w are floats or differences of floats, `sign` is 1 or -1. The
+// bound is the float stage's (predicate-inl.h) with u = 2^-53.
+inline ShaftV SideInDoubles(Vec3d v, Vec3d w, float sign, const Vec3f* base,
+                            const Vec3V<ShaftV>& points) {
   const ShaftD d;
   const hn::Half<ShaftD> half;
   const hn::Rebind<double, decltype(half)> dd;
-  const Vec3d ab = ToDouble(b) - ToDouble(a), ac = ToDouble(c) - ToDouble(a);
-  const Vec3d n = Cross(ab, ac) * static_cast<double>(turn);
-  const auto norm_1 = [](Vec3d v) { return std::abs(v.x) + std::abs(v.y) + std::abs(v.z); };
-  const auto bound = hn::Set(dd, 9 * 0x1p-53 * norm_1(ab) * norm_1(ac));
+  const Vec3d n = Cross(v, w) * static_cast<double>(sign);
+  const auto norm_1 = [](Vec3d x) { return std::abs(x.x) + std::abs(x.y) + std::abs(x.z); };
+  const auto bound = hn::Set(dd, 9 * 0x1p-53 * norm_1(v) * norm_1(w));
+  const Vec3f from = base == nullptr ? Vec3f{0, 0, 0} : *base;
   const auto side = [&](auto x, auto y, auto z) HWY_ATTR {
-    const auto p = DirectionInDoubles(half, a, /*segments=*/true, x, y, z);
-    const auto value = UnfusedDot(BroadcastInDoubles(dd, n), p);
-    const auto off = hn::Mul(bound, NormInfV(p));
+    const auto q = DirectionInDoubles(half, from, /*segments=*/base != nullptr, x, y, z);
+    const auto value = UnfusedDot(BroadcastInDoubles(dd, n), q);
+    const auto off = hn::Mul(bound, NormInfV(q));
     const auto one = hn::Set(dd, 1.0), zero = hn::Zero(dd);
     return hn::DemoteTo(
         half, hn::IfThenElse(hn::Gt(value, off), one,

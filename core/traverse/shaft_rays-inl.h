@@ -309,6 +309,14 @@ class ShaftRays {
       return packet_.target_source;
     }
   }
+  // The origin, or the direction, of all.
+  Vec3f common() const {
+    if constexpr (kParallel) {
+      return packet_.direction;
+    } else {
+      return packet_.origin;
+    }
+  }
   uint32_t common_source() const {
     if constexpr (kParallel) {
       return packet_.direction_source;
@@ -490,7 +498,7 @@ class ShaftRays {
     cap_normal_ = length > 0.125 ? ToFloat(sum * (1.0 / length)) : kParallel ? -frame_.w : frame_.w;
     if constexpr (kParallel) {
       // Rays must not climb out of the cap.
-      const Vec3d g = ToDouble(cap_normal_), d = ToDouble(Common());
+      const Vec3d g = ToDouble(cap_normal_), d = ToDouble(common());
       const double size = MaxAbs(g) * MaxAbs(d);
       if (!(Dot(g, d) < -0x1p-40 * size)) {
         has_cap_ = false;
@@ -514,14 +522,6 @@ class ShaftRays {
       cap_of_apex_ = Dot(cap_normal_, p) +
                      kCapMargin * (std::abs(cap_normal_.x * p.x) + std::abs(cap_normal_.y * p.y) +
                                    std::abs(cap_normal_.z * p.z));
-    }
-  }
-
-  Vec3f Common() const {
-    if constexpr (kParallel) {
-      return packet_.direction;
-    } else {
-      return packet_.origin;
     }
   }
 

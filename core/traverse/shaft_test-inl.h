@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A triangle and a vector of a shaft's rays: the exact predicate, in the stages that the forms of
-// shaft_leaf-inl.h allow. Floats decide nearly always; a point's side of the plane is then asked of
-// doubles, sixteen points at a time, and what is left of the predicate itself, ray by ray.
+// shaft_leaf-inl.h allow. Floats decide nearly always; the side of the plane, and then of the
+// edges, is asked of doubles, sixteen points at a time, and what is left of the predicate itself,
+// ray by ray.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_TEST_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_TEST_INL_H_
@@ -78,21 +79,29 @@ class ShaftTest {
   M Certain(uint32_t i, size_t at, M asked, const Ray& ray, WalkStats* stats) const {
     const ShaftD d;
     const Floats said = InFloats(i, at);
-    M open = hn::And(asked, said.open), hit = hn::And(open, said.hit);
+    M open = hn::And(asked, said.open), hit = hn::And(open, said.hit), beyond = open;
     if (HasPlane() && !hn::AllFalse(d, hn::AndNot(hit, open))) {
       const V plane = PlaneInDoubles(i, at);
       open = hn::And(open, hn::Ge(plane, hn::Zero(d)));
-      hit = hn::And(open, hn::And(said.inside, hn::Gt(plane, hn::Zero(d))));
+      beyond = hn::Gt(plane, hn::Zero(d));
+      hit = hn::And(open, hn::And(said.inside, beyond));
+    }
+    M in_doubt = hn::AndNot(hit, open);
+    stats->doubt_double += hn::CountTrue(d, in_doubt);
+    if (!hn::AllFalse(d, hn::AndNot(said.inside, in_doubt))) {
+      const V inner = EdgesInDoubles(i, at);
+      open = hn::And(open, hn::Or(said.inside, hn::Ge(inner, hn::Zero(d))));
+      hit = hn::And(open, hn::And(beyond, hn::Or(said.inside, hn::Gt(inner, hn::Zero(d)))));
+      in_doubt = hn::AndNot(hit, open);
     }
     uint32_t bits[2] = {MaskBits(d, hit)};
-    for (uint32_t doubt = MaskBits(d, hn::AndNot(hit, open)); doubt != 0; doubt &= doubt - 1) {
+    for (uint32_t doubt = MaskBits(d, in_doubt); doubt != 0; doubt &= doubt - 1) {
       const uint32_t bit = std::countr_zero(doubt);
       PredicateStage stage;
       if (Blocks(ray(static_cast<int>(at + bit)), leaf_.corner(0, i), leaf_.corner(1, i),
                  leaf_.corner(2, i), &stage)) {
         bits[0] |= 1u << bit;
       }
-      ++stats->doubt_double;
       stats->doubt_exact += stage == PredicateStage::kExact;
     }
     return hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(bits));
@@ -121,13 +130,40 @@ class ShaftTest {
                       hn::Set(d, kFloatUnderflow));
   }
 
+  Vec3V<V> Points(size_t at) const {
+    return {rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)};
+  }
+
   // 1 where the plane is passed, -1 where not, 0 where doubles cannot tell.
   HWY_NOINLINE V PlaneInDoubles(uint32_t i, size_t at) const {
     // N·(P-A) is positive where a segment's end is beyond; a parallel ray's origin is before.
     const float turn = forms_.turn[i];
-    return SideOfPlaneInDoubles(leaf_.corner(0, i), leaf_.corner(1, i), leaf_.corner(2, i),
-                                kParallel ? -turn : turn,
-                                {rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)});
+    const Vec3f a = leaf_.corner(0, i);
+    return SideInDoubles(ToDouble(leaf_.corner(1, i)) - ToDouble(a),
+                         ToDouble(leaf_.corner(2, i)) - ToDouble(a), kParallel ? -turn : turn, &a,
+                         Points(at));
+  }
+
+  // 1 where a ray runs within all edges, -1 where it passes one outside, 0 where doubles cannot
+  // tell. Rays in the plane of a wall leave every edge of the next wall in doubt.
+  HWY_NOINLINE V EdgesInDoubles(uint32_t i, size_t at) const {
+    const ShaftD d;
+    const Vec3f common = rays_.common();
+    V inner = hn::Set(d, 1.0f);
+    for (int e = 0; e < 3; ++e) {
+      const Vec3f from = leaf_.corner(e, i);
+      const Vec3d along = ToDouble(leaf_.corner((e + 1) % 3, i)) - ToDouble(from);
+      V side;
+      if constexpr (kParallel) {
+        // (from - P)·(along×D).
+        side = SideInDoubles(along, ToDouble(common), -forms_.turn[i], &from, Points(at));
+      } else {
+        side = SideInDoubles(ToDouble(from) - ToDouble(common), along, forms_.turn[i],
+                             rays_.segments() ? &common : nullptr, Points(at));
+      }
+      inner = hn::Min(inner, side);
+    }
+    return inner;
   }
 
   const ShaftRays<kAny, kParallel>& rays_;
