@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/bench/measure.h"
 
+#include <time.h>
+
 #include <algorithm>
 #include <chrono>
 #include <limits>
@@ -20,6 +22,12 @@ void Begin(size_t sides, size_t repeats, Timings* timings) {
 }
 
 }  // namespace
+
+double ThreadSeconds() {
+  timespec spent;
+  SIGHTLINE_CHECK_EQ(clock_gettime(CLOCK_THREAD_CPUTIME_ID, &spent), 0);
+  return static_cast<double>(spent.tv_sec) + 1e-9 * static_cast<double>(spent.tv_nsec);
+}
 
 double Now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();

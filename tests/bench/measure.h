@@ -26,6 +26,9 @@ namespace sightline::bench {
 
 // Steady seconds since some point in the past.
 double Now();
+// Seconds that the calling thread has had a core for: what others do with the machine meanwhile is
+// not in them.
+double ThreadSeconds();
 
 // Median (the mean of the middle two of an even number), least and greatest. REQUIRES: not empty.
 struct Spread {

@@ -65,17 +65,17 @@ std::vector<double> SecondsByTurns(const std::vector<std::function<void()>>& cal
   std::vector<uint64_t> times(calls.size(), 1);
   for (size_t i = 0; i < calls.size(); ++i) {  // Warms up, too.
     calls[i]();
-    const double start = Now();
+    const double start = ThreadSeconds();
     calls[i]();
-    const double one = std::max(Now() - start, 1e-9);
+    const double one = std::max(ThreadSeconds() - start, 1e-9);
     times[i] = static_cast<uint64_t>(std::max(1.0, kLeastSeconds / one));
   }
   std::vector<std::vector<double>> seconds(calls.size());
   for (uint64_t r = 0; r < repeats; ++r) {
     for (size_t i = 0; i < calls.size(); ++i) {
-      const double start = Now();
+      const double start = ThreadSeconds();
       for (uint64_t n = 0; n < times[i]; ++n) calls[i]();
-      seconds[i].push_back((Now() - start) / static_cast<double>(times[i]));
+      seconds[i].push_back((ThreadSeconds() - start) / static_cast<double>(times[i]));
     }
   }
   std::vector<double> medians;

@@ -67,10 +67,10 @@ absl::Status Scene001(const std::string& name, const PaperOptions& options, Pape
   const std::vector<int> sizes = {1, 4, 8, 16, 32};
   for (const int leaf_size : sizes) {
     context.err << scene.name << ", leaves of " << leaf_size << std::endl;
-    const double start = Now();
+    const double start = ThreadSeconds();
     SL_ASSIGN_OR_RETURN(indexed.kd_tree,
                         BuildKdTree(indexed.geometry, {.min_leaf_triangles = leaf_size}, one));
-    const double build = Now() - start;
+    const double build = ThreadSeconds() - start;
     const KdTree& tree = *indexed.kd_tree;
     indexed.kd_leaves = MakeLeafTriangles(indexed.geometry, {tree.ids.data(), tree.ids.size()});
     if (workloads[0].closest.empty()) {

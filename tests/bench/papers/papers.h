@@ -28,8 +28,8 @@ struct PaperOptions {
   std::string sphere = "1M";  // Triangles of the displaced sphere.
 };
 
-// The median over `repeats` rounds of the calls' seconds: one round calls each in turn, each often
-// enough for a few milliseconds.
+// The median over `repeats` rounds of the calls' seconds, as ThreadSeconds counts: one round calls
+// each in turn, each often enough for a few milliseconds. REQUIRES: they stay on their thread.
 std::vector<double> SecondsByTurns(const std::vector<std::function<void()>>& calls,
                                    uint64_t repeats);
 
