@@ -82,6 +82,7 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
   source.scene_id = scene_id;
   source.build_preset = build.preset;
   source.kd_tree = build.kd_tree;
+  source.binary_bvh = build.binary_bvh;
   source.temporary = temporary;
   ImportedScene file;
   switch (KindOf(argument)) {

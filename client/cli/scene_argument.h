@@ -37,6 +37,7 @@ SceneKind KindOf(const std::string& argument);
 struct SceneBuild {
   client::BuildPreset preset = client::BuildPreset::kStatic;
   std::optional<client::KdTreeOptions> kd_tree = std::nullopt;
+  std::optional<client::BinaryBvhOptions> binary_bvh = std::nullopt;
 };
 
 class OpenedScene {

@@ -67,6 +67,15 @@ void ToProto(const KdTreeOptions& options, v1::KdTreeOptions* out) {
   if (options.max_references != 0) out->set_max_references(options.max_references);
 }
 
+void ToProto(const BinaryBvhOptions& options, v1::BinaryBvhOptions* out) {
+  out->set_bins(options.bins);
+  if (options.cost_ratio != 0) out->set_cost_ratio(options.cost_ratio);
+  out->set_min_triangles(options.min_triangles);
+  out->set_max_depth(options.max_depth);
+  out->set_ignore_cost(options.ignore_cost);
+  if (options.min_extent) out->set_min_extent(*options.min_extent);
+}
+
 namespace {
 
 v1::Culling CullingToProto(Culling culling) {
@@ -138,6 +147,9 @@ void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
       break;
     case Structure::kKdTree:
       out->set_structure(v1::STRUCTURE_KD_TREE);
+      break;
+    case Structure::kBinaryBvh:
+      out->set_structure(v1::STRUCTURE_BINARY_BVH);
       break;
   }
   out->mutable_rtt()->set_antialiasing(options.rtt_antialiasing);
@@ -241,6 +253,11 @@ Scene FromProto(const v1::Scene& scene) {
   out.report.kd_tree_bytes = report.kd_tree().bytes();
   out.report.kd_tree_depth = report.kd_tree().depth();
   out.report.kd_tree_time = FromProto(report.kd_tree().duration());
+  out.report.binary_bvh_nodes = report.binary_bvh().node_count();
+  out.report.binary_bvh_leaves = report.binary_bvh().leaf_count();
+  out.report.binary_bvh_bytes = report.binary_bvh().bytes();
+  out.report.binary_bvh_depth = report.binary_bvh().depth();
+  out.report.binary_bvh_time = FromProto(report.binary_bvh().duration());
   out.state = FromProto(scene.state());
   out.state_message = scene.state_message();
   out.stored = scene.stored();

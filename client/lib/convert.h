@@ -34,6 +34,7 @@ void ToProto(const ObjectUpload& object, v1::ObjectHeader* out);
 void ToProto(absl::Duration duration, google::protobuf::Duration* out);
 v1::BuildPreset BuildPresetToProto(BuildPreset preset);
 void ToProto(const KdTreeOptions& options, v1::KdTreeOptions* out);
+void ToProto(const BinaryBvhOptions& options, v1::BinaryBvhOptions* out);
 
 Point3 FromProto(const v1::Vector3& p);
 SceneState FromProto(v1::SceneState state);

@@ -24,7 +24,7 @@ using Point3 = std::array<double, 3>;
 inline constexpr uint32_t kNone = 0xFFFFFFFFu;  // No object, no triangle.
 
 enum class Strategy { kAuto, kSingle, kPacket, kBruteForce, kShaft, kRtt };
-enum class Structure { kAuto, kBvh, kKdTree };
+enum class Structure { kAuto, kBvh, kKdTree, kBinaryBvh };
 // What answered a ray: AnsweredBy of query_options.proto, which says more.
 enum class AnsweredBy : uint8_t { kNoRay = 0, kShaft = 1, kTriangles = 2, kPacket = 3, kRay = 4 };
 enum class Culling { kNone, kBack, kFront };
@@ -55,6 +55,17 @@ struct KdTreeOptions {
   double max_references = 0;  // 1 to 64.
 };
 
+// A binary BVH beside the BVH: BinaryBvhOptions of scene_service.proto, which says more. 0: the
+// server's own choice.
+struct BinaryBvhOptions {
+  uint32_t bins = 0;      // 2 to 1024.
+  double cost_ratio = 0;  // 0.001 to 1000.
+  uint32_t min_triangles = 0;
+  uint32_t max_depth = 0;
+  bool ignore_cost = false;
+  std::optional<double> min_extent;
+};
+
 // What a new scene is made of: objects, a built-in spec ("builtin:hall:1000000"), or a file of the
 // server's repository; one of them.
 struct SceneSource {
@@ -66,6 +77,7 @@ struct SceneSource {
   std::optional<Point3> origin;
   BuildPreset build_preset = BuildPreset::kStatic;  // Costs and memory; the answers are the same.
   std::optional<KdTreeOptions> kd_tree;             // Unset: none is built.
+  std::optional<BinaryBvhOptions> binary_bvh;       // Likewise.
 };
 
 struct BuildReport {
@@ -84,6 +96,10 @@ struct BuildReport {
   uint64_t kd_tree_nodes = 0, kd_tree_leaves = 0, kd_tree_references = 0, kd_tree_bytes = 0;
   uint32_t kd_tree_depth = 0;
   absl::Duration kd_tree_time;  // Part of structure_time.
+  // All 0 without a binary BVH.
+  uint64_t binary_bvh_nodes = 0, binary_bvh_leaves = 0, binary_bvh_bytes = 0;
+  uint32_t binary_bvh_depth = 0;
+  absl::Duration binary_bvh_time;  // Part of structure_time.
 };
 
 struct Scene {

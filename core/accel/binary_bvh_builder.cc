@@ -211,7 +211,9 @@ class Builder {
   uint32_t laid_ = 1;
 };
 
-absl::Status Check(const BinaryBvhOptions& o) {
+}  // namespace
+
+absl::Status ValidateBinaryBvhOptions(const BinaryBvhOptions& o) {
   const auto outside = [](absl::string_view name, auto value, auto low, auto high) {
     return absl::InvalidArgumentError(
         absl::StrCat(name, " is ", value, "; it must be ", low, " to ", high));
@@ -234,12 +236,10 @@ absl::Status Check(const BinaryBvhOptions& o) {
   return absl::OkStatus();
 }
 
-}  // namespace
-
 absl::StatusOr<BinaryBvh> BuildBinaryBvh(const SceneGeometry& geometry,
                                          const BinaryBvhOptions& options, ThreadPool& pool,
                                          const CancelToken* cancel) {
-  SL_RETURN_IF_ERROR(Check(options));
+  SL_RETURN_IF_ERROR(ValidateBinaryBvhOptions(options));
   BinaryBvh bvh;
   Builder builder(geometry, options, cancel, &bvh);
   pool.ParallelFor(1, 1, [&](size_t, size_t) {

@@ -15,6 +15,7 @@
 
 #include <cstdint>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/accel/binary_bvh.h"
 #include "core/base/cancel.h"
@@ -43,7 +44,10 @@ struct BinaryBvhOptions {  // Speed and memory only, all of these.
   float min_extent = 0x1p-23f;
 };
 
-// Errors: InvalidArgument (options out of range, named with value and range), Cancelled or
+// InvalidArgument naming what is out of range, its value and the range.
+absl::Status ValidateBinaryBvhOptions(const BinaryBvhOptions& options);
+
+// Errors: InvalidArgument (ValidateBinaryBvhOptions), Cancelled or
 // DeadlineExceeded from `cancel`.
 absl::StatusOr<BinaryBvh> BuildBinaryBvh(const SceneGeometry& geometry,
                                          const BinaryBvhOptions& options, ThreadPool& pool,

@@ -17,8 +17,8 @@ namespace {
 constexpr std::array<Strategy, 6> kStrategies = {Strategy::kAuto,   Strategy::kSingle,
                                                  Strategy::kPacket, Strategy::kShaft,
                                                  Strategy::kRtt,    Strategy::kBruteForce};
-constexpr std::array<Structure, 3> kStructures = {Structure::kAuto, Structure::kBvh,
-                                                  Structure::kKdTree};
+constexpr std::array<Structure, 4> kStructures = {Structure::kAuto, Structure::kBvh,
+                                                  Structure::kKdTree, Structure::kBinaryBvh};
 
 // The value of that name, in any case.
 template <typename T, size_t kCount>
@@ -88,6 +88,8 @@ absl::string_view StructureName(Structure structure) {
       return "BVH";
     case Structure::kKdTree:
       return "KD_TREE";
+    case Structure::kBinaryBvh:
+      return "BINARY_BVH";
   }
   return "UNKNOWN";
 }
@@ -103,6 +105,18 @@ bool WalksKdTree(const QueryOptions& options) {
 
 absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& options) {
   const bool kd_tree = WalksKdTree(options);
+  if (options.structure == Structure::kBinaryBvh) {
+    if (options.strategy == Strategy::kRtt || options.strategy == Strategy::kShaft) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "strategy ", StrategyName(options.strategy),
+          " does not walk the binary BVH: ask for SINGLE or PACKET, or for structure AUTO"));
+    }
+    if (!scene.binary_bvh.has_value()) {
+      return absl::FailedPreconditionError(
+          "structure BINARY_BVH needs a binary BVH, which this scene was not built with: build it "
+          "with one, or ask for structure BVH");
+    }
+  }
   if (options.structure == Structure::kBvh && options.strategy == Strategy::kRtt) {
     return absl::InvalidArgumentError(
         "strategy RTT walks the kd-tree, not the BVH: ask for structure KD_TREE or AUTO");

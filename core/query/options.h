@@ -44,10 +44,11 @@ absl::StatusOr<Strategy> ParseStrategy(absl::string_view name);
 enum class Structure : uint8_t {
   kAuto = 0,  // What the strategy needs: the BVH, for kRtt the kd-tree.
   kBvh = 1,
-  kKdTree = 2,  // An error where the scene has none, or the strategy is kShaft.
+  kKdTree = 2,     // An error where the scene has none, or the strategy is kShaft.
+  kBinaryBvh = 3,  // Likewise, and for kRtt.
 };
 
-absl::string_view StructureName(Structure structure);  // "AUTO", "BVH", "KD_TREE".
+absl::string_view StructureName(Structure structure);  // "AUTO", "BVH", "KD_TREE", ...
 // By that name, in any case. InvalidArgument listing the names.
 absl::StatusOr<Structure> ParseStructure(absl::string_view name);
 

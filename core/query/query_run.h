@@ -23,7 +23,9 @@ class QueryRun {
       : options_(options), kernels_(KernelsFor(options.simd)) {
     culling_ = options.leaf_culling.value_or(LeafCulling::None());
     culling_.intersector = options.intersector;
-    culling_.tree = on_kd_tree() ? CulledTree::kKdTree : CulledTree::kBvh;
+    culling_.tree = options.structure == Structure::kBinaryBvh ? CulledTree::kBinaryBvh
+                    : on_kd_tree()                             ? CulledTree::kKdTree
+                                                               : CulledTree::kBvh;
   }
 
   const QueryOptions& options() const { return options_; }
@@ -33,13 +35,16 @@ class QueryRun {
   // Whether the kd-tree is walked, not the BVH.
   bool on_kd_tree() const { return WalksKdTree(options_); }
 
-  // What single rays, packets and brute force test by, and cull within leaves; null: by the
-  // predicate, and they do not. Its kernels beside.
+  bool on_binary_bvh() const { return options_.structure == Structure::kBinaryBvh; }
+
+  // What single rays and packets walk, test by and cull within leaves; null: by the predicate, they
+  // do not, and the tree is an ordinary one. Its kernels beside.
   const LeafCulling* culling() const {
-    return options_.leaf_culling.has_value() || options_.intersector != Intersector::kExact
-               ? &culling_
-               : nullptr;
+    return options_.leaf_culling.has_value() || by_intersector() || on_binary_bvh() ? &culling_
+                                                                                    : nullptr;
   }
+  // Whether another test than the predicate decides.
+  bool by_intersector() const { return options_.intersector != Intersector::kExact; }
   const CulledKernels& culled_kernels() const { return CulledKernelsFor(options_.simd); }
 
   // The status of a walk that left off. REQUIRES: the token has fired.

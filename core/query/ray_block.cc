@@ -72,6 +72,10 @@ Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t 
       // On the kd-tree single rays were the fastest of all where triangles are small
       // (core/traverse/DESIGN.md).
       if (run.on_kd_tree()) return Strategy::kSingle;
+      if (run.on_binary_bvh()) {
+        return form == RayForm::kOneOrigin && rays >= kMinShaftRays ? Strategy::kPacket
+                                                                    : Strategy::kSingle;
+      }
       return shaft_fits && rays >= kMinShaftRays ? Strategy::kShaft : Strategy::kSingle;
     case Strategy::kRtt:
       return form == RayForm::kOneOrigin ? Strategy::kRtt : Strategy::kSingle;
@@ -94,7 +98,7 @@ absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, Hi
   const Kernels& kernels = run.kernels();
   const bool brute = strategy == Strategy::kBruteForce;
   const bool any = kind == HitKind::kAny;
-  if (run.culling() != nullptr) {
+  if (brute ? run.by_intersector() : run.culling() != nullptr) {
     const CulledKernels& culled = run.culled_kernels();
     const TraceCulledRaysFn trace = brute ? (any ? culled.occluded_brute : culled.closest_brute)
                                     : any ? culled.occluded_single

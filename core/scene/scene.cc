@@ -48,6 +48,19 @@ absl::Status BuildKd(const KdBuildOptions& options, ThreadPool& pool, const Canc
   return absl::OkStatus();
 }
 
+absl::Status BuildBinary(const BinaryBvhOptions& options, ThreadPool& pool,
+                         const CancelToken* cancel, Scene* scene) {
+  const Stopwatch time;
+  SL_ASSIGN_OR_RETURN(scene->binary_bvh, BuildBinaryBvh(scene->geometry, options, pool, cancel));
+  BuildReport& report = scene->report;
+  report.binary_bvh_seconds = time.seconds();
+  report.binary_bvh_nodes = scene->binary_bvh->nodes.size();
+  report.binary_bvh_leaves = scene->binary_bvh->leaf_count;
+  report.binary_bvh_depth = scene->binary_bvh->max_depth;
+  report.binary_bvh_bytes = scene->binary_bvh->MemoryBytes();
+  return absl::OkStatus();
+}
+
 // Compiles by `compile`, then builds; on a thread of the pool. Memory that runs out is the one
 // exception that libraries below throw; it ends here.
 absl::StatusOr<std::shared_ptr<const Scene>> Build(
@@ -76,6 +89,9 @@ absl::StatusOr<std::shared_ptr<const Scene>> Build(
       SL_ASSIGN_OR_RETURN(scene->bvh,
                           BuildBvh(scene->geometry, options.bvh, pool, cancel, bvh_progress));
       scene->report.bvh_seconds = bvh_time.seconds();
+      if (options.binary_bvh) {
+        SL_RETURN_IF_ERROR(BuildBinary(*options.binary_bvh, pool, cancel, scene.get()));
+      }
       return options.kd_tree ? BuildKd(*options.kd_tree, pool, cancel, progress, scene.get())
                              : absl::OkStatus();
     }();
@@ -183,7 +199,7 @@ void ReportKdTree(const KdTree& tree, BuildReport* report) {
   report->kd_tree_bytes = tree.MemoryBytes();
 }
 
-uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree) {
+uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree, bool binary_bvh) {
   // The BVH takes 42 to 56 bytes per triangle on the scenes measured (a full leaf 40, one of four
   // triangles the same, and an eighth of a node for each leaf); up to twice that for scattered
   // triangles.
@@ -192,8 +208,11 @@ uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree)
       sizeof(BvhNode) + kUnitFloats * sizeof(float) * 4;  // Of the smallest.
   // The default kd-tree takes 35 to 83 (pine, hall, hotel, forest, sphere); twice that, and some.
   const uint64_t kd_bytes_per_triangle = kd_tree ? 180 : 0;
-  return triangles *
-             (sizeof(std::array<uint32_t, 3>) + kBvhBytesPerTriangle + kd_bytes_per_triangle) +
+  // At most two nodes, an id, its rows and its box each.
+  const uint64_t binary_bytes_per_triangle =
+      binary_bvh ? 2 * sizeof(BinaryBvhNode) + 4 + 40 + 24 : 0;
+  return triangles * (sizeof(std::array<uint32_t, 3>) + kBvhBytesPerTriangle +
+                      kd_bytes_per_triangle + binary_bytes_per_triangle) +
          vertices * sizeof(Vec3f) + kBvhBytes + sizeof(Scene);
 }
 

@@ -18,6 +18,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "core/accel/binary_bvh_builder.h"
 #include "core/accel/bvh.h"
 #include "core/accel/bvh_builder.h"
 #include "core/accel/indexed_geometry.h"
@@ -37,6 +38,9 @@ struct BuildReport {
   double kd_tree_seconds = 0;
   uint64_t kd_tree_nodes = 0, kd_tree_leaves = 0, kd_tree_references = 0, kd_tree_depth = 0;
   uint64_t kd_tree_bytes = 0;
+  // All 0 without a binary BVH.
+  double binary_bvh_seconds = 0;
+  uint64_t binary_bvh_nodes = 0, binary_bvh_leaves = 0, binary_bvh_depth = 0, binary_bvh_bytes = 0;
   uint64_t memory_bytes = 0;  // Geometry and structures.
 };
 
@@ -53,12 +57,15 @@ struct Scene : IndexedGeometry {
 struct SceneBuildOptions {
   BvhBuildOptions bvh;
   std::optional<KdBuildOptions> kd_tree;  // A kd-tree beside the BVH.
+  // A binary BVH beside it. Native scene files do not keep it.
+  std::optional<BinaryBvhOptions> binary_bvh = std::nullopt;
   MeshLimits limits;
 };
 
 // An upper estimate of what a scene of this size will hold, for a budget checked before building;
-// with a kd-tree beside the BVH, if `kd_tree` is set.
-uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree = false);
+// with a kd-tree or a binary BVH beside the BVH, if these are set.
+uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree = false,
+                            bool binary_bvh = false);
 
 absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(
     std::string name, uint64_t revision, std::span<const ObjectInput> objects,

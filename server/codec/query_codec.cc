@@ -47,6 +47,8 @@ absl::StatusOr<Structure> DecodeStructure(v1::Structure structure) {
       return Structure::kBvh;
     case v1::STRUCTURE_KD_TREE:
       return Structure::kKdTree;
+    case v1::STRUCTURE_BINARY_BVH:
+      return Structure::kBinaryBvh;
     default:
       return InvalidField("options.structure", static_cast<int>(structure),
                           "is not a structure that this server knows",

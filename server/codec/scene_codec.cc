@@ -38,12 +38,21 @@ void EncodeReport(const BuildReport& report, v1::BuildReport* out) {
   out->set_non_finite_vertex_count(report.mesh.non_finite_vertices);
   out->set_max_rounding(report.mesh.largest_rounding);
   EncodeDuration(absl::Seconds(report.compile_seconds), out->mutable_compile_duration());
-  EncodeDuration(absl::Seconds(report.bvh_seconds + report.kd_tree_seconds),
-                 out->mutable_structure_duration());
+  EncodeDuration(
+      absl::Seconds(report.bvh_seconds + report.kd_tree_seconds + report.binary_bvh_seconds),
+      out->mutable_structure_duration());
   out->set_node_count(report.bvh_nodes);
   out->set_leaf_count(report.bvh_leaves);
   out->set_depth(static_cast<uint32_t>(report.bvh_depth));
   out->set_resident_bytes(report.memory_bytes);
+  if (report.binary_bvh_nodes > 0) {
+    v1::BinaryBvhReport* binary_bvh = out->mutable_binary_bvh();
+    binary_bvh->set_node_count(report.binary_bvh_nodes);
+    binary_bvh->set_leaf_count(report.binary_bvh_leaves);
+    binary_bvh->set_depth(static_cast<uint32_t>(report.binary_bvh_depth));
+    binary_bvh->set_bytes(report.binary_bvh_bytes);
+    EncodeDuration(absl::Seconds(report.binary_bvh_seconds), binary_bvh->mutable_duration());
+  }
   if (report.kd_tree_nodes == 0) return;
   v1::KdTreeReport* kd_tree = out->mutable_kd_tree();
   kd_tree->set_node_count(report.kd_tree_nodes);
@@ -64,6 +73,11 @@ v1::Culling EncodeCulling(Culling culling) {
       return v1::CULLING_FRONT;
   }
   return v1::CULLING_UNSPECIFIED;
+}
+
+// Beyond an int is beyond every range, too.
+int Number(uint32_t value) {
+  return static_cast<int>(std::min<uint32_t>(value, std::numeric_limits<int>::max()));
 }
 
 }  // namespace
@@ -163,19 +177,31 @@ absl::StatusOr<KdBuildOptions> DecodeKdTree(const v1::KdTreeOptions& options) {
     result.max_references = static_cast<float>(options.max_references());
   }
   result.perfect_splits = options.perfect_splits();
-  // Beyond an int is beyond the range, too.
-  const auto number = [](uint32_t value) {
-    return static_cast<int>(std::min<uint32_t>(value, std::numeric_limits<int>::max()));
-  };
   if (options.min_leaf_triangles() > 0) {
-    result.min_leaf_triangles = number(options.min_leaf_triangles());
+    result.min_leaf_triangles = Number(options.min_leaf_triangles());
   }
-  result.max_leaf_triangles = number(options.max_leaf_triangles());
-  result.max_depth = number(options.max_depth());
+  result.max_leaf_triangles = Number(options.max_leaf_triangles());
+  result.max_depth = Number(options.max_depth());
   if (const absl::Status status = ValidateKdOptions(result); !status.ok()) {
     return MakeError(status.code(), v1::ERROR_REASON_INVALID_FIELD,
                      absl::StrCat("header.kd_tree.", status.message()),
                      {{"field", "header.kd_tree"}});
+  }
+  return result;
+}
+
+absl::StatusOr<BinaryBvhOptions> DecodeBinaryBvh(const v1::BinaryBvhOptions& options) {
+  BinaryBvhOptions result;
+  if (options.bins() > 0) result.bins = Number(options.bins());
+  if (options.has_cost_ratio()) result.cost_ratio = static_cast<float>(options.cost_ratio());
+  if (options.min_triangles() > 0) result.min_triangles = Number(options.min_triangles());
+  if (options.max_depth() > 0) result.max_depth = Number(options.max_depth());
+  result.stop_by_cost = !options.ignore_cost();
+  if (options.has_min_extent()) result.min_extent = static_cast<float>(options.min_extent());
+  if (const absl::Status status = ValidateBinaryBvhOptions(result); !status.ok()) {
+    return MakeError(status.code(), v1::ERROR_REASON_INVALID_FIELD,
+                     absl::StrCat("header.binary_bvh.", status.message()),
+                     {{"field", "header.binary_bvh"}});
   }
   return result;
 }

@@ -34,6 +34,7 @@ absl::StatusOr<Culling> DecodeCulling(v1::Culling culling);
 absl::StatusOr<std::optional<BvhPreset>> DecodePreset(v1::BuildPreset preset);
 // InvalidArgument naming the field that is out of range.
 absl::StatusOr<KdBuildOptions> DecodeKdTree(const v1::KdTreeOptions& options);
+absl::StatusOr<BinaryBvhOptions> DecodeBinaryBvh(const v1::BinaryBvhOptions& options);
 
 }  // namespace sightline
 

@@ -79,14 +79,16 @@ absl::Status SceneCatalog::NotThere(const std::string& scene_id) const {
                    absl::StrCat("there is no scene ", SceneName(scene_id)), Resource(scene_id));
 }
 
-SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset,
-                                             const std::optional<KdBuildOptions>& kd_tree) const {
+SceneBuildOptions SceneCatalog::BuildOptions(
+    BvhPreset preset, const std::optional<KdBuildOptions>& kd_tree,
+    const std::optional<BinaryBvhOptions>& binary_bvh) const {
   SceneBuildOptions options;
   options.limits = {.max_triangles = limits_.max_triangles_per_scene,
                     .max_vertices = limits_.max_vertices_per_scene,
                     .max_objects = limits_.max_objects_per_scene};
   options.bvh = BvhPresetOptions(preset);
   options.kd_tree = kd_tree;
+  options.binary_bvh = binary_bvh;
   return options;
 }
 
@@ -131,17 +133,18 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   {
     MutexLock lock(mutex_);
     const absl::Time now = absl::Now();
-    times_.try_emplace(options.scene_id,
-                       Times{now, now, options.preset, options.temporary, options.kd_tree});
+    times_.try_emplace(options.scene_id, Times{now, now, options.preset, options.temporary,
+                                               options.kd_tree, options.binary_bvh});
   }
   // A scene that cannot be hit is taken away again: it is not worth storing.
   const SceneKeeper keeper = KeeperOf(options.scene_id, options.temporary);
   const SceneKeeper keep_usable = [&keeper](const Scene& made) {
     return made.bvh.empty() ? absl::OkStatus() : keeper(made);
   };
-  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Create(
-      options.scene_id, objects, options.origin, BuildOptions(options.preset, options.kd_tree),
-      cancel, keeper == nullptr ? nullptr : keep_usable);
+  absl::StatusOr<std::shared_ptr<const Scene>> scene =
+      registry_.Create(options.scene_id, objects, options.origin,
+                       BuildOptions(options.preset, options.kd_tree, options.binary_bvh), cancel,
+                       keeper == nullptr ? nullptr : keep_usable);
   absl::Status status = scene.status();
   if (status.ok() && (*scene)->geometry.triangles.size() == (*scene)->geometry.inert.size()) {
     const MeshReport& report = (*scene)->geometry.report;
@@ -170,13 +173,16 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
   std::optional<BvhPreset> preset;
   bool temporary = false;
   std::optional<KdBuildOptions> kd_tree;
+  std::optional<BinaryBvhOptions> binary_bvh;
   {
     MutexLock lock(mutex_);
     if (const auto times = times_.find(options.scene_id); times != times_.end()) {
       if (options.preset.has_value()) times->second.preset = *options.preset;
       if (options.kd_tree.has_value()) times->second.kd_tree = options.kd_tree;
       preset = times->second.preset;
+      if (options.binary_bvh.has_value()) times->second.binary_bvh = options.binary_bvh;
       kd_tree = times->second.kd_tree;
+      binary_bvh = times->second.binary_bvh;
       temporary = times->second.temporary;
     }
   }
@@ -186,9 +192,9 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
       !kd_tree.has_value() && base.ok() && base->latest != nullptr && base->latest->kd_tree) {
     kd_tree = KdBuildOptions{.perfect_splits = base->latest->kd_tree->perfect()};
   }
-  absl::StatusOr<std::shared_ptr<const Scene>> scene =
-      registry_.Edit(options.scene_id, options.base_revision, edits, BuildOptions(*preset, kd_tree),
-                     cancel, KeeperOf(options.scene_id, temporary));
+  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Edit(
+      options.scene_id, options.base_revision, edits, BuildOptions(*preset, kd_tree, binary_bvh),
+      cancel, KeeperOf(options.scene_id, temporary));
   if (!scene.ok()) return ExplainEdit(scene.status(), options);
   {
     MutexLock lock(mutex_);

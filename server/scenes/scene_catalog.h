@@ -73,12 +73,14 @@ class SceneCatalog {
     BvhPreset preset = BvhPreset::kStatic;
     bool temporary = false;                 // Not stored.
     std::optional<KdBuildOptions> kd_tree;  // One beside the BVH.
+    std::optional<BinaryBvhOptions> binary_bvh;
   };
   struct EditOptions {
     std::string scene_id;
     uint64_t base_revision = 0;             // 0: whichever is current.
     std::optional<BvhPreset> preset;        // As before.
     std::optional<KdBuildOptions> kd_tree;  // As before.
+    std::optional<BinaryBvhOptions> binary_bvh;
   };
 
   // `repository`, which may be null, outlives the catalog. `evict`: RegistryOptions says.
@@ -138,6 +140,7 @@ class SceneCatalog {
     BvhPreset preset = BvhPreset::kStatic;
     bool temporary = false;
     std::optional<KdBuildOptions> kd_tree = std::nullopt;
+    std::optional<BinaryBvhOptions> binary_bvh = std::nullopt;
   };
   // Of a scene that is not in memory, though it might be.
   struct Note {
@@ -155,8 +158,9 @@ class SceneCatalog {
   absl::Status NotThere(const std::string& scene_id) const ABSL_LOCKS_EXCLUDED(mutex_);
   void OnChange(const SceneStatus& status);
 
-  SceneBuildOptions BuildOptions(BvhPreset preset,
-                                 const std::optional<KdBuildOptions>& kd_tree = std::nullopt) const;
+  SceneBuildOptions BuildOptions(
+      BvhPreset preset, const std::optional<KdBuildOptions>& kd_tree = std::nullopt,
+      const std::optional<BinaryBvhOptions>& binary_bvh = std::nullopt) const;
   SceneView View(SceneStatus status) const;
   void Tell(const SceneView& view);
   // What a build says, with the reason that its code stands for.

@@ -84,6 +84,9 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
   if (header.has_kd_tree()) {
     SL_ASSIGN_OR_RETURN(result.create.kd_tree, DecodeKdTree(header.kd_tree()));
   }
+  if (header.has_binary_bvh()) {
+    SL_ASSIGN_OR_RETURN(result.create.binary_bvh, DecodeBinaryBvh(header.binary_bvh()));
+  }
   switch (header.source_case()) {
     case v1::CreateSceneHeader::kUpload:
       result.object_count = header.upload().object_count();
@@ -111,7 +114,8 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
     case v1::CreateSceneHeader::kFile:
       result.file_id = header.file().file_id();
       SL_RETURN_IF_ERROR(CheckId("header.file.file_id", result.file_id));
-      if (header.has_origin() || preset.has_value() || header.has_kd_tree()) {
+      if (header.has_origin() || preset.has_value() || header.has_kd_tree() ||
+          header.has_binary_bvh()) {
         return InvalidField("header.file", result.file_id,
                             "has an origin and a build of its own: set neither");
       }
@@ -223,6 +227,9 @@ absl::Status SceneEditUpload::AddHeader(const v1::UpdateSceneHeader& header) {
   SL_ASSIGN_OR_RETURN(result.edit.preset, DecodePreset(header.build_preset()));
   if (header.has_kd_tree()) {
     SL_ASSIGN_OR_RETURN(result.edit.kd_tree, DecodeKdTree(header.kd_tree()));
+  }
+  if (header.has_binary_bvh()) {
+    SL_ASSIGN_OR_RETURN(result.edit.binary_bvh, DecodeBinaryBvh(header.binary_bvh()));
   }
   header_ = std::move(result);
   return absl::OkStatus();

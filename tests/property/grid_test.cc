@@ -13,6 +13,8 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "core/accel/binary_bvh_builder.h"
+#include "core/base/parallel.h"
 #include "core/intersect/intersector_check.h"
 #include "core/mesh/rebase.h"
 #include "core/query/shadows.h"
@@ -185,10 +187,15 @@ struct GridScene {
   }
 };
 
-// Leaves of both structures hold many triangles, and some few.
+// Leaves of all structures hold many triangles, and some few.
 GridScene Finish(std::string name, IndexedGeometry indexed, TestRng& rng) {
   GridScene scene{std::move(name), std::move(indexed), {}, {}, {}, {}};
   AddKdTree({.traversal_cost = 0.3f, .min_leaf_triangles = 12}, &scene.indexed);
+  ThreadPool pool(1);
+  absl::StatusOr<BinaryBvh> binary =
+      BuildBinaryBvh(scene.indexed.geometry, {.cost_ratio = 0.1f}, pool);
+  EXPECT_TRUE(binary.ok()) << binary.status();
+  if (binary.ok()) scene.indexed.binary_bvh = *std::move(binary);
   NastyRays rays(scene.indexed, rng);
   const Vec3d origin = scene.indexed.geometry.origin;
   absl::StatusOr<Camera> camera = absl::UnknownError("none");
@@ -309,6 +316,10 @@ void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, cons
 bool HasMeaning(const QueryOptions& options) {
   const bool walks = options.strategy == Strategy::kSingle || options.strategy == Strategy::kPacket;
   if (options.strategy == Strategy::kRtt && options.structure == Structure::kBvh) return false;
+  if ((options.strategy == Strategy::kRtt || options.strategy == Strategy::kShaft) &&
+      options.structure == Structure::kBinaryBvh) {
+    return false;
+  }
   if (options.strategy == Strategy::kShaft && options.structure == Structure::kKdTree) return false;
   if (options.leaf_culling && !walks) return false;
   return options.intersector == Intersector::kExact || walks ||

@@ -234,6 +234,32 @@ TEST(OptionsCodecTest, IntersectorsAndPacketsAreKnownOrRefused) {
   ExpectInvalid(DecodeOptions(options).status(), "options.packet_side = 17");
 }
 
+TEST(SceneCodecTest, BinaryBvhOptionsAreCheckedByName) {
+  v1::BinaryBvhOptions options;
+  EXPECT_EQ(DecodeBinaryBvh(options)->bins, BinaryBvhOptions().bins);
+  EXPECT_EQ(DecodeBinaryBvh(options)->min_extent, BinaryBvhOptions().min_extent);
+  EXPECT_TRUE(DecodeBinaryBvh(options)->stop_by_cost);
+  options.set_bins(1024);
+  options.set_cost_ratio(0.1);
+  options.set_min_triangles(8);
+  options.set_max_depth(20);
+  options.set_ignore_cost(true);
+  options.set_min_extent(0);
+  const absl::StatusOr<BinaryBvhOptions> decoded = DecodeBinaryBvh(options);
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  EXPECT_EQ(decoded->bins, 1024);
+  EXPECT_EQ(decoded->cost_ratio, 0.1f);
+  EXPECT_EQ(decoded->min_triangles, 8);
+  EXPECT_EQ(decoded->max_depth, 20);
+  EXPECT_FALSE(decoded->stop_by_cost);
+  EXPECT_EQ(decoded->min_extent, 0);
+  options.set_bins(1025);
+  ExpectInvalid(DecodeBinaryBvh(options).status(), "header.binary_bvh.bins is 1025");
+  options.set_bins(8);
+  options.set_max_depth(0xFFFFFFFFu);
+  ExpectInvalid(DecodeBinaryBvh(options).status(), "header.binary_bvh.max_depth");
+}
+
 TEST(SceneCodecTest, KdTreeOptionsAreCheckedByName) {
   v1::KdTreeOptions options;
   EXPECT_EQ(DecodeKdTree(options)->traversal_cost, KdBuildOptions().traversal_cost);

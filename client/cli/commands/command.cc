@@ -98,7 +98,7 @@ void StrategyFlags::Register(FlagSet* flags) {
   strategy = structure = "AUTO";
   flags->Choice("strategy", {"AUTO", "SINGLE", "PACKET", "SHAFT", "RTT", "BRUTE_FORCE"},
                 "how the engine goes about it; every answer is the same bit for bit", &strategy);
-  flags->Choice("structure", {"AUTO", "BVH", "KD_TREE"},
+  flags->Choice("structure", {"AUTO", "BVH", "KD_TREE", "BINARY_BVH"},
                 "which of the scene's structures is walked; AUTO takes what the strategy needs",
                 &structure);
   flags->Count(
@@ -134,9 +134,10 @@ void StrategyFlags::Apply(client::QueryOptions* options) const {
                       : strategy == "RTT"         ? client::Strategy::kRtt
                       : strategy == "BRUTE_FORCE" ? client::Strategy::kBruteForce
                                                   : client::Strategy::kAuto;
-  options->structure = structure == "BVH"       ? client::Structure::kBvh
-                       : structure == "KD_TREE" ? client::Structure::kKdTree
-                                                : client::Structure::kAuto;
+  options->structure = structure == "BVH"          ? client::Structure::kBvh
+                       : structure == "KD_TREE"    ? client::Structure::kKdTree
+                       : structure == "BINARY_BVH" ? client::Structure::kBinaryBvh
+                                                   : client::Structure::kAuto;
   options->rtt_antialiasing = static_cast<uint32_t>(rtt_antialiasing);
   options->rtt_shared_edges = rtt_shared_edges;
   options->leaf_culling = leaf_culling;
@@ -149,6 +150,11 @@ void StrategyFlags::Apply(client::QueryOptions* options) const {
 std::optional<client::KdTreeOptions> StrategyFlags::KdTree() const {
   if (strategy != "RTT" && structure != "KD_TREE") return std::nullopt;
   return client::KdTreeOptions{};
+}
+
+std::optional<client::BinaryBvhOptions> StrategyFlags::BinaryBvh() const {
+  if (structure != "BINARY_BVH") return std::nullopt;
+  return client::BinaryBvhOptions{};
 }
 
 absl::StatusOr<bool> ParseOrHelp(FlagSet* flags, std::span<const std::string> args,
@@ -228,6 +234,13 @@ Json SceneJson(const client::Scene& scene) {
   report["leaves"] = scene.report.leaves;
   report["depth"] = scene.report.depth;
   report["resident_bytes"] = scene.report.resident_bytes;
+  if (scene.report.binary_bvh_nodes > 0) {
+    report["binary_bvh"] = {{"nodes", scene.report.binary_bvh_nodes},
+                            {"leaves", scene.report.binary_bvh_leaves},
+                            {"depth", scene.report.binary_bvh_depth},
+                            {"bytes", scene.report.binary_bvh_bytes},
+                            {"seconds", absl::ToDoubleSeconds(scene.report.binary_bvh_time)}};
+  }
   if (scene.report.kd_tree_nodes > 0) {
     report["kd_tree"] = {{"nodes", scene.report.kd_tree_nodes},
                          {"leaves", scene.report.kd_tree_leaves},

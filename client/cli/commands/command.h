@@ -67,6 +67,7 @@ struct StrategyFlags {
   void Apply(client::QueryOptions* options) const;
   // What a scene that is made for one query must have, too.
   std::optional<client::KdTreeOptions> KdTree() const;
+  std::optional<client::BinaryBvhOptions> BinaryBvh() const;
 };
 
 // Parses; on --help prints it with `epilogue` and returns false. Wants as many words as `words`

@@ -25,6 +25,9 @@ client::BuildPreset PresetNamed(const std::string& name) {
 absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context) {
   std::string name, build = "static", structure = "bvh";
   client::KdTreeOptions kd_tree{.traversal_cost = 1};
+  bool binary_bvh = false;
+  client::BinaryBvhOptions binary{.bins = 8, .cost_ratio = 1};
+  uint64_t bins = binary.bins;
   RemoteCommand command(
       "sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
       "Loads a file or a built-in scene into a server, where it stays until it is deleted; or, as "
@@ -49,16 +52,28 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
   command.flags().Switch("kd-perfect-splits",
                          "of the kd-tree: cut triangles to its cells, not their boxes",
                          &kd_tree.perfect_splits);
+  command.flags().Switch("binary-bvh",
+                         "also build a binary BVH with large leaves, for --structure BINARY_BVH",
+                         &binary_bvh);
+  command.flags().Count("binary-bins", "N", "of the binary BVH: bins along the longest axis", &bins,
+                        2, 1024);
+  command.flags().Number("binary-cost", "RATIO",
+                         "of the binary BVH: cost of a triangle's test over that of a node, 0.001 "
+                         "to 1000; less makes larger leaves",
+                         &binary.cost_ratio);
   SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"SCENE"}, context, SceneHelp()));
   if (!go) return absl::OkStatus();
+  binary.bins = static_cast<uint32_t>(bins);
   if (name.substr(0, 7) == "scenes/") name = name.substr(7);
   client::Scene scene;
   SceneBuild scene_build{.preset = PresetNamed(build)};
   if (structure == "both") scene_build.kd_tree = kd_tree;
+  if (binary_bvh) scene_build.binary_bvh = binary;
   if (KindOf(command.word(0)) == SceneKind::kServer) {
-    if (!name.empty() || command.flags().given("build") || command.flags().given("structure")) {
+    if (!name.empty() || command.flags().given("build") || command.flags().given("structure") ||
+        binary_bvh) {
       return UsageError(absl::StrCat("'", command.word(0), "' has a name and a build of its own: ",
-                                     "give none of --name, --build and --structure"));
+                                     "give none of --name, --build, --structure and --binary-bvh"));
     }
     SL_ASSIGN_OR_RETURN(scene, command.client().LoadScene(command.word(0), command.call()));
   } else {

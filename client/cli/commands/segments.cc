@@ -42,8 +42,10 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
   SL_ASSIGN_OR_RETURN(const std::vector<double> segments, ReadRows(segments_path, 6, "segments"));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(session_flags));
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
-                      OpenScene(*session, words[0], context.err, {.kd_tree = strategy.KdTree()}));
+  SL_ASSIGN_OR_RETURN(
+      std::unique_ptr<OpenedScene> scene,
+      OpenScene(*session, words[0], context.err,
+                {.kd_tree = strategy.KdTree(), .binary_bvh = strategy.BinaryBvh()}));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   client::SegmentQuery query;

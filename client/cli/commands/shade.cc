@@ -124,8 +124,10 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   SL_ASSIGN_OR_RETURN(std::vector<client::Light> lights, ReadLights(a));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
-                      OpenScene(*session, words[0], context.err, {.kd_tree = a.strategy.KdTree()}));
+  SL_ASSIGN_OR_RETURN(
+      std::unique_ptr<OpenedScene> scene,
+      OpenScene(*session, words[0], context.err,
+                {.kd_tree = a.strategy.KdTree(), .binary_bvh = a.strategy.BinaryBvh()}));
   SL_ASSIGN_OR_RETURN(const std::vector<client::Light> named,
                       a.light.Lights(SceneUp(*scene, a.up)));
   lights.insert(lights.end(), named.begin(), named.end());

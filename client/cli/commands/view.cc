@@ -303,8 +303,10 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   SL_RETURN_IF_ERROR(CheckOutputs({a.ids, a.depth, a.lit}));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
-                      OpenScene(*session, words[0], context.err, {.kd_tree = a.strategy.KdTree()}));
+  SL_ASSIGN_OR_RETURN(
+      std::unique_ptr<OpenedScene> scene,
+      OpenScene(*session, words[0], context.err,
+                {.kd_tree = a.strategy.KdTree(), .binary_bvh = a.strategy.BinaryBvh()}));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   SL_ASSIGN_OR_RETURN(ViewChoice view, ChooseView(*session, *scene, words[0], a.view,

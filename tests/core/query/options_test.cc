@@ -31,7 +31,8 @@ TEST(OptionsTest, NamesAreReadBack) {
                                   Strategy::kBruteForce, Strategy::kShaft, Strategy::kRtt}) {
     EXPECT_EQ(*ParseStrategy(StrategyName(strategy)), strategy);
   }
-  for (const Structure structure : {Structure::kAuto, Structure::kBvh, Structure::kKdTree}) {
+  for (const Structure structure :
+       {Structure::kAuto, Structure::kBvh, Structure::kKdTree, Structure::kBinaryBvh}) {
     EXPECT_EQ(*ParseStructure(StructureName(structure)), structure);
   }
   EXPECT_EQ(*ParseStrategy("rtt"), Strategy::kRtt);
@@ -41,7 +42,7 @@ TEST(OptionsTest, NamesAreReadBack) {
   const absl::Status structure = ParseStructure("octree").status();
   EXPECT_EQ(structure.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(structure.message()),
-              HasSubstr("unknown structure 'octree'; there are AUTO, BVH, KD_TREE"));
+              HasSubstr("unknown structure 'octree'; there are AUTO, BVH, KD_TREE, BINARY_BVH"));
 }
 
 TEST(OptionsTest, WhatASceneLacksIsNamed) {
@@ -73,6 +74,9 @@ TEST(OptionsTest, WhatASceneLacksIsNamed) {
   EXPECT_TRUE(CheckOptions(scene, {.structure = Structure::kBvh}).ok());
   expect({.strategy = Strategy::kRtt}, kMissing, "strategy RTT needs a kd-tree");
   expect({.structure = Structure::kKdTree}, kMissing, "structure KD_TREE needs a kd-tree");
+  expect({.structure = Structure::kBinaryBvh}, kMissing, "structure BINARY_BVH needs a binary BVH");
+  expect({.strategy = Strategy::kRtt, .structure = Structure::kBinaryBvh}, kInvalid,
+         "strategy RTT does not walk the binary BVH");
   expect({.strategy = Strategy::kRtt, .structure = Structure::kBvh}, kInvalid, "not the BVH");
   expect({.strategy = Strategy::kShaft, .structure = Structure::kKdTree}, kInvalid,
          "not the kd-tree");

@@ -92,6 +92,30 @@ TEST_F(SceneTest, BuildsAKdTreeBesideIfAsked) {
   EXPECT_EQ((*edited)->kd_tree->triangle_count, 300u);
 }
 
+TEST_F(SceneTest, BuildsABinaryBvhBesideIfAsked) {
+  EXPECT_FALSE(base_->binary_bvh.has_value());
+  EXPECT_EQ(base_->report.binary_bvh_nodes, 0u);
+  SceneBuildOptions options;
+  options.binary_bvh = BinaryBvhOptions{.bins = 4, .cost_ratio = 0.1f};
+  const auto scene = BuildScene("hall", 1, objects_, std::nullopt, options, pool_);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ASSERT_TRUE((*scene)->binary_bvh.has_value());
+  const BinaryBvh& tree = *(*scene)->binary_bvh;
+  const BuildReport& report = (*scene)->report;
+  EXPECT_EQ(report.binary_bvh_nodes, tree.nodes.size());
+  EXPECT_EQ(report.binary_bvh_leaves, tree.leaf_count);
+  EXPECT_EQ(report.binary_bvh_bytes, tree.MemoryBytes());
+  EXPECT_EQ(report.memory_bytes, base_->report.memory_bytes + tree.MemoryBytes());
+  EXPECT_LE(report.memory_bytes, EstimateSceneBytes(350, 1050, false, true) + 150 * sizeof(Vec3d));
+  const std::vector<SceneEdit> edits = {{.kind = Kind::kRemove, .object = {.name = "chair"}}};
+  const auto edited = EditScene(**scene, 2, edits, options, pool_);
+  ASSERT_TRUE(edited.ok()) << edited.status();
+  EXPECT_EQ((*edited)->binary_bvh->ids.size(), 300u);
+  options.binary_bvh->bins = 1;
+  EXPECT_EQ(BuildScene("hall", 1, objects_, std::nullopt, options, pool_).status().code(),
+            absl::StatusCode::kInvalidArgument);
+}
+
 TEST_F(SceneTest, ProgressRisesToOneAndErrorsComeThrough) {
   Mutex mutex;
   double last = 0;
