@@ -32,7 +32,8 @@ void LogScene(absl::string_view event, const SceneView& view) {
        {"revision", absl::StrCat(scene.revision)},
        {"triangles", absl::StrCat(scene.geometry.triangles.size())},
        {"compile_s", absl::StrCat(scene.report.compile_seconds)},
-       {"structure_s", absl::StrCat(scene.report.bvh_seconds)},
+       {"structure_s", absl::StrCat(scene.report.bvh_seconds + scene.report.kd_tree_seconds +
+                                    scene.report.binary_bvh_seconds)},
        {"bytes", absl::StrCat(scene.report.memory_bytes)}});
 }
 

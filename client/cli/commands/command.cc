@@ -287,6 +287,12 @@ void PrintScene(const client::Scene& scene, std::ostream& out) {
                                    GroupedCount(report.kd_tree_leaves), " leaves, ",
                                    GroupedCount(report.kd_tree_bytes), " bytes"));
   }
+  if (report.binary_bvh_nodes > 0) {
+    rows.emplace_back("binary BVH",
+                      absl::StrCat(GroupedCount(report.binary_bvh_nodes), " nodes, ",
+                                   GroupedCount(report.binary_bvh_leaves), " leaves, ",
+                                   GroupedCount(report.binary_bvh_bytes), " bytes"));
+  }
   PrintTable(rows, out);
 }
 

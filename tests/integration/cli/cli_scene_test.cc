@@ -71,6 +71,47 @@ TEST_F(CliTest, KdTreesBesideTheBvh) {
       {"traversal_cost = 99"});
 }
 
+// As are a binary BVH, and the tests that a query may let decide.
+TEST_F(CliTest, BinaryBvhsAndIntersectors) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  const std::string flag = ServerFlag(*server);
+  const std::string obj = Write("small.obj", kSmallObj);
+  Good({"scene", "load", obj, "--name", "plain", flag});
+  const nlohmann::json json = nlohmann::json::parse(
+      Good({"scene", "load", obj, "--name", "binary", "--binary-bvh", "--binary-bins", "32",
+            "--binary-cost", "0.1", flag, "--output", "json"})
+          .out);
+  EXPECT_GT(json["build_report"]["binary_bvh"]["leaves"], 0);
+  EXPECT_THAT(Good({"scene", "show", "binary", flag}).out, HasSubstr("binary BVH"));
+  const auto ids = [&](const std::vector<std::string>& way) {
+    std::vector<std::string> args = {"view", flag,    "--size", "37x29",
+                                     "--up", "0,0,1", "--ids",  File("ids.npy")};
+    args.insert(args.end(), way.begin(), way.end());
+    Good(args);
+    return Read(File("ids.npy"));
+  };
+  const auto truth = ids({"scenes/plain", "--strategy", "BRUTE_FORCE"});
+  EXPECT_TRUE(ids({"scenes/binary", "--structure", "BINARY_BVH"}) == truth);
+  EXPECT_TRUE(ids({"scenes/binary", "--structure", "BINARY_BVH", "--strategy", "PACKET",
+                   "--leaf-culling", "aperture,skip-edges,corner-nodes"}) == truth);
+  // Ordinary triangles: the published tests see what the exact one does.
+  EXPECT_TRUE(ids({"scenes/plain", "--strategy", "PACKET", "--intersector", "wald"}) == truth);
+  EXPECT_TRUE(ids({"scenes/plain", "--strategy", "BRUTE_FORCE", "--intersector", "havel-herout"}) ==
+              truth);
+  Bad(kExitData, {"view", "scenes/plain", flag, "--stats", "--structure", "BINARY_BVH"},
+      {"binary BVH"});
+  Bad(kExitData, {"view", "scenes/plain", flag, "--stats", "--intersector", "wald"},
+      {"intersector WALD", "SINGLE, PACKET and BRUTE_FORCE"});
+  Bad(kExitData,
+      {"view", "scenes/plain", flag, "--stats", "--strategy", "PACKET", "--packet-side", "5"},
+      {"packet_side = 5"});
+  Bad(kExitUsage, {"view", "scenes/plain", flag, "--stats", "--leaf-culling", "planes"},
+      {"'planes' is none of", "side-planes"});
+  Bad(kExitData, {"scene", "load", obj, "--binary-bvh", "--binary-cost", "9999", flag},
+      {"cost_ratio is 9999"});
+}
+
 TEST_F(CliTest, HealthOfBothServers) {
   const std::unique_ptr<Server> server = StartServer();
   ASSERT_NE(server, nullptr);
