@@ -30,7 +30,8 @@ VerifyRound::VerifyRound(const VerifyScene& scene, const VerifyOptions& options,
 
 std::string VerifyRound::Way::Name() const {
   return absl::StrCat(StrategyName(strategy), " on ",
-                      SimdTargetName(simd == SimdTarget::kBest ? BestSimdTarget() : simd));
+                      SimdTargetName(simd == SimdTarget::kBest ? BestSimdTarget() : simd),
+                      culls ? ", culling in leaves" : "");
 }
 
 void VerifyRound::Run() {
@@ -57,6 +58,8 @@ std::vector<VerifyRound::Way> VerifyRound::SomeWays() {
       if (strategy == Strategy::kAuto && simd == BestSimdTarget()) continue;    // Always there.
       others.push_back({strategy, simd});
     }
+    others.push_back({Strategy::kSingle, simd, /*culls=*/true});
+    others.push_back({Strategy::kPacket, simd, /*culls=*/true});
   }
   std::vector<Way> ways = {{Strategy::kAuto, BestSimdTarget()}};
   for (int i = 0; i < 2 && !others.empty(); ++i) {
@@ -68,7 +71,12 @@ std::vector<VerifyRound::Way> VerifyRound::SomeWays() {
 }
 
 QueryOptions VerifyRound::Ask(const Way& way) const {
-  return {.strategy = way.strategy, .simd = way.simd, .mask = mask_};
+  QueryOptions options = {.strategy = way.strategy, .simd = way.simd, .mask = mask_};
+  if (way.culls) {
+    options.leaf_culling = LeafCulling();
+    options.packet_side = 8;
+  }
+  return options;
 }
 
 bool VerifyRound::BruteForceAllowed() const {

@@ -36,6 +36,7 @@ class VerifyRound {
   struct Way {
     Strategy strategy = Strategy::kAuto;
     SimdTarget simd = SimdTarget::kBest;
+    bool culls = false;  // Within leaves; packets of 8×8.
     std::string Name() const;
   };
   // Says whether element i of a comparison agrees, and if not describes it.
