@@ -14,8 +14,7 @@ constexpr double kLeastShare = 1.0 / 1024;
 
 }  // namespace
 
-absl::StatusOr<Knee> FindKnee(double first_rate,
-                              const std::function<absl::StatusOr<KneeTrial>(double)>& trial) {
+absl::StatusOr<Knee> FindKnee(double first_rate, const KneeTry& trial) {
   SIGHTLINE_CHECK(first_rate > 0) << "rate " << first_rate;
   Knee knee;
   double rate = first_rate;
@@ -44,6 +43,17 @@ absl::StatusOr<Knee> FindKnee(double first_rate,
     }
   }
   return knee;
+}
+
+absl::Status HoldKnee(Knee* knee, const KneeTry& whole) {
+  SIGHTLINE_CHECK(knee->rate > 0) << "rate " << knee->rate;
+  for (int step = 0;; ++step) {
+    SL_ASSIGN_OR_RETURN(const KneeTrial run, whole(knee->rate));
+    if (run.held || step == kStepsBack) return absl::OkStatus();
+    knee->trials.push_back(run);
+    knee->missed = knee->rate;
+    knee->rate *= kStepBack;
+  }
 }
 
 }  // namespace sightline::load

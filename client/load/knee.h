@@ -16,12 +16,15 @@
 #include <functional>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 namespace sightline::load {
 
 inline constexpr int kMaxTrials = 40;
 inline constexpr double kKneePrecision = 0.05;
+inline constexpr double kStepBack = 0.9;
+inline constexpr int kStepsBack = 5;
 // An open loop that answers less than this share of what is due is beyond the knee, whatever the
 // latencies of its first seconds say.
 inline constexpr double kKeepsUp = 0.95;
@@ -39,9 +42,16 @@ struct Knee {
   std::vector<KneeTrial> trials;  // In the order in which they ran.
 };
 
-// `trial` runs one rate; its error ends the search. REQUIRES: first_rate > 0.
-absl::StatusOr<Knee> FindKnee(double first_rate,
-                              const std::function<absl::StatusOr<KneeTrial>(double rate)>& trial);
+// Runs one rate; its error ends the search.
+using KneeTry = std::function<absl::StatusOr<KneeTrial>(double rate)>;
+
+// REQUIRES: first_rate > 0.
+absl::StatusOr<Knee> FindKnee(double first_rate, const KneeTry& trial);
+
+// A trial is short: what holds in it may not hold in a whole run. Runs the knee's rate by `whole`,
+// and steps back by a tenth, kStepsBack times at most, until one holds. The knee's rate is that of
+// the last run; the ones that missed are among its trials. REQUIRES: knee->rate > 0.
+absl::Status HoldKnee(Knee* knee, const KneeTry& whole);
 
 }  // namespace sightline::load
 

@@ -18,9 +18,6 @@ namespace {
 constexpr double kStabilityTolerance = 0.10;
 // Of Check::kSample: every eighth item.
 constexpr size_t kSampleStride = 8;
-// A knee that does not hold for a whole run gives way by a tenth, so often.
-constexpr double kStepBack = 0.9;
-constexpr int kStepsBack = 5;
 // Longer than any run; the set goes with the test.
 constexpr absl::Duration kLease = absl::Hours(1);
 
@@ -82,8 +79,10 @@ absl::Status LoadTest::Prepare() {
   SL_RETURN_IF_ERROR(OpenPointSet());
   if (options_.check != Check::kNone) SL_RETURN_IF_ERROR(FindReference());
   if (options_.reload_every > 0) {
-    reloader_ = std::make_unique<Reloader>(session_->client(), scene, scene_.extra,
-                                           options_.reload_every, reference_.get());
+    reloader_ = std::make_unique<Reloader>(
+        session_->client(), scene, scene_.extra,
+        Reloader::Options{.every = options_.reload_every, .by = options_.reload_by},
+        reference_.get());
   }
   client::RetryOptions retry;
   retry.give_up_after = absl::Seconds(options_.session.retry_seconds);
@@ -199,16 +198,16 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->rate = options_.plan.rate;
   if (options_.find_knee) {
     SL_ASSIGN_OR_RETURN(report->knee, FindKnee(report->rate, [this](double r) { return Try(r); }));
-    // Without one, what the first rate does is of interest still.
-    if (report->knee->rate > 0) report->rate = report->knee->rate;
   }
-  absl::Status status = MeasureReported(report);
-  // A trial is short: what holds in it may not hold in a whole run.
-  for (int i = 0; i < kStepsBack && status.ok() && report->knee && report->knee->rate > 0; ++i) {
-    if (Keeps(report->measured)) break;
-    report->knee->trials.push_back(TrialOf(report->rate, report->measured));
-    report->knee->missed = report->rate;
-    report->knee->rate = report->rate *= kStepBack;
+  absl::Status status;
+  if (report->knee && report->knee->rate > 0) {
+    status = HoldKnee(&*report->knee, [&](double rate) -> absl::StatusOr<KneeTrial> {
+      report->rate = rate;
+      SL_RETURN_IF_ERROR(MeasureReported(report));
+      return TrialOf(rate, report->measured);
+    });
+  } else {
+    // Without a knee, what the first rate does is of interest still.
     status = MeasureReported(report);
   }
   report->stability = JudgeStability(report->measured.windows, kStabilityTolerance);

@@ -62,7 +62,7 @@ absl::Status ParseSize(const std::string& text, LoadOptions* o) {
 
 // What flags write before it is taken over.
 struct Texts {
-  std::string mode = "closed", arrivals = "poisson", check = "sample";
+  std::string mode = "closed", arrivals = "poisson", check = "sample", reload_by = "edit";
   std::string mix = "tiles=5,points=3,segments=2";
   uint64_t tile = 64;
 };
@@ -96,9 +96,12 @@ void RegisterLoad(FlagSet* flags, LoadOptions* o, Texts* texts) {
   AddDuration(flags, "item-timeout", "the deadline that each request carries, 0s: none",
               absl::ZeroDuration(), &o->item_timeout);
   flags->Count("reload-every", "N",
-               "edits the scene on the server each time so many requests were answered: an object "
-               "comes and goes; 0: never",
+               "changes the scene on the server each time so many requests were answered; 0: never",
                &o->reload_every, 0, uint64_t{1} << 40);
+  flags->Choice("reload-by", {"edit", "file"},
+                "edit: an object comes and goes; file: the server reads the scene again, which its "
+                "repository has",
+                &texts->reload_by);
   flags->Count("seed", "N", "of the arrivals, the mix and the points", &o->plan.seed, 0,
                UINT64_MAX);
 }
@@ -167,6 +170,10 @@ absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
   o->check = texts.check == "none"  ? Check::kNone
              : texts.check == "all" ? Check::kAll
                                     : Check::kSample;
+  o->reload_by = texts.reload_by == "edit" ? ReloadBy::kEdit : ReloadBy::kFile;
+  if (o->reload_by == ReloadBy::kFile && o->reload_every == 0) {
+    return UsageError("--reload-by file goes with --reload-every");
+  }
   o->tile = static_cast<uint32_t>(texts.tile);
   if (o->workload == "mixed") {
     absl::StatusOr<Mix> mix = ParseMix(texts.mix);

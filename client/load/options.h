@@ -20,6 +20,7 @@
 #include "client/cli/session.h"
 #include "client/cli/view_choice.h"
 #include "client/load/driver.h"
+#include "client/load/reloader.h"
 #include "client/load/slo.h"
 #include "client/load/workload.h"
 
@@ -39,6 +40,7 @@ struct LoadOptions {
   absl::Duration trial = absl::Seconds(5);
   Check check = Check::kSample;
   uint64_t reload_every = 0;  // Requests; 0: never.
+  ReloadBy reload_by = ReloadBy::kEdit;
   // What is asked.
   Mix mix = {1, 0, 0};
   uint32_t width = 640, height = 360, tile = 64;

@@ -13,23 +13,23 @@
 namespace sightline::load {
 namespace {
 
-// How long an edit may take.
-constexpr absl::Duration kEditTimeout = absl::Minutes(5);
+// How long a change may take.
+constexpr absl::Duration kTimeout = absl::Minutes(5);
 
 static_assert(sizeof(Vec3d) == 3 * sizeof(double) && std::is_standard_layout_v<Vec3d>);
 
 }  // namespace
 
 Reloader::Reloader(const client::Client& client, const client::Scene& scene,
-                   const ObjectInput& extra, uint64_t every, Reference* reference)
+                   const ObjectInput& extra, const Options& options, Reference* reference)
     : client_(client),
       scene_(scene.name),
       extra_(extra),
-      every_(every),
+      options_(options),
       reference_(reference),
       revision_(scene.revision),
       thread_([this] { Run(); }) {
-  SIGHTLINE_CHECK(every > 0) << "an edit after every 0 answers";
+  SIGHTLINE_CHECK(options.every > 0) << "a change after every 0 answers";
 }
 
 Reloader::~Reloader() {
@@ -44,14 +44,16 @@ Reloader::~Reloader() {
 
 void Reloader::CountAnswer() {
   MutexLock lock(mutex_);
-  if (++answers_ % every_ != 0) return;
+  if (++answers_ % options_.every != 0) return;
   due_ = true;
   changed_.SignalAll();
 }
 
 ReloadReport Reloader::report() const {
   MutexLock lock(mutex_);
-  return report_;
+  ReloadReport report = report_;
+  report.by = options_.by;
+  return report;
 }
 
 void Reloader::WaitUntilIdle() {
@@ -68,7 +70,7 @@ void Reloader::Run() {
       if (over_) return;
     }
     const absl::Time start = absl::Now();
-    const absl::Status status = Edit(!present_);
+    const absl::Status status = options_.by == ReloadBy::kEdit ? Edit(!present_) : ReadAgain();
     MutexLock lock(mutex_);
     due_ = false;
     changed_.SignalAll();
@@ -77,7 +79,7 @@ void Reloader::Run() {
       report_.status = status;
       return;
     }
-    ++report_.edits;
+    ++report_.changes;
     report_.latency.Record(absl::Now() - start);
   }
 }
@@ -94,13 +96,23 @@ absl::Status Reloader::Edit(bool add) {
   // Before the edit: answers of the new revision may come before it returns.
   if (reference_ != nullptr) reference_->ExpectRevision(revision_ + 1, add ? 1 : 0);
   const absl::StatusOr<client::Scene> scene =
-      client_.UpdateScene(scene_, {edit}, revision_, {.deadline = absl::Now() + kEditTimeout});
+      client_.UpdateScene(scene_, {edit}, revision_, {.deadline = absl::Now() + kTimeout});
+  if (scene.ok()) present_ = add;
+  return Expect(scene);
+}
+
+absl::Status Reloader::ReadAgain() {
+  // The same again, as far as the reference is concerned.
+  if (reference_ != nullptr) reference_->ExpectRevision(revision_ + 1, 0);
+  return Expect(client_.ReloadScene(scene_, {.deadline = absl::Now() + kTimeout}));
+}
+
+absl::Status Reloader::Expect(const absl::StatusOr<client::Scene>& scene) {
   if (!scene.ok()) return scene.status();
-  present_ = add;
   if (scene->revision != revision_ + 1) {
-    return absl::AbortedError(absl::StrCat("an edit of ", scene_, " made revision ",
+    return absl::AbortedError(absl::StrCat("a change of ", scene_, " made revision ",
                                            scene->revision, " where ", revision_ + 1,
-                                           " was due: is somebody else editing it?"));
+                                           " was due: is somebody else changing it?"));
   }
   revision_ = scene->revision;
   return absl::OkStatus();

@@ -155,8 +155,8 @@ void PrintText(const LoadReport& report, std::ostream& out) {
                                                   GroupedCount(m.wrong), " wrong"));
   if (m.wrong > 0) rows.emplace_back("first wrong", m.first_wrong);
   if (report.reloads) {
-    rows.emplace_back("edits",
-                      absl::StrFormat("%d, p50 %.3g ms, max %.3g ms", report.reloads->edits,
+    rows.emplace_back(report.reloads->by == ReloadBy::kEdit ? "edits" : "reloads",
+                      absl::StrFormat("%d, p50 %.3g ms, max %.3g ms", report.reloads->changes,
                                       Milliseconds(report.reloads->latency.PercentileOf(50)),
                                       Milliseconds(report.reloads->latency.max())));
   }
@@ -256,8 +256,9 @@ Json MainJson(const LoadReport& report) {
 void PrintJson(const LoadReport& report, std::ostream& out) {
   Json json = MainJson(report);
   if (report.reloads) {
-    json["edits"] = report.reloads->edits;
-    json["edit_latency_ms"] = LatencyJson(report.reloads->latency);
+    const bool edits = report.reloads->by == ReloadBy::kEdit;
+    json[edits ? "edits" : "reloads"] = report.reloads->changes;
+    json[edits ? "edit_latency_ms" : "reload_latency_ms"] = LatencyJson(report.reloads->latency);
   }
   if (!report.slo.empty()) {
     json["slo_held"] = Held(report.slo);

@@ -51,6 +51,38 @@ TEST(KneeTest, WhatNeverMissesEndsAfterTheMostTrials) {
   EXPECT_EQ(knee->trials.size(), static_cast<size_t>(kMaxTrials));
 }
 
+// What a trial met and a whole run does not gives way, step by step.
+TEST(KneeTest, AKneeThatDoesNotHoldStepsBack) {
+  for (const double capacity : {1000.0, 950.0, 700.0}) {
+    Knee knee{.rate = 1000, .missed = 1040, .trials = {{.rate = 1000, .held = true}}};
+    std::vector<double> rates;
+    ASSERT_TRUE(HoldKnee(&knee, [&](double rate) {
+                  rates.push_back(rate);
+                  return Model(rate, capacity);
+                }).ok());
+    EXPECT_LE(knee.rate, capacity);
+    EXPECT_GE(knee.rate, std::min(capacity, 1000.0) * kStepBack);
+    EXPECT_EQ(rates.back(), knee.rate);
+    EXPECT_EQ(knee.trials.size(), rates.size());  // The one of before, and those that missed.
+    for (size_t i = 1; i < knee.trials.size(); ++i) EXPECT_FALSE(knee.trials[i].held);
+    EXPECT_DOUBLE_EQ(knee.missed, rates.size() == 1 ? 1040 : knee.rate / kStepBack);
+  }
+}
+
+TEST(KneeTest, SteppingBackEnds) {
+  Knee knee{.rate = 1000};
+  int runs = 0;
+  ASSERT_TRUE(HoldKnee(&knee, [&](double rate) {
+                ++runs;
+                return Model(rate, 1);
+              }).ok());
+  EXPECT_EQ(runs, kStepsBack + 1);
+  EXPECT_EQ(knee.trials.size(), static_cast<size_t>(kStepsBack));
+  const absl::Status gone =
+      HoldKnee(&knee, [](double) -> absl::StatusOr<KneeTrial> { return absl::AbortedError("x"); });
+  EXPECT_TRUE(absl::IsAborted(gone)) << gone;
+}
+
 TEST(KneeTest, AnErrorEndsTheSearch) {
   int trials = 0;
   const absl::StatusOr<Knee> knee = FindKnee(1, [&](double rate) -> absl::StatusOr<KneeTrial> {

@@ -72,6 +72,7 @@ TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
       {{"--mode=open", "--rate=0"}, "--rate"},
       {{"--mode=open", "--rate=1e9"}, "--rate"},
       {{"--rate=5"}, "--rate goes with"},
+      {{"--reload-by=file"}, "--reload-every"},
       {{"--find-knee"}, "--slo"},
       {{"--slo=p99"}, "--slo"},
       {{"--mix=tiles=1"}, "--mix goes with"},

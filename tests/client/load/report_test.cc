@@ -58,7 +58,7 @@ class ReportTest : public testing::Test {
 TEST_F(ReportTest, JsonHasTheNumbers) {
   report_.knee = Knee{.rate = 150, .missed = 160, .trials = {{.rate = 150, .held = true}}};
   report_.server_metrics["sightline_x"] = {1, 4};
-  report_.reloads = ReloadReport{.edits = 3};
+  report_.reloads = ReloadReport{.changes = 3};
   const nlohmann::json json = nlohmann::json::parse(Print("json"));
   EXPECT_EQ(json["mode"], "open");
   EXPECT_EQ(json["rate_per_s"], 200);

@@ -136,6 +136,34 @@ TEST_F(LoadRunTest, EditsUnderLoadAreSeenWholeOrNotAtAll) {
   EXPECT_EQ(revision, 1 + edits + edits % 2) << "the test's object is still there";
 }
 
+// Availability through reloads: a scene of the repository is read again under load.
+TEST_F(LoadRunTest, ReloadsUnderLoadLoseNothing) {
+  const testing_support::TempDir folder;
+  ServerOptions options;
+  options.listen = {"127.0.0.1:0"};
+  options.log_level = LogLevel::kOff;
+  options.repository = folder.path();
+  server_.reset();
+  absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
+  ASSERT_TRUE(server.ok()) << server.status();
+  server_ = *std::move(server);
+  const client::Client client(
+      client::MakeConnection(absl::StrCat("127.0.0.1:", server_->port()), {}));
+  const auto stored = client.CreateScene({.scene_id = "box", .builtin = "builtin:box"});
+  ASSERT_TRUE(stored.ok()) << stored.status();
+  ASSERT_TRUE(stored->stored);
+  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box",
+                                    "--workload=mixed", "--requests=1000", "--reload-every=50",
+                                    "--reload-by=file", "--check=all", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(result.json()["all"]["answered"], 1000);
+  EXPECT_EQ(result.json()["checked"], 1000);
+  EXPECT_EQ(result.json()["wrong"], 0);
+  const int64_t reloads = result.json()["reloads"];
+  EXPECT_GT(reloads, 0);
+  EXPECT_EQ(Scenes()[0].revision, 1 + reloads);
+}
+
 TEST_F(LoadRunTest, AnObjectiveThatIsMissedHasItsExitCode) {
   const std::vector<std::string> args = {ServerFlag(), "--scene=box", "--requests=20"};
   std::vector<std::string> strict = args, lax = args;
