@@ -1,0 +1,23 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+#
+# An hour of mixed load on a real server: tiles all the time, while scenes come and go, points and segments
+# are asked about, and streams are cancelled and refused. Every answer is checked. Ends with a line that says
+# what resident memory did, and with 0 only if it stayed within 5 % and no answer was wrong. The suite has
+# the same in short.
+#
+#   deploy/soak.sh            an hour
+#   deploy/soak.sh 600        ten minutes
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+seconds="${1:-3600}"
+if [ $# -gt 1 ] || ! [[ "$seconds" =~ ^[0-9]+$ ]]; then
+  echo "usage: $0 [SECONDS]" >&2
+  exit 2
+fi
+deploy/install_packages.sh build test
+cmake --preset release >/dev/null
+cmake --build --preset release --target server_fault_test
+SIGHTLINE_SOAK_SECONDS="$seconds" build/release/bin/server_fault_test \
+  --gtest_filter=FaultTest.MixedLoadLeavesMemoryWhereItWas
