@@ -46,12 +46,13 @@ Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> re
       point_sets_(options_.limits, [] { return absl::Now(); }),
       metrics_([this] { return StateNow(); }),
       slow_queries_(options.slow_query_log),
-      env_{options_.limits, scenes_, point_sets_, query_pool_, build_pool_,   ray_queue_,
-           scheduler_,      calls_,  &access_,    &metrics_,   &slow_queries_},
+      env_{options_.limits, scenes_,    point_sets_,   query_pool_, build_pool_,
+           ray_queue_,      scheduler_, calls_,        streams_,    uploads_,
+           &access_,        &metrics_,  &slow_queries_},
       scene_service_(env_, upload_slots_),
       point_set_service_(env_, upload_slots_),
       visibility_service_(env_),
-      capability_service_(DescribeServer(options_.limits, query_pool_.threads())) {}
+      capability_service_(env_, DescribeServer(options_.limits, query_pool_.threads())) {}
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   SL_RETURN_IF_ERROR(CheckOptions(options));
@@ -149,6 +150,7 @@ ServerState Server::StateNow() {
     state.refused_connections = connections.refused;
     state.certificate_end = door_->CertificateEnd();
   }
+  state.refused_calls = access_.refused();
   state.draining = calls_.draining();
   return state;
 }

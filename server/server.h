@@ -29,6 +29,7 @@
 #include "absl/time/time.h"
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
+#include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
@@ -99,6 +100,7 @@ class Server {
   CallTracker calls_;
   RayQueue ray_queue_;
   UploadSlots upload_slots_;
+  CallQuota streams_{"streams"}, uploads_{"uploads"};
   ThreadPool query_pool_, build_pool_;
   Scheduler scheduler_;
   const std::unique_ptr<SceneRepository> repository_;  // Null without one.

@@ -302,6 +302,10 @@ Statistics FromProto(const v1::Statistics& statistics) {
   out.leaves = statistics.leaf_count();
   out.double_tests = statistics.double_test_count();
   out.exact_tests = statistics.exact_test_count();
+  out.answered_by_shaft = statistics.shaft_answered_count();
+  out.answered_by_triangles = statistics.triangles_answered_count();
+  out.answered_by_packet = statistics.packet_answered_count();
+  out.answered_by_ray = statistics.ray_answered_count();
   switch (statistics.strategy()) {
     case v1::STRATEGY_SINGLE:
       out.strategy = Strategy::kSingle;

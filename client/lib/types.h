@@ -187,7 +187,10 @@ struct Statistics {
   // RTT: tiles, those answered without rays, and the triangles on their lists.
   uint64_t tiles = 0, tiles_answered = 0, relevant_triangles = 0;
   uint64_t culled_tests = 0;  // Within leaves, by leaf_culling.
-  absl::Duration compute;     // Summed over threads.
+  // Rays by what answered them: whole shafts, a shaft's relevant triangles, packets, themselves.
+  uint64_t answered_by_shaft = 0, answered_by_triangles = 0;
+  uint64_t answered_by_packet = 0, answered_by_ray = 0;
+  absl::Duration compute;  // Summed over threads.
   absl::Duration queue;
 
   void Add(const Statistics& other) {
@@ -203,6 +206,10 @@ struct Statistics {
     tiles_answered += other.tiles_answered;
     relevant_triangles += other.relevant_triangles;
     culled_tests += other.culled_tests;
+    answered_by_shaft += other.answered_by_shaft;
+    answered_by_triangles += other.answered_by_triangles;
+    answered_by_packet += other.answered_by_packet;
+    answered_by_ray += other.answered_by_ray;
     compute += other.compute;
     queue += other.queue;
   }

@@ -13,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/check.h"
+#include "core/base/limit_error.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/duplicate_triangles.h"
@@ -89,9 +90,9 @@ class Compiler {
   // Everything of the records but the name and the rounding; sizes against limits.
   absl::Status LayOutObjects() {
     if (sources_.size() > limits_.max_objects) {
-      return absl::ResourceExhaustedError(
-          absl::StrCat("the scene has ", sources_.size(), " objects; max_objects is ",
-                       limits_.max_objects, ": merge objects or split the scene"));
+      return LimitError("max_objects", limits_.max_objects,
+                        absl::StrCat("the scene has ", sources_.size(), " objects"),
+                        "merge objects or split the scene");
     }
     out_.objects.resize(sources_.size());
     uint64_t triangles = 0, vertices = 0;
@@ -154,9 +155,9 @@ class Compiler {
   static absl::Status Add(const char* what, uint64_t count, uint64_t limit, uint64_t& total) {
     limit = std::min<uint64_t>(limit, kNoTriangle - 1);  // What 32-bit ids can number.
     if (count > limit || total > limit - count) {
-      return absl::ResourceExhaustedError(absl::StrCat("the scene has at least ", total + count,
-                                                       " ", what, "; max_", what, " is ", limit,
-                                                       ": split it or simplify its meshes"));
+      return LimitError(absl::StrCat("max_", what), limit,
+                        absl::StrCat("the scene has at least ", total + count, " ", what),
+                        "split it or simplify its meshes");
     }
     total += count;
     return absl::OkStatus();

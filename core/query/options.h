@@ -21,6 +21,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
 #include "core/intersect/intersector.h"
+#include "core/traverse/answered_by.h"
 #include "core/traverse/leaf_culling.h"
 #include "core/traverse/simd_target.h"
 
@@ -73,6 +74,8 @@ struct QueryOptions {
   SimdTarget simd = SimdTarget::kBest;  // REQUIRES: SimdTargetAvailable(simd).
   uint32_t mask = 0xFFFFFFFFu;
   const CancelToken* cancel = nullptr;  // Polled during traversal; may be null.
+  // Whether QueryStats::answered_by is wanted, which costs a little.
+  bool count_answers = false;
 };
 
 // Whether the kd-tree is walked, not the BVH.
@@ -82,19 +85,24 @@ bool WalksKdTree(const QueryOptions& options);
 // Each is named.
 absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& options);
 
+// How many kinds of AnsweredBy there are.
+inline constexpr size_t kAnsweredByCount = static_cast<size_t>(AnsweredBy::kRay) + 1;
+
 // Work done, summed over whatever the statistics belong to. Depends on strategy and target; not
 // part of the answer.
 struct QueryStats {
   uint64_t rays = 0;   // Segments asked about (invalid ones not counted).
   uint64_t nodes = 0;  // Eight-wide nodes visited, once per packet or ray.
   uint64_t leaves = 0;
-  uint64_t triangle_tests = 0;          // Triangle × ray pairs the predicate looked at.
-  uint64_t doubt_double = 0;            // Pairs the float stage left to doubles…
-  uint64_t doubt_exact = 0;             // … and those that doubles left to exact arithmetic.
-  uint64_t tiles = 0;                   // kRtt: tiles asked about,
-  uint64_t tiles_answered = 0;          // those that needed no rays,
-  uint64_t relevant_triangles = 0;      // and the triangles on the lists of these.
-  uint64_t culled_tests = 0;            // leaf_culling: pairs that never came to a test.
+  uint64_t triangle_tests = 0;      // Triangle × ray pairs the predicate looked at.
+  uint64_t doubt_double = 0;        // Pairs the float stage left to doubles…
+  uint64_t doubt_exact = 0;         // … and those that doubles left to exact arithmetic.
+  uint64_t tiles = 0;               // kRtt: tiles asked about,
+  uint64_t tiles_answered = 0;      // those that needed no rays,
+  uint64_t relevant_triangles = 0;  // and the triangles on the lists of these.
+  uint64_t culled_tests = 0;        // leaf_culling: pairs that never came to a test.
+  // Rays by what answered them (AnsweredBy); all 0 unless QueryOptions::count_answers.
+  std::array<uint64_t, kAnsweredByCount> answered_by{};
   uint64_t compute_nanoseconds = 0;     // Summed over threads.
   Strategy strategy = Strategy::kAuto;  // What AUTO chose; kAuto where more than one was used.
 

@@ -8,6 +8,7 @@
 #define SIGHTLINE_CORE_QUERY_QUERY_RUN_H_
 
 #include <chrono>
+#include <span>
 
 #include "absl/status/status.h"
 #include "core/base/check.h"
@@ -94,6 +95,11 @@ class StatsScope {
   const Clock::time_point start_;
   WalkStats walk_;
 };
+
+// Adds to `stats` what answered some rays.
+inline void CountAnswers(std::span<const AnsweredBy> answered_by, QueryStats* stats) {
+  for (const AnsweredBy by : answered_by) ++stats->answered_by[static_cast<size_t>(by)];
+}
 
 }  // namespace sightline
 

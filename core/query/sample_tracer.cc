@@ -79,11 +79,16 @@ absl::Status SampleTracer::Trace(size_t s) {
       ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
                      positions_.size());
   StatsScope scope(stats_, strategy, positions_.size());
+  absl::Status traced;
   if (!sample.directional) {
-    return TraceSegments(s, mask, strategy, scope.walk());
+    traced = TraceSegments(s, mask, strategy, scope.walk());
+  } else if (strategy == Strategy::kShaft) {
+    traced = TraceParallel(s, mask, scope.walk());
+  } else {
+    traced = TraceOneByOne(sample, mask, strategy, scope.walk());
   }
-  return strategy == Strategy::kShaft ? TraceParallel(s, mask, scope.walk())
-                                      : TraceOneByOne(sample, mask, strategy, scope.walk());
+  if (traced.ok() && run_.options().count_answers) CountAnswers(answered_by_, stats_);
+  return traced;
 }
 
 absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,

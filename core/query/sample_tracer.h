@@ -38,6 +38,7 @@ class SampleTracer {
         t_min_(t_min),
         samples_(samples),
         stats_(stats),
+        record_answered_by_(run.options().count_answers),
         first_leaves_(samples.size(), RayPacket::kNoLeaf) {}
 
   // At most kGroupRays points, all valid; kept by reference until the next call.
@@ -96,7 +97,7 @@ class SampleTracer {
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
   bool parallel_traced_ = false;  // Where the last results are.
-  bool record_answered_by_ = false;
+  bool record_answered_by_;
   std::vector<AnsweredBy> answered_by_;  // By point, where it is recorded.
   // By block; made when first needed, and not initialized.
   size_t packets_size_ = 0, parallel_size_ = 0;

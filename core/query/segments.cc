@@ -95,6 +95,10 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
     SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, kind, strategy,
                                      std::span<const TraceRay>(rays.data(), count), hits,
                                      scope.walk()));
+    // Free rays share nothing.
+    if (options.count_answers) {
+      out.stats.answered_by[static_cast<size_t>(AnsweredBy::kRay)] += count;
+    }
     for (size_t i = 0; i < count; ++i) {
       if (hits[i].triangle == kNoTriangle) continue;
       if (outputs.bits) out.blocked_bits[index[i] / 8] |= uint8_t(1u << (index[i] % 8));

@@ -91,10 +91,8 @@ class TileTrace {
       out_.v.resize(pixels_);
     }
     if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
-    if (outputs.answered_by) {
-      out_.answered_by.resize(pixels_);
-      packet_.answered_by = answered_by_;
-    }
+    if (outputs.answered_by) out_.answered_by.resize(pixels_);
+    if (outputs.answered_by || options.count_answers) packet_.answered_by = answered_by_;
     if (outputs.lit && outputs.lit_answered_by) {
       out_.lit_answered_by.assign(samples.size() * pixels_, AnsweredBy::kNoRay);
       tracer_.RecordAnsweredBy();
@@ -153,6 +151,9 @@ class TileTrace {
           Place(block);
           SL_RETURN_IF_ERROR(
               TracePacketBlock(scene_, run_, kind, strategy, &packet_, cut, scope.walk()));
+          if (run_.options().count_answers) {
+            CountAnswers({answered_by_, static_cast<size_t>(packet_.count)}, &out_.primary);
+          }
           Write(group, block);
           if (outputs_.lit || outputs_.points) points = PlacePoints(group, block, points);
         }

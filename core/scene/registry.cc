@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
+#include "core/base/limit_error.h"
 #include "core/base/status_macros.h"
 
 namespace sightline {
@@ -45,10 +46,11 @@ absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes) {
     if (entries_.contains(name)) {
       return absl::AlreadyExistsError(absl::StrCat("there is a scene \"", name, "\" already"));
     }
-    if (entries_.size() >= options_.max_scenes) {
-      return absl::ResourceExhaustedError(absl::StrCat("the server holds ", entries_.size(),
-                                                       " scenes; max_scenes is ",
-                                                       options_.max_scenes, ": delete one"));
+    if (entries_.size() >= options_.max_scenes &&
+        !(options_.evict_least_used && HasEvictable(name))) {
+      return LimitError("max_scenes", options_.max_scenes,
+                        absl::StrCat("the server holds ", entries_.size(), " scenes"),
+                        "delete one");
     }
     SL_RETURN_IF_ERROR(Reserve(name, bytes, &evicted));
     Entry& entry = entries_[name];
@@ -351,26 +353,39 @@ absl::Status SceneRegistry::Reserve(const std::string& name, uint64_t bytes,
   return absl::OkStatus();
 }
 
+bool SceneRegistry::IsEvictable(const Entry& entry) {
+  // A revision that somebody holds would not be freed.
+  return !entry.building && entry.kept && entry.latest.use_count() == 1;
+}
+
+bool SceneRegistry::HasEvictable(const std::string& name) const {
+  return std::any_of(entries_.begin(), entries_.end(), [&](const auto& other) {
+    return other.first != name && IsEvictable(other.second);
+  });
+}
+
 void SceneRegistry::MakeRoom(const std::string& name, uint64_t bytes,
                              std::vector<Evicted>* evicted) {
   const uint64_t budget = options_.memory_budget_bytes;
   uint64_t used = AliveBytes() + reserved_bytes_;
+  // One that is there already, a next revision of it, takes no more places.
+  uint64_t scenes = entries_.size() + (entries_.contains(name) ? 0 : 1);
   const auto fits = [&](uint64_t held) { return held <= budget && bytes <= budget - held; };
-  if (bytes > budget || fits(used)) return;
+  if (bytes > budget || (fits(used) && scenes <= options_.max_scenes)) return;
   std::vector<std::pair<uint64_t, std::string>> candidates;  // By their last use.
   uint64_t candidate_bytes = 0;
   for (const auto& [other, entry] : entries_) {
-    // A revision that somebody holds would not be freed.
-    if (other == name || entry.building || !entry.kept || entry.latest.use_count() != 1) continue;
+    if (other == name || !IsEvictable(entry)) continue;
     candidates.emplace_back(entry.last_use, other);
     candidate_bytes += entry.latest->report.memory_bytes;
   }
   if (!fits(used - std::min(used, candidate_bytes))) return;
   std::sort(candidates.begin(), candidates.end());
   for (const auto& [last_use, victim] : candidates) {
-    if (fits(used)) break;
+    if (fits(used) && scenes <= options_.max_scenes) break;
     const auto found = entries_.find(victim);
     used -= found->second.latest->report.memory_bytes;
+    --scenes;
     // It is freed as soon as the lock is released, before what it makes room for is built.
     std::erase_if(alive_, [&](const Revision& revision) {
       return revision.creation == found->second.creation &&

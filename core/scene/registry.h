@@ -38,9 +38,9 @@ struct RegistryOptions {
   uint64_t memory_budget_bytes = 8ull << 30;  // Over all scenes and revisions still alive.
   uint64_t max_bytes_per_scene = 8ull << 30;  // Of one revision.
   uint64_t max_scenes = 1000;
-  // Whether scenes make room for a new one that the budget does not hold beside them: those that
-  // are kept, that nobody uses at the moment, the least recently used (Get) first, and only as many
-  // as it takes. None, if all of them are not enough.
+  // Whether scenes make room for a new one that the budget, or max_scenes, does not hold beside
+  // them: those that are kept, that nobody uses at the moment, the least recently used (Get) first,
+  // and only as many as it takes. None, if all of them are not enough.
   bool evict_least_used = false;
 };
 
@@ -173,6 +173,9 @@ class SceneRegistry {
   // Lets go of what `bytes` need beside what is in use, if that is possible.
   void MakeRoom(const std::string& name, uint64_t bytes, std::vector<Evicted>* evicted)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  static bool IsEvictable(const Entry& entry);
+  // Whether any scene but `name` could be let go of.
+  bool HasEvictable(const std::string& name) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void NotifyEvicted(std::vector<Evicted> evicted);
   uint64_t AliveBytes() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static SceneStatus StatusOf(const std::string& name, const Entry& entry);

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/accel/bvh_validation.h"
 #include "core/accel/kd_validation.h"
+#include "core/base/limit_error.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/geometry_validation.h"
 #include "core/scene/scene_file.h"
@@ -264,8 +265,9 @@ class Reader {
 
 absl::Status CheckLimit(const SceneBytes& file, const char* what, uint64_t count, uint64_t limit) {
   if (count <= limit) return absl::OkStatus();
-  return absl::ResourceExhaustedError(absl::StrCat(file.shown, ": the scene has ", count, " ", what,
-                                                   "; max_", what, " is ", limit));
+  return LimitError(absl::StrCat("max_", what), limit,
+                    absl::StrCat(file.shown, ": the scene has ", count, " ", what),
+                    "raise it, or split the scene");
 }
 
 }  // namespace

@@ -19,7 +19,7 @@ std::string ClientOfPeer(absl::string_view peer) {
 Client ClientOf(const grpc::ServerContextBase& context, const AccessControl* access) {
   if (access != nullptr && access->active()) {
     if (const std::optional<Caller> caller = access->Identify(ShownBy(context))) {
-      return {caller->name, caller->max_queued_rays};
+      return {caller->name, caller->limits};
     }
   }
   const std::shared_ptr<const grpc::AuthContext> auth = context.auth_context();
@@ -27,10 +27,11 @@ Client ClientOf(const grpc::ServerContextBase& context, const AccessControl* acc
     const std::vector<grpc::string_ref> identity = auth->GetPeerIdentity();
     if (!identity.empty()) {
       return {absl::StrCat("identity:",
-                           absl::string_view(identity.front().data(), identity.front().size()))};
+                           absl::string_view(identity.front().data(), identity.front().size())),
+              {}};
     }
   }
-  return {ClientOfPeer(context.peer())};
+  return {ClientOfPeer(context.peer()), {}};
 }
 
 }  // namespace sightline

@@ -22,7 +22,7 @@ namespace sightline {
 
 struct Client {
   std::string name;
-  uint64_t max_queued_rays = 0;  // By its roles; 0: what every client may have.
+  CallerLimits limits;
 };
 
 // `access` may be null.

@@ -43,12 +43,13 @@ absl::Status AccessControl::CheckRoles(absl::string_view what, RoleSet roles,
                                        const Shown& shown) const {
   if (!active() || roles == kNoRole) return absl::OkStatus();
   const std::optional<Caller> caller = Identify(shown);
+  if (caller.has_value() && (caller->roles & roles) != 0) return absl::OkStatus();
+  ++refused_;
   if (!caller.has_value()) {
     return absl::UnauthenticatedError(
         absl::StrCat(what, " wants the role ", RoleNames(roles),
                      ": show a certificate or a token that this server knows"));
   }
-  if ((caller->roles & roles) != 0) return absl::OkStatus();
   return absl::PermissionDeniedError(absl::StrCat(what, " wants the role ", RoleNames(roles), "; ",
                                                   caller->name, " has ", RoleNames(caller->roles)));
 }

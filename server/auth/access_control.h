@@ -16,6 +16,8 @@
 
 #include <grpcpp/server_context.h>
 
+#include <atomic>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -42,11 +44,14 @@ class AccessControl {
   absl::Status CheckRoles(absl::string_view what, RoleSet roles, const Shown& shown) const;
   // Nothing where everybody may do everything, too.
   std::optional<Caller> Identify(const Shown& shown) const;
+  // How often the checks said no.
+  uint64_t refused() const { return refused_; }
 
  private:
   std::shared_ptr<const AccessPolicy> policy() const;
 
   std::string path_;  // Constant once loaded; empty: no file.
+  mutable std::atomic<uint64_t> refused_ = 0;
   mutable Mutex mutex_;
   std::shared_ptr<const AccessPolicy> policy_ ABSL_GUARDED_BY(mutex_);
 };

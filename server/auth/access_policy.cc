@@ -66,23 +66,35 @@ absl::Status AccessPolicy::AddToken(RoleSet roles, absl::string_view name,
   return absl::OkStatus();
 }
 
-absl::Status AccessPolicy::AddLimit(absl::string_view role, absl::string_view rays) {
+absl::Status AccessPolicy::AddLimit(absl::string_view role, absl::string_view what,
+                                    absl::string_view number) {
   SL_ASSIGN_OR_RETURN(const RoleSet roles, ParseRoles(role));
+  uint64_t CallerLimits::*limit = nullptr;
+  if (what == "rays") limit = &CallerLimits::rays;
+  if (what == "streams") limit = &CallerLimits::streams;
+  if (what == "uploads") limit = &CallerLimits::uploads;
+  if (limit == nullptr) {
+    return Bad(absl::StrCat("limit ", role, ": there are limits of rays, streams and uploads, not ",
+                            "of \"", what, "\""));
+  }
   uint64_t most = 0;
-  if (!absl::SimpleAtoi(rays, &most) || most == 0) {
-    return Bad(
-        absl::StrCat("limit ", role, ": \"", rays, "\" must be a number of rays, 1 or more"));
+  if (!absl::SimpleAtoi(number, &most) || most == 0) {
+    return Bad(absl::StrCat("limit ", role, ": \"", number, "\" must be a number of ", what,
+                            ", 1 or more"));
   }
   for (const RoleSet each : {kQueryRole, kAdminRole, kMetricsRole}) {
-    if ((roles & each) != 0) limits_[each] = most;
+    if ((roles & each) != 0) limits_[each].*limit = most;
   }
   return absl::OkStatus();
 }
 
-uint64_t AccessPolicy::MaxQueuedRays(RoleSet roles) const {
-  uint64_t most = 0;
-  for (const auto& [role, rays] : limits_) {
-    if ((roles & role) != 0) most = std::max(most, rays);
+CallerLimits AccessPolicy::LimitsOf(RoleSet roles) const {
+  CallerLimits most;
+  for (const auto& [role, limits] : limits_) {
+    if ((roles & role) == 0) continue;
+    most.rays = std::max(most.rays, limits.rays);
+    most.streams = std::max(most.streams, limits.streams);
+    most.uploads = std::max(most.uploads, limits.uploads);
   }
   return most;
 }
@@ -90,10 +102,10 @@ uint64_t AccessPolicy::MaxQueuedRays(RoleSet roles) const {
 absl::Status AccessPolicy::AddLine(const std::vector<absl::string_view>& words) {
   constexpr absl::string_view kForm =
       "must be ROLES cert NAME, ROLES token NAME sha256:HEX|plain:TEXT, ROLES unix, or limit ROLE "
-      "rays N";
+      "rays|streams|uploads N";
   if (words.size() < 2) return Bad(kForm);
   if (words[0] == "limit") {
-    return words.size() == 4 && words[2] == "rays" ? AddLimit(words[1], words[3]) : Bad(kForm);
+    return words.size() == 4 ? AddLimit(words[1], words[2], words[3]) : Bad(kForm);
   }
   SL_ASSIGN_OR_RETURN(const RoleSet roles, ParseRoles(words[0]));
   if (words[1] == "unix" && words.size() == 2) {
@@ -155,7 +167,7 @@ std::optional<Caller> AccessPolicy::ByCertificate(const std::vector<std::string>
 
 std::optional<Caller> AccessPolicy::Identify(const Shown& shown) const {
   std::optional<Caller> caller = Recognize(shown);
-  if (caller.has_value()) caller->max_queued_rays = MaxQueuedRays(caller->roles);
+  if (caller.has_value()) caller->limits = LimitsOf(caller->roles);
   return caller;
 }
 

@@ -9,12 +9,15 @@
 //   metrics      token  prometheus  plain:a-secret-of-16-characters-or-more
 //   query,admin  unix
 //   limit        query  rays 4000000
+//   limit        query  streams 8
+//   limit        admin  uploads 2
 //
 // A certificate is known by its subject alternative names or its common name; a leading "*." stands
 // for one label. A token is sent as "authorization: Bearer TOKEN" and kept here by its SHA-256, or
 // plain. "unix" is whoever may open a Unix socket of the server, by the file's permissions. A limit
-// is of each caller with that role: how many rays it may have unanswered in all its streams; of
-// several roles with limits the largest counts, and without any the server's own.
+// is of each caller with that role: how many rays it may have unanswered in all its streams, how
+// many visibility streams and how many uploads at once; of several roles with limits the largest
+// counts, and without any the server's own.
 //
 // Invariants: a policy never changes; every token of the file is compared on every look, in time
 // that does not depend on where they differ; errors never quote a token.
@@ -46,10 +49,15 @@ struct Shown {
   bool through_unix_socket = false;
 };
 
+// What one caller may have at once, by its roles; 0: the server's own limits alone.
+struct CallerLimits {
+  uint64_t rays = 0, streams = 0, uploads = 0;
+};
+
 struct Caller {
   std::string name;  // "token:nightly", "cert:spiffe://example.org/operator", "unix".
   RoleSet roles = kNoRole;
-  uint64_t max_queued_rays = 0;  // By its roles; 0: the server's own.
+  CallerLimits limits;
 };
 
 class AccessPolicy {
@@ -78,8 +86,8 @@ class AccessPolicy {
   };
 
   absl::Status AddLine(const std::vector<absl::string_view>& words);
-  absl::Status AddLimit(absl::string_view role, absl::string_view rays);
-  uint64_t MaxQueuedRays(RoleSet roles) const;
+  absl::Status AddLimit(absl::string_view role, absl::string_view what, absl::string_view number);
+  CallerLimits LimitsOf(RoleSet roles) const;
   std::optional<Caller> Recognize(const Shown& shown) const;
   absl::Status AddToken(RoleSet roles, absl::string_view name, absl::string_view secret);
   static Digest Hash(absl::string_view text);
@@ -89,7 +97,7 @@ class AccessPolicy {
   std::vector<Token> tokens_;
   std::vector<Certificate> certificates_;
   RoleSet unix_roles_ = kNoRole;
-  std::map<RoleSet, uint64_t> limits_;  // By one role each.
+  std::map<RoleSet, CallerLimits> limits_;  // By one role each.
 };
 
 }  // namespace sightline

@@ -171,6 +171,11 @@ void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statist
   out->set_answered_tile_count(stats.tiles_answered);
   out->set_relevant_triangle_count(stats.relevant_triangles);
   out->set_culled_test_count(stats.culled_tests);
+  const auto answered = [&](AnsweredBy by) { return stats.answered_by[static_cast<size_t>(by)]; };
+  out->set_shaft_answered_count(answered(AnsweredBy::kShaft));
+  out->set_triangles_answered_count(answered(AnsweredBy::kTriangles));
+  out->set_packet_answered_count(answered(AnsweredBy::kPacket));
+  out->set_ray_answered_count(answered(AnsweredBy::kRay));
 }
 
 ShadowResult NothingLit(size_t points, size_t samples, const ShadowOutputs& outputs) {

@@ -18,9 +18,16 @@
 namespace sightline {
 namespace {
 
-constexpr absl::string_view kOperationNames[] = {"TraceTiles",  "ComputeShadows", "TestSegments",
-                                                 "CreateScene", "UpdateScene",    "CreatePointSet"};
+constexpr absl::string_view kOperationNames[] = {
+    "TraceTiles",     "ComputeShadows", "TestSegments", "CreateScene",      "UpdateScene",
+    "CreatePointSet", "GetScene",       "ListScenes",   "ListSceneObjects", "DeleteScene",
+    "LoadScene",      "ReloadScene",    "UnloadScene",  "ListStoredScenes", "GetPointSet",
+    "ListPointSets",  "DeletePointSet", "RenewLease",   "GetCapabilities"};
 static_assert(std::size(kOperationNames) == kOperations);
+
+// By AnsweredBy.
+constexpr const char* kAnsweredBy[] = {"", "shaft", "triangles", "packet", "ray"};
+static_assert(std::size(kAnsweredBy) == kAnsweredByCount);
 
 enum Result { kOk, kRejected, kCancelled, kExpired, kFailed };
 constexpr absl::string_view kResultNames[] = {"ok", "rejected", "cancelled", "expired", "failed"};
@@ -140,6 +147,8 @@ void AddLoad(const ServerState& state, StatePage* page) {
                 "When the server's certificate expires, seconds since 1970.",
                 static_cast<double>(absl::ToUnixSeconds(state.certificate_end)));
   }
+  page->Counter("sightline_refused_calls_total", "Calls refused for want of a role.",
+                static_cast<double>(state.refused_calls));
   page->Gauge("sightline_draining", "1 while the server shuts down.", state.draining ? 1 : 0);
 }
 
@@ -169,7 +178,7 @@ class Metrics::Impl {
   explicit Impl(std::function<ServerState()> state) : state_(std::move(state)) {
     auto& requests = prometheus::BuildCounter()
                          .Name("sightline_requests_total")
-                         .Help("Items of streams and uploads, by how they ended.")
+                         .Help("Items of streams and other calls, by how they ended.")
                          .Register(registry_);
     auto& total = Times("sightline_request_seconds", "From arrival to the last reply.");
     auto& queue = Times("sightline_queue_seconds", "From arrival to the start of computation.");
@@ -178,6 +187,16 @@ class Metrics::Impl {
                      .Name("sightline_rays_total")
                      .Help("Rays and segments traced.")
                      .Register(registry_);
+    auto& answered =
+        prometheus::BuildCounter()
+            .Name("sightline_answered_rays_total")
+            .Help(
+                "Rays by what answered them, of the items in which that was counted: every "
+                "sixteenth of a stream, and those that asked for statistics.")
+            .Register(registry_);
+    for (size_t by = 1; by < answered_.size(); ++by) {
+      answered_[by] = &answered.Add({{"by", kAnsweredBy[by]}});
+    }
     for (size_t i = 0; i < kOperations; ++i) {
       const std::string method(kOperationNames[i]);
       PerOperation& mine = operations_[i];
@@ -195,7 +214,7 @@ class Metrics::Impl {
 
   void RecordItem(const ItemRecord& record) {
     PerOperation& mine = operations_[static_cast<size_t>(record.operation)];
-    SIGHTLINE_CHECK(mine.rays != nullptr) << "an upload has no rays: use RecordUpload";
+    SIGHTLINE_CHECK(mine.rays != nullptr) << "a call has no rays: use RecordCall";
     const Result result = ResultOf(record.code);
     mine.requests[result]->Increment();
     const QueryStats& stats = record.stats;
@@ -209,6 +228,11 @@ class Metrics::Impl {
     triangle_tests_.Increment(static_cast<double>(stats.triangle_tests));
     double_tests_.Increment(static_cast<double>(stats.doubt_double));
     exact_tests_.Increment(static_cast<double>(stats.doubt_exact));
+    for (size_t by = 1; by < answered_.size(); ++by) {
+      if (stats.answered_by[by] > 0) {
+        answered_[by]->Increment(static_cast<double>(stats.answered_by[by]));
+      }
+    }
     // What was refused at once would make the server look fast.
     if (result == kRejected) return;
     mine.total->Observe(ToSeconds(record.total));
@@ -216,7 +240,7 @@ class Metrics::Impl {
     mine.compute->Observe(ToSeconds(std::chrono::nanoseconds(stats.compute_nanoseconds)));
   }
 
-  void RecordUpload(Operation operation, absl::StatusCode code, std::chrono::nanoseconds time) {
+  void RecordCall(Operation operation, absl::StatusCode code, std::chrono::nanoseconds time) {
     PerOperation& mine = operations_[static_cast<size_t>(operation)];
     const Result result = ResultOf(code);
     mine.requests[result]->Increment();
@@ -256,6 +280,7 @@ class Metrics::Impl {
           .Name("sightline_strategy_rays_total")
           .Help("Rays by what answered their item; AUTO where more than one strategy did.")
           .Register(registry_);
+  std::array<prometheus::Counter*, kAnsweredByCount> answered_{};  // None for kNoRay.
   prometheus::Counter& nodes_ = MakeCounter(registry_, "sightline_nodes_total",
                                             "Tree nodes visited, once per packet or ray.");
   prometheus::Counter& leaves_ =
@@ -274,9 +299,9 @@ Metrics::Metrics(std::function<ServerState()> state)
 Metrics::~Metrics() = default;
 
 void Metrics::RecordItem(const ItemRecord& record) { impl_->RecordItem(record); }
-void Metrics::RecordUpload(Operation operation, absl::StatusCode code,
-                           std::chrono::nanoseconds total) {
-  impl_->RecordUpload(operation, code, total);
+void Metrics::RecordCall(Operation operation, absl::StatusCode code,
+                         std::chrono::nanoseconds total) {
+  impl_->RecordCall(operation, code, total);
 }
 std::string Metrics::Text() const { return impl_->Text(); }
 

@@ -5,7 +5,8 @@
 // connections) comes from a ServerState, which the server gives.
 //
 // Units: seconds, bytes, rays; names as Prometheus wants them, sightline_..._total for counters. A
-// request is an item of a stream, or a whole upload.
+// request is an item of a stream, or a call that has none: an upload, a plain call, a stream that
+// could not be opened.
 //
 // Thread safety: every method from any thread; recording an item takes well under a microsecond.
 //
@@ -37,8 +38,21 @@ enum class Operation {
   kCreateScene,
   kUpdateScene,
   kCreatePointSet,
+  kGetScene,
+  kListScenes,
+  kListSceneObjects,
+  kDeleteScene,
+  kLoadScene,
+  kReloadScene,
+  kUnloadScene,
+  kListStoredScenes,
+  kGetPointSet,
+  kListPointSets,
+  kDeletePointSet,
+  kRenewLease,
+  kGetCapabilities,
 };
-inline constexpr int kOperations = 6;
+inline constexpr int kOperations = 19;
 absl::string_view OperationName(Operation operation);
 
 // How a request ended: "ok"; "rejected" (no room, no right, draining); "cancelled"; "expired" (its
@@ -63,6 +77,7 @@ struct ServerState {
   uint64_t scene_bytes = 0;      // All revisions alive and builds under way.
   uint64_t point_set_bytes = 0;  // All point sets.
   uint64_t active_calls = 0, active_uploads = 0, queued_rays = 0;
+  uint64_t refused_calls = 0;  // For want of a role.
   uint64_t clients = 0, waiting_tasks = 0, running_tasks = 0;
   double rays_per_second = 0;  // While computing, of all threads, of late.
   uint64_t open_connections = 0, accepted_connections = 0, refused_connections = 0;
@@ -78,8 +93,8 @@ class Metrics {
   Metrics& operator=(const Metrics&) = delete;
 
   void RecordItem(const ItemRecord& record);
-  // An upload and what it built.
-  void RecordUpload(Operation operation, absl::StatusCode code, std::chrono::nanoseconds total);
+  // A call that is no item: an upload and what it built, a plain call, a stream that did not open.
+  void RecordCall(Operation operation, absl::StatusCode code, std::chrono::nanoseconds total);
 
   // Everything, in Prometheus' text format.
   std::string Text() const;
@@ -87,6 +102,22 @@ class Metrics {
  private:
   class Impl;
   const std::unique_ptr<Impl> impl_;
+};
+
+// Counts one call, from its beginning until it is recorded.
+class CallTimer {
+ public:
+  // `metrics` may be null: nothing is counted.
+  CallTimer(Metrics* metrics, Operation operation) : metrics_(metrics), operation_(operation) {}
+  void Record(absl::StatusCode code) const {
+    if (metrics_ == nullptr) return;
+    metrics_->RecordCall(operation_, code, std::chrono::steady_clock::now() - start_);
+  }
+
+ private:
+  Metrics* const metrics_;
+  const Operation operation_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
 }  // namespace sightline

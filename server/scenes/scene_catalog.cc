@@ -8,6 +8,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/clock.h"
 #include "core/base/array_memory.h"
+#include "core/base/limit_error.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/builtin/builtin.h"
 #include "server/base/error.h"
@@ -20,7 +21,17 @@ constexpr absl::string_view kBuiltinPrefix = "builtin:";
 
 ErrorMetadata Resource(const std::string& scene_id) { return {{"resource", SceneName(scene_id)}}; }
 
-absl::Status BudgetError(absl::Status status, uint64_t budget) {
+// What the server calls a limit of the engine's.
+std::string PublishedLimit(const std::string& name) {
+  return name == "max_scenes" ? name : absl::StrCat(name, "_per_scene");
+}
+
+absl::Status ExhaustedError(absl::Status status, uint64_t budget) {
+  if (const std::optional<ExceededLimit> limit = ExceededLimitOf(status)) {
+    return WithReason(
+        std::move(status), v1::ERROR_REASON_LIMIT_EXCEEDED,
+        {{"limit", PublishedLimit(limit->name)}, {"limit_value", absl::StrCat(limit->value)}});
+  }
   return WithReason(std::move(status), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET,
                     {{"limit", "max_scene_bytes"}, {"limit_value", absl::StrCat(budget)}});
 }
@@ -33,7 +44,7 @@ absl::Status SceneCatalog::ExplainBuild(absl::Status status, const std::string& 
     case absl::StatusCode::kAlreadyExists:
       return WithReason(std::move(status), v1::ERROR_REASON_ALREADY_EXISTS, Resource(scene_id));
     case absl::StatusCode::kResourceExhausted:
-      return BudgetError(std::move(status), budget);
+      return ExhaustedError(std::move(status), budget);
     case absl::StatusCode::kInvalidArgument:
       return WithReason(std::move(status), v1::ERROR_REASON_UNUSABLE_UPLOAD);
     case absl::StatusCode::kAborted:
@@ -105,7 +116,7 @@ absl::Status SceneCatalog::CheckRoom(const std::string& scene_id, uint64_t trian
                      Resource(scene_id));
   }
   const uint64_t scenes = registry_.List().size();
-  if (scenes >= limits_.max_scenes) {
+  if (scenes >= limits_.max_scenes && !registry_.options().evict_least_used) {
     return OverLimit("scenes", scenes + 1, "max_scenes", limits_.max_scenes);
   }
   const uint64_t needed = EstimateSceneBytes(triangles, vertices);

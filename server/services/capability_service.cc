@@ -76,7 +76,7 @@ v1::Capabilities DescribeServer(const Limits& limits, int threads) {
 grpc::ServerUnaryReactor* CapabilityService::GetCapabilities(grpc::CallbackServerContext* context,
                                                              const v1::GetCapabilitiesRequest*,
                                                              v1::Capabilities* response) {
-  return Answer(context, [&] {
+  return Answer(context, env_, Operation::kGetCapabilities, [&] {
     *response = capabilities_;
     return absl::OkStatus();
   });

@@ -7,6 +7,7 @@
 #define SIGHTLINE_SERVER_SERVICES_CAPABILITY_SERVICE_H_
 
 #include "server/base/limits.h"
+#include "server/stream/query_environment.h"
 #include "sightline/v1/capability_service.grpc.pb.h"
 
 namespace sightline {
@@ -15,14 +16,15 @@ v1::Capabilities DescribeServer(const Limits& limits, int threads);
 
 class CapabilityService final : public v1::CapabilityService::CallbackService {
  public:
-  explicit CapabilityService(v1::Capabilities capabilities)
-      : capabilities_(std::move(capabilities)) {}
+  CapabilityService(const QueryEnvironment& env, v1::Capabilities capabilities)
+      : env_(env), capabilities_(std::move(capabilities)) {}
 
   grpc::ServerUnaryReactor* GetCapabilities(grpc::CallbackServerContext* context,
                                             const v1::GetCapabilitiesRequest* request,
                                             v1::Capabilities* response) override;
 
  private:
+  const QueryEnvironment env_;
   const v1::Capabilities capabilities_;
 };
 

@@ -108,20 +108,21 @@ class CreateSteps {
 }  // namespace
 
 grpc::ServerReadReactor<v1::CreatePointSetRequest>* PointSetService::CreatePointSet(
-    grpc::CallbackServerContext*, v1::PointSet* response) {
-  return StartUpload<CreateSteps>(response, env_, slots_);
+    grpc::CallbackServerContext* context, v1::PointSet* response) {
+  return StartUpload<CreateSteps>(*context, response, env_, slots_);
 }
 
 grpc::ServerUnaryReactor* PointSetService::GetPointSet(grpc::CallbackServerContext* context,
                                                        const v1::GetPointSetRequest* request,
                                                        v1::PointSet* response) {
-  return Answer(context, [&] { return FindPointSet(env_, request->name(), response); });
+  return Answer(context, env_, Operation::kGetPointSet,
+                [&] { return FindPointSet(env_, request->name(), response); });
 }
 
 grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerContext* context,
                                                          const v1::ListPointSetsRequest* request,
                                                          v1::ListPointSetsResponse* response) {
-  return Answer(context, [&]() -> absl::Status {
+  return Answer(context, env_, Operation::kListPointSets, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("parent", request->parent()));
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
     SL_RETURN_IF_ERROR(env_.scenes.Get(scene_id).status());
@@ -134,19 +135,20 @@ grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerCon
   });
 }
 
-grpc::ServerUnaryReactor* PointSetService::DeletePointSet(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* PointSetService::DeletePointSet(grpc::CallbackServerContext*,
                                                           const v1::DeletePointSetRequest* request,
                                                           google::protobuf::Empty*) {
-  return AnswerLater(context, env_.calls, env_.build_pool, [this, request]() -> absl::Status {
-    SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
-    return env_.point_sets.Remove(name.scene_id, name.point_set_id);
-  });
+  return AnswerLater(
+      env_, Operation::kDeletePointSet, [this, request](const CancelToken&) -> absl::Status {
+        SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
+        return env_.point_sets.Remove(name.scene_id, name.point_set_id);
+      });
 }
 
 grpc::ServerUnaryReactor* PointSetService::RenewLease(grpc::CallbackServerContext* context,
                                                       const v1::RenewLeaseRequest* request,
                                                       v1::PointSet* response) {
-  return Answer(context, [&]() -> absl::Status {
+  return Answer(context, env_, Operation::kRenewLease, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
     SL_ASSIGN_OR_RETURN(
         const absl::Duration lease,

@@ -139,25 +139,26 @@ absl::StatusOr<size_t> ParseObjectToken(const std::string& token, size_t objects
 }  // namespace
 
 grpc::ServerReadReactor<v1::CreateSceneRequest>* SceneService::CreateScene(
-    grpc::CallbackServerContext*, v1::Scene* response) {
-  return StartUpload<CreateSteps>(response, env_, slots_);
+    grpc::CallbackServerContext* context, v1::Scene* response) {
+  return StartUpload<CreateSteps>(*context, response, env_, slots_);
 }
 
 grpc::ServerReadReactor<v1::UpdateSceneRequest>* SceneService::UpdateScene(
-    grpc::CallbackServerContext*, v1::Scene* response) {
-  return StartUpload<UpdateSteps>(response, env_, slots_);
+    grpc::CallbackServerContext* context, v1::Scene* response) {
+  return StartUpload<UpdateSteps>(*context, response, env_, slots_);
 }
 
 grpc::ServerUnaryReactor* SceneService::GetScene(grpc::CallbackServerContext* context,
                                                  const v1::GetSceneRequest* request,
                                                  v1::Scene* response) {
-  return Answer(context, [&] { return FindScene(env_, request->name(), response); });
+  return Answer(context, env_, Operation::kGetScene,
+                [&] { return FindScene(env_, request->name(), response); });
 }
 
 grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext* context,
                                                    const v1::ListScenesRequest* request,
                                                    v1::ListScenesResponse* response) {
-  return Answer(context, [&]() -> absl::Status {
+  return Answer(context, env_, Operation::kListScenes, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
     std::vector<SceneView> views = env_.scenes.List(page.after, page.size + 1);
     if (CutToPage(page, &views)) {
@@ -171,7 +172,7 @@ grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext* 
 grpc::ServerUnaryReactor* SceneService::ListSceneObjects(grpc::CallbackServerContext* context,
                                                          const v1::ListSceneObjectsRequest* request,
                                                          v1::ListSceneObjectsResponse* response) {
-  return Answer(context, [&]() -> absl::Status {
+  return Answer(context, env_, Operation::kListSceneObjects, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("parent", request->parent()));
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), ""));
     SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene, env_.scenes.Pin(scene_id, 0));
@@ -187,67 +188,73 @@ grpc::ServerUnaryReactor* SceneService::ListSceneObjects(grpc::CallbackServerCon
   });
 }
 
-grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*,
                                                     const v1::DeleteSceneRequest* request,
                                                     google::protobuf::Empty*) {
-  return AnswerLater(context, env_.calls, env_.build_pool, [this, request]() -> absl::Status {
-    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-    SL_RETURN_IF_ERROR(env_.scenes.Delete(scene_id));
-    Log(LogLevel::kInfo, "scene_deleted", {{"scene", scene_id}});
-    return absl::OkStatus();
-  });
+  return AnswerLater(
+      env_, Operation::kDeleteScene, [this, request](const CancelToken&) -> absl::Status {
+        SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+        SL_RETURN_IF_ERROR(env_.scenes.Delete(scene_id));
+        Log(LogLevel::kInfo, "scene_deleted", {{"scene", scene_id}});
+        return absl::OkStatus();
+      });
 }
 
-grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext*,
                                                   const v1::LoadSceneRequest* request,
                                                   v1::Scene* response) {
-  return AnswerLater(context, env_.calls, env_.build_pool, [=, this]() -> absl::Status {
-    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Load(scene_id, /*cancel=*/nullptr));
-    LogScene("scene_loaded", view);
-    EncodeScene(view, response);
-    return absl::OkStatus();
-  });
+  return AnswerLater(
+      env_, Operation::kLoadScene, [=, this](const CancelToken& cancel) -> absl::Status {
+        SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+        SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Load(scene_id, &cancel));
+        LogScene("scene_loaded", view);
+        EncodeScene(view, response);
+        return absl::OkStatus();
+      });
 }
 
-grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext*,
                                                     const v1::ReloadSceneRequest* request,
                                                     v1::Scene* response) {
-  return AnswerLater(context, env_.calls, env_.build_pool, [=, this]() -> absl::Status {
-    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Reload(scene_id, /*cancel=*/nullptr));
-    LogScene("scene_reloaded", view);
-    EncodeScene(view, response);
-    return absl::OkStatus();
-  });
+  return AnswerLater(
+      env_, Operation::kReloadScene, [=, this](const CancelToken& cancel) -> absl::Status {
+        SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+        SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Reload(scene_id, &cancel));
+        LogScene("scene_reloaded", view);
+        EncodeScene(view, response);
+        return absl::OkStatus();
+      });
 }
 
-grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext*,
                                                     const v1::UnloadSceneRequest* request,
                                                     google::protobuf::Empty*) {
-  return AnswerLater(context, env_.calls, env_.build_pool, [this, request]() -> absl::Status {
-    SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-    SL_RETURN_IF_ERROR(env_.scenes.Unload(scene_id));
-    Log(LogLevel::kInfo, "scene_unloaded", {{"scene", scene_id}});
-    return absl::OkStatus();
-  });
+  return AnswerLater(
+      env_, Operation::kUnloadScene, [this, request](const CancelToken&) -> absl::Status {
+        SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
+        SL_RETURN_IF_ERROR(env_.scenes.Unload(scene_id));
+        Log(LogLevel::kInfo, "scene_unloaded", {{"scene", scene_id}});
+        return absl::OkStatus();
+      });
 }
 
-grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerContext*,
                                                          const v1::ListStoredScenesRequest* request,
                                                          v1::ListStoredScenesResponse* response) {
-  return AnswerLater(context, env_.calls, env_.build_pool, [=, this]() -> absl::Status {
-    SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
-    SL_ASSIGN_OR_RETURN(std::vector<StoredScene> scenes,
-                        env_.scenes.ListStored(page.after, page.size + 1));
-    if (CutToPage(page, &scenes)) {
-      response->set_next_page_token(PageToken(scenes.back().file.scene_id));
-    }
-    for (const StoredScene& scene : scenes) {
-      EncodeStoredScene(scene, response->add_stored_scenes());
-    }
-    return absl::OkStatus();
-  });
+  return AnswerLater(env_, Operation::kListStoredScenes,
+                     [=, this](const CancelToken&) -> absl::Status {
+                       SL_ASSIGN_OR_RETURN(const Page page,
+                                           ParsePage(request->page_size(), request->page_token()));
+                       SL_ASSIGN_OR_RETURN(std::vector<StoredScene> scenes,
+                                           env_.scenes.ListStored(page.after, page.size + 1));
+                       if (CutToPage(page, &scenes)) {
+                         response->set_next_page_token(PageToken(scenes.back().file.scene_id));
+                       }
+                       for (const StoredScene& scene : scenes) {
+                         EncodeStoredScene(scene, response->add_stored_scenes());
+                       }
+                       return absl::OkStatus();
+                     });
 }
 
 grpc::ServerWriteReactor<v1::WatchSceneResponse>* SceneService::WatchScene(

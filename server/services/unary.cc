@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/mutex.h"
 #include "server/base/resource_name.h"
 
 namespace sightline {
@@ -13,7 +14,61 @@ constexpr int32_t kDefaultPageSize = 100;
 constexpr int32_t kMaxPageSize = 1000;
 constexpr char kTokenPrefix = '~';  // In no id, so that an id is no token.
 
+// A call whose handler runs on the build pool. It deletes itself.
+class LaterCall final : public grpc::ServerUnaryReactor,
+                        public std::enable_shared_from_this<LaterCall> {
+ public:
+  static LaterCall* Start(const QueryEnvironment& env, Operation operation, LaterHandler handler) {
+    std::shared_ptr<LaterCall> call(new LaterCall(env, operation, std::move(handler)));
+    call->Begin(env);
+    return call.get();
+  }
+
+  void OnCancel() override { cancel_.Cancel(); }
+  void OnDone() override {
+    std::shared_ptr<LaterCall> self;  // Goes after the lock has.
+    MutexLock lock(mutex_);
+    self.swap(self_);
+    call_.Release();
+  }
+
+ private:
+  LaterCall(const QueryEnvironment& env, Operation operation, LaterHandler handler)
+      : timer_(env.metrics, operation), handler_(std::move(handler)) {}
+
+  void Begin(const QueryEnvironment& env) {
+    MutexLock lock(mutex_);
+    self_ = shared_from_this();
+    absl::StatusOr<ActiveCall> call = env.calls.Admit();
+    if (!call.ok()) return End(call.status());
+    call_ = *std::move(call);
+    env.build_pool.Submit([self = self_] { self->Run(); });
+  }
+  void Run() {
+    absl::Status status = cancel_.ToStatus();
+    if (status.ok()) status = GuardMemory([this] { return handler_(cancel_); });
+    MutexLock lock(mutex_);
+    End(status);
+  }
+  void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    timer_.Record(status.code());
+    this->Finish(ToGrpcStatus(status));
+  }
+
+  const CallTimer timer_;
+  LaterHandler handler_;
+  CancelToken cancel_;
+  Mutex mutex_;
+  std::shared_ptr<LaterCall> self_ ABSL_GUARDED_BY(mutex_);
+  ActiveCall call_ ABSL_GUARDED_BY(mutex_);
+};
+
 }  // namespace
+
+grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, Operation operation,
+                                      LaterHandler handler) {
+  return LaterCall::Start(env, operation, std::move(handler));
+}
 
 absl::StatusOr<Page> ParsePage(int32_t page_size, const std::string& page_token) {
   if (page_size < 0) return InvalidField("page_size", page_size, "must not be negative");

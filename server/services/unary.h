@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // How unary handlers run: a short lookup in the reaction, or a task of the build pool for what
-// frees or makes much memory.
+// frees or makes much memory. Either is counted by how it ended; running out of memory fails the
+// call alone.
 //
 // Thread safety: functions only.
 //
-//   return Answer(context, [&] { return catalog.Get(id).status(); });
+//   return Answer(context, env_, Operation::kGetScene, [&] { return catalog.Get(id).status(); });
 #ifndef SIGHTLINE_SERVER_SERVICES_UNARY_H_
 #define SIGHTLINE_SERVER_SERVICES_UNARY_H_
 
@@ -18,38 +19,34 @@
 #include <utility>
 #include <vector>
 
+#include "absl/functional/any_invocable.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "core/base/parallel.h"
-#include "server/admission/call_tracker.h"
+#include "core/base/cancel.h"
 #include "server/base/error.h"
+#include "server/base/memory_guard.h"
+#include "server/metrics/metrics.h"
+#include "server/stream/query_environment.h"
 
 namespace sightline {
 
 // Runs `handler` here and now.
 template <typename Handler>
-grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, const Handler& handler) {
+grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, const QueryEnvironment& env,
+                                 Operation operation, const Handler& handler) {
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(ToGrpcStatus(handler()));
+  const CallTimer timer(env.metrics, operation);
+  const absl::Status status = GuardMemory(handler);
+  timer.Record(status.code());
+  reactor->Finish(ToGrpcStatus(status));
   return reactor;
 }
 
-// Runs `handler` on the pool; a draining server waits for it. Its captures live until it is done.
-template <typename Handler>
-grpc::ServerUnaryReactor* AnswerLater(grpc::CallbackServerContext* context, CallTracker& calls,
-                                      ThreadPool& pool, Handler handler) {
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  absl::StatusOr<ActiveCall> call = calls.Admit();
-  if (!call.ok()) {
-    reactor->Finish(ToGrpcStatus(call.status()));
-    return reactor;
-  }
-  pool.Submit([reactor, call = *std::move(call), handler = std::move(handler)]() mutable {
-    const absl::Status status = handler();
-    reactor->Finish(ToGrpcStatus(status));
-  });
-  return reactor;
-}
+// Runs `handler` on the build pool; a draining server waits for it. Its captures live until it is
+// done, and its token fires when the client goes away.
+using LaterHandler = absl::AnyInvocable<absl::Status(const CancelToken& cancel)>;
+grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, Operation operation,
+                                      LaterHandler handler);
 
 struct Page {
   size_t size = 0;

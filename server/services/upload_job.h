@@ -6,7 +6,7 @@
 //
 // Thread safety: one thread at a time.
 //
-//   return StartUpload<CreateSteps>(response, env_, slots_);
+//   return StartUpload<CreateSteps>(*context, response, env_, slots_);
 #ifndef SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
 #define SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
 
@@ -67,10 +67,10 @@ class UploadJob {
 
 // The reactor for a new call. It deletes itself.
 template <typename Steps>
-UploadReactor<UploadJob<Steps>>* StartUpload(typename Steps::Response* response,
+UploadReactor<UploadJob<Steps>>* StartUpload(const grpc::CallbackServerContext& context,
+                                             typename Steps::Response* response,
                                              const QueryEnvironment& env, UploadSlots& slots) {
-  return UploadReactor<UploadJob<Steps>>::Start(response, env.calls, slots, env.build_pool,
-                                                env.metrics,
+  return UploadReactor<UploadJob<Steps>>::Start(context, response, env, slots,
                                                 std::make_unique<UploadJob<Steps>>(env));
 }
 

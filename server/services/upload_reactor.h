@@ -15,7 +15,6 @@
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
-#include <chrono>
 #include <memory>
 #include <utility>
 
@@ -23,11 +22,15 @@
 #include "core/base/cancel.h"
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
+#include "core/base/status_macros.h"
+#include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
+#include "server/admission/client_name.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/error.h"
 #include "server/base/memory_guard.h"
 #include "server/metrics/metrics.h"
+#include "server/stream/query_environment.h"
 
 namespace sightline {
 
@@ -44,12 +47,11 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   using Request = typename Job::Request;
   using Response = typename Job::Response;
 
-  // `metrics` may be null.
-  static UploadReactor* Start(Response* response, CallTracker& calls, UploadSlots& slots,
-                              ThreadPool& pool, Metrics* metrics, std::unique_ptr<Job> job) {
-    auto reactor =
-        std::shared_ptr<UploadReactor>(new UploadReactor(response, pool, metrics, std::move(job)));
-    reactor->Begin(calls, slots);
+  static UploadReactor* Start(const grpc::CallbackServerContext& context, Response* response,
+                              const QueryEnvironment& env, UploadSlots& slots,
+                              std::unique_ptr<Job> job) {
+    std::shared_ptr<UploadReactor> reactor(new UploadReactor(response, env, std::move(job)));
+    reactor->Begin(context, env, slots);
     return reactor.get();
   }
 
@@ -76,22 +78,31 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     self.swap(self_);
     call_.Release();
     slot_.Release();
+    share_.Release();
   }
 
  private:
-  UploadReactor(Response* response, ThreadPool& pool, Metrics* metrics, std::unique_ptr<Job> job)
-      : response_(response), pool_(pool), metrics_(metrics), job_(std::move(job)) {}
+  UploadReactor(Response* response, const QueryEnvironment& env, std::unique_ptr<Job> job)
+      : response_(response),
+        pool_(env.build_pool),
+        timer_(env.metrics, Job::kOperation),
+        job_(std::move(job)) {}
 
-  void Begin(CallTracker& calls, UploadSlots& slots) {
+  void Begin(const grpc::CallbackServerContext& context, const QueryEnvironment& env,
+             UploadSlots& slots) {
     MutexLock lock(mutex_);
     self_ = this->shared_from_this();
-    absl::StatusOr<ActiveCall> call = calls.Admit();
-    if (!call.ok()) return End(call.status());
-    call_ = *std::move(call);
-    absl::StatusOr<UploadSlot> slot = slots.Take();
-    if (!slot.ok()) return End(slot.status());
-    slot_ = *std::move(slot);
+    const absl::Status admitted = Enter(context, env, slots);
+    if (!admitted.ok()) return End(admitted);
     this->StartRead(&request_);
+  }
+  absl::Status Enter(const grpc::CallbackServerContext& context, const QueryEnvironment& env,
+                     UploadSlots& slots) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    SL_ASSIGN_OR_RETURN(call_, env.calls.Admit());
+    const Client client = ClientOf(context, env.access);
+    SL_ASSIGN_OR_RETURN(share_, env.uploads.Take(client.name, client.limits.uploads));
+    SL_ASSIGN_OR_RETURN(slot_, slots.Take());
+    return absl::OkStatus();
   }
 
   void Receive() {
@@ -117,17 +128,13 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (std::exchange(finished_, true)) return;
-    if (metrics_ != nullptr) {
-      metrics_->RecordUpload(Job::kOperation, status.code(),
-                             std::chrono::steady_clock::now() - arrival_);
-    }
+    timer_.Record(status.code());
     this->Finish(ToGrpcStatus(status));
   }
 
   Response* const response_;
   ThreadPool& pool_;
-  Metrics* const metrics_;
-  const std::chrono::steady_clock::time_point arrival_ = std::chrono::steady_clock::now();
+  const CallTimer timer_;
   const std::unique_ptr<Job> job_;  // Used by one task at a time.
   Request request_;
   CancelToken cancel_;
@@ -136,6 +143,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   std::shared_ptr<UploadReactor> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
   UploadSlot slot_ ABSL_GUARDED_BY(mutex_);
+  CallShare share_ ABSL_GUARDED_BY(mutex_);
   int running_ ABSL_GUARDED_BY(mutex_) = 0;
   bool finished_ ABSL_GUARDED_BY(mutex_) = false;
 };

@@ -84,6 +84,8 @@ class ItemWork {
   // How many replies the parts will fill.
   size_t replies() const { return replies_; }
   uint64_t revision() const { return scene_->revision; }
+  // From now on the parts count what answered their rays. Before the first part.
+  void CountAnswers() { count_answers_ = true; }
   // The elements that the reply holds: it is filled but for its header. No elements: other parts
   // share in this one's reply. On an error nothing is sent.
   virtual absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* reply,
@@ -96,11 +98,18 @@ class ItemWork {
       : scene_(std::move(scene)), parts_(std::move(parts)), replies_(replies) {}
 
   const Scene& scene() const { return *scene_; }
+  // The stream's options, for a part.
+  QueryOptions PartOptions(QueryOptions options, const CancelToken& cancel) const {
+    options.cancel = &cancel;
+    options.count_answers = count_answers_;
+    return options;
+  }
 
  private:
   const std::shared_ptr<const Scene> scene_;
   const std::vector<PartRange> parts_;
   size_t replies_;
+  bool count_answers_ = false;
 };
 
 }  // namespace sightline

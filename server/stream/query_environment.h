@@ -8,6 +8,7 @@
 #define SIGHTLINE_SERVER_STREAM_QUERY_ENVIRONMENT_H_
 
 #include "core/base/parallel.h"
+#include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
@@ -29,6 +30,8 @@ struct QueryEnvironment {
   RayQueue& ray_queue;
   Scheduler& scheduler;  // Shares the query pool's threads.
   CallTracker& calls;
+  CallQuota& streams;                     // Visibility streams of each client.
+  CallQuota& uploads;                     // Its uploads.
   const AccessControl* access = nullptr;  // Null: nobody is asked who they are.
   Metrics* metrics = nullptr;             // Null: nothing is counted.
   const SlowQueryLog* slow_queries = nullptr;

@@ -38,8 +38,7 @@ class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
                                     QueryStats* stats) override {
     const PartRange range = parts()[part];
     const v1::SegmentOutputs& wanted = method_.outputs_;
-    QueryOptions options = method_.options_.query;
-    options.cancel = &cancel;
+    const QueryOptions options = PartOptions(method_.options_.query, cancel);
     std::vector<std::array<Vec3d, 2>> ends;
     PreparedSegments segments;
     SegmentResult result, all;

@@ -68,8 +68,7 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
         PointRange::Slice(*points_.points, points_.offset + run.points.offset, run.points.count);
     const v1::ShadowOutputs& wanted = method_.outputs_;
     const ShadowOutputs outputs = DecodeShadowOutputs(wanted);
-    QueryOptions options = method_.options_.query;
-    options.cancel = &cancel;
+    const QueryOptions options = PartOptions(method_.options_.query, cancel);
     const auto compute = [&](const PointRange& some, ShadowHints* hints, ShadowResult* result) {
       ShadowOptions shadow = method_.shadow_options_;
       shadow.ordered = run.chunk != nullptr;

@@ -3,7 +3,9 @@
 
 #include <limits>
 
+#include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/base/error.h"
 #include "server/codec/query_codec.h"
 
 namespace sightline {
@@ -20,6 +22,18 @@ absl::Status StreamMethod::OpenScene(const v1::StreamHeader& header) {
 uint64_t RayCount(uint64_t elements, uint64_t rays_each) {
   constexpr uint64_t kMost = std::numeric_limits<uint64_t>::max();
   return elements > kMost / rays_each ? kMost : elements * rays_each;
+}
+
+absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered,
+                         const Limits& limits) {
+  return MakeError(
+      absl::StatusCode::kResourceExhausted, v1::ERROR_REASON_CREDIT_EXCEEDED,
+      absl::StrCat("item ", item_id, " was sent without credit: all of stream_credit_rays = ",
+                   limits.stream_credit_rays, " is taken by ", unanswered,
+                   " unanswered items; read their last replies first"),
+      {{"limit", "stream_credit_rays"},
+       {"limit_value", absl::StrCat(limits.stream_credit_rays)},
+       {"value", absl::StrCat(credit)}});
 }
 
 }  // namespace sightline

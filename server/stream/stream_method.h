@@ -56,6 +56,9 @@ class StreamMethod {
 // REQUIRES: rays_each > 0.
 uint64_t RayCount(uint64_t elements, uint64_t rays_each);
 
+// An item that was sent while `unanswered` ones take up all the credit.
+absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered, const Limits& limits);
+
 }  // namespace sightline
 
 #endif  // SIGHTLINE_SERVER_STREAM_STREAM_METHOD_H_

@@ -63,8 +63,7 @@ class TileMethod::TileWork final : public TileMethod::Work {
         .answered_by = method_.outputs_.answered_by(),
         .lit_answered_by = wanted.answered_by(),
     };
-    QueryOptions options = method_.options_.query;
-    options.cancel = &cancel;
+    const QueryOptions options = PartOptions(method_.options_.query, cancel);
     TileResult result;
     SL_RETURN_IF_ERROR(TraceTile(scene(), method_.camera_, band,
                                  outputs.lit ? std::span<const LightSample>(samples_->samples)

@@ -55,6 +55,7 @@
 #include "server/stream/outbox.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/stream_item.h"
+#include "server/stream/stream_method.h"
 
 namespace sightline {
 
@@ -116,6 +117,7 @@ class VisibilityStream final
     std::shared_ptr<VisibilityStream> self;  // Goes after the lock has.
     MutexLock lock(mutex_);
     self.swap(self_);
+    share_.Release();
     call_.Release();
   }
 
@@ -131,25 +133,30 @@ class VisibilityStream final
   // More than any client has under way; see invariant 5.
   static constexpr uint64_t kMaxDiscarded = 1 << 16;
   static constexpr int32_t kMaxPriority = 100;
+  static constexpr uint64_t kCountStride = 16;  // Every so manieth item counts what answered.
 
   VisibilityStream(grpc::CallbackServerContext* context, const QueryEnvironment& env)
       : context_(context),
         env_(env),
+        timer_(env.metrics, Method::kOperation),
         credit_(static_cast<int64_t>(env.limits.stream_credit_rays)) {}
 
   void Begin(absl::StatusOr<ActiveCall> call) {
     MutexLock lock(mutex_);
     self_ = this->shared_from_this();
-    if (call.ok()) {
-      call_ = *std::move(call);
-      const Client client = ClientOf(*context_, env_.access);
-      account_ = env_.ray_queue.Open(client.name, client.max_queued_rays);
-      flow_ = env_.scheduler.Open(client.name);
-      Read();
-    } else {
-      Fail(call.status());
-      Advance();
-    }
+    const absl::Status admitted = call.ok() ? Enter(*std::move(call)) : call.status();
+    if (admitted.ok()) return Read();
+    Fail(admitted);
+    Advance();
+  }
+
+  absl::Status Enter(ActiveCall call) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    call_ = std::move(call);
+    const Client client = ClientOf(*context_, env_.access);
+    SL_ASSIGN_OR_RETURN(share_, env_.streams.Take(client.name, client.limits.streams));
+    account_ = env_.ray_queue.Open(client.name, client.limits.rays);
+    flow_ = env_.scheduler.Open(client.name);
+    return absl::OkStatus();
   }
 
   // --- Receiving ---------------------------------------------------------------------------------
@@ -227,14 +234,7 @@ class VisibilityStream final
       return Fail(BadSequence("item.item_id", absl::StrCat(id, " has not been answered yet")));
     }
     if (credit_ <= 0) {
-      return Fail(MakeError(
-          absl::StatusCode::kResourceExhausted, v1::ERROR_REASON_CREDIT_EXCEEDED,
-          absl::StrCat("item ", id, " was sent without credit: all of stream_credit_rays = ",
-                       env_.limits.stream_credit_rays, " is taken by ", items_.size(),
-                       " unanswered items; read their last replies first"),
-          {{"limit", "stream_credit_rays"},
-           {"limit_value", absl::StrCat(env_.limits.stream_credit_rays)},
-           {"value", absl::StrCat(credit_)}}));
+      return Fail(CreditError(id, credit_, items_.size(), env_.limits));
     }
     auto item = std::make_shared<Item>(&token_);
     item->id = id;
@@ -389,6 +389,7 @@ class VisibilityStream final
       if (!failure_.ok()) return false;
       if (!status.ok() || !item->status.ok()) return FinishTask(item, status);
       item->work = std::move(work);
+      if (method_->statistics() || item->sequence % kCountStride == 0) item->work->CountAnswers();
       AddParts(item);
     }
     return Compute(item, 0);
@@ -551,18 +552,22 @@ class VisibilityStream final
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     finished_ = true;
     if (method_ != nullptr) ReportLost(env_, *context_, *method_, items_, failure_);
+    // One that was not opened counts itself, since no item ever will.
+    if (method_ == nullptr && !status.ok()) timer_.Record(status.code());
     items_.clear();
     this->Finish(ToGrpcStatus(status));
   }
 
   grpc::CallbackServerContext* const context_;
   const QueryEnvironment env_;
+  const CallTimer timer_;
   Request request_;    // Written by gRPC between StartRead and OnReadDone.
   CancelToken token_;  // Parent of every item's.
 
   Mutex mutex_;
   std::shared_ptr<VisibilityStream> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
+  CallShare share_ ABSL_GUARDED_BY(mutex_);
   // Set once, before the first message is read; null for a call that was refused.
   RayAccount account_;
   std::unique_ptr<Scheduler::Flow> flow_;

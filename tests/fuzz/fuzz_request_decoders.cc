@@ -70,7 +70,9 @@ struct World {
   Scheduler scheduler{pool.threads(),
                       [this](absl::AnyInvocable<void()> work) { pool.Submit(std::move(work)); }};
   CallTracker calls;
-  QueryEnvironment environment{limits, scenes, point_sets, pool, pool, ray_queue, scheduler, calls};
+  CallQuota streams{"streams"}, uploads{"uploads"};
+  QueryEnvironment environment{limits,    scenes,    point_sets, pool,    pool,
+                               ray_queue, scheduler, calls,      streams, uploads};
 
   // A floor and a triangle above it.
   World() {

@@ -10,7 +10,9 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <future>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -369,6 +371,81 @@ TEST_F(RepositoryTest, StoredScenesMakeRoomIfTheOperatorAsksForIt) {
   EXPECT_THAT(Stored("b").state_message, HasSubstr("make room"));
   ExpectError(Blocked(client(), "scenes/b", 1).status(), absl::StatusCode::kFailedPrecondition,
               "SCENE_NOT_READY");
+}
+
+TEST_F(RepositoryTest, StoredScenesMakeRoomByNumberToo) {
+  Start([](ServerOptions* options) {
+    options->evict_least_used = true;
+    options->limits.max_scenes = 2;
+  });
+  for (const char* id : {"a", "b", "c"}) {
+    const auto made = UploadSquare(client(), id);
+    ASSERT_TRUE(made.ok()) << made.status();
+  }
+  EXPECT_EQ(client().ListScenes()->size(), 2u);
+  EXPECT_EQ(Stored("a").state, SceneState::kUnloaded);
+  EXPECT_EQ(*Blocked(client(), "scenes/c", 1.5), 1);
+  ASSERT_TRUE(client().LoadScene("scenes/a").ok());
+  EXPECT_EQ(Stored("b").state, SceneState::kUnloaded);
+  // What is in memory alone stays.
+  ASSERT_TRUE(client().DeleteScene("scenes/a").ok());
+  ASSERT_TRUE(client().DeleteScene("scenes/c").ok());
+  for (const char* id : {"d", "e"}) {
+    ASSERT_TRUE(UploadSquare(client(), id, /*temporary=*/true).ok());
+  }
+  const absl::Status full = client().LoadScene("scenes/b").status();
+  ExpectError(full, absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED");
+  EXPECT_THAT(std::string(full.message()), HasSubstr("max_scenes is 2"));
+}
+
+// A limit that a stored scene is over is named, and not taken for a lack of memory.
+TEST_F(RepositoryTest, LimitsOfStoredScenesAreNamed) {
+  Start();
+  ASSERT_TRUE(UploadSquare(client(), "hall").ok());
+  struct Case {
+    uint64_t Limits::*limit;
+    uint64_t value;
+    const char* name;
+  };
+  for (const Case& c : {Case{&Limits::max_triangles_per_scene, 1, "max_triangles_per_scene"},
+                        Case{&Limits::max_vertices_per_scene, 3, "max_vertices_per_scene"}}) {
+    Start([&](ServerOptions* options) { options->limits.*c.limit = c.value; });
+    const absl::Status refused = client().LoadScene("scenes/hall").status();
+    ExpectError(refused, absl::StatusCode::kResourceExhausted, "LIMIT_EXCEEDED");
+    const auto detail = client::GetErrorDetail(refused);
+    ASSERT_TRUE(detail.has_value());
+    EXPECT_EQ(detail->metadata.at("limit"), c.name);
+    EXPECT_EQ(detail->metadata.at("limit_value"), std::to_string(c.value));
+  }
+}
+
+// The load waits in the file system until its client has left.
+TEST_F(RepositoryTest, ALoadWhoseClientLeavesIsGivenUp) {
+  Start();
+  ASSERT_TRUE(UploadSquare(client(), "hall").ok());
+  ASSERT_TRUE(client().UnloadScene("scenes/hall").ok());
+  // The server hears of it soon, but when is its own affair: then the load was done before.
+  bool given_up = false;
+  for (int attempt = 0; attempt < 200 && !given_up; ++attempt) {
+    std::promise<void> left;
+    calls_.on_map = [&left] { left.get_future().wait(); };
+    const absl::Status status =
+        client()
+            .LoadScene("scenes/hall", {.deadline = absl::Now() + absl::Milliseconds(20)})
+            .status();
+    EXPECT_TRUE(absl::IsDeadlineExceeded(status)) << status;
+    left.set_value();
+    while (server_->active_calls() > 0) std::this_thread::yield();
+    given_up = !client().GetScene("scenes/hall").ok();
+    if (!given_up) {
+      ASSERT_TRUE(client().UnloadScene("scenes/hall").ok());
+    }
+  }
+  calls_.on_map = nullptr;
+  EXPECT_TRUE(given_up);
+  EXPECT_EQ(Stored("hall").state, SceneState::kUnloaded);
+  EXPECT_TRUE(client().LoadScene("scenes/hall").ok());
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
 }
 
 TEST_F(RepositoryTest, WithoutARepositoryThereIsNothingToLoad) {

@@ -81,6 +81,80 @@ TEST(ServerMetricsTest, WhatWasAskedIsCounted) {
   EXPECT_GT(Sample(harness, "process_resident_memory_bytes"), 1 << 20);
 }
 
+TEST(ServerMetricsTest, PlainCallsAndStreamsThatDoNotOpenAreCounted) {
+  ServerOptions options = WithMetrics();
+  options.scenes = {"builtin:box:1000"};
+  ServerHarness harness(options);
+  for (const char* name : {"scenes/box", "scenes/none"}) {
+    grpc::ClientContext context;
+    v1::GetSceneRequest request;
+    v1::Scene scene;
+    request.set_name(name);
+    (void)harness.scenes->GetScene(&context, request, &scene);
+  }
+  {
+    grpc::ClientContext context;
+    v1::LoadSceneRequest request;
+    v1::Scene scene;
+    request.set_name("scenes/box");
+    EXPECT_EQ(ReasonIn(harness.scenes->LoadScene(&context, request, &scene)), "NO_REPOSITORY");
+  }
+  {
+    grpc::ClientContext context;
+    v1::Capabilities capabilities;
+    EXPECT_TRUE(harness.capabilities->GetCapabilities(&context, {}, &capabilities).ok());
+  }
+  {
+    v1::TraceTilesRequest header = BoxHeader();
+    header.mutable_header()->mutable_stream()->set_scene("scenes/none");
+    TileStream stream(harness, header);
+    stream.ReadAll();
+    EXPECT_FALSE(stream.Finish().ok());
+  }
+  const auto requests = [&](const std::string& method, const std::string& result) {
+    return Sample(harness, absl::StrCat("sightline_requests_total{method=\"", method,
+                                        "\",result=\"", result, "\"}"));
+  };
+  EXPECT_EQ(requests("GetScene", "ok"), 1);
+  EXPECT_EQ(requests("GetScene", "failed"), 1);
+  EXPECT_EQ(requests("LoadScene", "failed"), 1);
+  EXPECT_EQ(requests("GetCapabilities", "ok"), 1);
+  EXPECT_EQ(requests("TraceTiles", "failed"), 1);
+  EXPECT_EQ(requests("TraceTiles", "ok"), 0);
+}
+
+// Of the first item of a stream, the seventeenth, ...; of all if statistics are asked for.
+TEST(ServerMetricsTest, WhatAnsweredIsCountedBySamples) {
+  ServerOptions options = WithMetrics();
+  options.scenes = {"builtin:box:1000"};
+  ServerHarness harness(options);
+  const auto counted = [&] {
+    double sum = 0;
+    for (const char* by : {"shaft", "triangles", "packet", "ray"}) {
+      sum += Sample(harness, absl::StrCat("sightline_answered_rays_total{by=\"", by, "\"}"));
+    }
+    return sum;
+  };
+  const auto ask = [&](bool statistics) {
+    v1::TraceTilesRequest header = BoxHeader();
+    header.mutable_header()->mutable_stream()->mutable_options()->set_statistics(statistics);
+    TileStream stream(harness, header);
+    for (uint64_t id = 0; id < 18; ++id) stream.Write(TileRequest(id, 0, 0, 16, 16));
+    for (const auto& [id, replies] : stream.ReadAll()) {
+      if (!statistics) continue;
+      const v1::Statistics& stats = replies.back().reply().header().statistics();
+      EXPECT_EQ(stats.shaft_answered_count() + stats.triangles_answered_count() +
+                    stats.packet_answered_count() + stats.ray_answered_count(),
+                256u);
+    }
+    EXPECT_TRUE(stream.Finish().ok());
+  };
+  ask(false);
+  EXPECT_EQ(counted(), 2 * 256);
+  ask(true);
+  EXPECT_EQ(counted(), 20 * 256);
+}
+
 TEST(ServerMetricsTest, ProbesFollowTheServersLife) {
   ServerHarness harness(WithMetrics());
   const int port = harness.server->metrics_port();

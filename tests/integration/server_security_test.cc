@@ -173,6 +173,7 @@ TEST_F(SecurityTest, RolesComeFromTokens) {
     return HttpGet(server_->metrics_port(), "/metrics", "Authorization: Bearer " + token + "\r\n");
   };
   EXPECT_EQ(page(kMetricsToken).code, 200);
+  EXPECT_THAT(page(kMetricsToken).body, HasSubstr("sightline_refused_calls_total 4\n"));
   EXPECT_EQ(page(kQueryToken).code, 403);
   EXPECT_EQ(page("wrong").code, 401);
   EXPECT_EQ(HttpGet(server_->metrics_port(), "/metrics").code, 401);
@@ -204,6 +205,74 @@ TEST_F(SecurityTest, StreamsAreCheckedToo) {
   v1::Scene scene;
   EXPECT_EQ(harness.CreateScene(WallUpload("wall"), &scene).error_code(),
             grpc::StatusCode::UNAUTHENTICATED);
+}
+
+// A role's limits are each caller's: two tokens from one address do not share them, and one token
+// on two connections has no more.
+TEST_F(SecurityTest, LimitsBelongToTheTokenAndNotToTheAddress) {
+  ServerOptions options;
+  options.scenes = {"builtin:box:1000"};
+  constexpr char kOther[] = "other-0123456789abcdef";
+  options.access_file =
+      Write("access", absl::StrCat("query,admin token a plain:", kQueryToken,
+                                   "\nquery,admin token b plain:", kOther,
+                                   "\nlimit query streams 1\nlimit admin uploads 1\n"));
+  Start(options);
+  using Stream = grpc::ClientReaderWriter<v1::TraceTilesRequest, v1::TraceTilesResponse>;
+  struct Call {
+    Call(const std::string& target, const std::string& token)
+        : channel(grpc::CreateChannel(target, grpc::InsecureChannelCredentials())) {
+      context.AddMetadata("authorization", "Bearer " + token);
+    }
+    ~Call() {
+      if (stream == nullptr) return;
+      context.TryCancel();
+      stream->Finish();
+    }
+    bool Opens() {
+      v1::TraceTilesRequest header;
+      header.mutable_header()->mutable_stream()->set_scene("scenes/box");
+      EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
+                       header.mutable_header()->mutable_camera());
+      stream = v1::VisibilityService::NewStub(channel)->TraceTiles(&context);
+      stream->Write(header);
+      v1::TraceTilesResponse response;
+      return stream->Read(&response) && response.has_opened();
+    }
+    const std::shared_ptr<grpc::Channel> channel;
+    grpc::ClientContext context;
+    std::unique_ptr<Stream> stream;
+  };
+  auto first = std::make_unique<Call>(Target(), kQueryToken);
+  EXPECT_TRUE(first->Opens());
+  {
+    Call more(Target(), kQueryToken);
+    EXPECT_FALSE(more.Opens());
+    const grpc::Status refused = more.stream->Finish();
+    more.stream.reset();
+    EXPECT_EQ(refused.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    EXPECT_EQ(ReasonIn(refused), "QUOTA_EXCEEDED");
+    EXPECT_THAT(refused.error_message(), HasSubstr("token:a"));
+  }
+  Call other(Target(), kOther);
+  EXPECT_TRUE(other.Opens());
+  // An upload that is under way holds its share; the server has it once it has read the header.
+  Call uploading(Target(), kQueryToken);
+  v1::Scene scene;
+  const auto writer =
+      v1::SceneService::NewStub(uploading.channel)->CreateScene(&uploading.context, &scene);
+  writer->Write(WallUpload("wall")[0]);
+  const client::Client same = ClientTo(Target(), {.token = kQueryToken});
+  absl::Status second;
+  while (!absl::IsResourceExhausted(second)) {
+    second = same.CreateScene({.scene_id = "x", .builtin = "builtin:box:100"}).status();
+    if (second.ok()) {
+      ASSERT_TRUE(same.DeleteScene("scenes/x").ok());
+    }
+  }
+  EXPECT_THAT(std::string(second.message()), HasSubstr("uploads at once of token:a"));
+  uploading.context.TryCancel();
+  EXPECT_FALSE(writer->Finish().ok());
 }
 
 TEST_F(SecurityTest, UnixSocketsServeBesideTcp) {

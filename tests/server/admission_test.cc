@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "gtest/gtest.h"
+#include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/client_name.h"
 #include "server/admission/ray_queue.h"
@@ -115,6 +116,21 @@ TEST(CallTrackerTest, WaitsForTheLastCall) {
   EXPECT_TRUE(tracker.WaitUntilIdle(std::chrono::steady_clock::time_point::max()));
   ender.join();
   EXPECT_EQ(tracker.active_calls(), 0u);
+}
+
+TEST(CallQuotaTest, EachClientHasItsOwnAndGivesItBack) {
+  CallQuota quota("streams");
+  absl::StatusOr<CallShare> first = quota.Take("a", 2), second = quota.Take("a", 2);
+  EXPECT_TRUE(first.ok() && second.ok());
+  const absl::Status third = quota.Take("a", 2).status();
+  EXPECT_EQ(third.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(ReasonOf(third), v1::ERROR_REASON_QUOTA_EXCEEDED);
+  EXPECT_TRUE(quota.Take("b", 2).ok());
+  // A limit that was raised, or taken away, counts at once.
+  EXPECT_TRUE(quota.Take("a", 3).ok());
+  EXPECT_TRUE(quota.Take("a", 0).ok());
+  first->Release();
+  EXPECT_TRUE(quota.Take("a", 2).ok());
 }
 
 TEST(UploadSlotsTest, AreGivenBack) {

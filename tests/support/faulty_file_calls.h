@@ -18,6 +18,7 @@
 #include <atomic>
 #include <cerrno>
 #include <cstddef>
+#include <functional>
 
 #include "core/base/file_calls.h"
 
@@ -34,6 +35,8 @@ class FaultyFileCalls final : public FileCalls {
   std::atomic<size_t> short_write{0};
   // Writes that are interrupted before one goes through.
   std::atomic<int> interrupts{0};
+  // Called at the beginning of every Map, where it is set.
+  std::function<void()> on_map;
 
   int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
     if (open_error != 0) return Fail(open_error);
@@ -61,6 +64,7 @@ class FaultyFileCalls final : public FileCalls {
     return FileCalls::UnlinkAt(folder, name);
   }
   void* Map(int file, size_t bytes) override {
+    if (on_map) on_map();
     if (map_error != 0) {
       errno = map_error;
       return MAP_FAILED;

@@ -326,6 +326,10 @@ void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json
   j["triangle_tests"] = summary.statistics.triangle_tests;
   j["double_tests"] = summary.statistics.double_tests;
   j["exact_tests"] = summary.statistics.exact_tests;
+  j["answered_by"] = {{"shaft", summary.statistics.answered_by_shaft},
+                      {"triangles", summary.statistics.answered_by_triangles},
+                      {"packet", summary.statistics.answered_by_packet},
+                      {"ray", summary.statistics.answered_by_ray}};
   if (summary.statistics.tiles > 0) {
     j["tiles"] = summary.statistics.tiles;
     j["tiles_answered"] = summary.statistics.tiles_answered;

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/query/options.h"
 
+#include <numeric>
 #include <string>
+#include <vector>
 
 #include "core/accel/kd_builder.h"
+#include "core/light/light.h"
 #include "core/query/segments.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
@@ -123,6 +126,46 @@ TEST(OptionsTest, TilesAreCounted) {
     EXPECT_EQ(tile.primary.tiles, 48u * 48 / (16 * n * n)) << n;
     EXPECT_EQ(tile.primary.tiles_answered, tile.primary.tiles);
     EXPECT_EQ(tile.primary.relevant_triangles, tile.primary.tiles);
+  }
+}
+
+// Every ray was answered by something, and where nobody asks nothing is counted.
+TEST(OptionsTest, AnswersAreCounted) {
+  IndexedGeometry scene =
+      MakeScene({{.vertices = {{-9, -9, 0}, {9, -9, 0}, {0, 18, 0}}, .indices = {0, 1, 2}}});
+  AddKdTree(&scene);
+  const Camera camera = {.eye = {0, 0, 10},
+                         .right = {1, 0, 0},
+                         .up = {0, 1, 0},
+                         .forward = {0, 0, -1},
+                         .tan_half_fov_y = 0.7,
+                         .width = 40,
+                         .height = 40};
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point({1, 2, 9}), 0, {}, &samples).ok());
+  ASSERT_TRUE(AppendSamples(Light::Directional({0, 0.1, 1}), 1, {}, &samples).ok());
+  for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket, Strategy::kShaft,
+                                  Strategy::kRtt, Strategy::kBruteForce}) {
+    for (const bool count : {false, true}) {
+      TileResult tile;
+      ASSERT_TRUE(TraceTile(scene, camera, {0, 0, 40, 40}, samples, {.ids = true, .lit = true},
+                            {.strategy = strategy, .count_answers = count}, &tile)
+                      .ok());
+      for (const QueryStats& stats : {tile.primary, tile.shadow}) {
+        const uint64_t sum =
+            std::accumulate(stats.answered_by.begin(), stats.answered_by.end(), uint64_t{0});
+        EXPECT_EQ(sum, count ? stats.rays : 0) << StrategyName(strategy);
+        EXPECT_EQ(stats.answered_by[0], 0u);
+      }
+      const auto by = [&](AnsweredBy what) {
+        return tile.primary.answered_by[static_cast<size_t>(what)];
+      };
+      const uint64_t rays = count ? tile.primary.rays : 0;
+      EXPECT_EQ(by(AnsweredBy::kPacket), strategy == Strategy::kPacket ? rays : 0);
+      EXPECT_EQ(by(AnsweredBy::kShaft) > 0,
+                count && (strategy == Strategy::kShaft || strategy == Strategy::kRtt))
+          << StrategyName(strategy);
+    }
   }
 }
 

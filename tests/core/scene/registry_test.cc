@@ -355,6 +355,24 @@ TEST_F(KeptRegistryTest, TheLeastRecentlyUsedMakesRoom) {
   EXPECT_LE(registry.MemoryBytes(), 3 * bytes_);
 }
 
+TEST_F(KeptRegistryTest, RoomIsMadeByNumberToo) {
+  SceneRegistry registry({.max_scenes = 2, .evict_least_used = true}, pool_);
+  std::vector<std::string> evicted;
+  registry.SetObserver([&](const SceneStatus& status) {
+    if (status.state == SceneState::kEvicted) evicted.push_back(status.name);
+  });
+  for (const char* name : {"a", "b", "c"}) ASSERT_TRUE(Load(registry, name).ok());
+  EXPECT_THAT(evicted, ElementsAre("a"));
+  // A next revision takes no place of its own.
+  ASSERT_TRUE(Add(registry, "c", 0, "more").ok());
+  EXPECT_EQ(evicted.size(), 1u);
+  // Now "c" is not kept, and "b" is held.
+  const auto held = *registry.Get("b", 0);
+  ExpectError(Load(registry, "d").status(), absl::StatusCode::kResourceExhausted,
+              {"max_scenes is 2"});
+  EXPECT_EQ(registry.List().size(), 2u);
+}
+
 TEST_F(KeptRegistryTest, WhatIsNotKeptIsNeverEvictedNorAnythingInVain) {
   SceneRegistry registry({.memory_budget_bytes = 3 * bytes_, .evict_least_used = true}, pool_);
   ASSERT_TRUE(Load(registry, "kept").ok());

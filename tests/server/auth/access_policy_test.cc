@@ -81,14 +81,19 @@ TEST(AccessPolicyTest, RolesHaveLimits) {
   const absl::StatusOr<AccessPolicy> policy = AccessPolicy::Parse(
       "a",
       "query cert a\nquery,admin cert b\nmetrics cert c\nlimit query rays 1000\n"
-      "limit admin rays 5000\n");
+      "limit admin rays 5000\nlimit query streams 3\nlimit metrics,admin uploads 2\n");
   ASSERT_TRUE(policy.ok()) << policy.status();
   const auto limit = [&](const char* name) {
-    return policy->Identify({.certificate_names = {name}})->max_queued_rays;
+    return policy->Identify({.certificate_names = {name}})->limits;
   };
-  EXPECT_EQ(limit("a"), 1000u);
-  EXPECT_EQ(limit("b"), 5000u);
-  EXPECT_EQ(limit("c"), 0u);
+  EXPECT_EQ(limit("a").rays, 1000u);
+  EXPECT_EQ(limit("a").streams, 3u);
+  EXPECT_EQ(limit("a").uploads, 0u);
+  EXPECT_EQ(limit("b").rays, 5000u);
+  EXPECT_EQ(limit("b").streams, 3u);
+  EXPECT_EQ(limit("b").uploads, 2u);
+  EXPECT_EQ(limit("c").rays, 0u);
+  EXPECT_EQ(limit("c").uploads, 2u);
   for (const char* wrong : {"limit query rays 0\n", "limit query rays many\n", "limit query 3\n",
                             "limit reader rays 3\n", "limit query bytes 3\n"}) {
     EXPECT_FALSE(AccessPolicy::Parse("a", wrong).ok()) << wrong;

@@ -24,6 +24,7 @@ TEST(MetricsTest, ItemsAreCountedByResult) {
   record.stats.strategy = Strategy::kShaft;
   record.stats.nodes = 70;
   record.stats.doubt_exact = 3;
+  record.stats.answered_by = {0, 600, 300, 0, 100};
   record.stats.compute_nanoseconds = 20'000'000;
   metrics.RecordItem(record);
   metrics.RecordItem(record);
@@ -33,8 +34,8 @@ TEST(MetricsTest, ItemsAreCountedByResult) {
             .code = absl::StatusCode::kResourceExhausted,
             .total = milliseconds(1)};
   metrics.RecordItem(record);
-  metrics.RecordUpload(Operation::kCreateScene, absl::StatusCode::kInvalidArgument,
-                       milliseconds(5));
+  metrics.RecordCall(Operation::kCreateScene, absl::StatusCode::kInvalidArgument, milliseconds(5));
+  metrics.RecordCall(Operation::kGetScene, absl::StatusCode::kNotFound, milliseconds(5));
   const std::string text = metrics.Text();
   for (const char* line : {
            "sightline_requests_total{method=\"ComputeShadows\",result=\"ok\"} 2",
@@ -46,6 +47,12 @@ TEST(MetricsTest, ItemsAreCountedByResult) {
            "sightline_strategy_rays_total{strategy=\"SHAFT\"} 3000",
            "sightline_nodes_total 210",
            "sightline_exact_tests_total 9",
+           "sightline_answered_rays_total{by=\"shaft\"} 1800",
+           "sightline_answered_rays_total{by=\"triangles\"} 900",
+           "sightline_answered_rays_total{by=\"packet\"} 0",
+           "sightline_answered_rays_total{by=\"ray\"} 300",
+           "sightline_requests_total{method=\"GetScene\",result=\"failed\"} 1",
+           "sightline_requests_total{method=\"UnloadScene\",result=\"ok\"} 0",
            // What was refused at once is in no time.
            "sightline_request_seconds_count{method=\"ComputeShadows\"} 3",
            "sightline_request_seconds_bucket{method=\"ComputeShadows\",le=\"0.025\"} 0",
