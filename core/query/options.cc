@@ -136,6 +136,10 @@ absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& opti
     return absl::InvalidArgumentError(absl::StrCat("rtt_antialiasing = ", options.rtt_antialiasing,
                                                    " is outside 1 .. ", kMaxRttAntialiasing));
   }
+  if (options.rtt_side_by_side < 0 || options.rtt_side_by_side > kMaxRttSideBySide) {
+    return absl::InvalidArgumentError(absl::StrCat("rtt_side_by_side = ", options.rtt_side_by_side,
+                                                   " is outside 0 .. ", kMaxRttSideBySide));
+  }
   return absl::OkStatus();
 }
 

@@ -64,6 +64,7 @@ struct QueryOptions {
   // rtt.h).
   int rtt_antialiasing = 1;
   bool rtt_shared_edges = false;  // RttOptions::shared_edges.
+  int rtt_side_by_side = 0;       // RttOptions::side_by_side, 0 .. kMaxRttSideBySide.
   // Culling within leaves: kSingle and kPacket alone. Its `tree` and `intersector` are not read.
   std::optional<LeafCulling> leaf_culling;
   // The test that decides: another than the predicate with kSingle, kPacket and kBruteForce alone.

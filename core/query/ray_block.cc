@@ -69,10 +69,8 @@ Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t 
       form == RayForm::kOneOrigin || (form == RayForm::kParallel && kind == HitKind::kAny);
   switch (asked) {
     case Strategy::kAuto:
-      // On the kd-tree single rays were the fastest of all where triangles are small
-      // (core/traverse/DESIGN.md).
-      if (run.on_kd_tree()) return Strategy::kSingle;
-      if (run.on_binary_bvh()) {
+      // On the kd-tree packets were the fastest of all (core/traverse/DESIGN.md).
+      if (run.on_kd_tree() || run.on_binary_bvh()) {
         return form == RayForm::kOneOrigin && rays >= kMinShaftRays ? Strategy::kPacket
                                                                     : Strategy::kSingle;
       }
@@ -136,6 +134,7 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   const Kernels& kernels = run.kernels();
   if (strategy == Strategy::kRtt) {
     const RttOptions options{.tile_rays = RttTileRaysOf(run.options(), packet->segments),
+                             .side_by_side = run.options().rtt_side_by_side,
                              .shared_edges = run.options().rtt_shared_edges};
     return (any ? kernels.occluded_rtt : kernels.closest_rtt)(scene, {packet, 1}, options,
                                                               run.cancel(), stats)

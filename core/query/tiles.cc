@@ -162,13 +162,11 @@ class TileTrace {
     return outputs_.lit || outputs_.points ? ShadeGroup(points) : absl::OkStatus();
   }
 
-  // A whole tile of more rays than one a pixel; else a block, which is cut into tiles.
+  // Three by three rays a pixel make tiles that do not divide a block: each is one by itself.
   uint32_t RttBlockSide() const {
+    constexpr uint32_t kSide = 3 * kRunPixels;
     const int rays = RttTileRaysOf(run_.options(), /*points=*/false);
-    for (uint32_t side = 2 * kRunPixels; side < kBlockSide; side += kRunPixels) {
-      if (side * side == static_cast<uint32_t>(rays)) return side;
-    }
-    return kBlockSide;
+    return static_cast<uint32_t>(rays) == kSide * kSide ? kSide : kBlockSide;
   }
 
   // All rays of the group lie between those of its corners.

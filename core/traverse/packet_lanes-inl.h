@@ -148,11 +148,12 @@ class PacketLanes {
     return hn::Le(entry, hn::Load(D(), limit_of_ + group * hn::Lanes(D())));
   }
 
-  // The largest limit over all lanes: nothing entered later matters.
-  float LargestLimit() const {
+  // The largest limit over all lanes, or of the groups asked about: nothing entered later matters.
+  float LargestLimit(uint32_t asked = ~0u) const {
     const D d;
     V most = hn::Set(d, -std::numeric_limits<float>::infinity());
     for (uint32_t g = 0; g < groups_; ++g) {
+      if ((asked >> g & 1) == 0) continue;
       most = hn::Max(most, hn::Load(d, limit_of_ + g * hn::Lanes(d)));
     }
     return hn::GetLane(hn::MaxOfLanes(d, most));

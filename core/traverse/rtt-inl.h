@@ -3,8 +3,7 @@
 // Relevant triangles tracing (paper 002) on the kd-tree: the four corner rays of a tile's shaft
 // walk together, and gather the triangles that a ray between them may meet. As long as they go
 // through the same cells, no ray between them can go through another; its answer is the list's
-// (rtt_walk-inl.h). Where they part, the squares of a tile of several rays a pixel are tried in its
-// stead, and what is left walks a vector of rays at a time (kd_vector-inl.h).
+// (rtt_walk-inl.h). The rays of tiles whose corners part walk as a packet does (kd_packet-inl.h).
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_RTT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_RTT_INL_H_
@@ -22,7 +21,7 @@
 #include "core/base/cancel.h"
 #include "core/base/check.h"
 #include "core/traverse/finish-inl.h"
-#include "core/traverse/kd_vector-inl.h"
+#include "core/traverse/kd_packet-inl.h"
 #include "core/traverse/leaf_range.h"
 #include "core/traverse/packet_lanes-inl.h"
 #include "core/traverse/rtt.h"
@@ -72,15 +71,12 @@ class RttTracer {
   // Tiles of a packet. Returns false if the token fired.
   bool TracePacket(RayPacket& packet) {
     PacketLanes<kAny> lanes(scene_, packet, stats_);
-    Pass pass = {&packet, &lanes};
     const int tile = std::min(options_.tile_rays, packet.count);
-    for (int first = 0; first < packet.count; first += tile) {
-      const RttRays rays = {&packet, first, std::min(tile, packet.count - first)};
-      ++stats_->tiles;
-      if (!AddTile({&rays, 1}, &pass)) return false;
-    }
-    if (!AnswerTiles(&pass)) return false;
-    return (tile <= kSquareRays || TryParts(&pass)) && WalkRest(pass);
+    stats_->tiles += static_cast<uint32_t>((packet.count + tile - 1) / tile);
+    Pass pass = {&packet, &lanes, SquaresOf({&packet, 0, packet.count})};
+    // Camera rays are a square of squares, of which a quarter is no range.
+    const bool quarters = options_.tile_rays == kQuarterRays && packet.count == RayPacket::kMaxRays;
+    return (quarters ? TryQuarters(&pass) : TryTiles(&pass)) && WalkRest(pass);
   }
 
   // All packets as one tile.
@@ -103,15 +99,9 @@ class RttTracer {
     if (gathered) stats_->relevant_triangles += tile.list->ids().size();
     for (RayPacket& packet : packets) {
       PacketLanes<kAny> lanes(scene_, packet, stats_);
-      Pass pass = {&packet, &lanes};
       const RttRays own = {&packet, 0, packet.count};
-      if (gathered) {
-        Answer(*tile.list, own, &lanes);
-      } else {
-        pass.left = SquaresOf(own);
-        if (!TryParts(&pass)) return false;
-      }
-      if (!WalkRest(pass)) return false;
+      if (gathered) Answer(*tile.list, own, &lanes);
+      if (!WalkRest({&packet, &lanes, gathered ? 0 : SquaresOf(own)})) return false;
     }
     return true;
   }
@@ -119,17 +109,15 @@ class RttTracer {
   static constexpr size_t kMaxPackets = 16;
 
  private:
-  // Squares of four by four rays follow one another in a packet, and are tiles of themselves where
-  // larger ones have no answer.
+  // Squares of four by four rays follow one another in a packet, four to a row where it is full.
   static constexpr int kSquareRays = RttTileRays(1);
-  static constexpr uint32_t kAllSquares = (1u << RayPacket::kMaxRays / kSquareRays) - 1;
+  static constexpr int kQuarterRays = RttTileRays(2);
+  static_assert(RayPacket::kMaxRays == 16 * kSquareRays && kQuarterRays == 4 * kSquareRays);
 
-  // A packet's tiles of one size.
   struct Pass {
     RayPacket* packet;
     PacketLanes<kAny>* lanes;
-    uint32_t left = 0;    // By square: those of tiles without an answer.
-    bool counted = true;  // As tiles: parts of one are not.
+    uint32_t left;  // Its squares that have no answer yet.
   };
 
   static void PadTargets(RayPacket& packet) {
@@ -154,10 +142,7 @@ class RttTracer {
     RttTile& tile = tiles_[count_];
     tile.part_count = static_cast<int>(parts.size());
     std::copy(parts.begin(), parts.end(), tile.parts);
-    if (!tile.shaft.Bound(tile.rays())) {
-      for (const RttRays& part : parts) pass->left |= SquaresOf(part);
-      return true;
-    }
+    if (!tile.shaft.Bound(tile.rays())) return true;
     tile.list.emplace(scene_, tile.shaft, tile.rays(), kAny, options_.shared_edges, stats_);
     return ++count_ < side_by_side_ || AnswerTiles(pass);
   }
@@ -168,16 +153,12 @@ class RttTracer {
     if (count_ == 0) return true;
     const uint32_t gathered = WalkRttTiles(scene_, tiles_, count_, stats_);
     for (int i = 0; i < count_; ++i) {
+      if ((gathered >> i & 1) == 0) continue;
       const RttTile& tile = tiles_[i];
-      const bool answered = (gathered >> i & 1) != 0;
       for (const RttRays& part : tile.rays()) {
-        if (answered) {
-          Answer(*tile.list, part, pass->lanes);
-        } else {
-          pass->left |= SquaresOf(part);
-        }
+        Answer(*tile.list, part, pass->lanes);
+        pass->left &= ~SquaresOf(part);
       }
-      if (!answered || !pass->counted) continue;
       ++stats_->tiles_answered;
       stats_->relevant_triangles += tile.list->ids().size();
     }
@@ -185,24 +166,23 @@ class RttTracer {
     return true;
   }
 
-  // Quarters of whole packets, then squares, are tiles where larger ones had no answer.
-  bool TryParts(Pass* pass) {
-    pass->counted = false;
-    if (pass->left == kAllSquares && pass->packet->count == RayPacket::kMaxRays) {
-      pass->left = 0;
-      constexpr int kHalfRow = 2 * kSquareRays, kRow = 4 * kSquareRays;
-      for (const int first : {0, kHalfRow, 2 * kRow, 2 * kRow + kHalfRow}) {
-        const RttRays halves[] = {{pass->packet, first, kHalfRow},
-                                  {pass->packet, first + kRow, kHalfRow}};
-        if (!AddTile(halves, pass)) return false;
-      }
-      if (!AnswerTiles(pass)) return false;
+  // Rays that follow one another.
+  bool TryTiles(Pass* pass) {
+    const int end = pass->packet->count;
+    for (int first = 0; first < end; first += options_.tile_rays) {
+      const RttRays rays = {pass->packet, first, std::min(options_.tile_rays, end - first)};
+      if (!AddTile({&rays, 1}, pass)) return false;
     }
-    for (uint32_t squares = std::exchange(pass->left, 0); squares != 0; squares &= squares - 1) {
-      const int first = std::countr_zero(squares) * kSquareRays;
-      const RttRays square = {pass->packet, first,
-                              std::min(kSquareRays, pass->packet->count - first)};
-      if (!AddTile({&square, 1}, pass)) return false;
+    return AnswerTiles(pass);
+  }
+
+  // Two squares of a row, and the two below.
+  bool TryQuarters(Pass* pass) {
+    constexpr int kHalfRow = 2 * kSquareRays, kRow = 4 * kSquareRays;
+    for (const int first : {0, kHalfRow, 2 * kRow, 2 * kRow + kHalfRow}) {
+      const RttRays halves[] = {{pass->packet, first, kHalfRow},
+                                {pass->packet, first + kRow, kHalfRow}};
+      if (!AddTile(halves, pass)) return false;
     }
     return AnswerTiles(pass);
   }
@@ -223,20 +203,19 @@ class RttTracer {
     }
   }
 
-  // What is left, a vector at a time: conventional SIMD ray tracing. Then what winners want.
+  // What is left, as conventional SIMD ray tracing does it. Then what winners want.
   bool WalkRest(const Pass& pass) {
     RayPacket& packet = *pass.packet;
-    KdVectorWalk<kAny> walk(scene_, *pass.lanes, stats_);
+    uint32_t groups = 0;
     for (uint32_t left = pass.left; left != 0; left &= left - 1) {
       const int first = std::countr_zero(left) * kSquareRays;
       const int end = std::min(first + kSquareRays, packet.count);
-      for (int i = first; i < end; i += kWidth) {
-        if (!walk.Run(GroupAt(i), cancel_)) return false;
-      }
+      for (int i = first; i < end; i += kWidth) groups |= 1u << GroupAt(i);
       if (packet.answered_by != nullptr) {
         std::fill(packet.answered_by + first, packet.answered_by + end, AnsweredBy::kPacket);
       }
     }
+    if (!WalkKdTree(scene_, *pass.lanes, groups, cancel_, stats_)) return false;
     if (kAny || !packet.want_barycentrics) return true;
     ReadyTriangles ready(scene_.geometry, packet.origin, /*weights=*/true);
     FinishHits(ready, packet);

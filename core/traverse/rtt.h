@@ -12,6 +12,7 @@ namespace sightline {
 // Rays of a tile of 4×4 pixels with n×n rays a pixel.
 constexpr int RttTileRays(int antialiasing) { return 16 * antialiasing * antialiasing; }
 inline constexpr int kMaxRttAntialiasing = 6;
+inline constexpr int kMaxRttSideBySide = 4;
 
 struct RttOptions {
   // So many rays that follow one another are a tile: RttTileRays(1 .. kMaxRttAntialiasing). Where

@@ -147,8 +147,9 @@ std::string Way::Name() const {
   return std::string(strategy_name.data(), strategy_name.size()) + " on " +
          std::string(target_name.data(), target_name.size()) + ", structure " +
          std::string(structure_name.data(), structure_name.size()) + ", antialiasing " +
-         std::to_string(rtt_antialiasing) + (leaf_culling ? ", culling in leaves" : "") +
-         ", packets of " + std::to_string(packet_side);
+         std::to_string(rtt_antialiasing) + ", " + std::to_string(rtt_side_by_side) +
+         " side by side" + (leaf_culling ? ", culling in leaves" : "") + ", packets of " +
+         std::to_string(packet_side);
 }
 
 std::vector<Way> AllWays(bool kd_tree) {
@@ -180,6 +181,7 @@ std::vector<Way> AllWays(bool kd_tree) {
     for (const int antialiasing : {2, 3, 4, 6}) {
       ways.push_back({Strategy::kRtt, simd, Structure::kAuto, antialiasing, antialiasing != 3});
     }
+    ways.push_back({.strategy = Strategy::kRtt, .simd = simd, .rtt_side_by_side = 1});
   }
   return ways;
 }

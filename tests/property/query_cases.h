@@ -60,6 +60,7 @@ struct Way {
   Structure structure = Structure::kAuto;
   int rtt_antialiasing = 1;
   bool rtt_shared_edges = false;
+  int rtt_side_by_side = 0;
   std::optional<LeafCulling> leaf_culling = {};
   int packet_side = 16;
   std::string Name() const;
@@ -68,6 +69,7 @@ struct Way {
             .structure = structure,
             .rtt_antialiasing = rtt_antialiasing,
             .rtt_shared_edges = rtt_shared_edges,
+            .rtt_side_by_side = rtt_side_by_side,
             .leaf_culling = leaf_culling,
             .packet_side = packet_side,
             .simd = simd,

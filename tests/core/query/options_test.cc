@@ -103,6 +103,8 @@ TEST(OptionsTest, WhatASceneLacksIsNamed) {
   expect({.strategy = Strategy::kPacket, .packet_side = 3}, kInvalid, "packet_side = 3");
   expect({.strategy = Strategy::kRtt, .rtt_antialiasing = 0}, kInvalid, "rtt_antialiasing = 0");
   expect({.strategy = Strategy::kRtt, .rtt_antialiasing = 7}, kInvalid, "rtt_antialiasing = 7");
+  expect({.strategy = Strategy::kRtt, .rtt_side_by_side = 5}, kInvalid, "rtt_side_by_side = 5");
+  expect({.strategy = Strategy::kRtt, .rtt_side_by_side = -1}, kInvalid, "rtt_side_by_side = -1");
 }
 
 // A tile's statistics say how far its lists went.
