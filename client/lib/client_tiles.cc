@@ -27,6 +27,7 @@ void ResizePixels(const TileOutputs& want, uint64_t samples, uint64_t n, Pixels*
   if (want.lit) out->lit.resize(samples * n);
   if (want.answered_by) out->answered_by.resize(n);
   if (want.lit && want.lit_answered_by) out->lit_answered_by.resize(samples * n);
+  if (want.mirrors) out->mirror.resize(n);
 }
 
 absl::Status CheckImage(const TileQuery& query, const Limits& limits) {
@@ -63,6 +64,14 @@ v1::TraceTilesHeader TilesHeader(const TileQuery& query, int64_t revision) {
   outputs->set_depths(query.outputs.depths);
   outputs->set_barycentrics(query.outputs.barycentrics);
   outputs->set_answered_by(query.outputs.answered_by);
+  outputs->set_mirror_bits(query.outputs.mirrors);
+  for (const Mirror& mirror : query.mirrors) {
+    v1::Mirror* out = header.add_mirrors();
+    out->set_object_name(mirror.object);
+    if (!mirror.plane.has_value()) continue;
+    ToProto(mirror.plane->point, out->mutable_plane()->mutable_point());
+    ToProto(mirror.plane->normal, out->mutable_plane()->mutable_normal());
+  }
   return header;
 }
 
@@ -100,6 +109,9 @@ absl::StatusOr<Tile> DecodeTile(const TileQuery& query, size_t index, const Tile
         }
         if (want.answered_by) {
           s.Update(DecodeRows(r.answered_by(), "answered_by", 1, at, count, n, &tile.answered_by));
+        }
+        if (want.mirrors) {
+          s.Update(DecodeBits(r.mirror_bits(), "mirror_bits", 1, at, count, n, &tile.mirror));
         }
         if (want.lit && samples > 0) {
           s.Update(DecodeLit(reply.shadows(), samples, at, count, n, &tile.lit, &valid));
@@ -197,6 +209,7 @@ absl::StatusOr<TileImage> Client::TraceImage(
     copy(tile.lit, &image.lit, image.samples);
     copy(tile.answered_by, &image.answered_by, 1);
     copy(tile.lit_answered_by, &image.lit_answered_by, image.samples);
+    copy(tile.mirror, &image.mirror, 1);
     if (query.options.statistics) {
       if (image.costs.size() <= tile.index) image.costs.resize(tile.index + 1);
       image.costs[tile.index] = {r, tile.statistics};

@@ -154,6 +154,7 @@ void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
   }
   out->mutable_rtt()->set_antialiasing(options.rtt_antialiasing);
   out->mutable_rtt()->set_shared_edges(options.rtt_shared_edges);
+  out->mutable_rtt()->set_side_by_side(options.rtt_side_by_side);
   if (options.leaf_culling) ToProto(*options.leaf_culling, out->mutable_leaf_culling());
   // The wire's numbers.
   static_assert(static_cast<int>(Intersector::kExact) == v1::INTERSECTOR_EXACT);

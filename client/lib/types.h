@@ -247,6 +247,7 @@ struct QueryOptions {
   Structure structure = Structure::kAuto;  // Speed alone; an error where the scene has no kd-tree.
   uint32_t rtt_antialiasing = 1;           // Rays a pixel, in either direction: 1 to 6.
   bool rtt_shared_edges = false;
+  uint32_t rtt_side_by_side = 0;            // Tiles in one register, 1 to 4; 0: as many as fit.
   std::optional<LeafCulling> leaf_culling;  // SINGLE and PACKET alone.
   // Another than kExact with SINGLE, PACKET and BRUTE_FORCE alone; answers are that test's then.
   Intersector intersector = Intersector::kExact;
@@ -279,12 +280,23 @@ struct TileOutputs {
   bool lit = false;              // Of every light sample at every hit.
   bool answered_by = false;      // What answered each pixel's ray...
   bool lit_answered_by = false;  // ... and, if `lit`, each light sample's at its hit.
+  bool mirrors = false;          // Which pixels look into a mirror.
+};
+
+// What is seen in an object's surface; without a plane, that of its largest triangle.
+struct Mirror {
+  struct Plane {
+    Point3 point, normal;
+  };
+  std::string object;
+  std::optional<Plane> plane;
 };
 
 struct TileQuery {
   std::string scene;
   Camera camera;
   std::vector<Light> lights;
+  std::vector<Mirror> mirrors;  // At most 64.
   TileOutputs outputs;
   QueryOptions options;
   uint32_t tile_size = 64;  // Pixels; tiles at the right and lower border are smaller.
@@ -302,6 +314,7 @@ struct Tile {
   std::vector<uint8_t> lit;                // [S, n]: 1 lit, 0 blocked, 255 no hit or not valid.
   std::vector<uint8_t> answered_by;        // n: an AnsweredBy.
   std::vector<uint8_t> lit_answered_by;    // [S, n]
+  std::vector<uint8_t> mirror;             // n: 1 where it is seen in a mirror.
   Statistics statistics;
 };
 
@@ -314,6 +327,7 @@ struct TileImage {
   std::vector<uint8_t> lit;              // [S, n]
   std::vector<uint8_t> answered_by;      // n
   std::vector<uint8_t> lit_answered_by;  // [S, n]
+  std::vector<uint8_t> mirror;           // n
   struct TileCost {
     TileRect rect;
     Statistics statistics;

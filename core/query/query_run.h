@@ -86,12 +86,13 @@ class StatsScope {
   StatsScope& operator=(const StatsScope&) = delete;
 
   WalkStats* walk() { return &walk_; }
+  void AddRays(uint64_t rays) { rays_ += rays; }
 
  private:
   using Clock = std::chrono::steady_clock;
   QueryStats* const stats_;
   const Strategy strategy_;
-  const uint64_t rays_;
+  uint64_t rays_;
   const Clock::time_point start_;
   WalkStats walk_;
 };

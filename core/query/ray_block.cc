@@ -65,22 +65,26 @@ int RttTileRaysOf(const QueryOptions& options, bool points) {
 
 Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t rays) {
   const Strategy asked = run.options().strategy;
+  const bool one_origin = form == RayForm::kOneOrigin || form == RayForm::kMirrored;
   const bool shaft_fits =
       form == RayForm::kOneOrigin || (form == RayForm::kParallel && kind == HitKind::kAny);
   switch (asked) {
     case Strategy::kAuto:
       // On the kd-tree packets were the fastest of all (core/traverse/DESIGN.md).
-      if (run.on_kd_tree() || run.on_binary_bvh()) {
-        return form == RayForm::kOneOrigin && rays >= kMinShaftRays ? Strategy::kPacket
-                                                                    : Strategy::kSingle;
+      if (run.on_kd_tree() || run.on_binary_bvh() || form == RayForm::kMirrored) {
+        return one_origin && rays >= kMinShaftRays ? Strategy::kPacket : Strategy::kSingle;
       }
       return shaft_fits && rays >= kMinShaftRays ? Strategy::kShaft : Strategy::kSingle;
     case Strategy::kRtt:
-      return form == RayForm::kOneOrigin ? Strategy::kRtt : Strategy::kSingle;
+      return one_origin ? Strategy::kRtt : Strategy::kSingle;
     case Strategy::kShaft:
-      return shaft_fits ? Strategy::kShaft : Strategy::kSingle;
+      // The shaft's walk bounds the nearest hit before it knows it, and has no other end to count
+      // from.
+      return shaft_fits                   ? Strategy::kShaft
+             : form == RayForm::kMirrored ? Strategy::kPacket
+                                          : Strategy::kSingle;
     case Strategy::kPacket:
-      return form == RayForm::kOneOrigin ? Strategy::kPacket : Strategy::kSingle;
+      return one_origin ? Strategy::kPacket : Strategy::kSingle;
     case Strategy::kSingle:
     case Strategy::kBruteForce:
       return asked;
@@ -152,12 +156,7 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   }
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
-  for (int i = 0; i < packet->count; ++i) {
-    rays[i] = {.ray = packet->ray(i),
-               .mask = packet->mask,
-               .from_source = packet->origin_source,
-               .to_source = packet->segments ? packet->target_source[i] : kNoTriangle};
-  }
+  for (int i = 0; i < packet->count; ++i) rays[i] = packet->trace_ray(i);
   SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, kind, strategy,
                                    std::span<const TraceRay>(rays.data(), packet->count), hits,
                                    stats));

@@ -26,7 +26,8 @@ inline constexpr int kGroupRays = kGroupBlocks * kBlockRays;
 enum class HitKind : uint8_t { kAny, kClosest };
 
 // What the rays of a block have in common.
-enum class RayForm : uint8_t { kFree, kOneOrigin, kParallel };
+// Mirrored: one origin, and hits count from `near` on.
+enum class RayForm : uint8_t { kFree, kOneOrigin, kMirrored, kParallel };
 
 // What is used where a strategy was asked for: what AUTO chooses for so many rays together, and
 // what stands in for a strategy that such rays have no walk of. Never kAuto.

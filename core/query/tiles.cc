@@ -53,12 +53,13 @@ absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
 class TileTrace {
  public:
   TileTrace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile, Vec3f eye,
-            std::span<const LightSample> samples, const TileOutputs& outputs,
-            const QueryOptions& options, TileResult* out)
+            std::span<const LightSample> samples, const PreparedMirrors& mirrors,
+            const TileOutputs& outputs, const QueryOptions& options, TileResult* out)
       : scene_(scene),
         camera_(camera),
         tile_(tile),
         samples_(samples),
+        mirrors_(mirrors),
         outputs_(outputs),
         run_(options),
         pixels_(size_t{tile.width} * tile.height),
@@ -89,6 +90,17 @@ class TileTrace {
     if (outputs.uv) {
       out_.u.resize(pixels_);
       out_.v.resize(pixels_);
+    }
+    if (outputs.mirrors) out_.mirror_bits.assign(row_bytes_, 0);
+    if (!mirrors.empty()) {
+      mirrored_ = std::make_unique<RayPacket>();
+      mirrored_->segments = false;
+      mirrored_->mask = options.mask;
+      mirrored_->want_barycentrics = outputs.uv;
+      mirrored_->near = near_;
+      if (outputs.answered_by || options.count_answers) {
+        mirrored_->answered_by = mirrored_answered_by_;
+      }
     }
     if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
     if (outputs.answered_by) out_.answered_by.resize(pixels_);
@@ -129,8 +141,8 @@ class TileTrace {
       for (int axis = 0; axis < 3; ++axis) rows_[axis][y] = row[axis];
     }
     // Which pixels are hit is answered by any hit; all else needs the first.
-    const bool need_first =
-        outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit || outputs_.points;
+    const bool need_first = outputs_.ids || outputs_.depth || outputs_.uv || outputs_.lit ||
+                            outputs_.points || !mirrors_.empty();
     const HitKind kind = need_first ? HitKind::kClosest : HitKind::kAny;
     const Strategy strategy =
         ChooseStrategy(run_, RayForm::kOneOrigin, kind, size_t{group.width} * group.height);
@@ -154,6 +166,8 @@ class TileTrace {
           if (run_.options().count_answers) {
             CountAnswers({answered_by_, static_cast<size_t>(packet_.count)}, &out_.primary);
           }
+          if (outputs_.lit || outputs_.points) PlaceHits();
+          if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(&scope));
           Write(group, block);
           if (outputs_.lit || outputs_.points) points = PlacePoints(group, block, points);
         }
@@ -284,6 +298,14 @@ class TileTrace {
                     out_.answered_by.data() + first + size_t{run.y} * tile_.width + run.x);
       });
     }
+    if (outputs_.mirrors && !mirrors_.empty()) {
+      ForEachRun(block, [&](const PixelRun& run) {
+        const size_t pixel = first + size_t{run.y} * tile_.width + run.x;
+        for (uint32_t k = 0; k < run.count; ++k) {
+          if (mirror_of_[run.lane + k] != 0) SetBit(out_.mirror_bits.data(), pixel + k);
+        }
+      });
+    }
     if (!outputs_.hits) return;
     ForEachRun(block, [&](const PixelRun& run) {
       const size_t pixel = first + size_t{run.y} * tile_.width + run.x;
@@ -293,12 +315,72 @@ class TileTrace {
     });
   }
 
-  // Appends the block's hits to the group's points; returns how many there are now.
-  size_t PlacePoints(const TileRect& group, const TileRect& block, size_t points) {
+  // The block's hits, whatever they are on.
+  void PlaceHits() {
     // Placing belongs to the shadows' cost, though it asks about no ray.
     const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
-    const size_t first = FirstPixel(group, block);
     placer_->Place(packet_, placed_);
+  }
+
+  // Replaces hits on mirrors by what is seen in them.
+  absl::Status LookIntoMirrors(StatsScope* scope) {
+    const std::span<const PreparedMirror> all = mirrors_.all();
+    for (int lane = 0; lane < packet_.count; ++lane) {
+      mirror_of_[lane] = 0;
+      for (size_t m = 0; m < all.size() && mirror_of_[lane] == 0; ++m) {
+        if (all[m].triangles().Holds(packet_.triangle[lane])) {
+          mirror_of_[lane] = static_cast<uint8_t>(m + 1);
+        }
+      }
+    }
+    for (size_t m = 0; m < all.size(); ++m) {
+      SL_RETURN_IF_ERROR(LookInto(all[m], static_cast<uint8_t>(m + 1), scope));
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status LookInto(const PreparedMirror& mirror, uint8_t number, StatsScope* scope) {
+    RayPacket& seen = *mirrored_;
+    int lanes[kBlockRays];
+    seen.count = 0;
+    for (int lane = 0; lane < packet_.count; ++lane) {
+      if (mirror_of_[lane] != number) continue;
+      const int at = seen.count++;
+      const Vec3f direction = mirror.Direction(packet_.target(lane));
+      lanes[at] = lane;
+      seen.target_x[at] = direction.x;
+      seen.target_y[at] = direction.y;
+      seen.target_z[at] = direction.z;
+      near_[at] = packet_.t[lane];
+    }
+    if (seen.count == 0) return absl::OkStatus();
+    seen.origin = mirror.eye();
+    seen.unseen = mirror.triangles();
+    const size_t rays = static_cast<size_t>(seen.count);
+    scope->AddRays(rays);
+    SL_RETURN_IF_ERROR(
+        TracePacketBlock(scene_, run_, HitKind::kClosest,
+                         ChooseStrategy(run_, RayForm::kMirrored, HitKind::kClosest, rays), &seen,
+                         nullptr, scope->walk()));
+    if (run_.options().count_answers) CountAnswers({mirrored_answered_by_, rays}, &out_.primary);
+    if (placer_ != nullptr) placer_->Place(seen, mirrored_placed_);
+    for (int i = 0; i < seen.count; ++i) {
+      const int lane = lanes[i];
+      packet_.t[lane] = seen.t[i];
+      packet_.triangle[lane] = seen.triangle[i];
+      if (outputs_.uv) {
+        packet_.u[lane] = seen.u[i];
+        packet_.v[lane] = seen.v[i];
+      }
+      if (outputs_.answered_by) answered_by_[lane] = mirrored_answered_by_[i];
+      placed_[lane] = mirrored_placed_[i];
+    }
+    return absl::OkStatus();
+  }
+
+  // Appends the block's hits to the group's points; returns how many there are now.
+  size_t PlacePoints(const TileRect& group, const TileRect& block, size_t points) {
+    const size_t first = FirstPixel(group, block);
     ForEachRun(block, [&](const PixelRun& run) {
       for (uint32_t k = 0; k < run.count; ++k) {
         const uint32_t lane = static_cast<uint32_t>(run.lane) + k;
@@ -363,12 +445,20 @@ class TileTrace {
   const Camera& camera_;
   const TileRect tile_;
   const std::span<const LightSample> samples_;
+  const PreparedMirrors& mirrors_;
   const TileOutputs& outputs_;
   const QueryRun run_;
   const size_t pixels_, row_bytes_;
   TileResult& out_;
   RayPacket packet_;  // The block being traced.
   AnsweredBy answered_by_[kBlockRays];
+  // What is seen in a mirror, where there are any.
+  std::unique_ptr<RayPacket> mirrored_;
+  alignas(64) float near_[kBlockRays];
+  Vec3f mirrored_placed_[kBlockRays];
+  AnsweredBy mirrored_answered_by_[kBlockRays];
+  uint8_t mirror_of_[kBlockRays];  // By lane of the block: the mirror's number from 1 on, or 0.
+  static_assert(kMaxMirrors < 256);
   RayPacket outline_;  // The corners of its group.
   ShaftCut cut_;
   // PixelColumn and PixelRow of the group's columns and rows, by axis.
@@ -395,14 +485,15 @@ void Clear(const TileOutputs& outputs, TileResult* result) {
   keep(outputs.lit, result->lit_bits);
   keep(outputs.answered_by, result->answered_by);
   keep(outputs.lit && outputs.lit_answered_by, result->lit_answered_by);
+  keep(outputs.mirrors, result->mirror_bits);
   result->points = PreparedPoints();
   result->point_pixel.clear();
   result->primary = result->shadow = QueryStats();
 }
 
 absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                   std::span<const LightSample> samples, const TileOutputs& outputs,
-                   const QueryOptions& options, TileResult* result) {
+                   std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                   const TileOutputs& outputs, const QueryOptions& options, TileResult* result) {
   SL_RETURN_IF_ERROR(ValidateCamera(camera));
   SL_RETURN_IF_ERROR(CheckRect(camera, tile));
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
@@ -412,7 +503,9 @@ absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const Til
         absl::StrCat("camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
                      ") lies beyond 2^40 along an axis, in the world or from the scene's origin"));
   }
-  return TileTrace(scene, camera, tile, eye, samples, outputs, options, result).Run();
+  SL_ASSIGN_OR_RETURN(const PreparedMirrors prepared,
+                      PreparedMirrors::Prepare(scene.geometry, mirrors, eye));
+  return TileTrace(scene, camera, tile, eye, samples, prepared, outputs, options, result).Run();
 }
 
 }  // namespace
@@ -420,9 +513,17 @@ absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const Til
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
                        std::span<const LightSample> samples, const TileOutputs& outputs,
                        const QueryOptions& options, TileResult* result) {
+  return TraceTile(scene, camera, tile, samples, {}, outputs, options, result);
+}
+
+absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
+                       std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                       const TileOutputs& outputs, const QueryOptions& options,
+                       TileResult* result) {
   const ScopedFloatEnvironment environment;
   Clear(outputs, result);
-  const absl::Status status = Trace(scene, camera, tile, samples, outputs, options, result);
+  const absl::Status status =
+      Trace(scene, camera, tile, samples, mirrors, outputs, options, result);
   if (!status.ok()) *result = TileResult();
   return status;
 }

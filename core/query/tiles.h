@@ -21,6 +21,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
+#include "core/query/mirrors.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
 #include "core/traverse/answered_by.h"
@@ -40,6 +41,7 @@ struct TileOutputs {
   bool points = false;  // The placed hit points themselves, as PreparedPoints (for point sets).
   bool answered_by = false;      // What answered each pixel's ray...
   bool lit_answered_by = false;  // ... and, if `lit`, each light sample's at its hit.
+  bool mirrors = false;          // Which pixels look into a mirror.
 };
 
 // Arrays in row-major pixel order of the tile, n = width · height; empty unless asked for.
@@ -56,6 +58,9 @@ struct TileResult {
   std::vector<AnsweredBy> answered_by;  // n.
   // One row of n per sample: kNoRay where the pixel hits nothing, or the sample is invalid.
   std::vector<AnsweredBy> lit_answered_by;
+  // n bits as hit_bits: 1 where the pixel's ray met a mirror, and all else is about its mirrored
+  // ray (mirrors.h).
+  std::vector<uint8_t> mirror_bits;
   QueryStats primary, shadow;
 };
 
@@ -65,6 +70,11 @@ struct TileResult {
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
                        std::span<const LightSample> samples, const TileOutputs& outputs,
                        const QueryOptions& options, TileResult* result);
+// The same with what is seen in mirrors (mirrors.h, and its errors). Hits, ids, depths, weights,
+// points and lights are then those of the mirrored rays.
+absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
+                       std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                       const TileOutputs& outputs, const QueryOptions& options, TileResult* result);
 
 }  // namespace sightline
 

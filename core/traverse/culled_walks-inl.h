@@ -257,7 +257,7 @@ Hit BruteByIntersector(const IndexedGeometry& scene, const LeafCulling& culling,
       ++inert;
       continue;
     }
-    if (id == query.from_source || id == query.to_source) continue;
+    if (id == query.from_source || id == query.to_source || query.unseen.Holds(id)) continue;
     ++stats->triangle_tests;
     const auto [a, b, c] = geometry.Corners(id);
     IntersectorHit hit;
@@ -267,7 +267,7 @@ Hit BruteByIntersector(const IndexedGeometry& scene, const LeafCulling& culling,
       continue;
     }
     if constexpr (kAny) return {0.0f, id};
-    best = std::min(best, Hit{hit.t, id});
+    if (hit.t > query.near) best = std::min(best, Hit{hit.t, id});
   }
   return best;
 }
@@ -417,8 +417,7 @@ bool TraceCulledTree(const IndexedGeometry& scene, const LeafCulling& culling, R
   if (culling.split == PacketSplit::kSingleRays || packet.count <= kLeastSplit) {
     for (int i = 0; i < packet.count; ++i) {
       if (cancel != nullptr && cancel->cancelled()) return false;
-      const TraceRay ray = {packet.ray(i), packet.mask, packet.origin_source,
-                            packet.segments ? packet.target_source[i] : kNoTriangle};
+      const TraceRay ray = packet.trace_ray(i);
       const Hit hit = CulledSingleWalk<Tree, kAny>(scene, culling, ray, stats).Run();
       packet.triangle[i] = hit.triangle;
       if constexpr (!kAny) packet.t[i] = hit.t;

@@ -116,7 +116,7 @@ class KdSingleWalk {
               best_ = {0.0f, view.id(lane)};
               return true;
             } else {
-              KeepCloser(view, lane, query_.ray, &best_);
+              KeepCloser(view, lane, query_, &best_);
               return false;
             }
           })) {

@@ -102,6 +102,7 @@ class PacketLanes {
   bool segments() const { return packet_.segments; }
   uint32_t mask() const { return packet_.mask; }
   uint32_t origin_source() const { return packet_.origin_source; }
+  TriangleRange unseen() const { return packet_.unseen; }
   const float* limit_row() const {
     return limit_of_;
   }  // Nearest hit or end, in units of D; -inf when done.
@@ -164,7 +165,7 @@ class PacketLanes {
   // `bound` as PrepareTriangles gives them.
   int Turn(const LeafView& leaf, uint32_t lane, float side, float bound) const {
     const uint32_t id = leaf.id(lane);
-    if (id == packet_.origin_source) return 0;
+    if (id == packet_.origin_source || packet_.unseen.Holds(id)) return 0;
     int turn = side > bound ? 1 : side < -bound ? -1 : 0;
     if (turn == 0) {
       turn = -SideOfPlane(leaf.corner(0, lane), leaf.corner(1, lane), leaf.corner(2, lane),
@@ -231,6 +232,7 @@ class PacketLanes {
   // A hit of one lane, found elsewhere: kept if it is the least by (t, id).
   HWY_INLINE void Offer(size_t lane, Hit hit) {
     if (!(hit < packet_.hit(static_cast<int>(lane)))) return;
+    if (packet_.near != nullptr && !(hit.t > packet_.near[lane])) return;
     packet_.t[lane] = hit.t;
     packet_.triangle[lane] = hit.triangle;
     if (hit.t < limit_of_[lane]) limit_of_[lane] = hit.t;

@@ -148,7 +148,7 @@ class PacketLeaf {
 
   void TestByIntersector(const LeafView& leaf, uint32_t lane, uint32_t* met, uint32_t begin) {
     const uint32_t id = leaf.id(lane);
-    if (id == lanes_.origin_source()) return;
+    if (id == lanes_.origin_source() || lanes_.unseen().Holds(id)) return;
     if (MustAskObjects(scene_.geometry, lanes_.mask()) &&
         !ObjectBlocks(scene_.geometry, id, lanes_.mask(),
                       SideOfPlane(leaf.corner(0, lane), leaf.corner(1, lane), leaf.corner(2, lane),

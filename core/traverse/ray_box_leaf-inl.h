@@ -181,7 +181,7 @@ class RayBoxLeaf {
         *best = {0.0f, leaf.id(lane)};
         return true;
       } else {
-        KeepCloser(leaf, lane, query_.ray, best);
+        KeepCloser(leaf, lane, query_, best);
         return false;
       }
     });
@@ -192,7 +192,7 @@ class RayBoxLeaf {
     for (; chosen != 0; chosen &= chosen - 1) {
       const uint32_t lane = std::countr_zero(chosen), id = leaf.id(lane);
       ++stats_->triangle_tests;
-      if (id == query_.from_source || id == query_.to_source) continue;
+      if (id == query_.from_source || id == query_.to_source || query_.unseen.Holds(id)) continue;
       PreparedTriangle room;
       const float* const value = PreparedValue(scene_, culling_.intersector, id, &room);
       const auto tested = TestOneBy(value, std::min(end, best->t));
@@ -208,7 +208,7 @@ class RayBoxLeaf {
         return true;
       } else {
         const Hit hit{tested.t, id};
-        if (hit < *best) *best = hit;
+        if (hit < *best && hit.t > query_.near) *best = hit;
       }
     }
     return false;

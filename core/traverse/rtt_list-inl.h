@@ -26,6 +26,7 @@
 #include <span>
 
 #include "core/accel/indexed_geometry.h"
+#include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/rtt_shaft-inl.h"
@@ -129,12 +130,13 @@ class RttList {
 
   bool AddOne(const LeafView& leaf, uint32_t lane, uint32_t edges, bool turned) {
     const uint32_t id = leaf.id(lane);
-    if (id == rays_[0].packet->origin_source) return true;
+    const RayPacket& packet = *rays_[0].packet;
+    if (id == packet.origin_source || packet.unseen.Holds(id)) return true;
     for (uint32_t i = 0; i < count_; ++i) {
       if (ids_[i] == id) return true;
     }
     const Vec3f a = leaf.corner(0, lane), b = leaf.corner(1, lane), c = leaf.corner(2, lane);
-    const uint32_t mask = rays_[0].packet->mask;
+    const uint32_t mask = packet.mask;
     if (MustAskObjects(scene_.geometry, mask)) {
       const int side = SideOfPlane(a, b, c, shaft_.origin());
       if (side == 0 || !ObjectBlocks(scene_.geometry, id, mask, side)) return true;
@@ -146,8 +148,10 @@ class RttList {
     if (edges == 7 && any_ && all_beyond) {
       blocker_ = id;
     } else if (edges == 7 && !shaft_.segments()) {
-      limit_ = std::min(limit_, LimitOf(a, b, c));
-    } else if (shared_edges_ && !shaft_.segments() && std::popcount(edges) == 2) {
+      if (packet.near == nullptr || IsBeyondNear(a, b, c))
+        limit_ = std::min(limit_, LimitOf(a, b, c));
+    } else if (shared_edges_ && !shaft_.segments() && packet.near == nullptr &&
+               std::popcount(edges) == 2) {
       AddHalf({id, std::countr_zero(~edges & 7u), turned, LimitOf(a, b, c)});
     }
     return true;
@@ -192,6 +196,28 @@ class RttList {
       }
     }
     return all_spared;
+  }
+
+  // Whether the hits of all rays on a covering triangle count.
+  HWY_NOINLINE bool IsBeyondNear(Vec3f a, Vec3f b, Vec3f c) const {
+    const D d;
+    using V = hn::Vec<D>;
+    const TriangleDistance triangle = TriangleDistance::Make(shaft_.origin(), a, b, c);
+    for (const RttRays& some : rays_) {
+      const RayPacket& packet = *some.packet;
+      const int end = some.first + some.count;
+      for (int i = some.first; i < end; i += static_cast<int>(hn::Lanes(d))) {
+        const Vec3V<V> dir = {hn::Load(d, packet.target_x + i), hn::Load(d, packet.target_y + i),
+                              hn::Load(d, packet.target_z + i)};
+        const V t = HitDistances(d, triangle, shaft_.origin(), /*segments=*/false, dir,
+                                 SlabReciprocals(d, dir));
+        const uint32_t beyond = MaskBits(d, hn::Gt(t, hn::LoadU(d, packet.near + i)));
+        const int lanes = std::min(end - i, static_cast<int>(hn::Lanes(d)));
+        const uint32_t asked = (1u << lanes) - 1;
+        if ((beyond & asked) != asked) return false;
+      }
+    }
+    return true;
   }
 
   // Where the corners have certainly passed its plane, as every ray's distance has; +inf if that

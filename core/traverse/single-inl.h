@@ -97,7 +97,7 @@ HWY_INLINE bool TestLeaf(const LeafView& leaf, const TraceRay& query, const Scen
       const uint32_t bit = std::countr_zero(in_use);
       const uint32_t lane = static_cast<uint32_t>(first) + bit;
       const uint32_t id = leaf.id(lane);
-      if (id == query.from_source || id == query.to_source) continue;
+      if (id == query.from_source || id == query.to_source || query.unseen.Holds(id)) continue;
       const Vec3f a = leaf.corner(0, lane), b = leaf.corner(1, lane), c = leaf.corner(2, lane);
       if ((hits >> bit & 1) == 0) {
         PredicateStage stage;
@@ -116,12 +116,12 @@ HWY_INLINE bool TestLeaf(const LeafView& leaf, const TraceRay& query, const Scen
   return false;
 }
 
-// Keeps the least hit by (t, id).
-HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const PredicateRay& ray,
-                           Hit* best) {
-  const Hit hit{HitDistance(ray, leaf.corner(0, lane), leaf.corner(1, lane), leaf.corner(2, lane)),
-                leaf.id(lane)};
-  if (hit < *best) *best = hit;
+// Keeps the least hit by (t, id) that counts.
+HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const TraceRay& query, Hit* best) {
+  const Hit hit{
+      HitDistance(query.ray, leaf.corner(0, lane), leaf.corner(1, lane), leaf.corner(2, lane)),
+      leaf.id(lane)};
+  if (hit < *best && hit.t > query.near) *best = hit;
 }
 
 // What is visited next is fetched while the present node or leaf is worked on.
@@ -252,7 +252,7 @@ class SingleWalk {
             best_ = {0.0f, leaf.id(lane)};
             return true;
           } else {
-            KeepCloser(leaf, lane, query_->ray, &best_);
+            KeepCloser(leaf, lane, *query_, &best_);
             return false;
           }
         });
@@ -401,7 +401,7 @@ bool TraceBrute(const IndexedGeometry& scene, std::span<const TraceRay> rays, st
           hits[i] = {0.0f, leaf.id(lane)};
           return true;
         } else {
-          KeepCloser(leaf, lane, rays[i].ray, &hits[i]);
+          KeepCloser(leaf, lane, rays[i], &hits[i]);
           return false;
         }
       });

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 
 #include "core/geometry/vec3.h"
 #include "core/intersect/hit.h"
@@ -16,11 +17,22 @@
 
 namespace sightline {
 
+// Triangles whose ids follow one another: an object's.
+struct TriangleRange {
+  uint32_t first = 0, count = 0;
+  bool Holds(uint32_t id) const { return id - first < count; }
+};
+
+// Closest hits alone, of rays that begin where they leave a mirror (core/query/mirrors.h): hits at
+// t <= near do not count, and the triangles of `unseen` do not block. All walks know both but the
+// shaft's.
 struct TraceRay {
   PredicateRay ray;
   uint32_t mask = 0xFFFFFFFFu;         // An object is seen when (object mask & mask) != 0.
   uint32_t from_source = kNoTriangle;  // Triangles the ends lie on, which do not block.
   uint32_t to_source = kNoTriangle;
+  float near = -std::numeric_limits<float>::infinity();
+  TriangleRange unseen;
 };
 
 // Rays with one origin (an eye's, or a light's toward its points) that walk together.
@@ -41,6 +53,9 @@ struct alignas(64) RayPacket {
   uint32_t first_leaf = kNoLeaf;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
+  // As a TraceRay's: by lane, up to the end of a vector, or null; and for all lanes.
+  const float* near = nullptr;
+  TriangleRange unseen;
   // Whether u and v are wanted beside a closest hit's t and triangle.
   bool want_barycentrics = false;
   // Where to say what answered each ray, count elements; null: nowhere. The caller fills it with
@@ -53,6 +68,16 @@ struct alignas(64) RayPacket {
 
   Vec3f target(int lane) const { return {target_x[lane], target_y[lane], target_z[lane]}; }
   PredicateRay ray(int lane) const { return {origin, target(lane), segments}; }
+  // The lane's ray by itself.
+  TraceRay trace_ray(int lane) const {
+    TraceRay ray = {.ray = this->ray(lane),
+                    .mask = mask,
+                    .from_source = origin_source,
+                    .to_source = segments ? target_source[lane] : kNoTriangle,
+                    .unseen = unseen};
+    if (near != nullptr) ray.near = near[lane];
+    return ray;
+  }
   Hit hit(int lane) const { return {t[lane], triangle[lane]}; }
 
   // The question of `lanes` lanes from `first` on, as another packet's.
@@ -61,6 +86,8 @@ struct alignas(64) RayPacket {
     to->segments = segments;
     to->mask = mask;
     to->origin_source = origin_source;
+    to->near = near == nullptr ? nullptr : near + first;
+    to->unseen = unseen;
     to->want_barycentrics = want_barycentrics;
     to->count = lanes;
     std::copy_n(target_x + first, lanes, to->target_x);

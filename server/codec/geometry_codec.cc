@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/codec/geometry_codec.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
@@ -104,6 +106,36 @@ absl::StatusOr<Camera> DecodeCamera(const v1::Camera& camera, const Limits& limi
   }
   SL_RETURN_IF_ERROR(
       WithReason(ValidateCamera(result), v1::ERROR_REASON_INVALID_FIELD, {{"field", "camera"}}));
+  return result;
+}
+
+absl::StatusOr<std::vector<Mirror>> DecodeMirrors(
+    const google::protobuf::RepeatedPtrField<v1::Mirror>& mirrors, const SceneGeometry& geometry) {
+  std::vector<Mirror> result;
+  for (int i = 0; i < mirrors.size(); ++i) {
+    const v1::Mirror& mirror = mirrors[i];
+    const std::string field = absl::StrCat("header.mirrors[", i, "]");
+    const auto object = std::find_if(
+        geometry.objects.begin(), geometry.objects.end(),
+        [&](const ObjectRecord& record) { return record.name == mirror.object_name(); });
+    if (object == geometry.objects.end()) {
+      return WithReason(
+          absl::NotFoundError(absl::StrCat(field, ".object_name = \"", mirror.object_name(),
+                                           "\": the scene has no such object")),
+          v1::ERROR_REASON_OBJECT_NOT_FOUND, {{"field", field}});
+    }
+    Mirror decoded = {.object = static_cast<uint32_t>(object - geometry.objects.begin())};
+    if (mirror.has_plane()) {
+      for (const auto& [name, present] :
+           {std::pair(".plane.point", mirror.plane().has_point()),
+            std::pair(".plane.normal", mirror.plane().has_normal())}) {
+        if (!present) return InvalidField(absl::StrCat(field, name), "(unset)", "is required");
+      }
+      decoded.plane =
+          MirrorPlane{DecodeVector(mirror.plane().point()), DecodeVector(mirror.plane().normal())};
+    }
+    result.push_back(decoded);
+  }
   return result;
 }
 

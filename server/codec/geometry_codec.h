@@ -25,6 +25,7 @@
 #include "core/geometry/vec3.h"
 #include "core/light/light.h"
 #include "core/mesh/scene_geometry.h"
+#include "core/query/mirrors.h"
 #include "server/base/limits.h"
 #include "sightline/v1/geometry.pb.h"
 
@@ -43,6 +44,11 @@ absl::StatusOr<Camera> DecodeCamera(const v1::Camera& camera, const Limits& limi
 // The global id of a triangle of `geometry`; `field` is what an error names.
 absl::StatusOr<uint32_t> DecodeTriangle(absl::string_view field, uint32_t object, uint32_t triangle,
                                         const SceneGeometry& geometry);
+
+// The mirrors of a stream, for a revision; those whose plane is not given are judged by
+// core/query/mirrors.h. NotFound (OBJECT_NOT_FOUND): the revision has no such object.
+absl::StatusOr<std::vector<Mirror>> DecodeMirrors(
+    const google::protobuf::RepeatedPtrField<v1::Mirror>& mirrors, const SceneGeometry& geometry);
 
 // Light samples, and each one's share of its light's weight.
 struct SampleSet {

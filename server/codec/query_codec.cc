@@ -151,6 +151,12 @@ absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options) {
   }
   if (antialiasing > 0) result.query.rtt_antialiasing = static_cast<int>(antialiasing);
   result.query.rtt_shared_edges = options.rtt().shared_edges();
+  const uint32_t side_by_side = options.rtt().side_by_side();
+  if (side_by_side > uint32_t{kMaxRttSideBySide}) {
+    return InvalidField("options.rtt.side_by_side", side_by_side,
+                        absl::StrCat("must be at most ", kMaxRttSideBySide));
+  }
+  result.query.rtt_side_by_side = static_cast<int>(side_by_side);
   if (options.has_leaf_culling()) {
     SL_ASSIGN_OR_RETURN(result.query.leaf_culling, DecodeLeafCulling(options.leaf_culling()));
   }

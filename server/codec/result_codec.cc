@@ -41,7 +41,8 @@ void EncodeInvalidSamples(std::span<const LightSample> samples, v1::ShadowResult
 v1::TileOutputs WantedTile(const v1::TileOutputs& outputs, bool lights) {
   v1::TileOutputs wanted = outputs;
   const bool any = outputs.hit_bits() || outputs.object_ids() || outputs.triangle_ids() ||
-                   outputs.depths() || outputs.barycentrics() || outputs.answered_by();
+                   outputs.depths() || outputs.barycentrics() || outputs.answered_by() ||
+                   outputs.mirror_bits();
   if (!any && !lights) wanted.set_hit_bits(true);
   return wanted;
 }
@@ -71,7 +72,8 @@ ShadowOutputs DecodeShadowOutputs(const v1::ShadowOutputs& wanted) {
 uint64_t TileBytes(const v1::TileOutputs& wanted, uint64_t n) {
   return (wanted.hit_bits() ? BitBytes(n) : 0) + (wanted.object_ids() ? 4 * n : 0) +
          (wanted.triangle_ids() ? 4 * n : 0) + (wanted.depths() ? 4 * n : 0) +
-         (wanted.barycentrics() ? 8 * n : 0) + (wanted.answered_by() ? n : 0);
+         (wanted.barycentrics() ? 8 * n : 0) + (wanted.answered_by() ? n : 0) +
+         (wanted.mirror_bits() ? BitBytes(n) : 0);
 }
 
 uint64_t ShadowBytes(const v1::ShadowOutputs& wanted, uint64_t n, uint64_t samples) {
@@ -127,6 +129,7 @@ void EncodeTile(const SceneGeometry& geometry, const TileResult& result,
     Encode(result.v, out->mutable_barycentric_v());
   }
   if (wanted.answered_by()) Encode(result.answered_by, out->mutable_answered_by());
+  if (wanted.mirror_bits()) Encode(result.mirror_bits, out->mutable_mirror_bits());
 }
 
 void EncodeShadows(const SceneGeometry& geometry, const ShadowResult& result,

@@ -36,10 +36,12 @@ absl::Status CheckTile(const v1::TileItem& item, const Camera& camera) {
 class TileMethod::TileWork final : public TileMethod::Work {
  public:
   TileWork(const TileMethod& method, std::shared_ptr<const Scene> scene,
-           std::shared_ptr<const SampleSet> samples, TileRect tile, std::vector<PartRange> parts)
+           std::shared_ptr<const SampleSet> samples, std::vector<Mirror> mirrors, TileRect tile,
+           std::vector<PartRange> parts)
       : Work(std::move(scene), std::move(parts)),
         method_(method),
         samples_(std::move(samples)),
+        mirrors_(std::move(mirrors)),
         tile_(tile) {}
 
   absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* response,
@@ -62,13 +64,15 @@ class TileMethod::TileWork final : public TileMethod::Work {
         .points = lights && !bits_alone,
         .answered_by = method_.outputs_.answered_by(),
         .lit_answered_by = wanted.answered_by(),
+        .mirrors = method_.outputs_.mirror_bits(),
     };
     const QueryOptions options = PartOptions(method_.options_.query, cancel);
     TileResult result;
-    SL_RETURN_IF_ERROR(TraceTile(scene(), method_.camera_, band,
-                                 outputs.lit ? std::span<const LightSample>(samples_->samples)
-                                             : std::span<const LightSample>(),
-                                 outputs, options, &result));
+    SL_RETURN_IF_ERROR(
+        Explained(TraceTile(scene(), method_.camera_, band,
+                            outputs.lit ? std::span<const LightSample>(samples_->samples)
+                                        : std::span<const LightSample>(),
+                            mirrors_, outputs, options, &result)));
     stats->Add(result.primary);
     v1::TileReply* reply = response->mutable_reply();
     EncodeTile(scene().geometry, result, method_.outputs_, reply->mutable_tile());
@@ -90,6 +94,13 @@ class TileMethod::TileWork final : public TileMethod::Work {
   }
 
  private:
+  // Camera, tile and options were looked at before: what is not right is a mirror's plane.
+  absl::Status Explained(absl::Status status) const {
+    if (mirrors_.empty() || status.code() != absl::StatusCode::kInvalidArgument) return status;
+    return WithReason(std::move(status), v1::ERROR_REASON_INVALID_FIELD,
+                      {{"field", "header.mirrors"}});
+  }
+
   absl::Status ShadeHits(const TileResult& tile, size_t pixels, const QueryOptions& options,
                          ShadowResult* shadows) const {
     const ShadowOutputs outputs = DecodeShadowOutputs(method_.shadow_outputs_);
@@ -106,6 +117,7 @@ class TileMethod::TileWork final : public TileMethod::Work {
 
   const TileMethod& method_;
   const std::shared_ptr<const SampleSet> samples_;
+  const std::vector<Mirror> mirrors_;
   const TileRect tile_;
 };
 
@@ -116,6 +128,11 @@ absl::StatusOr<std::unique_ptr<TileMethod>> TileMethod::Open(const Header& heade
   if (!header.has_camera()) return InvalidField("header.camera", "(unset)", "is required");
   SL_ASSIGN_OR_RETURN(method->camera_, DecodeCamera(header.camera(), env.limits));
   SL_ASSIGN_OR_RETURN(method->lights_, LightSet::Open(header.lights(), env.limits));
+  if (static_cast<size_t>(header.mirrors().size()) > kMaxMirrors) {
+    return InvalidField("header.mirrors", header.mirrors().size(),
+                        absl::StrCat("may be ", kMaxMirrors, " at most"));
+  }
+  method->mirrors_ = header.mirrors();
   method->outputs_ = WantedTile(header.outputs(), method->sample_count() > 0);
   method->shadow_outputs_ = WantedShadows(header.shadow_outputs());
   SL_RETURN_IF_ERROR(method->OpenScene(header.stream()));
@@ -132,6 +149,7 @@ absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item
   SL_RETURN_IF_ERROR(CheckTile(item, camera_));
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
+  SL_ASSIGN_OR_RETURN(std::vector<Mirror> mirrors, DecodeMirrors(mirrors_, scene->geometry));
   const TileRect tile{item.x(), item.y(), item.width(), item.height()};
   const uint64_t sample_count = samples->samples.size();
   const auto bytes = [&](uint64_t n) {
@@ -141,8 +159,8 @@ absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item
   SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
                       CutIntoParts(uint64_t{tile.width} * tile.height, tile.width, 1 + sample_count,
                                    part_rays, env_.limits, bytes));
-  return std::unique_ptr<Work>(
-      new TileWork(*this, std::move(scene), std::move(samples), tile, std::move(parts)));
+  return std::unique_ptr<Work>(new TileWork(*this, std::move(scene), std::move(samples),
+                                            std::move(mirrors), tile, std::move(parts)));
 }
 
 }  // namespace sightline

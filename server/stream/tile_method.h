@@ -42,6 +42,7 @@ class TileMethod final : public StreamMethod {
   explicit TileMethod(const QueryEnvironment& env) : StreamMethod(env) {}
 
   Camera camera_;
+  google::protobuf::RepeatedPtrField<v1::Mirror> mirrors_;
   v1::TileOutputs outputs_;
   v1::ShadowOutputs shadow_outputs_;
 };

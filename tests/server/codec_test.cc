@@ -109,6 +109,32 @@ TEST(CameraTest, RefusesWhatIsNoCamera) {
   EXPECT_EQ(DecodeCamera(wide, limits).status().code(), absl::StatusCode::kResourceExhausted);
 }
 
+TEST(MirrorTest, ObjectsAreNamedAndPlanesWhole) {
+  SceneGeometry geometry = ThreeObjects();
+  geometry.objects[2].name = "glass";
+  google::protobuf::RepeatedPtrField<v1::Mirror> mirrors;
+  v1::Mirror* const mirror = mirrors.Add();
+  mirror->set_object_name("glass");
+  auto decoded = DecodeMirrors(mirrors, geometry);
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  ASSERT_EQ(decoded->size(), 1u);
+  EXPECT_EQ(decoded->front().object, 2u);
+  EXPECT_FALSE(decoded->front().plane.has_value());
+  mirror->mutable_plane()->mutable_point()->set_x(3);
+  ExpectInvalid(DecodeMirrors(mirrors, geometry).status(),
+                "header.mirrors[0].plane.normal = (unset)");
+  mirror->mutable_plane()->mutable_normal()->set_z(-2);
+  decoded = DecodeMirrors(mirrors, geometry);
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  EXPECT_EQ(decoded->front().plane->point.x, 3);
+  EXPECT_EQ(decoded->front().plane->normal.z, -2);
+  mirrors.Add()->set_object_name("door");
+  const absl::Status status = DecodeMirrors(mirrors, geometry).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kNotFound);
+  EXPECT_THAT(std::string(status.message()),
+              testing::HasSubstr("header.mirrors[1].object_name = \"door\""));
+}
+
 TEST(LightTest, RefusesWhatIsNoLight) {
   Limits limits;
   limits.max_lights = 2;
@@ -177,6 +203,12 @@ TEST(OptionsCodecTest, StructuresAndTilesAreKnownOrRefused) {
   EXPECT_EQ(DecodeOptions(options)->query.structure, Structure::kKdTree);
   EXPECT_EQ(DecodeOptions(options)->query.rtt_antialiasing, 6);
   EXPECT_TRUE(DecodeOptions(options)->query.rtt_shared_edges);
+  EXPECT_EQ(DecodeOptions(options)->query.rtt_side_by_side, 0);
+  options.mutable_rtt()->set_side_by_side(4);
+  EXPECT_EQ(DecodeOptions(options)->query.rtt_side_by_side, 4);
+  options.mutable_rtt()->set_side_by_side(5);
+  ExpectInvalid(DecodeOptions(options).status(), "options.rtt.side_by_side = 5");
+  options.mutable_rtt()->clear_side_by_side();
   options.mutable_rtt()->set_antialiasing(7);
   ExpectInvalid(DecodeOptions(options).status(), "options.rtt.antialiasing = 7");
   options.mutable_rtt()->clear_antialiasing();

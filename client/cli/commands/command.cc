@@ -109,6 +109,9 @@ void StrategyFlags::Register(FlagSet* flags) {
   flags->Switch("rtt-shared-edges",
                 "with RTT: let two triangles that share an edge end a tile's corner rays",
                 &rtt_shared_edges);
+  flags->Count("rtt-side-by-side", "N",
+               "with RTT: tiles whose corner rays share a register; 0: as many as fit",
+               &rtt_side_by_side, 0, 4);
   flags->Custom(
       "leaf-culling", "WORD,...",
       "what is left out within leaves: with PACKET side-planes, near-far, aperture, "
@@ -140,6 +143,7 @@ void StrategyFlags::Apply(client::QueryOptions* options) const {
                                                    : client::Structure::kAuto;
   options->rtt_antialiasing = static_cast<uint32_t>(rtt_antialiasing);
   options->rtt_shared_edges = rtt_shared_edges;
+  options->rtt_side_by_side = static_cast<uint32_t>(rtt_side_by_side);
   options->leaf_culling = leaf_culling;
   for (const auto& [name, value] : kIntersectors) {
     if (intersector == name) options->intersector = value;

@@ -58,6 +58,7 @@ struct StrategyFlags {
   std::string strategy, structure;
   uint64_t rtt_antialiasing = 1;
   bool rtt_shared_edges = false;
+  uint64_t rtt_side_by_side = 0;
   std::optional<client::LeafCulling> leaf_culling;
   std::string intersector;
   uint64_t packet_side = 16;

@@ -42,6 +42,7 @@ struct ViewArguments {
   ViewFlags view;
   uint32_t width = 1920, height = 1080;
   LightFlags lights;
+  std::vector<client::Mirror> mirrors;
   uint64_t auto_lights = 3;
   std::vector<std::string> outs;
   std::string picture = "lit";
@@ -75,6 +76,27 @@ absl::Status ParseSize(const std::string& text, ViewArguments* arguments) {
   return absl::OkStatus();
 }
 
+absl::Status AddMirror(const std::string& text, ViewArguments* arguments) {
+  client::Mirror mirror;
+  // Names may hold the sign, numbers do not.
+  const size_t sign = text.rfind('=');
+  mirror.object = text.substr(0, sign);
+  if (mirror.object.empty()) return absl::InvalidArgumentError("wants an object's name");
+  if (sign != std::string::npos) {
+    const std::vector<std::string> parts = absl::StrSplit(text.substr(sign + 1), ',');
+    double values[6] = {};
+    bool good = parts.size() == std::size(values);
+    for (size_t i = 0; i < parts.size() && good; ++i) good = absl::SimpleAtod(parts[i], &values[i]);
+    if (!good) {
+      return absl::InvalidArgumentError(
+          "wants six numbers behind the =: a point of the mirror's plane, and its normal");
+    }
+    mirror.plane = {{values[0], values[1], values[2]}, {values[3], values[4], values[5]}};
+  }
+  arguments->mirrors.push_back(std::move(mirror));
+  return absl::OkStatus();
+}
+
 void Register(FlagSet* flags, ViewArguments* a) {
   flags->Heading("Camera (what is not given is chosen by rule, see below)");
   flags->Point("eye", "where the camera is, scene units", &a->view.eye);
@@ -95,6 +117,11 @@ void Register(FlagSet* flags, ViewArguments* a) {
   a->lights.Register(flags);
   flags->Count("auto-lights", "N", "lights placed by rule where none of the above is given",
                &a->auto_lights, 0, 3);
+  flags->Heading("Mirrors");
+  flags->Custom("mirror", "OBJECT[=X,Y,Z,NX,NY,NZ]",
+                "an object whose surface shows what is seen in it; by the plane of its largest "
+                "triangle, or by a point and a normal; may be repeated",
+                "none", [a](const std::string& text) { return AddMirror(text, a); });
   flags->Heading("Results");
   flags->Texts("out", "[KIND:]FILE.png",
                "a picture; KIND is lit, depth, cost or strategy, without it what --picture says",
@@ -264,6 +291,9 @@ Json ViewJson(const std::string& argument, const OpenedScene& scene, const ViewC
   json["pixels"] = uint64_t{image.width} * image.height;
   json["hit_pixels"] = hits;
   json["lit_shares"] = shares;
+  if (!a.mirrors.empty()) {
+    json["mirror_pixels"] = std::count(image.mirror.begin(), image.mirror.end(), uint8_t{1});
+  }
   AddSummaryJson(image.summary, threads, &json);
   if (const std::span<const uint8_t> by = AnsweredBy(image, a); !by.empty()) {
     const std::vector<double> of = AnsweredByShares(by);
@@ -345,6 +375,8 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
                                    query.lights.size() == 1 ? "is " : "are ", query.lights.size(),
                                    ", numbered from 0"));
   }
+  query.mirrors = a.mirrors;
+  query.outputs.mirrors = !a.mirrors.empty();
   query.outputs.hits = true;
   query.outputs.ids = has("lit") || strategy || !a.ids.empty();
   query.outputs.depths = has("lit") || has("depth") || strategy || !a.depth.empty();
@@ -422,6 +454,12 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
           std::accumulate(shares.begin(), shares.end(), 0.0) / static_cast<double>(shares.size());
       absl::StrAppend(&line, ", ...; ", Percent(mean), " over ", shares.size(), " lights");
     }
+  }
+  if (!a.mirrors.empty()) {
+    const auto seen = std::count(image.mirror.begin(), image.mirror.end(), uint8_t{1});
+    absl::StrAppend(
+        &line, "; in mirrors ",
+        Percent(static_cast<double>(seen) / static_cast<double>(std::max<uint64_t>(1, pixels))));
   }
   context.out << line << '\n';
   if (strategy) context.out << "answered by " << AnsweredByText(answered_by) << '\n';

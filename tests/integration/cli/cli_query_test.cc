@@ -71,6 +71,35 @@ TEST_F(CliTest, ViewGivesTheSameBytesEveryWay) {
   }
 }
 
+TEST_F(CliTest, ViewLooksIntoMirrorsTheSameEveryWay) {
+  const std::vector<std::string> view = {"view", "builtin:box:1000", "--size", "64x48"};
+  std::vector<std::string> first;
+  for (const std::vector<std::string>& way :
+       {std::vector<std::string>{"--strategy", "BRUTE_FORCE"}, {}, {"--strategy", "RTT"}}) {
+    const std::string ids = File("ids.npy"), lit = File("lit.npy"), out = File("lit.png");
+    const RunResult result =
+        Good(Join(Join(view, {"--mirror", "wall-back", "--mirror", "ball=0,0,0,1,1,0", "--ids", ids,
+                              "--lit", lit, "--out", out}),
+                  way));
+    EXPECT_THAT(result.out, HasSubstr("; in mirrors "));
+    const std::vector<std::string> bytes = {Read(ids), Read(lit), Read(out)};
+    if (first.empty()) first = bytes;
+    EXPECT_TRUE(bytes == first) << testing::PrintToString(way);
+  }
+  const std::string ids = File("ids.npy");
+  Good(Join(view, {"--ids", ids}));
+  EXPECT_NE(Read(ids), first[0]);
+  const std::string out = File("no.png");
+  Bad(kExitUsage, Join(view, {"--out", out, "--mirror", "ball=1,2"}), {"--mirror", "six numbers"});
+  const auto refused = [&](const char* mirror, const char* why) {
+    const RunResult result = RunCommand(Join(view, {"--out", out, "--mirror", mirror}));
+    EXPECT_NE(result.code, 0);
+    EXPECT_THAT(result.err, HasSubstr(why));
+  };
+  refused("ball", "is not flat");
+  refused("door", "no such object");
+}
+
 TEST_F(CliTest, ViewWritesWhatItSays) {
   const std::string obj = Write("small.obj", kSmallObj);
   Good({"view",    obj,
