@@ -32,8 +32,9 @@ inline constexpr float kMaxKdReferences = 64.0f;
 struct KdBuildOptions {  // Speed and memory only, all of these.
   // Cost of visiting one inner node, in units of one triangle's test: kMinKdTraversalCost ..
   // kMaxKdTraversalCost. Less makes deeper trees with fewer triangles in a leaf. (Paper 000 plots
-  // the inverse: intersection over traversal, 0.1 .. 100.)
-  float traversal_cost = 1.0f;
+  // the inverse: intersection over traversal, 0.1 .. 100.) The default is what walks were fastest
+  // with (core/traverse/DESIGN.md).
+  float traversal_cost = 2.0f;
   // Cuts triangles to the cell instead of their boxes: fewer references and tighter leaves for
   // large slanted triangles, for 24 more bytes a node and closest hits that look further
   // (kd_tree.h, 3).

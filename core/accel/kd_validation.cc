@@ -2,12 +2,15 @@
 #include "core/accel/kd_validation.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <span>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "core/accel/kd_clip.h"
+#include "core/base/parallel.h"
 #include "core/base/status_macros.h"
 
 namespace sightline {
@@ -27,7 +30,8 @@ bool Contains(const Box3f& outer, const Box3f& inner) {
 
 class Validator {
  public:
-  Validator(const KdTree& tree, const SceneGeometry& geometry) : tree_(tree), geometry_(geometry) {}
+  Validator(const KdTree& tree, const SceneGeometry& geometry, const CancelToken* cancel)
+      : tree_(tree), geometry_(geometry), cancel_(cancel) {}
 
   absl::Status Validate() {
     const size_t live = geometry_.triangles.size() - geometry_.inert.size();
@@ -45,6 +49,7 @@ class Validator {
     inert_.assign(geometry_.triangles.size(), false);
     for (uint32_t id : geometry_.inert) inert_[id] = true;
     SL_RETURN_IF_ERROR(CheckBounds());
+    SL_RETURN_IF_ERROR(Stopped());
     SL_RETURN_IF_ERROR(WalkDown());
     SL_RETURN_IF_ERROR(CheckReferences());
     return CheckReach();
@@ -89,6 +94,7 @@ class Validator {
     while (!pending.empty()) {
       const Pending next = pending.back();
       pending.pop_back();
+      if (order_.size() % kPollNodes == 0) SL_RETURN_IF_ERROR(Stopped());
       if (!unseen[next.node]) return Fault("node ", next.node, " is reached twice");
       unseen[next.node] = false;
       order_.push_back(next.node);
@@ -179,84 +185,130 @@ class Validator {
   // A triangle on its way down, as far as it reaches into the cell.
   struct Reference {
     uint32_t id;
+    bool flat;  // It lies in the plane of a split above, and may stand on the other side alone.
     Box3f box;
   };
-  struct PendingReferences {
+  using References = std::vector<Reference>;
+  struct Subtree {
     uint32_t node;
-    std::vector<Reference> references;
+    References references;
   };
 
-  // Sends every triangle down to the leaves it must stand in, and looks for it there.
-  absl::Status CheckReferences() const {
-    std::vector<PendingReferences> pending(1);
-    pending[0].node = 0;
+  // Sends every triangle down to the leaves it must stand in, and looks for it there: subtree by
+  // subtree, in parallel.
+  absl::Status CheckReferences() {
+    std::vector<Subtree> subtrees(1), cut;
+    subtrees[0].node = 0;
     for (size_t id = 0; id < inert_.size(); ++id) {
       if (inert_[id]) continue;
-      pending[0].references.push_back(
-          {static_cast<uint32_t>(id), BoxOf(static_cast<uint32_t>(id))});
+      const auto triangle = static_cast<uint32_t>(id);
+      subtrees[0].references.push_back({triangle, false, BoxOf(triangle)});
     }
-    std::vector<uint8_t> flat_found(inert_.size(), 1);  // 0: lies in a plane, and not met yet.
-    std::vector<uint32_t> flats;
-    while (!pending.empty()) {
-      const PendingReferences next = std::move(pending.back());
-      pending.pop_back();
+    marks_.assign(inert_.size(), 0);
+    while (!subtrees.empty()) {
+      SL_RETURN_IF_ERROR(Stopped());
+      Subtree next = std::move(subtrees.back());
+      subtrees.pop_back();
       const KdNode node = tree_.nodes[next.node];
-      if (node.is_leaf()) {
-        SL_RETURN_IF_ERROR(CheckLeafReferences(node, next, &flat_found));
+      if (node.is_leaf() || next.references.size() <= kSubtreeReferences) {
+        cut.push_back(std::move(next));
         continue;
       }
-      PendingReferences half[2];
-      for (int h = 0; h < 2; ++h) half[h].node = node.first_child() + static_cast<uint32_t>(h);
-      const int axis = node.axis();
-      const float at = node.split();
-      for (const Reference& reference : next.references) {
-        const float lo = reference.box.lo[axis], hi = reference.box.hi[axis];
-        const bool flat = lo == at && hi == at;
-        if (flat && flat_found[reference.id] == 1) {
-          flat_found[reference.id] = 0;
-          flats.push_back(reference.id);
+      for (uint32_t side = 0; side < 2; ++side) {
+        Subtree child = {node.first_child() + side, {}};
+        for (const Reference& reference : next.references) {
+          Reference part = reference;
+          if (GoesDown(node, side, &part)) child.references.push_back(part);
         }
-        if (lo < at || flat) {
-          half[0].references.push_back(reference);
-          half[0].references.back().box.hi[axis] = std::min(hi, at);
-        }
-        if (hi > at || flat) {
-          half[1].references.push_back(reference);
-          half[1].references.back().box.lo[axis] = std::max(lo, at);
-        }
+        subtrees.push_back(std::move(child));
       }
-      pending.push_back(std::move(half[0]));
-      pending.push_back(std::move(half[1]));
     }
-    for (const uint32_t id : flats) {
-      if (flat_found[id] == 0) return Fault("triangle ", id, " lies in a split and in no leaf");
+    std::vector<absl::Status> faults(cut.size());
+    ParallelFor(
+        cut.size(), 1,
+        [&](size_t begin, size_t end) {
+          for (size_t i = begin; i < end; ++i) {
+            faults[i] = CheckSubtree(cut[i].node, &cut[i].references, 0);
+            cut[i].references = {};
+          }
+        },
+        cancel_);
+    SL_RETURN_IF_ERROR(Stopped());
+    for (const absl::Status& fault : faults) SL_RETURN_IF_ERROR(fault);
+    for (size_t id = 0; id < marks_.size(); ++id) {
+      if (marks_[id] == kFlat) return Fault("triangle ", id, " lies in a split and in no leaf");
     }
     return absl::OkStatus();
   }
 
-  // flat_found[id]: 1 as long as the triangle lies in no split met, 0 then, 2 once it was found.
-  absl::Status CheckLeafReferences(KdNode node, const PendingReferences& at,
-                                   std::vector<uint8_t>* flat_found) const {
+  absl::Status Stopped() const {
+    return cancel_ == nullptr ? absl::OkStatus() : cancel_->ToStatus();
+  }
+
+  // Whether the triangle reaches into the lower (0) or upper (1) child, and then how far.
+  bool GoesDown(KdNode node, uint32_t side, Reference* reference) {
+    const int axis = node.axis();
+    const float at = node.split();
+    float& lo = reference->box.lo[axis];
+    float& hi = reference->box.hi[axis];
+    if (lo == at && hi == at) {
+      reference->flat = true;
+      Add(kFlat, reference->id);
+      return true;
+    }
+    if (side == 0 ? !(lo < at) : !(hi > at)) return false;
+    (side == 0 ? hi : lo) = side == 0 ? std::min(hi, at) : std::max(lo, at);
+    return true;
+  }
+
+  // Of the references from `first` on, which are taken away again. The way down is no longer than
+  // kMaxKdDepth: WalkDown has seen to that.
+  absl::Status CheckSubtree(uint32_t at, References* references, size_t first) {
+    const KdNode node = tree_.nodes[at];
+    if (node.is_leaf()) return CheckLeafReferences(node, at, std::span(*references).subspan(first));
+    if (cancel_ != nullptr && cancel_->cancelled()) return cancel_->ToStatus();
+    const size_t end = references->size();
+    for (uint32_t side = 0; side < 2; ++side) {
+      for (size_t i = first; i < end; ++i) {
+        Reference part = (*references)[i];
+        if (GoesDown(node, side, &part)) references->push_back(part);
+      }
+      SL_RETURN_IF_ERROR(CheckSubtree(node.first_child() + side, references, end));
+      references->resize(end);
+    }
+    return absl::OkStatus();
+  }
+
+  // Marks are added, by several threads at once.
+  enum Mark : uint8_t { kFlat = 1, kFound = 2 };
+  void Add(Mark mark, uint32_t id) {
+    std::atomic_ref<uint8_t> marks(marks_[id]);
+    if ((marks.load(std::memory_order_relaxed) & mark) == 0) {
+      marks.fetch_or(mark, std::memory_order_relaxed);
+    }
+  }
+
+  absl::Status CheckLeafReferences(KdNode node, uint32_t at,
+                                   std::span<const Reference> references) {
     std::span<const uint32_t> ids;
     if (!node.is_empty_leaf()) ids = tree_.LeafIds(tree_.leaves[node.leaf()]);
     size_t found = 0;
-    for (const Reference& reference : at.references) {
+    for (const Reference& reference : references) {
       const bool stands = std::binary_search(ids.begin(), ids.end(), reference.id);
       found += stands;
       if (stands && !HoldsPart(tree_.leaves[node.leaf()].box(), reference)) {
-        return Fault("the leaf of node ", at.node, " has a box that does not hold triangle ",
+        return Fault("the leaf of node ", at, " has a box that does not hold triangle ",
                      reference.id);
       }
-      uint8_t& flat = (*flat_found)[reference.id];
-      if (flat != 1) {
-        flat = stands ? 2 : flat;
-      } else if (!stands && MustStand(reference)) {
-        return Fault("triangle ", reference.id, " reaches into the cell of node ", at.node,
+      if (stands) {
+        Add(kFound, reference.id);
+      } else if (!reference.flat && MustStand(reference)) {
+        return Fault("triangle ", reference.id, " reaches into the cell of node ", at,
                      " and does not stand in its leaf");
       }
     }
     if (found != ids.size()) {
-      return Fault("the leaf of node ", at.node, " holds ", ids.size() - found,
+      return Fault("the leaf of node ", at, " holds ", ids.size() - found,
                    " triangles that do not reach into its cell");
     }
     return absl::OkStatus();
@@ -313,16 +365,23 @@ class Validator {
     return absl::OkStatus();
   }
 
+  // Subtrees of so many references are one thread's: a few milliseconds.
+  static constexpr size_t kSubtreeReferences = 1 << 14;
+  static constexpr size_t kPollNodes = 1 << 14;
+
   const KdTree& tree_;
   const SceneGeometry& geometry_;
+  const CancelToken* const cancel_;
+  std::vector<uint8_t> marks_;   // By triangle, of Mark.
   std::vector<bool> inert_;      // By triangle.
   std::vector<uint32_t> order_;  // The nodes, parents first.
 };
 
 }  // namespace
 
-absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry) {
-  return Validator(tree, geometry).Validate();
+absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry,
+                            const CancelToken* cancel) {
+  return Validator(tree, geometry, cancel).Validate();
 }
 
 }  // namespace sightline

@@ -11,15 +11,18 @@
 
 #include "absl/status/status.h"
 #include "core/accel/kd_tree.h"
+#include "core/base/cancel.h"
 #include "core/mesh/scene_geometry.h"
 
 namespace sightline {
 
 // OK, or DataLoss naming the first fault found and where it is. Checks that every index is in range
 // and every node, leaf and id is reached once, in order; that splits lie within their cells; that
-// every triangle stands in each leaf it must; leaf boxes, reach, bounds, counts and depth. Takes
-// time and memory in proportion to the references times the depth; never reads out of bounds.
-absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry);
+// every triangle stands in each leaf it must; leaf boxes, reach, bounds, counts and depth.
+// Cancelled or DeadlineExceeded from `cancel`. Takes time in proportion to the references times the
+// depth, most of it in parallel within the calling thread's pool; never reads out of bounds.
+absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry,
+                            const CancelToken* cancel = nullptr);
 
 }  // namespace sightline
 

@@ -207,7 +207,7 @@ class Reader {
     }
     tree.triangle_count = scene->bvh.triangle_count;
     tree.max_depth = records[0].max_depth;
-    SL_RETURN_IF_ERROR(Named(file_, ValidateKdTree(tree, scene->geometry)));
+    SL_RETURN_IF_ERROR(Named(file_, ValidateKdTree(tree, scene->geometry, cancel_)));
     scene->kd_tree = std::move(tree);
     return absl::OkStatus();
   }

@@ -24,7 +24,7 @@ client::BuildPreset PresetNamed(const std::string& name) {
 
 absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context) {
   std::string name, build = "static", structure = "bvh";
-  client::KdTreeOptions kd_tree{.traversal_cost = 1};
+  client::KdTreeOptions kd_tree{.traversal_cost = 2};
   bool binary_bvh = false;
   client::BinaryBvhOptions binary{.bins = 8, .cost_ratio = 1};
   uint64_t bins = binary.bins;

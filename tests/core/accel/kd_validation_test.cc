@@ -130,6 +130,32 @@ TEST_F(KdValidationTest, Reach) {
   ExpectFault("node 5 has another reach", [](KdTree& t) { t.reach[5].lo.x -= 1; });
 }
 
+TEST_F(KdValidationTest, CancelledTokensEndIt) {
+  CancelToken cancel;
+  EXPECT_TRUE(ValidateKdTree(tree_, geometry_, &cancel).ok());
+  cancel.Cancel();
+  EXPECT_EQ(ValidateKdTree(tree_, geometry_, &cancel).code(), absl::StatusCode::kCancelled);
+}
+
+// Larger than what one thread takes by itself, with triangles in the planes of splits.
+TEST_F(KdValidationTest, LargeTreesAreCheckedBySubtrees) {
+  geometry_ = ScatteredTriangles(rng_, 40'000, 0.05);
+  for (size_t i = 0; i < geometry_.vertices.size(); i += 9) {
+    // Flat ones share planes, so that some are splits.
+    for (size_t k = 0; k < 3; ++k) {
+      geometry_.vertices[i + k].x = 0.125f * std::round(8 * geometry_.vertices[i].x);
+    }
+  }
+  geometry_.bounds = Box3f();
+  for (const Vec3f& v : geometry_.vertices) geometry_.bounds.Extend(v);
+  for (const bool perfect : {false, true}) {
+    tree_ = Build({.perfect_splits = perfect});
+    ASSERT_GT(tree_.ids.size(), 40'000u);
+    ExpectFault("leaf", [](KdTree& t) { t.ids.back() = (t.ids.back() + 20'000) % 40'000; });
+    ExpectFault("leaf", [](KdTree& t) { t.leaves.back().lo[2] -= 0.001f; });
+  }
+}
+
 TEST(KdValidationEmptyTest, NothingToHit) {
   EXPECT_TRUE(ValidateKdTree({}, {}).ok());
   KdTree tree;
