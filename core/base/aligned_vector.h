@@ -77,8 +77,8 @@ class AlignedVector {
   }
   ~AlignedVector() { Free(); }
 
-  // The elements of `values` where they are, for as long as `owner` is held. REQUIRES: `owner` is
-  // not null, values.data() is 64-byte aligned, and nobody changes the elements.
+  // The elements of `values` where they are, while `owner` is held. REQUIRES: it is not null; they
+  // are 64-byte aligned and unchanging. NOLINTNEXTLINE(performance-unnecessary-value-param): moved
   static AlignedVector Borrow(std::span<const T> values, std::shared_ptr<const void> owner) {
     SIGHTLINE_CHECK(owner != nullptr);
     SIGHTLINE_CHECK_EQ(reinterpret_cast<uintptr_t>(values.data()) % kAlignment, 0u);

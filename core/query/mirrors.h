@@ -25,8 +25,12 @@
 // Thread safety: immutable after Prepare.
 //
 //   const Mirror mirrors[] = {{.object = 3}};
-//   SL_ASSIGN_OR_RETURN(PreparedMirrors prepared, PreparedMirrors::Prepare(geometry, mirrors,
-//   eye)); if (const PreparedMirror* mirror = prepared.Of(triangle)) Trace(mirror->eye(), ...);
+//   SL_ASSIGN_OR_RETURN(PreparedMirrors prepared,
+//                       PreparedMirrors::Prepare(geometry, mirrors, eye));
+//   for (const PreparedMirror& mirror : prepared.all()) {
+//     ... rays that hit one of mirror.triangles() go on from mirror.eye() along
+//     mirror.Direction(direction).
+//   }
 #ifndef SIGHTLINE_CORE_QUERY_MIRRORS_H_
 #define SIGHTLINE_CORE_QUERY_MIRRORS_H_
 

@@ -107,18 +107,28 @@ TEST(OptionsTest, WhatASceneLacksIsNamed) {
   expect({.strategy = Strategy::kRtt, .rtt_side_by_side = -1}, kInvalid, "rtt_side_by_side = -1");
 }
 
-// A tile's statistics say how far its lists went.
-TEST(OptionsTest, TilesAreCounted) {
+// A triangle with every structure, and a camera above it.
+IndexedGeometry OneTriangle() {
   IndexedGeometry scene =
       MakeScene({{.vertices = {{-9, -9, 0}, {9, -9, 0}, {0, 18, 0}}, .indices = {0, 1, 2}}});
   AddKdTree(&scene);
-  const Camera camera = {.eye = {0, 0, 10},
-                         .right = {1, 0, 0},
-                         .up = {0, 1, 0},
-                         .forward = {0, 0, -1},
-                         .tan_half_fov_y = 0.2,
-                         .width = 48,
-                         .height = 48};
+  return scene;
+}
+
+Camera LookingAtIt(double tan_half_fov_y, uint32_t side) {
+  return {.eye = {0, 0, 10},
+          .right = {1, 0, 0},
+          .up = {0, 1, 0},
+          .forward = {0, 0, -1},
+          .tan_half_fov_y = tan_half_fov_y,
+          .width = side,
+          .height = side};
+}
+
+// A tile's statistics say how far its lists went.
+TEST(OptionsTest, TilesAreCounted) {
+  const IndexedGeometry scene = OneTriangle();
+  const Camera camera = LookingAtIt(0.2, 48);
   for (const int n : {1, 2, 3, 4}) {
     TileResult tile;
     ASSERT_TRUE(TraceTile(scene, camera, {0, 0, 48, 48}, {}, {.ids = true},
@@ -133,16 +143,8 @@ TEST(OptionsTest, TilesAreCounted) {
 
 // Every ray was answered by something, and where nobody asks nothing is counted.
 TEST(OptionsTest, AnswersAreCounted) {
-  IndexedGeometry scene =
-      MakeScene({{.vertices = {{-9, -9, 0}, {9, -9, 0}, {0, 18, 0}}, .indices = {0, 1, 2}}});
-  AddKdTree(&scene);
-  const Camera camera = {.eye = {0, 0, 10},
-                         .right = {1, 0, 0},
-                         .up = {0, 1, 0},
-                         .forward = {0, 0, -1},
-                         .tan_half_fov_y = 0.7,
-                         .width = 40,
-                         .height = 40};
+  const IndexedGeometry scene = OneTriangle();
+  const Camera camera = LookingAtIt(0.7, 40);
   std::vector<LightSample> samples;
   ASSERT_TRUE(AppendSamples(Light::Point({1, 2, 9}), 0, {}, &samples).ok());
   ASSERT_TRUE(AppendSamples(Light::Directional({0, 0.1, 1}), 1, {}, &samples).ok());
