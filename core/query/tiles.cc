@@ -373,7 +373,7 @@ class TileTrace {
         packet_.v[lane] = seen.v[i];
       }
       if (outputs_.answered_by) answered_by_[lane] = mirrored_answered_by_[i];
-      placed_[lane] = mirrored_placed_[i];
+      if (placer_ != nullptr) placed_[lane] = mirrored_placed_[i];
     }
     return absl::OkStatus();
   }

@@ -8,8 +8,6 @@
 // first view. Its packets of four rays are here the engine's packets on the kd-tree. Rays that RTT
 // walks are four corner rays a tile, which here are beside the tile's own, and all rays of tiles
 // that their lists do not answer.
-#include <time.h>
-
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -21,13 +19,13 @@
 #include "absl/strings/str_format.h"
 #include "core/accel/bvh_builder.h"
 #include "core/accel/kd_builder.h"
-#include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
 #include "core/mesh/builtin/builtin.h"
 #include "core/query/tiles.h"
 #include "core/traverse/rtt.h"
+#include "tests/bench/measure.h"
 #include "tests/bench/papers/papers.h"
 #include "tests/bench/workload.h"
 
@@ -78,13 +76,6 @@ const Way kSingle = {"single rays",
 const Way kRtt = {"RTT", {.strategy = Strategy::kRtt}};
 const Way kShafts = {"shafts on the BVH", {.strategy = Strategy::kShaft}};
 
-// Of the calling thread: what others do meanwhile does not show.
-double CpuMilliseconds() {
-  timespec now;
-  SIGHTLINE_CHECK_EQ(clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now), 0);
-  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
-}
-
 // Milliseconds, and what was counted, of a picture's primary and shadow rays.
 struct Frame {
   double milliseconds[2] = {};
@@ -100,14 +91,14 @@ absl::StatusOr<Frame> Trace(const RttScene& scene, const Way& way, uint32_t widt
   for (const bool lit : {false, true}) {
     if (lit && !shadows) continue;
     QueryStats stats[2];
-    const double start = CpuMilliseconds();
+    const double start = ThreadSeconds();
     for (const TileRect& tile : CutImage(width, height)) {
       SL_RETURN_IF_ERROR(TraceTile(scene.indexed, camera, tile, scene.samples,
                                    {.ids = true, .depth = true, .lit = lit}, way.options, &result));
       stats[0].Add(result.primary);
       stats[1].Add(result.shadow);
     }
-    const double milliseconds = CpuMilliseconds() - start;
+    const double milliseconds = 1e3 * (ThreadSeconds() - start);
     // With shadows it is both.
     frame.milliseconds[lit] = lit ? milliseconds - frame.milliseconds[0] : milliseconds;
     frame.stats[lit] = stats[lit];
