@@ -120,8 +120,8 @@ absl::StatusOr<SceneSource> ReadScene(const std::string& scene, const std::strin
       "'", scene, "' is neither a file nor a built-in scene: ", builtin.status().message()));
 }
 
-absl::StatusOr<IndexedGeometry> IndexScene(const SceneSource& source,
-                                           const BvhBuildOptions& options, ThreadPool& pool) {
+absl::StatusOr<IndexedGeometry> IndexScene(const SceneSource& source, const IndexOptions& options,
+                                           ThreadPool& pool) {
   absl::StatusOr<SceneGeometry> geometry = absl::UnknownError("not compiled");
   // CompileScene runs within the pool of the calling thread.
   pool.ParallelFor(1, 1, [&](size_t, size_t) {
@@ -130,7 +130,14 @@ absl::StatusOr<IndexedGeometry> IndexScene(const SceneSource& source,
   SL_RETURN_IF_ERROR(geometry.status());
   IndexedGeometry scene;
   scene.geometry = *std::move(geometry);
-  SL_ASSIGN_OR_RETURN(scene.bvh, BuildBvh(scene.geometry, options, pool));
+  SL_ASSIGN_OR_RETURN(scene.bvh, BuildBvh(scene.geometry, options.bvh, pool));
+  if (options.kd_tree) {
+    SL_ASSIGN_OR_RETURN(scene.kd_tree, BuildKdTree(scene.geometry, *options.kd_tree, pool));
+  }
+  if (options.binary_bvh) {
+    SL_ASSIGN_OR_RETURN(scene.binary_bvh,
+                        BuildBinaryBvh(scene.geometry, *options.binary_bvh, pool));
+  }
   return scene;
 }
 

@@ -16,12 +16,15 @@
 #ifndef SIGHTLINE_TESTS_BENCH_BENCH_SCENE_H_
 #define SIGHTLINE_TESTS_BENCH_BENCH_SCENE_H_
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/accel/binary_bvh_builder.h"
 #include "core/accel/bvh_builder.h"
 #include "core/accel/indexed_geometry.h"
+#include "core/accel/kd_builder.h"
 #include "core/base/parallel.h"
 #include "core/mesh/builtin/builtin.h"
 #include "core/mesh/object.h"
@@ -41,9 +44,16 @@ struct SceneSource {
 // a `views_file`, the scene has to be in it.
 absl::StatusOr<SceneSource> ReadScene(const std::string& scene, const std::string& views_file);
 
+// What is built over a scene.
+struct IndexOptions {
+  BvhBuildOptions bvh = {};
+  std::optional<KdBuildOptions> kd_tree = std::nullopt;
+  std::optional<BinaryBvhOptions> binary_bvh = std::nullopt;
+};
+
 // Compiles and builds on the pool.
-absl::StatusOr<IndexedGeometry> IndexScene(const SceneSource& source,
-                                           const BvhBuildOptions& options, ThreadPool& pool);
+absl::StatusOr<IndexedGeometry> IndexScene(const SceneSource& source, const IndexOptions& options,
+                                           ThreadPool& pool);
 
 }  // namespace sightline::bench
 

@@ -332,7 +332,7 @@ absl::Status RunScene(const Options& options, const std::string& name, Context& 
   SL_ASSIGN_OR_RETURN(const SceneSource source, ReadScene(name, options.views));
   ThreadPool pool(threads);
   SL_ASSIGN_OR_RETURN(IndexedGeometry scene,
-                      IndexScene(source, BvhPresetOptions(BvhPreset::kStatic), pool));
+                      IndexScene(source, {.bvh = BvhPresetOptions(BvhPreset::kStatic)}, pool));
   if (scene.bvh.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat("'", source.name, "' has no triangle that can be hit"));

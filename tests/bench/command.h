@@ -27,6 +27,7 @@ struct Context {
 using Command = absl::StatusOr<bool> (*)(std::span<const std::string> args, Context& context);
 
 absl::StatusOr<bool> EmbreeCommand(std::span<const std::string> args, Context& context);
+absl::StatusOr<bool> AutoCommand(std::span<const std::string> args, Context& context);
 absl::StatusOr<bool> BuildCommand(std::span<const std::string> args, Context& context);
 absl::StatusOr<bool> ScalingCommand(std::span<const std::string> args, Context& context);
 absl::StatusOr<bool> VerifyCommand(std::span<const std::string> args, Context& context);

@@ -103,6 +103,7 @@ Row MakeRow(const Bench& bench, const Run& run, const Timings& timings, const Ag
              {"threads", bench.threads},
              {"isa", std::string(SimdTargetName(run.spec.options.simd))},
              {"strategy", bench.options.work.strategy},
+             {"structure", bench.options.work.structure},
              {"rate_per_s", timings.Rate(0).median},
              {"peer", absl::StrCat(EmbreeDevice::Name(), " robust")},
              {"peer_mode", run.mode.Name()},
@@ -185,7 +186,7 @@ absl::Status RunScene(const Options& options, const std::string& name, Context& 
   context.err << name << ": reading and building" << std::endl;
   SL_ASSIGN_OR_RETURN(const SceneSource source, ReadScene(name, options.work.views));
   ThreadPool pool(threads);
-  SL_ASSIGN_OR_RETURN(const IndexedGeometry scene, IndexScene(source, {}, pool));
+  SL_ASSIGN_OR_RETURN(const IndexedGeometry scene, IndexScene(source, options.work.Index(), pool));
   SL_ASSIGN_OR_RETURN(const auto device, EmbreeDevice::Open(threads, simd));
   const PeerMesh mesh(scene.geometry);
   SL_ASSIGN_OR_RETURN(const auto robust, EmbreeScene::Build(*device, mesh, {}));

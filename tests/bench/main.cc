@@ -23,6 +23,7 @@ struct Entry {
 
 constexpr Entry kCommands[] = {
     {"embree", "rays per second against Embree, by workload and scene", EmbreeCommand},
+    {"auto", "what AUTO chooses against every strategy and structure there is", AutoCommand},
     {"build", "build times, build and one picture, bytes per triangle against Embree",
      BuildCommand},
     {"scaling", "what more threads gain, as a share of an arithmetic loop's gain", ScalingCommand},

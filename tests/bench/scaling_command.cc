@@ -132,6 +132,7 @@ absl::Status RunWorkload(const WorkloadFlags& work, const SceneSource& source,
              {"threads", all.threads()},
              {"isa", std::string(SimdTargetName(spec.options.simd))},
              {"strategy", work.strategy},
+             {"structure", work.structure},
              {"rate_per_s", timings.Rate(kAll).median},
              {"rate_1_per_s", timings.Rate(kOne).median},
              {"peer", "arithmetic loop"},
@@ -156,7 +157,7 @@ absl::Status RunScene(const WorkloadFlags& work, const std::string& name, Contex
   context.err << name << ": reading and building" << std::endl;
   SL_ASSIGN_OR_RETURN(const SceneSource source, ReadScene(name, work.views));
   ThreadPool one(1), all(ResolveThreads(work.threads));
-  SL_ASSIGN_OR_RETURN(const IndexedGeometry scene, IndexScene(source, {}, all));
+  SL_ASSIGN_OR_RETURN(const IndexedGeometry scene, IndexScene(source, work.Index(), all));
   for (const std::string& workload : work.workloads) {
     for (const ImageSize& size : work.Sizes(workload)) {
       SL_RETURN_IF_ERROR(

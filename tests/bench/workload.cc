@@ -5,6 +5,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
 
 namespace sightline::bench {
 
@@ -16,6 +17,7 @@ absl::StatusOr<std::unique_ptr<Workload>> MakeWorkload(const WorkloadSpec& spec,
     return absl::InvalidArgumentError(
         absl::StrCat("'", source.name, "' has no triangle that can be hit"));
   }
+  SL_RETURN_IF_ERROR(CheckOptions(scene, spec.options));
   if (spec.name == "segments") return MakeSegmentWorkload(spec, source, scene, pool);
   if (spec.name == "points") return MakePointWorkload(spec, source, scene, pool);
   if (source.views.empty()) {

@@ -21,9 +21,12 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <type_traits>
 #include <vector>
 
+#include "absl/hash/hash.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/base/parallel.h"
 #include "core/query/options.h"
@@ -42,7 +45,11 @@ enum class Share : uint8_t { kAll, kSample };
 
 class Workload {
  public:
+  explicit Workload(const QueryOptions& options) : options_(options) {}
   virtual ~Workload() = default;
+
+  // How the engine is asked from here on.
+  void Use(const QueryOptions& options) { options_ = options; }
 
   virtual size_t units() const = 0;
   virtual uint64_t queries(size_t unit) const = 0;
@@ -60,7 +67,23 @@ class Workload {
   // agreement is to be settled, what they differ in is put to the single-ray walk and to brute
   // force, and a sample of all queries to the single-ray walk.
   virtual void Compare(size_t unit, Agreement* agreement) = 0;
+  // Of the results of our last run, bit for bit: the same numbers for the same answers.
+  virtual uint64_t OurDigest() const = 0;
+
+ protected:
+  const QueryOptions& options() const { return options_; }
+
+ private:
+  QueryOptions options_;
 };
+
+// One digest of both.
+template <typename T>
+uint64_t AddToDigest(uint64_t digest, const std::vector<T>& results) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  return absl::HashOf(digest, absl::string_view(reinterpret_cast<const char*>(results.data()),
+                                                results.size() * sizeof(T)));
+}
 
 struct WorkloadSpec {
   std::string name;  // primary, shadow, sun, area, points or segments.
@@ -77,7 +100,7 @@ struct WorkloadSpec {
 std::string Describe(const WorkloadSpec& spec);
 
 // `source`, `scene` and `pool` must outlive the workload. InvalidArgument: an unknown name, or a
-// scene without the views that it needs.
+// scene without the views that it needs; what CheckOptions says of the spec's options.
 using WorkloadMaker = absl::StatusOr<std::unique_ptr<Workload>>(const WorkloadSpec& spec,
                                                                 const SceneSource& source,
                                                                 const IndexedGeometry& scene,

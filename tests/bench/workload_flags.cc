@@ -43,7 +43,7 @@ absl::StatusOr<std::vector<ImageSize>> ParseSizes(const std::string& text) {
   return sizes;
 }
 
-void WorkloadFlags::Register(cli::FlagSet* flags) {
+void WorkloadFlags::Register(cli::FlagSet* flags, Choices choices) {
   flags->Heading("What");
   flags->Texts("scene", "SCENE", "a mesh file or a built-in scene", &scenes);
   flags->Texts("workload", "WORKLOAD", absl::StrJoin(kWorkloads, ", "), &workloads);
@@ -69,12 +69,31 @@ void WorkloadFlags::Register(cli::FlagSet* flags) {
                &range, 0, 1'000'000'000);
   flags->Heading("How");
   RegisterThreads(flags, &threads);
-  flags->Custom("strategy", "NAME", "of the engine", strategy,
-                [this](const std::string& text) -> absl::Status {
-                  SL_ASSIGN_OR_RETURN(const Strategy parsed, ParseStrategy(text));
-                  strategy = std::string(StrategyName(parsed));
-                  return absl::OkStatus();
+  if (choices == Choices::kOne) {
+    flags->Custom("strategy", "NAME", "of the engine", strategy,
+                  [this](const std::string& text) -> absl::Status {
+                    SL_ASSIGN_OR_RETURN(const Strategy parsed, ParseStrategy(text));
+                    strategy = std::string(StrategyName(parsed));
+                    return absl::OkStatus();
+                  });
+    flags->Custom("structure", "NAME",
+                  "what it walks: AUTO, BVH, KD_TREE or BINARY_BVH, built where it is asked for",
+                  structure, [this](const std::string& text) -> absl::Status {
+                    SL_ASSIGN_OR_RETURN(const Structure parsed, ParseStructure(text));
+                    structure = std::string(StructureName(parsed));
+                    return absl::OkStatus();
+                  });
+  }
+  flags->Custom("kd-cost", "RATIO",
+                "of a kd-tree: cost of a node over that of a triangle's test, 0.01 to 10",
+                absl::StrCat(kd_tree.traversal_cost), [this](const std::string& text) {
+                  if (!absl::SimpleAtof(text, &kd_tree.traversal_cost)) {
+                    return absl::InvalidArgumentError("wants a number");
+                  }
+                  return ValidateKdOptions(kd_tree);
                 });
+  flags->Switch("kd-perfect-splits", "of a kd-tree: cut triangles to its cells, not their boxes",
+                &kd_tree.perfect_splits);
   RegisterIsa(flags, &isa);
   flags->Count("repeats", "N", "repetitions, of whose ratios the median is given", &repeats, 1,
                1000);
@@ -97,6 +116,15 @@ absl::Status WorkloadFlags::Check() const {
   return absl::OkStatus();
 }
 
+IndexOptions WorkloadFlags::Index() const {
+  IndexOptions index;
+  if (structure == StructureName(Structure::kKdTree) || strategy == StrategyName(Strategy::kRtt)) {
+    index.kd_tree = kd_tree;
+  }
+  if (structure == StructureName(Structure::kBinaryBvh)) index.binary_bvh.emplace();
+  return index;
+}
+
 std::vector<ImageSize> WorkloadFlags::Sizes(const std::string& workload) const {
   if (HasPicture(workload) && !sweep.empty()) return sweep;
   return {{static_cast<uint32_t>(width), static_cast<uint32_t>(height)}};
@@ -114,6 +142,7 @@ absl::StatusOr<WorkloadSpec> WorkloadFlags::Spec(const std::string& workload,
   spec.sources = sources;
   spec.range = range;
   SL_ASSIGN_OR_RETURN(spec.options.strategy, ParseStrategy(strategy));
+  SL_ASSIGN_OR_RETURN(spec.options.structure, ParseStructure(structure));
   SL_ASSIGN_OR_RETURN(spec.options.simd, ResolveIsa(isa));
   return spec;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The flags that say which scenes and workloads a command times, and how: what `embree` and
-// `scaling` share.
+// The flags that say which scenes and workloads a command times, and how: what `embree`, `scaling`
+// and `auto` share.
 //
 // Thread safety: none; belongs to one command.
 //
@@ -20,6 +20,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/cli/flags.h"
+#include "core/accel/kd_builder.h"
+#include "tests/bench/bench_scene.h"
 #include "tests/bench/workload.h"
 
 namespace sightline::bench {
@@ -37,14 +39,19 @@ struct WorkloadFlags {
   std::string lights = "sky";
   bool shuffled = false, sources = false;
   uint64_t threads = 1, repeats = 5;
-  std::string strategy = "AUTO", isa = "best";
+  std::string strategy = "AUTO", structure = "AUTO", isa = "best";
+  KdBuildOptions kd_tree;
   bool json = false;
 
+  // Which choices of --strategy and --structure there are: one, or a command's own.
+  enum class Choices : uint8_t { kOne, kAll };
   // REQUIRES: this outlives `flags`.
-  void Register(cli::FlagSet* flags);
+  void Register(cli::FlagSet* flags, Choices choices = Choices::kOne);
   // Usage errors: no scene, no workload, or one that is none.
   absl::Status Check() const;
 
+  // The BVH, and what the strategy and the structure want beside it.
+  IndexOptions Index() const;
   // The sizes to time a workload at: those of the sweep, or the one of --width and --height; one
   // that does not matter where the workload has no picture.
   std::vector<ImageSize> Sizes(const std::string& workload) const;

@@ -50,7 +50,7 @@ class PointWorkload : public Workload {
  public:
   PointWorkload(const WorkloadSpec& spec, const IndexedGeometry& scene, ThreadPool& pool,
                 std::vector<PointSet> sets, std::vector<Unit> units, size_t views)
-      : options_(spec.options),
+      : Workload(spec.options),
         scene_(scene),
         pool_(pool),
         sets_(std::move(sets)),
@@ -82,7 +82,7 @@ class PointWorkload : public Workload {
       for (size_t r = begin; r < end; ++r) {
         const absl::Status status =
             ComputeShadows(scene_, sets_[units_[unit].set].Slice(RangeOf(unit, r)),
-                           units_[unit].samples, {}, {}, {.bits = true}, options_, &ours_[r]);
+                           units_[unit].samples, {}, {}, {.bits = true}, options(), &ours_[r]);
         SIGHTLINE_CHECK(status.ok()) << status;
       }
     });
@@ -126,6 +126,12 @@ class PointWorkload : public Workload {
       }
     }
     agreement->queries += queries(unit);
+  }
+
+  uint64_t OurDigest() const override {
+    uint64_t digest = 0;
+    for (const ShadowResult& range : ours_) digest = AddToDigest(digest, range.lit_bits);
+    return digest;
   }
 
  private:
@@ -192,10 +198,10 @@ class PointWorkload : public Workload {
 
   void Compute(size_t unit, const PointSet::Range& range, std::span<const LightSample> samples,
                Strategy strategy, ShadowResult* result) const {
-    QueryOptions options = options_;
-    options.strategy = strategy;
+    QueryOptions asked = options();
+    asked.strategy = strategy;
     const absl::Status status = ComputeShadows(scene_, sets_[units_[unit].set].Slice(range),
-                                               samples, {}, {}, {.bits = true}, options, result);
+                                               samples, {}, {}, {.bits = true}, asked, result);
     SIGHTLINE_CHECK(status.ok()) << status;
   }
 
@@ -206,7 +212,6 @@ class PointWorkload : public Workload {
         ": ", pair.lit ? "lit" : "not lit", ", but ", StrategyName(strategy), " says otherwise"));
   }
 
-  const QueryOptions options_;
   const IndexedGeometry& scene_;
   ThreadPool& pool_;
   const std::vector<PointSet> sets_;

@@ -20,7 +20,7 @@ class PrimaryWorkload : public Workload {
  public:
   PrimaryWorkload(const WorkloadSpec& spec, const IndexedGeometry& scene, ThreadPool& pool,
                   std::vector<Camera> cameras)
-      : options_(spec.options),
+      : Workload(spec.options),
         scene_(scene),
         pool_(pool),
         cameras_(std::move(cameras)),
@@ -44,7 +44,7 @@ class PrimaryWorkload : public Workload {
     pool_.ParallelFor(tiles_.size(), 1, [&](size_t begin, size_t end) {
       for (size_t i = begin; i < end; ++i) {
         const absl::Status status =
-            TraceTile(scene_, cameras_[unit], tiles_[i], {}, kOutputs, options_, &ours_[i]);
+            TraceTile(scene_, cameras_[unit], tiles_[i], {}, kOutputs, options(), &ours_[i]);
         SIGHTLINE_CHECK(status.ok()) << status;
       }
     });
@@ -69,6 +69,15 @@ class PrimaryWorkload : public Workload {
       if (agreement->settle && t % kSampleStep == 0) CheckTile(unit, t, agreement);
     }
     agreement->queries += queries(unit);
+  }
+
+  uint64_t OurDigest() const override {
+    uint64_t digest = 0;
+    for (const TileResult& tile : ours_) {
+      digest = AddToDigest(AddToDigest(digest, tile.triangle), tile.depth);
+      digest = AddToDigest(AddToDigest(digest, tile.u), tile.v);
+    }
+    return digest;
   }
 
  private:
@@ -100,10 +109,10 @@ class PrimaryWorkload : public Workload {
   void CheckPixel(size_t unit, uint32_t x, uint32_t y, uint32_t triangle, float depth,
                   Strategy strategy, Agreement* agreement) const {
     TileResult truth;
-    QueryOptions options = options_;
-    options.strategy = strategy;
+    QueryOptions asked = options();
+    asked.strategy = strategy;
     const absl::Status status =
-        TraceTile(scene_, cameras_[unit], {x, y, 1, 1}, {}, kOutputs, options, &truth);
+        TraceTile(scene_, cameras_[unit], {x, y, 1, 1}, {}, kOutputs, asked, &truth);
     SIGHTLINE_CHECK(status.ok()) << status;
     if (truth.triangle[0] == triangle && truth.depth[0] == depth) return;
     agreement->AddBeyondRounding(absl::StrCat(
@@ -114,10 +123,10 @@ class PrimaryWorkload : public Workload {
   // A whole tile against the single-ray walk, whatever the peer says of it.
   void CheckTile(size_t unit, size_t t, Agreement* agreement) const {
     TileResult truth;
-    QueryOptions options = options_;
-    options.strategy = Strategy::kSingle;
+    QueryOptions asked = options();
+    asked.strategy = Strategy::kSingle;
     const absl::Status status =
-        TraceTile(scene_, cameras_[unit], tiles_[t], {}, kOutputs, options, &truth);
+        TraceTile(scene_, cameras_[unit], tiles_[t], {}, kOutputs, asked, &truth);
     SIGHTLINE_CHECK(status.ok()) << status;
     const TileResult& ours = ours_[t];
     agreement->by_single += truth.triangle.size();
@@ -132,7 +141,6 @@ class PrimaryWorkload : public Workload {
     }
   }
 
-  const QueryOptions options_;
   const IndexedGeometry& scene_;
   ThreadPool& pool_;
   const std::vector<Camera> cameras_;

@@ -46,7 +46,7 @@ PreparedSegments OneOf(const PreparedSegments& all, size_t i) {
 class SegmentWorkload : public Workload {
  public:
   SegmentWorkload(const WorkloadSpec& spec, const IndexedGeometry& scene, ThreadPool& pool)
-      : options_(spec.options), scene_(scene), pool_(pool), queries_(spec.points) {
+      : Workload(spec.options), scene_(scene), pool_(pool), queries_(spec.points) {
     const uint64_t range = spec.range > 0 ? spec.range : 65'536;
     for (uint64_t begin = 0; begin < spec.points; begin += range) {
       ranges_.push_back(RandomSegments(scene.geometry.bounds, std::min(range, spec.points - begin),
@@ -68,7 +68,7 @@ class SegmentWorkload : public Workload {
     pool_.ParallelFor(ranges_.size(), 1, [&](size_t begin, size_t end) {
       for (size_t r = begin; r < end; ++r) {
         const absl::Status status =
-            TestSegments(scene_, ranges_[r], {.bits = true}, options_, &ours_[r]);
+            TestSegments(scene_, ranges_[r], {.bits = true}, options(), &ours_[r]);
         SIGHTLINE_CHECK(status.ok()) << status;
       }
     });
@@ -110,6 +110,12 @@ class SegmentWorkload : public Workload {
     agreement->queries += queries_;
   }
 
+  uint64_t OurDigest() const override {
+    uint64_t digest = 0;
+    for (const SegmentResult& range : ours_) digest = AddToDigest(digest, range.blocked_bits);
+    return digest;
+  }
+
  private:
   void Settle(size_t r, size_t i, bool blocked, Agreement* agreement) const {
     ++agreement->disagreements;
@@ -130,9 +136,9 @@ class SegmentWorkload : public Workload {
   }
 
   void Test(const PreparedSegments& segments, Strategy strategy, SegmentResult* result) const {
-    QueryOptions options = options_;
-    options.strategy = strategy;
-    const absl::Status status = TestSegments(scene_, segments, {.bits = true}, options, result);
+    QueryOptions asked = options();
+    asked.strategy = strategy;
+    const absl::Status status = TestSegments(scene_, segments, {.bits = true}, asked, result);
     SIGHTLINE_CHECK(status.ok()) << status;
   }
 
@@ -143,7 +149,6 @@ class SegmentWorkload : public Workload {
                                               StrategyName(strategy), " says otherwise"));
   }
 
-  const QueryOptions options_;
   const IndexedGeometry& scene_;
   ThreadPool& pool_;
   const uint64_t queries_;
