@@ -18,11 +18,14 @@ namespace sightline {
 
 struct IndexedGeometry {
   SceneGeometry geometry;
-  Bvh bvh;
+  Bvh bvh;                                 // Empty where a kd-tree stands alone.
   std::optional<KdTree> kd_tree;           // Where it was asked for, as the next two.
   std::optional<LeafTriangles> kd_leaves;  // Of kd_tree's ids, for walks that cull in leaves.
   std::optional<BinaryBvh> binary_bvh;
   std::optional<PreparedGeometry> prepared;  // For one of the papers' ray-triangle tests.
+
+  // Whether there is something to hit, but no BVH: whatever leaves it open walks the kd-tree then.
+  bool kd_tree_alone() const { return bvh.empty() && kd_tree && !kd_tree->empty(); }
 
   size_t MemoryBytes() const {
     return geometry.MemoryBytes() + bvh.MemoryBytes() + (kd_tree ? kd_tree->MemoryBytes() : 0) +

@@ -49,6 +49,10 @@ struct KdBuildOptions {  // Speed and memory only, all of these.
   // Bound on memory: references over triangles, 1 .. kMaxKdReferences. A cell's share is handed
   // down in proportion; a split that would exceed it is not made.
   float max_references = 6.0f;
+  // Not read here: whoever keeps the tree lays its leaves' triangles out beside it
+  // (IndexedGeometry:: kd_leaves), 64 bytes for each that a leaf names, for walks that cull within
+  // leaves.
+  bool lay_out_leaves = false;
 };
 
 // InvalidArgument naming what is out of range, its value and the range.

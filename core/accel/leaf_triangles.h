@@ -25,6 +25,8 @@
 
 namespace sightline {
 
+inline constexpr size_t kLeafTriangleBytes = 16 * sizeof(float);  // A triangle named.
+
 struct LeafTriangles {
   AlignedVector<float> rows;   // 10 × stride: 40 bytes a triangle named.
   AlignedVector<float> boxes;  // 6 × stride: 24 bytes, as paper 001 counts them.

@@ -4,6 +4,11 @@
 // small boxes: what a point may touch, what a short way may cross. Comparisons of stored floats
 // round nothing.
 //
+// Walks the BVH, or a kd-tree that stands alone. There a triangle comes once for every leaf that
+// names it, and none is lost: a point of both boxes lies in the closed cell of some leaf that names
+// the triangle, and in that leaf's box (core/accel/kd_tree.h). With perfect splits a leaf knows of
+// the triangle's own part in the cell alone; `reach` holds the whole boxes.
+//
 // One instruction set is enough here (AVX2, the floor): the walk is short, and its answer is a set.
 //
 // Thread safety: functions only.
@@ -21,6 +26,7 @@
 
 #include "core/accel/indexed_geometry.h"
 #include "core/geometry/box3.h"
+#include "core/traverse/leaf_range.h"
 #include "core/traverse/leaf_view.h"
 #include "hwy/highway.h"
 
@@ -74,11 +80,54 @@ inline uint32_t MeetingTriangles(const LeafView& leaf, const Box3f& box) {
   return meeting & ((1u << leaf.count) - 1);
 }
 
+inline bool Meets(const Box3f& a, const Box3f& b) {
+  return a.lo.x <= b.hi.x && a.hi.x >= b.lo.x && a.lo.y <= b.hi.y && a.hi.y >= b.lo.y &&
+         a.lo.z <= b.hi.z && a.hi.z >= b.lo.z;
+}
+
+// Calls fn(leaf, lane) for the meeting triangles of a leaf; false: fn wants no more.
+template <typename Fn>
+bool VisitLeaf(const LeafView& leaf, const Box3f& box, const Fn& fn) {
+  for (uint32_t bits = MeetingTriangles(leaf, box); bits != 0; bits &= bits - 1) {
+    if (!fn(leaf, static_cast<uint32_t>(std::countr_zero(bits)))) return false;
+  }
+  return true;
+}
+
+// ForEachMeeting by the kd-tree.
+template <typename Fn>
+void WalkKdTree(const IndexedGeometry& scene, const Box3f& box, const Fn& fn) {
+  const KdTree& tree = *scene.kd_tree;
+  const bool perfect = tree.perfect();
+  uint32_t stack[kKdStackSize];  // Not initialized.
+  uint32_t depth = 0;
+  stack[depth++] = 0;
+  while (depth > 0) {
+    const uint32_t at = stack[--depth];
+    const KdNode node = tree.nodes[at];
+    if (node.is_empty_leaf() || (perfect && !Meets(tree.reach[at], box))) continue;
+    if (!node.is_leaf()) {
+      const uint32_t child = node.first_child();
+      if (perfect || box.lo[node.axis()] <= node.split()) stack[depth++] = child;
+      if (perfect || box.hi[node.axis()] >= node.split()) stack[depth++] = child + 1;
+      continue;
+    }
+    const KdLeaf& leaf = tree.leaves[node.leaf()];
+    if (!perfect && !Meets(leaf.box(), box)) continue;
+    const LeafRange range = LeafRange::Of(scene, leaf);
+    for (uint32_t first = 0; first < range.count; first += kMaxLeafTriangles) {
+      if (!VisitLeaf(RangeView(scene.geometry, range, first).leaf, box, fn)) return;
+    }
+  }
+}
+
 }  // namespace box_walk
 
-// Calls fn(leaf, lane) for each such triangle, in no particular order, until fn returns false.
+// Calls fn(leaf, lane) for each such triangle, in no particular order, until fn returns false; on a
+// kd-tree perhaps more than once for one triangle.
 template <typename Fn>
 void ForEachMeeting(const IndexedGeometry& scene, const Box3f& box, const Fn& fn) {
+  if (scene.kd_tree_alone()) return box_walk::WalkKdTree(scene, box, fn);
   if (scene.bvh.empty()) return;
   uint32_t stack[kBvhStackSize];  // ChildRef bits; not initialized.
   int depth = 0;
@@ -86,10 +135,7 @@ void ForEachMeeting(const IndexedGeometry& scene, const Box3f& box, const Fn& fn
   while (depth > 0) {
     const ChildRef ref = ChildRef::FromBits(stack[--depth]);
     if (ref.is_leaf()) {
-      const LeafView leaf(scene, ref);
-      for (uint32_t bits = box_walk::MeetingTriangles(leaf, box); bits != 0; bits &= bits - 1) {
-        if (!fn(leaf, static_cast<uint32_t>(std::countr_zero(bits)))) return;
-      }
+      if (!box_walk::VisitLeaf(LeafView(scene, ref), box, fn)) return;
       continue;
     }
     const BvhNode& node = scene.bvh.nodes[ref.node()];

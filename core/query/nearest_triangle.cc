@@ -9,6 +9,7 @@
 #include "core/base/check.h"
 #include "core/intersect/predicate.h"
 #include "core/query/box_walk.h"
+#include "core/traverse/leaf_range.h"
 #include "core/traverse/leaf_view.h"
 
 namespace sightline {
@@ -73,24 +74,90 @@ struct LeafBoxes {
   float lo[3][kMaxLeafTriangles], hi[3][kMaxLeafTriangles];
 
   explicit LeafBoxes(const LeafView& leaf) {
-    const int stride = static_cast<int>(leaf.stride);
-    for (int axis = 0; axis < 3; ++axis) {
+    const size_t stride = leaf.stride;
+    const int lanes = static_cast<int>(std::min<size_t>(stride, kMaxLeafTriangles));
+    for (size_t axis = 0; axis < 3; ++axis) {
       const float* a = leaf.rows + axis * stride;
       const float* b = a + 3 * stride;
       const float* c = b + 3 * stride;
-      for (int k = 0; k < stride; ++k) {
+      for (int k = 0; k < lanes; ++k) {
         const float ab_lo = a[k] < b[k] ? a[k] : b[k];
         const float ab_hi = a[k] < b[k] ? b[k] : a[k];
         lo[axis][k] = ab_lo < c[k] ? ab_lo : c[k];
         hi[axis][k] = ab_hi < c[k] ? c[k] : ab_hi;
       }
-      for (int k = stride; k < kMaxLeafTriangles; ++k) lo[axis][k] = hi[axis][k] = 0;
+      for (int k = lanes; k < kMaxLeafTriangles; ++k) lo[axis][k] = hi[axis][k] = 0;
     }
   }
   void Distances(Vec3d p, double out[kMaxLeafTriangles]) const {
     BoxDistances<kMaxLeafTriangles>(lo[0], lo[1], lo[2], hi[0], hi[1], hi[2], p, out);
   }
 };
+
+double BoxDistance(const Box3f& box, Vec3d p) {
+  double distance;
+  BoxDistances<1>(&box.lo.x, &box.lo.y, &box.lo.z, &box.hi.x, &box.hi.y, &box.hi.z, p, &distance);
+  return distance;
+}
+
+// Makes `best` the best of it and a leaf's triangles.
+void LookAtLeaf(const LeafView& leaf, Vec3d p, NearestTriangle* best) {
+  double distance[kMaxLeafTriangles];
+  LeafBoxes(leaf).Distances(p, distance);
+  for (uint32_t k = 0; k < leaf.count; ++k) {
+    if (!(distance[k] <= best->distance_squared)) continue;
+    const Vec3d q =
+        ClosestPointOnTriangle(p, leaf.corner(0, k), leaf.corner(1, k), leaf.corner(2, k));
+    const NearestTriangle candidate{leaf.id(k), DistanceSquared(p, q)};
+    if (candidate.distance_squared < best->distance_squared ||
+        (candidate.distance_squared == best->distance_squared &&
+         candidate.triangle < best->triangle)) {
+      *best = candidate;
+    }
+  }
+}
+
+// FindNearest by the kd-tree, the nearer child first.
+NearestTriangle NearestInKdTree(const IndexedGeometry& scene, Vec3d p,
+                                double max_distance_squared) {
+  const KdTree& tree = *scene.kd_tree;
+  NearestTriangle best{kNoTriangle, max_distance_squared};
+  struct Entry {
+    double distance;
+    uint32_t node;
+    Box3f cell;
+  };
+  const auto entry_of = [&](uint32_t node, const Box3f& cell) {
+    return Entry{BoxDistance(tree.perfect() ? tree.reach[node] : cell, p), node, cell};
+  };
+  std::vector<Entry> stack;
+  stack.reserve(kKdStackSize);
+  stack.push_back(entry_of(0, tree.bounds));
+  while (!stack.empty()) {
+    const Entry entry = stack.back();
+    stack.pop_back();
+    // Equal distances are looked at: a lower id may have one.
+    const KdNode node = tree.nodes[entry.node];
+    if (node.is_empty_leaf() || !(entry.distance <= best.distance_squared)) continue;
+    if (node.is_leaf()) {
+      const KdLeaf& leaf = tree.leaves[node.leaf()];
+      if (!tree.perfect() && !(BoxDistance(leaf.box(), p) <= best.distance_squared)) continue;
+      const LeafRange range = LeafRange::Of(scene, leaf);
+      for (uint32_t first = 0; first < range.count; first += kMaxLeafTriangles) {
+        LookAtLeaf(RangeView(scene.geometry, range, first).leaf, p, &best);
+      }
+      continue;
+    }
+    Box3f lower = entry.cell, upper = entry.cell;
+    lower.hi[node.axis()] = node.split();
+    upper.lo[node.axis()] = node.split();
+    Entry far = entry_of(node.first_child(), lower), near = entry_of(node.first_child() + 1, upper);
+    if (far.distance < near.distance) std::swap(far, near);
+    stack.push_back(far);
+    stack.push_back(near);
+  }
+  return best;
+}
 
 // The floats around x, r to either side: rounded outward, and r taken 2^-40 larger, so that
 // whatever lies beyond them is farther than r in rounded doubles, too.
@@ -160,7 +227,8 @@ double TouchRadius::Of(Vec3f a, Vec3f b, Vec3f c) const {
 
 // No triangle's corner is farther out than the farthest corner of all bounds, in rounded sums too.
 double TouchRadius::Largest(const IndexedGeometry& scene) const {
-  const Vec3d lo = ToDouble(scene.bvh.bounds.lo), hi = ToDouble(scene.bvh.bounds.hi);
+  const Box3f& bounds = scene.geometry.bounds;
+  const Vec3d lo = ToDouble(bounds.lo), hi = ToDouble(bounds.hi);
   const Vec3d far = {std::max(std::abs(lo.x), std::abs(hi.x)),
                      std::max(std::abs(lo.y), std::abs(hi.y)),
                      std::max(std::abs(lo.z), std::abs(hi.z))};
@@ -179,6 +247,7 @@ Box3f BoxAround(const Box3d& points, double radius) {
 }
 
 NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared) {
+  if (scene.kd_tree_alone()) return NearestInKdTree(scene, p, max_distance_squared);
   NearestTriangle best{kNoTriangle, max_distance_squared};
   if (scene.bvh.empty()) return best;
   struct Entry {  // Trivial: the stack is not initialized.
@@ -192,24 +261,12 @@ NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_di
     const Entry entry = stack[--size];
     // Equal distances are looked at: a lower id may have one.
     if (!(entry.distance <= best.distance_squared)) continue;
-    double distance[kMaxLeafTriangles];
     const ChildRef ref = ChildRef::FromBits(entry.ref_bits);
     if (ref.is_leaf()) {
-      const LeafView leaf(scene, ref);
-      LeafBoxes(leaf).Distances(p, distance);
-      for (uint32_t k = 0; k < leaf.count; ++k) {
-        if (!(distance[k] <= best.distance_squared)) continue;
-        const Vec3d q =
-            ClosestPointOnTriangle(p, leaf.corner(0, k), leaf.corner(1, k), leaf.corner(2, k));
-        const NearestTriangle candidate{leaf.id(k), DistanceSquared(p, q)};
-        if (candidate.distance_squared < best.distance_squared ||
-            (candidate.distance_squared == best.distance_squared &&
-             candidate.triangle < best.triangle)) {
-          best = candidate;
-        }
-      }
+      LookAtLeaf(LeafView(scene, ref), p, &best);
       continue;
     }
+    double distance[kBvhWidth];
     // Children go on the stack so that the nearest comes off first.
     const BvhNode& node = scene.bvh.nodes[ref.node()];
     ChildDistances(node, p, distance);
@@ -233,6 +290,7 @@ void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uin
     return true;
   });
   std::sort(ids->begin(), ids->end());
+  ids->erase(std::unique(ids->begin(), ids->end()), ids->end());
 }
 
 bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip) {

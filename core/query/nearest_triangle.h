@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Distances from a point to triangles: the nearest one, those within rounding, and whether a short
-// way crosses any. All walk the BVH, in doubles, and give what looking at every triangle in order
-// of ids would give.
+// way crosses any. All walk the BVH, or the kd-tree where it stands alone, in doubles, and give
+// what looking at every triangle in order of ids would give.
 //
 // Why no box is culled wrongly, without a margin: a triangle's closest point is held within the
 // triangle's box, and the distances to it and to a box are the same expression of coordinate
 // differences. Subtraction, multiplication and addition round monotonically, so a box's distance
-// never exceeds that of a triangle inside it, bit for bit.
+// never exceeds that of a triangle inside it, bit for bit. On the kd-tree the closest point lies in
+// the cell and the box of some leaf that names the triangle, or, where splits are perfect, in the
+// `reach` of all nodes above that leaf (core/accel/kd_tree.h).
 //
 // Thread safety: functions only.
 //
-//   NearestTriangle nearest = FindNearest(scene.bvh, ToDouble(point), distance * distance);
+//   NearestTriangle nearest = FindNearest(scene, ToDouble(point), distance * distance);
 //   if (nearest.triangle != kNoTriangle) ...
 #ifndef SIGHTLINE_CORE_QUERY_NEAREST_TRIANGLE_H_
 #define SIGHTLINE_CORE_QUERY_NEAREST_TRIANGLE_H_

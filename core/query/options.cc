@@ -98,13 +98,14 @@ absl::StatusOr<Structure> ParseStructure(absl::string_view name) {
   return Parse(name, "structure", kStructures, &StructureName);
 }
 
-bool WalksKdTree(const QueryOptions& options) {
+bool WalksKdTree(const IndexedGeometry& scene, const QueryOptions& options) {
   return options.structure == Structure::kKdTree ||
-         (options.structure == Structure::kAuto && options.strategy == Strategy::kRtt);
+         (options.structure == Structure::kAuto &&
+          (options.strategy == Strategy::kRtt || scene.kd_tree_alone()));
 }
 
 absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& options) {
-  const bool kd_tree = WalksKdTree(options);
+  const bool kd_tree = WalksKdTree(scene, options);
   if (options.structure == Structure::kBinaryBvh) {
     if (options.strategy == Strategy::kRtt || options.strategy == Strategy::kShaft) {
       return absl::InvalidArgumentError(absl::StrCat(
@@ -120,6 +121,15 @@ absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& opti
   if (options.structure == Structure::kBvh && options.strategy == Strategy::kRtt) {
     return absl::InvalidArgumentError(
         "strategy RTT walks the kd-tree, not the BVH: ask for structure KD_TREE or AUTO");
+  }
+  if (scene.kd_tree_alone() &&
+      (options.structure == Structure::kBvh ||
+       (options.structure == Structure::kAuto && options.strategy == Strategy::kShaft))) {
+    const bool by_structure = options.structure == Structure::kBvh;
+    return absl::FailedPreconditionError(absl::StrCat(
+        by_structure ? "structure BVH" : "strategy SHAFT",
+        " needs a BVH, which this scene was built without: build it with one, or ask for ",
+        by_structure ? "structure KD_TREE" : "another strategy"));
   }
   if (kd_tree && options.strategy == Strategy::kShaft) {
     return absl::InvalidArgumentError(

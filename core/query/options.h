@@ -43,8 +43,9 @@ absl::StatusOr<Strategy> ParseStrategy(absl::string_view name);
 
 // What of a scene's structures is walked.
 enum class Structure : uint8_t {
-  kAuto = 0,  // What the strategy needs: the BVH, for kRtt the kd-tree.
-  kBvh = 1,
+  // What the strategy needs: the BVH, for kRtt the kd-tree; that, too, in a scene without a BVH.
+  kAuto = 0,
+  kBvh = 1,        // An error where the scene has none.
   kKdTree = 2,     // An error where the scene has none, or the strategy is kShaft.
   kBinaryBvh = 3,  // Likewise, and for kRtt.
 };
@@ -80,9 +81,9 @@ struct QueryOptions {
 };
 
 // Whether the kd-tree is walked, not the BVH.
-bool WalksKdTree(const QueryOptions& options);
-// Whether the scene has what is asked for; every query asks this first. FailedPrecondition: no
-// kd-tree. InvalidArgument: a strategy that does not walk the structure, a number out of range.
+bool WalksKdTree(const IndexedGeometry& scene, const QueryOptions& options);
+// Whether the scene has what is asked for; every query asks this first. FailedPrecondition: no such
+// structure. InvalidArgument: a strategy that does not walk the structure, a number out of range.
 // Each is named.
 absl::Status CheckOptions(const IndexedGeometry& scene, const QueryOptions& options);
 

@@ -20,8 +20,10 @@ namespace sightline {
 
 class QueryRun {
  public:
-  explicit QueryRun(const QueryOptions& options)
-      : options_(options), kernels_(KernelsFor(options.simd)) {
+  QueryRun(const IndexedGeometry& scene, const QueryOptions& options)
+      : options_(options),
+        kernels_(KernelsFor(options.simd)),
+        on_kd_tree_(WalksKdTree(scene, options)) {
     culling_ = options.leaf_culling.value_or(LeafCulling::None());
     culling_.intersector = options.intersector;
     culling_.tree = options.structure == Structure::kBinaryBvh ? CulledTree::kBinaryBvh
@@ -34,7 +36,7 @@ class QueryRun {
   const CancelToken* cancel() const { return options_.cancel; }
 
   // Whether the kd-tree is walked, not the BVH.
-  bool on_kd_tree() const { return WalksKdTree(options_); }
+  bool on_kd_tree() const { return on_kd_tree_; }
 
   bool on_binary_bvh() const { return options_.structure == Structure::kBinaryBvh; }
 
@@ -57,6 +59,7 @@ class QueryRun {
  private:
   const QueryOptions& options_;
   const Kernels& kernels_;
+  const bool on_kd_tree_;
   LeafCulling culling_;
 };
 

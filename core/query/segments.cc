@@ -68,7 +68,7 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
                           SegmentResult* result) {
   const ScopedFloatEnvironment environment;
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
-  const QueryRun run(options);
+  const QueryRun run(scene, options);
   const size_t n = segments.size();
   SegmentResult out;
   if (outputs.bits) out.blocked_bits.assign((n + 7) / 8, 0);

@@ -52,7 +52,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   const ScopedFloatEnvironment environment;
   SL_RETURN_IF_ERROR(CheckArguments(points, samples, weights, shadow, outputs));
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
-  const QueryRun run(options);
+  const QueryRun run(scene, options);
   const size_t n = points.positions.size(), row_bytes = (n + 7) / 8;
   ShadowResult out;
   if (outputs.bits) out.lit_bits.assign(samples.size() * row_bytes, 0);

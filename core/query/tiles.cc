@@ -61,7 +61,7 @@ class TileTrace {
         samples_(samples),
         mirrors_(mirrors),
         outputs_(outputs),
-        run_(options),
+        run_(scene, options),
         pixels_(size_t{tile.width} * tile.height),
         row_bytes_((pixels_ + 7) / 8),
         out_(*out),

@@ -23,7 +23,9 @@ bool TouchCandidates::Gather(const IndexedGeometry& scene, const Box3f& box, dou
   count_ = 0;
   norm_one_ = norm_one;
   bool fits = true;
+  const bool may_repeat = scene.kd_tree_alone();
   ForEachMeeting(scene, box, [&](const LeafView& leaf, uint32_t lane) {
+    if (may_repeat && std::find(ids_, ids_ + count_, leaf.id(lane)) != ids_ + count_) return true;
     if (count_ == most) return fits = false;
     auto& [a, b, c] = corners_[count_];
     a = leaf.corner(0, lane), b = leaf.corner(1, lane), c = leaf.corner(2, lane);

@@ -43,6 +43,10 @@ absl::Status BuildKd(const KdBuildOptions& options, ThreadPool& pool, const Canc
   const Stopwatch time;
   SL_ASSIGN_OR_RETURN(scene->kd_tree,
                       BuildKdTree(scene->geometry, options, pool, cancel, kd_progress));
+  if (options.lay_out_leaves) {
+    const KdTree& tree = *scene->kd_tree;
+    scene->kd_leaves = MakeLeafTriangles(scene->geometry, {tree.ids.data(), tree.ids.size()});
+  }
   scene->report.kd_tree_seconds = time.seconds();
   ReportKdTree(*scene->kd_tree, &scene->report);
   return absl::OkStatus();
@@ -52,12 +56,8 @@ absl::Status BuildBinary(const BinaryBvhOptions& options, ThreadPool& pool,
                          const CancelToken* cancel, Scene* scene) {
   const Stopwatch time;
   SL_ASSIGN_OR_RETURN(scene->binary_bvh, BuildBinaryBvh(scene->geometry, options, pool, cancel));
-  BuildReport& report = scene->report;
-  report.binary_bvh_seconds = time.seconds();
-  report.binary_bvh_nodes = scene->binary_bvh->nodes.size();
-  report.binary_bvh_leaves = scene->binary_bvh->leaf_count;
-  report.binary_bvh_depth = scene->binary_bvh->max_depth;
-  report.binary_bvh_bytes = scene->binary_bvh->MemoryBytes();
+  scene->report.binary_bvh_seconds = time.seconds();
+  ReportBinaryBvh(*scene->binary_bvh, &scene->report);
   return absl::OkStatus();
 }
 
@@ -67,6 +67,10 @@ absl::StatusOr<std::shared_ptr<const Scene>> Build(
     std::string name, uint64_t revision, absl::FunctionRef<absl::StatusOr<SceneGeometry>()> compile,
     const SceneBuildOptions& options, ThreadPool& pool, const CancelToken* cancel,
     const std::function<void(double)>& progress) try {
+  if (options.without_bvh && !options.kd_tree) {
+    return absl::InvalidArgumentError(
+        "a scene without a BVH needs a kd-tree: ask for one, or for the BVH");
+  }
   auto scene = std::make_shared<Scene>();
   scene->name = std::move(name);
   scene->revision = revision;
@@ -85,10 +89,12 @@ absl::StatusOr<std::shared_ptr<const Scene>> Build(
           progress(kCompileShare + bvh_share * share);
         };
       }
-      const Stopwatch bvh_time;
-      SL_ASSIGN_OR_RETURN(scene->bvh,
-                          BuildBvh(scene->geometry, options.bvh, pool, cancel, bvh_progress));
-      scene->report.bvh_seconds = bvh_time.seconds();
+      if (!options.without_bvh) {
+        const Stopwatch bvh_time;
+        SL_ASSIGN_OR_RETURN(scene->bvh,
+                            BuildBvh(scene->geometry, options.bvh, pool, cancel, bvh_progress));
+        scene->report.bvh_seconds = bvh_time.seconds();
+      }
       if (options.binary_bvh) {
         SL_RETURN_IF_ERROR(BuildBinary(*options.binary_bvh, pool, cancel, scene.get()));
       }
@@ -197,6 +203,13 @@ void ReportKdTree(const KdTree& tree, BuildReport* report) {
   report->kd_tree_references = tree.ids.size();
   report->kd_tree_depth = tree.max_depth;
   report->kd_tree_bytes = tree.MemoryBytes();
+}
+
+void ReportBinaryBvh(const BinaryBvh& bvh, BuildReport* report) {
+  report->binary_bvh_nodes = bvh.nodes.size();
+  report->binary_bvh_leaves = bvh.leaf_count;
+  report->binary_bvh_depth = bvh.max_depth;
+  report->binary_bvh_bytes = bvh.MemoryBytes();
 }
 
 uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree, bool binary_bvh) {

@@ -32,7 +32,7 @@ namespace sightline {
 struct BuildReport {
   MeshReport mesh;
   double compile_seconds = 0;  // Checking, rebasing, counting.
-  double bvh_seconds = 0;
+  double bvh_seconds = 0;      // All 0 without a BVH.
   uint64_t bvh_nodes = 0, bvh_leaves = 0, bvh_depth = 0;
   // All 0 without a kd-tree. Leaves that are not empty; references: ids in them.
   double kd_tree_seconds = 0;
@@ -44,8 +44,9 @@ struct BuildReport {
   uint64_t memory_bytes = 0;  // Geometry and structures.
 };
 
-// What a report says of a kd-tree, but for the seconds.
+// What a report says of such a tree, but for the seconds.
 void ReportKdTree(const KdTree& tree, BuildReport* report);
+void ReportBinaryBvh(const BinaryBvh& bvh, BuildReport* report);
 
 // Queries take the IndexedGeometry in it: the rooms below know no names and no revisions.
 struct Scene : IndexedGeometry {
@@ -56,9 +57,11 @@ struct Scene : IndexedGeometry {
 
 struct SceneBuildOptions {
   BvhBuildOptions bvh;
-  std::optional<KdBuildOptions> kd_tree;  // A kd-tree beside the BVH.
-  // A binary BVH beside it. Native scene files do not keep it.
-  std::optional<BinaryBvhOptions> binary_bvh = std::nullopt;
+  std::optional<KdBuildOptions> kd_tree;                      // A kd-tree beside the BVH.
+  std::optional<BinaryBvhOptions> binary_bvh = std::nullopt;  // A binary BVH beside it.
+  // No BVH: the kd-tree stands alone (IndexedGeometry::kd_tree_alone). REQUIRES, else
+  // InvalidArgument: kd_tree is set.
+  bool without_bvh = false;
   MeshLimits limits;
 };
 

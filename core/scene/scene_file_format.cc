@@ -9,6 +9,7 @@
 #include <bit>
 #include <vector>
 
+#include "core/accel/binary_bvh.h"
 #include "core/accel/bvh.h"
 #include "core/accel/kd_tree.h"
 #include "core/base/parallel.h"
@@ -65,6 +66,12 @@ absl::string_view SectionName(uint32_t kind) {
       return "kd-tree ids";
     case SectionKind::kKdReach:
       return "kd-tree reach";
+    case SectionKind::kBinaryBvh:
+      return "binary bvh";
+    case SectionKind::kBinaryBvhNodes:
+      return "binary bvh nodes";
+    case SectionKind::kBinaryBvhIds:
+      return "binary bvh ids";
   }
   return "addition";
 }
@@ -87,6 +94,7 @@ uint32_t SectionElementBytes(SectionKind kind) {
     case SectionKind::kBvhLeaves:
     case SectionKind::kBvhLeafIds:
     case SectionKind::kKdIds:
+    case SectionKind::kBinaryBvhIds:
       return sizeof(uint32_t);
     case SectionKind::kKdTree:
       return sizeof(SceneFileKdTree);
@@ -96,6 +104,10 @@ uint32_t SectionElementBytes(SectionKind kind) {
       return sizeof(KdLeaf);
     case SectionKind::kKdReach:
       return sizeof(Box3f);
+    case SectionKind::kBinaryBvh:
+      return sizeof(SceneFileBinaryBvh);
+    case SectionKind::kBinaryBvhNodes:
+      return sizeof(BinaryBvhNode);
     case SectionKind::kNames:
       return 1;
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The layout of a native scene file (.slscene), version 1: what the writer and the reader share.
+// The layout of a native scene file (.slscene): what the writer and the reader share.
 // Numbers are little-endian, as the processors that this engine runs on have them.
 //
 //   SceneFileHeader                     64 bytes
@@ -11,6 +11,9 @@
 // file stands under one of the sums. Their kinds ascend. Those of version 1 are all there, perhaps
 // empty; kinds from kFirstOptional on are additions that a reader may not know: it checks their
 // sums and passes over them.
+//
+// Version 2 is that of scenes whose kd-tree stands alone: the sections of the BVH are empty, which
+// a reader of version 1 would take for a fault. All other scenes are written as version 1.
 //
 // A sum is the XXH3 (64 bits) of the XXH3s of the section's blocks of kSumBlockBytes, padding
 // included: blocks are summed in parallel. It tells accidents, not attacks: whatever the sums say,
@@ -31,6 +34,7 @@ namespace sightline {
 
 inline constexpr char kSceneFileMagic[8] = {'S', 'L', 'S', 'C', 'E', 'N', 'E', '\n'};
 inline constexpr uint32_t kSceneFileVersion = 1;
+inline constexpr uint32_t kSceneFileVersionWithoutBvh = 2;
 inline constexpr uint32_t kSceneFileByteOrder = 0x01020304;
 inline constexpr uint64_t kSectionAlignment = 64;
 inline constexpr uint32_t kMaxSections = 64;
@@ -54,6 +58,11 @@ enum class SectionKind : uint32_t {
   kKdLeaves = 258,  // KdTree::leaves.
   kKdIds = 259,     // KdTree::ids.
   kKdReach = 260,   // KdTree::reach.
+  // The binary BVH of a scene that has one: all of these, or none. Its leaves' triangles are laid
+  // out again when it is read.
+  kBinaryBvh = 261,       // One SceneFileBinaryBvh.
+  kBinaryBvhNodes = 262,  // BinaryBvh::nodes.
+  kBinaryBvhIds = 263,    // BinaryBvh::ids.
 };
 inline constexpr uint32_t kRequiredSections = 10;
 
@@ -105,9 +114,15 @@ static_assert(sizeof(SceneFileObject) == 128);
 struct SceneFileKdTree {
   float bounds[6];
   uint32_t max_depth;
-  uint32_t zero;
+  uint32_t leaves_laid_out;  // 1: IndexedGeometry::kd_leaves are there, and made anew when read.
 };
 static_assert(sizeof(SceneFileKdTree) == 32);
+
+// What BinaryBvh holds beside arrays and what follows from them.
+struct SceneFileBinaryBvh {
+  uint32_t leaf_count, max_depth;
+};
+static_assert(sizeof(SceneFileBinaryBvh) == 8);
 
 constexpr uint64_t PaddedSection(uint64_t bytes) {
   return (bytes + kSectionAlignment - 1) / kSectionAlignment * kSectionAlignment;

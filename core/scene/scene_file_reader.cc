@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/accel/binary_bvh_validation.h"
 #include "core/accel/bvh_validation.h"
 #include "core/accel/kd_validation.h"
 #include "core/base/limit_error.h"
@@ -47,10 +48,13 @@ absl::StatusOr<SceneFileHeader> ReadHeader(const SceneBytes& file) {
   if (header.header_sum != HeaderSum(header)) {
     return Fault(file, "the header was changed: its sum is wrong");
   }
-  if (header.version != kSceneFileVersion || header.byte_order != kSceneFileByteOrder) {
-    return absl::UnimplementedError(absl::StrCat(
-        file.shown, " is of version ", header.version, ", and version ", kSceneFileVersion,
-        " is read: write it again with this version's sightline import"));
+  const bool known =
+      header.version == kSceneFileVersion || header.version == kSceneFileVersionWithoutBvh;
+  if (!known || header.byte_order != kSceneFileByteOrder) {
+    return absl::UnimplementedError(
+        absl::StrCat(file.shown, " is of version ", header.version, ", and versions ",
+                     kSceneFileVersion, " and ", kSceneFileVersionWithoutBvh,
+                     " are read: write it again with this version's sightline import"));
   }
   if (header.file_bytes != file.bytes.size()) {
     return Fault(file, file.bytes.size() < header.file_bytes ? "truncated" : "something follows",
@@ -146,17 +150,12 @@ class Reader {
     report.largest_rounding = record.largest_rounding;
     SL_RETURN_IF_ERROR(Named(file_, ValidateGeometry(geometry, cancel_)));
 
-    Bvh& bvh = scene->bvh;
-    bvh.nodes = Borrow<BvhNode>(SectionKind::kBvhNodes);
-    bvh.leaves = Borrow<float>(SectionKind::kBvhLeaves);
-    bvh.leaf_ids = Borrow<uint32_t>(SectionKind::kBvhLeafIds);
-    bvh.bounds = geometry.bounds;
-    bvh.leaf_count = record.leaf_count;
-    bvh.max_depth = record.max_depth;
-    bvh.triangle_count = static_cast<uint32_t>(geometry.triangles.size() - geometry.inert.size());
-    SL_RETURN_IF_ERROR(Named(file_, ValidateBvh(bvh, geometry, cancel_)));
-
+    SL_RETURN_IF_ERROR(ReadBvh(record, scene));
     SL_RETURN_IF_ERROR(ReadKdTree(scene));
+    if (info_.version == kSceneFileVersionWithoutBvh && !scene->kd_tree_alone()) {
+      return Fault(file_, "it says that its kd-tree stands alone, and it does not");
+    }
+    SL_RETURN_IF_ERROR(ReadBinaryBvh(scene));
 
     if (!(record.compile_seconds >= 0 && record.structure_seconds >= 0) ||
         !std::isfinite(record.compile_seconds + record.structure_seconds)) {
@@ -165,11 +164,12 @@ class Reader {
     scene->report = {.mesh = report,
                      .compile_seconds = record.compile_seconds,
                      .bvh_seconds = record.structure_seconds,
-                     .bvh_nodes = bvh.nodes.size(),
-                     .bvh_leaves = bvh.leaf_count,
-                     .bvh_depth = bvh.max_depth,
+                     .bvh_nodes = scene->bvh.nodes.size(),
+                     .bvh_leaves = scene->bvh.leaf_count,
+                     .bvh_depth = scene->bvh.max_depth,
                      .memory_bytes = scene->MemoryBytes()};
     if (scene->kd_tree.has_value()) ReportKdTree(*scene->kd_tree, &scene->report);
+    if (scene->binary_bvh.has_value()) ReportBinaryBvh(*scene->binary_bvh, &scene->report);
     return absl::OkStatus();
   }
 
@@ -192,6 +192,25 @@ class Reader {
     return AlignedVector<T>::Borrow(Elements<T>(kind), file_.owner);
   }
 
+  absl::Status ReadBvh(const SceneFileScene& record, Scene* scene) const {
+    Bvh bvh;
+    bvh.nodes = Borrow<BvhNode>(SectionKind::kBvhNodes);
+    bvh.leaves = Borrow<float>(SectionKind::kBvhLeaves);
+    bvh.leaf_ids = Borrow<uint32_t>(SectionKind::kBvhLeafIds);
+    if (info_.version == kSceneFileVersionWithoutBvh) {
+      if (bvh.nodes.empty() && bvh.leaves.empty() && bvh.leaf_ids.empty()) return absl::OkStatus();
+      return Fault(file_, "it says that it has no bvh, and has one");
+    }
+    const SceneGeometry& geometry = scene->geometry;
+    bvh.bounds = geometry.bounds;
+    bvh.leaf_count = record.leaf_count;
+    bvh.max_depth = record.max_depth;
+    bvh.triangle_count = static_cast<uint32_t>(geometry.triangles.size() - geometry.inert.size());
+    SL_RETURN_IF_ERROR(Named(file_, ValidateBvh(bvh, geometry, cancel_)));
+    scene->bvh = std::move(bvh);
+    return absl::OkStatus();
+  }
+
   absl::Status ReadKdTree(Scene* scene) const {
     const auto records = Elements<SceneFileKdTree>(SectionKind::kKdTree);
     if (records.empty()) return absl::OkStatus();
@@ -205,10 +224,32 @@ class Reader {
       tree.bounds.lo[axis] = records[0].bounds[axis];
       tree.bounds.hi[axis] = records[0].bounds[axis + 3];
     }
-    tree.triangle_count = scene->bvh.triangle_count;
+    tree.triangle_count =
+        static_cast<uint32_t>(scene->geometry.triangles.size() - scene->geometry.inert.size());
     tree.max_depth = records[0].max_depth;
     SL_RETURN_IF_ERROR(Named(file_, ValidateKdTree(tree, scene->geometry, cancel_)));
+    if (records[0].leaves_laid_out > 1) {
+      return Fault(file_, "its kd-tree has flags that are none");
+    }
+    if (records[0].leaves_laid_out == 1) {
+      scene->kd_leaves = MakeLeafTriangles(scene->geometry, {tree.ids.data(), tree.ids.size()});
+    }
     scene->kd_tree = std::move(tree);
+    return absl::OkStatus();
+  }
+
+  absl::Status ReadBinaryBvh(Scene* scene) const {
+    const auto records = Elements<SceneFileBinaryBvh>(SectionKind::kBinaryBvh);
+    if (records.empty()) return absl::OkStatus();
+    if (records.size() != 1) return Fault(file_, "it has ", records.size(), " binary bvhs");
+    BinaryBvh bvh;
+    bvh.nodes = Borrow<BinaryBvhNode>(SectionKind::kBinaryBvhNodes);
+    bvh.ids = Borrow<uint32_t>(SectionKind::kBinaryBvhIds);
+    bvh.leaf_count = records[0].leaf_count;
+    bvh.max_depth = records[0].max_depth;
+    SL_RETURN_IF_ERROR(Named(file_, ValidateBinaryBvh(bvh, scene->geometry, cancel_)));
+    bvh.leaves = MakeLeafTriangles(scene->geometry, {bvh.ids.data(), bvh.ids.size()});
+    scene->binary_bvh = std::move(bvh);
     return absl::OkStatus();
   }
 
@@ -291,6 +332,19 @@ absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
   info.triangles = count(SectionKind::kTriangles);
   info.vertices = count(SectionKind::kVertices);
   info.scene_bytes = header.file_bytes + info.objects * sizeof(ObjectRecord) + sizeof(Scene);
+  bool kd_leaves = false;
+  for (const SceneFileSection& section : info.sections) {
+    const auto kind = static_cast<SectionKind>(section.kind);
+    if (kind == SectionKind::kKdTree && section.count == 1) {
+      SceneFileKdTree tree;
+      std::memcpy(&tree, file.bytes.data() + section.offset, sizeof(tree));
+      kd_leaves = tree.leaves_laid_out != 0;
+    }
+    // Leaves' triangles are laid out again.
+    if (kind == SectionKind::kBinaryBvhIds || (kind == SectionKind::kKdIds && kd_leaves)) {
+      info.scene_bytes += section.count * kLeafTriangleBytes;
+    }
+  }
   SceneFileScene scene;
   std::memcpy(&scene, file.bytes.data() + info.sections[0].offset, sizeof(scene));
   info.revision = scene.revision;

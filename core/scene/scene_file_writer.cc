@@ -51,20 +51,23 @@ SceneFileObject DescribeObject(const ObjectRecord& record) {
   return out;
 }
 
-SceneFileKdTree DescribeKdTree(const KdTree& tree) {
+SceneFileKdTree DescribeKdTree(const KdTree& tree, bool leaves_laid_out) {
   SceneFileKdTree out = {};
   for (int axis = 0; axis < 3; ++axis) {
     out.bounds[axis] = tree.bounds.lo[axis];
     out.bounds[axis + 3] = tree.bounds.hi[axis];
   }
   out.max_depth = tree.max_depth;
+  out.leaves_laid_out = leaves_laid_out ? 1 : 0;
   return out;
 }
 
 // The file as spans of what is in memory, with the header and the table before them.
 class Image {
  public:
-  explicit Image(const Scene& scene) : scene_(DescribeScene(scene)) {
+  explicit Image(const Scene& scene)
+      : scene_(DescribeScene(scene)),
+        version_(scene.kd_tree_alone() ? kSceneFileVersionWithoutBvh : kSceneFileVersion) {
     for (const ObjectRecord& record : scene.geometry.objects) {
       objects_.push_back(DescribeObject(record));
       names_ += record.name;
@@ -81,13 +84,20 @@ class Image {
     Add(SectionKind::kBvhNodes, std::span<const BvhNode>(scene.bvh.nodes));
     Add(SectionKind::kBvhLeaves, std::span<const float>(scene.bvh.leaves));
     Add(SectionKind::kBvhLeafIds, std::span<const uint32_t>(scene.bvh.leaf_ids));
-    if (!scene.kd_tree.has_value()) return;
-    kd_tree_ = DescribeKdTree(*scene.kd_tree);
-    Add(SectionKind::kKdTree, std::span<const SceneFileKdTree>(&kd_tree_, 1));
-    Add(SectionKind::kKdNodes, std::span<const KdNode>(scene.kd_tree->nodes));
-    Add(SectionKind::kKdLeaves, std::span<const KdLeaf>(scene.kd_tree->leaves));
-    Add(SectionKind::kKdIds, std::span<const uint32_t>(scene.kd_tree->ids));
-    Add(SectionKind::kKdReach, std::span<const Box3f>(scene.kd_tree->reach));
+    if (scene.kd_tree.has_value()) {
+      kd_tree_ = DescribeKdTree(*scene.kd_tree, scene.kd_leaves.has_value());
+      Add(SectionKind::kKdTree, std::span<const SceneFileKdTree>(&kd_tree_, 1));
+      Add(SectionKind::kKdNodes, std::span<const KdNode>(scene.kd_tree->nodes));
+      Add(SectionKind::kKdLeaves, std::span<const KdLeaf>(scene.kd_tree->leaves));
+      Add(SectionKind::kKdIds, std::span<const uint32_t>(scene.kd_tree->ids));
+      Add(SectionKind::kKdReach, std::span<const Box3f>(scene.kd_tree->reach));
+    }
+    if (scene.binary_bvh.has_value()) {
+      binary_bvh_ = {scene.binary_bvh->leaf_count, scene.binary_bvh->max_depth};
+      Add(SectionKind::kBinaryBvh, std::span<const SceneFileBinaryBvh>(&binary_bvh_, 1));
+      Add(SectionKind::kBinaryBvhNodes, std::span<const BinaryBvhNode>(scene.binary_bvh->nodes));
+      Add(SectionKind::kBinaryBvhIds, std::span<const uint32_t>(scene.binary_bvh->ids));
+    }
   }
 
   void Sum(const CancelToken* cancel) {
@@ -98,7 +108,7 @@ class Image {
       offset += PaddedSection(sections_[i].size());
     }
     std::memcpy(header_.magic, kSceneFileMagic, sizeof(kSceneFileMagic));
-    header_.version = kSceneFileVersion;
+    header_.version = version_;
     header_.byte_order = kSceneFileByteOrder;
     header_.file_bytes = offset;
     header_.section_count = static_cast<uint32_t>(table_.size());
@@ -148,7 +158,9 @@ class Image {
   }
 
   const SceneFileScene scene_;
+  const uint32_t version_;
   SceneFileKdTree kd_tree_ = {};
+  SceneFileBinaryBvh binary_bvh_ = {};
   std::vector<SceneFileObject> objects_;
   std::string names_;
   AlignedVector<Vec3d> source_vertices_;

@@ -44,7 +44,7 @@ struct TreeChild {
 
 class BinaryBvhView {
  public:
-  explicit BinaryBvhView(const IndexedGeometry& scene) : bvh_(*scene.binary_bvh) {}
+  BinaryBvhView(const IndexedGeometry& scene, const LeafCulling&) : bvh_(*scene.binary_bvh) {}
   bool empty() const { return bvh_.empty(); }
   Box3f root_box() const { return bvh_.nodes[0].box(); }
   bool is_leaf(uint32_t node) const { return bvh_.nodes[node].is_leaf(); }
@@ -74,7 +74,7 @@ class BinaryBvhView {
 // Nodes are numbered by the bits of their ChildRef.
 class BvhView {
  public:
-  explicit BvhView(const IndexedGeometry& scene) : bvh_(scene.bvh) {
+  BvhView(const IndexedGeometry& scene, const LeafCulling&) : bvh_(scene.bvh) {
     static_assert(ChildRef::Inner(0).bits() == 0);
   }
   bool empty() const { return bvh_.empty(); }
@@ -112,16 +112,18 @@ class BvhView {
 
 class KdTreeView {
  public:
-  explicit KdTreeView(const IndexedGeometry& scene)
-      : tree_(*scene.kd_tree), triangles_(scene.kd_leaves ? &*scene.kd_leaves : nullptr) {}
+  KdTreeView(const IndexedGeometry& scene, const LeafCulling& culling)
+      : tree_(*scene.kd_tree),
+        triangles_(scene.kd_leaves ? &*scene.kd_leaves : nullptr),
+        cell_boxes_(culling.cell_boxes) {}
   bool empty() const { return tree_.empty(); }
   Box3f root_box() const { return tree_.bounds; }
   bool is_leaf(uint32_t node) const { return tree_.nodes[node].is_leaf(); }
-  bool LeafOf(uint32_t node, const Box3f&, LeafRange* range, Box3f* leaf_box) const {
+  bool LeafOf(uint32_t node, const Box3f& cell, LeafRange* range, Box3f* leaf_box) const {
     if (tree_.nodes[node].is_empty_leaf()) return false;
     const KdLeaf& leaf = tree_.leaves[tree_.nodes[node].leaf()];
     *range = {{tree_.ids.data(), tree_.ids.size()}, triangles_, leaf.first, leaf.count};
-    *leaf_box = leaf.box();
+    *leaf_box = cell_boxes_ ? cell : leaf.box();
     return true;
   }
   uint32_t Children(uint32_t node, const Box3f& box, TreeChild* out) const {
@@ -139,6 +141,7 @@ class KdTreeView {
  private:
   const KdTree& tree_;
   const LeafTriangles* const triangles_;
+  const bool cell_boxes_;
 };
 
 // Onto the stack, above `base` the nearest last; of equal ones the first that came.
@@ -156,7 +159,7 @@ class CulledSingleWalk {
  public:
   CulledSingleWalk(const IndexedGeometry& scene, const LeafCulling& culling, const TraceRay& query,
                    WalkStats* stats)
-      : tree_(scene),
+      : tree_(scene, culling),
         stats_(stats),
         leaf_(scene, culling, query, stats),
         limit_(query.ray.segment ? kSegmentEnd : std::numeric_limits<float>::infinity()) {}
@@ -290,7 +293,7 @@ class CulledPacketWalk {
  public:
   CulledPacketWalk(const IndexedGeometry& scene, const LeafCulling& culling, RayPacket& packet,
                    WalkStats* stats)
-      : tree_(scene),
+      : tree_(scene, culling),
         culling_(culling),
         stats_(stats),
         lanes_(scene, packet, stats),

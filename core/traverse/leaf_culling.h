@@ -84,6 +84,11 @@ struct LeafCulling {
   uint32_t ray_box_min_triangles = 3;  // Leaves of fewer are tested whole. Paper 001: more than 2.
   bool ray_box_update = true;          // Shrunk to the hit after each hit.
   bool mailbox = false;                // Triangles tested lately are not tested again (kd-tree).
+
+  // ---- Both, on the kd-tree
+  // A leaf's box is the cell that the walk has come to, not the one stored with the leaf, which the
+  // empty cells around it are folded into (paper 000, section 2).
+  bool cell_boxes = false;
 };
 
 }  // namespace sightline

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Any bytes as a native scene file: an error, or a scene that keeps every promise and answers
-// alike by two strategies; never a crash. Unless the first byte is odd the sums are made right
-// first, so that what stands behind them is reached.
+// alike by every structure it has; never a crash. Unless the first byte is odd the sums are made
+// right first, so that what stands behind them is reached.
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -11,7 +11,9 @@
 #include <span>
 #include <vector>
 
+#include "core/accel/binary_bvh_validation.h"
 #include "core/accel/bvh_validation.h"
+#include "core/accel/kd_validation.h"
 #include "core/base/aligned_vector.h"
 #include "core/mesh/geometry_validation.h"
 #include "core/query/segments.h"
@@ -27,7 +29,7 @@ void Require(bool condition) {
   if (!condition) std::abort();
 }
 
-SegmentResult Answer(const Scene& scene, Strategy strategy) {
+SegmentResult Answer(const Scene& scene, const QueryOptions& options) {
   const Vec3d o = scene.geometry.origin;
   std::vector<std::array<Vec3d, 2>> ends;
   for (const Vec3f& v : scene.geometry.vertices) {
@@ -39,9 +41,7 @@ SegmentResult Answer(const Scene& scene, Strategy strategy) {
   PreparedSegments segments;
   Require(PrepareSegments(scene, ends, {}, {}, &segments).ok());
   SegmentResult result;
-  Require(TestSegments(scene, segments, {.bits = true, .first_hits = true}, {.strategy = strategy},
-                       &result)
-              .ok());
+  Require(TestSegments(scene, segments, {.bits = true, .first_hits = true}, options, &result).ok());
   return result;
 }
 
@@ -59,10 +59,21 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
       LoadScene({view, owner, "'fuzz'"}, "fuzz", options, *pool);
   if (!scene.ok()) return 0;
   Require(ValidateGeometry((*scene)->geometry).ok());
-  Require(ValidateBvh((*scene)->bvh, (*scene)->geometry).ok());
-  const SegmentResult walked = Answer(**scene, Strategy::kAuto);
-  const SegmentResult checked = Answer(**scene, Strategy::kBruteForce);
-  Require(walked.blocked_bits == checked.blocked_bits && walked.triangle == checked.triangle);
+  Require((*scene)->kd_tree_alone() || ValidateBvh((*scene)->bvh, (*scene)->geometry).ok());
+  const SegmentResult checked = Answer(**scene, {.strategy = Strategy::kBruteForce});
+  const auto expect_same = [&](const QueryOptions& options) {
+    const SegmentResult walked = Answer(**scene, options);
+    Require(walked.blocked_bits == checked.blocked_bits && walked.triangle == checked.triangle);
+  };
+  expect_same({});
+  if ((*scene)->kd_tree) {
+    Require(ValidateKdTree(*(*scene)->kd_tree, (*scene)->geometry).ok());
+    expect_same({.structure = Structure::kKdTree});
+  }
+  if ((*scene)->binary_bvh) {
+    Require(ValidateBinaryBvh(*(*scene)->binary_bvh, (*scene)->geometry).ok());
+    expect_same({.structure = Structure::kBinaryBvh});
+  }
   return 0;
 }
 

@@ -73,17 +73,23 @@ void ForEachSwitching(const std::array<bool*, kCount>& switches, const Fn& fn) {
 
 // fn(culling) for all that packets, or single rays, go by; what only the other goes by stays off.
 template <typename Fn>
-void ForEachCulling(Strategy strategy, const Fn& fn) {
+void ForEachCulling(Structure structure, Strategy strategy, const Fn& fn) {
   LeafCulling culling = LeafCulling::None();
   // A field that is not named here does not compile.
   auto& [tree, intersector, side_planes, near_far, aperture, aperture_first, skip_edges, frustum,
          first_axis, ray_mask, node_test, split, ray_box, ray_box_min_triangles, ray_box_update,
-         mailbox] = culling;
+         mailbox, cell_boxes] = culling;
   static_cast<void>(tree), static_cast<void>(intersector);  // The query's own.
   const std::array<bool*, 7> of_packets = {&side_planes, &near_far,   &aperture, &aperture_first,
                                            &skip_edges,  &first_axis, &ray_mask};
   const std::array<bool*, 3> of_rays = {&ray_box, &ray_box_update, &mailbox};
-  const auto call = [&] { fn(culling); };
+  const auto call = [&, on_kd_tree = structure == Structure::kKdTree, cells = &cell_boxes] {
+    fn(culling);
+    if (!on_kd_tree) return;
+    *cells = true;
+    fn(culling);
+    *cells = false;
+  };
   if (strategy == Strategy::kPacket) {
     FrustumRays* const rays = &frustum;
     NodeTest* const test = &node_test;
@@ -121,7 +127,7 @@ void ForEachQuery(const Fn& fn) {
             fn(options);
             continue;
           }
-          ForEachCulling(strategy, [&](const LeafCulling& culling) {
+          ForEachCulling(structure, strategy, [&](const LeafCulling& culling) {
             options.leaf_culling = culling;
             fn(options);
           });
@@ -147,8 +153,9 @@ std::string Describe(const QueryOptions& options) {
                    ", antialiasing ", options.rtt_antialiasing);
   if (!options.leaf_culling) return text;
   const LeafCulling& c = *options.leaf_culling;
-  for (const bool on : {c.side_planes, c.near_far, c.aperture, c.aperture_first, c.skip_edges,
-                        c.first_axis, c.ray_mask, c.ray_box, c.ray_box_update, c.mailbox}) {
+  for (const bool on :
+       {c.side_planes, c.near_far, c.aperture, c.aperture_first, c.skip_edges, c.first_axis,
+        c.ray_mask, c.ray_box, c.ray_box_update, c.mailbox, c.cell_boxes}) {
     absl::StrAppend(&text, on ? " 1" : " 0");
   }
   absl::StrAppend(&text, ", frustum ", static_cast<int>(c.frustum), ", nodes ",

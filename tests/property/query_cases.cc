@@ -186,4 +186,12 @@ std::vector<Way> AllWays(bool kd_tree) {
   return ways;
 }
 
+std::vector<Way> WaysWithoutBvh() {
+  std::vector<Way> ways = AllWays(/*kd_tree=*/true);
+  std::erase_if(ways, [](const Way& way) {
+    return way.structure == Structure::kBvh || way.strategy == Strategy::kShaft;
+  });
+  return ways;
+}
+
 }  // namespace sightline::testing_support

@@ -79,6 +79,8 @@ struct Way {
 // Every strategy × instruction set of this machine, on the BVH and, if it is there, on the kd-tree,
 // with and without culling within leaves; the first is brute force, the reference.
 std::vector<Way> AllWays(bool kd_tree = false);
+// Those that a scene without a BVH can be asked in.
+std::vector<Way> WaysWithoutBvh();
 
 template <typename T>
 bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {

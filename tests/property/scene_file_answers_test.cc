@@ -2,11 +2,14 @@
 //
 // A scene that was written to a file and mapped again answers as the one that was built: the same
 // bytes, by every strategy and instruction set, for scenes that are meant to break a tracer.
+#include <cmath>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "core/accel/binary_bvh_builder.h"
 #include "core/base/folder.h"
+#include "core/query/points.h"
 #include "core/query/segments.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
@@ -32,6 +35,7 @@ using testing_support::SameBytes;
 using testing_support::TempDir;
 using testing_support::TestRng;
 using testing_support::Way;
+using testing_support::WaysWithoutBvh;
 
 struct Questions {
   std::vector<Camera> cameras;
@@ -116,6 +120,84 @@ TEST(SceneFileAnswersTest, AMappedSceneAnswersAsTheBuiltOne) {
         ExpectSame(Ask(built.indexed, questions, way), Ask(**mapped, questions, way));
       }
     }
+  }
+}
+
+// World coordinates near what is stored, some on it.
+std::vector<Vec3d> PlacesNear(const IndexedGeometry& scene, TestRng& rng, size_t count) {
+  std::vector<Vec3d> places;
+  const SceneGeometry& geometry = scene.geometry;
+  for (size_t i = 0; i < count && !geometry.vertices.empty(); ++i) {
+    const Vec3f at = geometry.vertices[rng.Below(geometry.vertices.size())];
+    const double step = rng.Chance(0.3) ? 0 : std::exp2(-rng.Uniform(0, 12));
+    places.push_back(geometry.origin + ToDouble(at) +
+                     Vec3d{rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-1, 1)} * step);
+  }
+  return places;
+}
+
+void ExpectSamePoints(const IndexedGeometry& a, const IndexedGeometry& b,
+                      const std::vector<Vec3d>& places) {
+  for (const double attach : {0.0, 0.05, 10.0}) {
+    const auto of_a = PreparePoints(a, {.positions = places}, {.attach_distance = attach});
+    const auto of_b = PreparePoints(b, {.positions = places}, {.attach_distance = attach});
+    ASSERT_TRUE(of_a.ok() && of_b.ok()) << of_a.status() << of_b.status();
+    EXPECT_TRUE(SameBytes(of_a->positions, of_b->positions)) << attach;
+    EXPECT_TRUE(SameBytes(of_a->sources, of_b->sources)) << attach;
+    EXPECT_EQ(of_a->near_surface, of_b->near_surface) << attach;
+  }
+}
+
+// Built so, and mapped: with a binary BVH beside it in every other case.
+TEST(SceneFileAnswersTest, AKdTreeAloneAnswersAsABvhDoes) {
+  TestRng rng;
+  ThreadPool pool(2);
+  TempDir dir;
+  const Folder folder = *Folder::Open(dir.path());
+  std::vector<QueryScene> scenes = MakeNastyQueryScenes(rng);
+  for (QueryScene& scene : MakeBuiltinQueryScenes()) scenes.push_back(std::move(scene));
+  const std::vector<Way> ways = WaysWithoutBvh();
+  size_t number = 0;
+  for (const QueryScene& with_bvh : scenes) {
+    SCOPED_TRACE(with_bvh.name);
+    Scene alone;
+    static_cast<IndexedGeometry&>(alone) = with_bvh.indexed;
+    alone.revision = 1;
+    AddKdTree({.traversal_cost = 0.5f, .perfect_splits = ++number % 2 == 0}, &alone);
+    alone.bvh = Bvh();
+    if (number % 3 == 0) {
+      auto binary = BuildBinaryBvh(alone.geometry, {.cost_ratio = 0.3f}, pool);
+      ASSERT_TRUE(binary.ok()) << binary.status();
+      alone.binary_bvh = *std::move(binary);
+    }
+    const absl::Status written = WriteSceneFile(alone, folder, "scene.slscene", pool);
+    ASSERT_TRUE(written.ok()) << written;
+    const absl::StatusOr<SceneBytes> file = MapSceneFile(folder, "scene.slscene");
+    ASSERT_TRUE(file.ok()) << file.status();
+    const auto mapped = LoadScene(*file, "mapped", {}, pool);
+    ASSERT_TRUE(mapped.ok()) << mapped.status();
+    EXPECT_EQ((*mapped)->kd_tree_alone(), !with_bvh.indexed.bvh.empty());
+    EXPECT_EQ((*mapped)->binary_bvh.has_value(), alone.binary_bvh.has_value());
+    ExpectSamePoints(with_bvh.indexed, **mapped, PlacesNear(with_bvh.indexed, rng, 60));
+    const Questions questions = {{with_bvh.cameras.front()},
+                                 MakeSamples(with_bvh.indexed, rng),
+                                 MakePoints(with_bvh.indexed, rng, 30),
+                                 MakeSegments(with_bvh.indexed, rng, 60)};
+    const Answers truth = Ask(with_bvh.indexed, questions, ways.front());
+    // Scenes take turns with the ways.
+    for (size_t i = number % 4; i < ways.size(); i += 4) {
+      SCOPED_TRACE(ways[i].Name());
+      ExpectSame(Ask(alone, questions, ways[i]), truth);
+      ExpectSame(Ask(**mapped, questions, ways[i]), truth);
+    }
+    if ((*mapped)->binary_bvh) {
+      ExpectSame(Ask(**mapped, questions,
+                     {.strategy = Strategy::kPacket,
+                      .simd = SimdTarget::kBest,
+                      .structure = Structure::kBinaryBvh}),
+                 truth);
+    }
+    if (testing::Test::HasFailure()) return;
   }
 }
 

@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <string>
+#include <utility>
 #include <vector>
 
+#include "core/accel/leaf_triangles.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
 #include "tests/support/random.h"
@@ -85,13 +88,39 @@ TEST(NearestTriangleTest, ClosestPointIsExactAtCornersAndAlikeOnSharedEdges) {
   }
 }
 
-TEST(NearestTriangleTest, AgreesWithLookingAtAll) {
+// What is walked: the BVH, and kd-trees that stand alone.
+enum class Walked { kBvh, kKdTree, kPerfectKdTree, kKdTreeWithLeavesLaidOut };
+
+IndexedGeometry Over(IndexedGeometry scene, Walked walked, TestRng& rng) {
+  if (walked == Walked::kBvh) return scene;
+  scene = OnKdTreeAlone(std::move(scene), {.traversal_cost = rng.Chance(0.5) ? 0.1f : 3.0f,
+                                           .perfect_splits = walked == Walked::kPerfectKdTree});
+  if (walked == Walked::kKdTreeWithLeavesLaidOut) {
+    scene.kd_leaves =
+        MakeLeafTriangles(scene.geometry, {scene.kd_tree->ids.data(), scene.kd_tree->ids.size()});
+  }
+  return scene;
+}
+
+class WalkedTest : public ::testing::TestWithParam<Walked> {};
+
+std::string WalkedName(const ::testing::TestParamInfo<Walked>& info) {
+  constexpr const char* kNames[] = {"Bvh", "KdTree", "PerfectKdTree", "KdTreeWithLeavesLaidOut"};
+  return kNames[static_cast<int>(info.param)];
+}
+
+INSTANTIATE_TEST_SUITE_P(All, WalkedTest,
+                         ::testing::Values(Walked::kBvh, Walked::kKdTree, Walked::kPerfectKdTree,
+                                           Walked::kKdTreeWithLeavesLaidOut),
+                         WalkedName);
+
+TEST_P(WalkedTest, AgreesWithLookingAtAll) {
   for (uint64_t seed = 0; seed < 6; ++seed) {
     TestRng rng(seed);
     BvhBuildOptions options;
     options.max_leaf_triangles = 1 + static_cast<int>(rng.Below(16));
-    const IndexedGeometry scene =
-        MakeScene({Soup(rng, 1 + 60 * static_cast<int>(seed))}, Vec3d{}, options);
+    const IndexedGeometry scene = Over(
+        MakeScene({Soup(rng, 1 + 60 * static_cast<int>(seed))}, Vec3d{}, options), GetParam(), rng);
     for (int64_t i = ScaledCount(1000); i-- > 0;) {
       Vec3d p = RandomInBox(rng, {1.5, 1.5, 1.5});
       // Corners themselves: many triangles at distance zero.
@@ -123,9 +152,9 @@ TEST(NearestTriangleTest, AgreesWithLookingAtAll) {
   }
 }
 
-TEST(NearestTriangleTest, CrossingAgreesWithThePredicate) {
+TEST_P(WalkedTest, CrossingAgreesWithThePredicate) {
   TestRng rng;
-  const IndexedGeometry scene = MakeScene({Soup(rng, 300)});
+  const IndexedGeometry scene = Over(MakeScene({Soup(rng, 300)}), GetParam(), rng);
   int crossings = 0;
   for (int64_t i = ScaledCount(3000); i-- > 0;) {
     const Vec3d p = RandomInBox(rng, {1, 1, 1});

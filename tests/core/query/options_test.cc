@@ -107,6 +107,28 @@ TEST(OptionsTest, WhatASceneLacksIsNamed) {
   expect({.strategy = Strategy::kRtt, .rtt_side_by_side = -1}, kInvalid, "rtt_side_by_side = -1");
 }
 
+TEST(OptionsTest, AKdTreeAloneIsWalkedAndNothingElse) {
+  const IndexedGeometry scene = testing_support::OnKdTreeAlone(Terrain(), {});
+  ASSERT_TRUE(scene.kd_tree_alone());
+  for (const Strategy strategy : {Strategy::kAuto, Strategy::kSingle, Strategy::kPacket,
+                                  Strategy::kRtt, Strategy::kBruteForce}) {
+    for (const Structure structure : {Structure::kAuto, Structure::kKdTree}) {
+      const QueryOptions options{.strategy = strategy, .structure = structure};
+      EXPECT_TRUE(CheckOptions(scene, options).ok());
+      EXPECT_TRUE(WalksKdTree(scene, options));
+    }
+  }
+  const auto expect = [&](const QueryOptions& options, const std::string& part) {
+    const absl::Status status = CheckOptions(scene, options);
+    EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(part));
+  };
+  expect({.structure = Structure::kBvh}, "structure BVH needs a BVH");
+  expect({.strategy = Strategy::kShaft}, "strategy SHAFT needs a BVH");
+  expect({.strategy = Strategy::kShaft, .structure = Structure::kBvh}, "structure BVH needs a BVH");
+  expect({.structure = Structure::kBinaryBvh}, "structure BINARY_BVH needs a binary BVH");
+}
+
 // A triangle with every structure, and a camera above it.
 IndexedGeometry OneTriangle() {
   IndexedGeometry scene =

@@ -161,6 +161,15 @@ IndexedGeometry MakeScene(const std::vector<ObjectInput>& objects, std::optional
   return scene;
 }
 
+IndexedGeometry OnKdTreeAlone(IndexedGeometry scene, const KdBuildOptions& options) {
+  ThreadPool pool(1);
+  auto tree = BuildKdTree(scene.geometry, options, pool);
+  SIGHTLINE_CHECK(tree.ok()) << tree.status();
+  scene.kd_tree = *std::move(tree);
+  scene.bvh = Bvh();
+  return scene;
+}
+
 bool IsLit(const SceneGeometry& geometry, const PredicateRay& ray, uint32_t source) {
   for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
     if (id == source) continue;

@@ -14,6 +14,7 @@
 
 #include "core/accel/bvh_builder.h"
 #include "core/accel/indexed_geometry.h"
+#include "core/accel/kd_builder.h"
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate.h"
 #include "core/mesh/object.h"
@@ -41,6 +42,9 @@ ObjectInput Flipped(ObjectInput object);  // Fronts become backs.
 IndexedGeometry MakeScene(const std::vector<ObjectInput>& objects,
                           std::optional<Vec3d> origin = Vec3d{},
                           const BvhBuildOptions& options = {});
+
+// The scene with a kd-tree in place of its BVH.
+IndexedGeometry OnKdTreeAlone(IndexedGeometry scene, const KdBuildOptions& options);
 
 // Whether no triangle but `source` blocks, by the predicate applied to every one.
 bool IsLit(const SceneGeometry& geometry, const PredicateRay& ray, uint32_t source);

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "core/accel/binary_bvh_builder.h"
 #include "core/accel/bvh_validation.h"
 #include "core/accel/kd_builder.h"
 #include "core/mesh/geometry_validation.h"
@@ -252,9 +253,9 @@ TEST_F(SceneFileTest, WhatIsNoSceneFileIsSaidToBeNone) {
   ExpectRefused(Bytes(1000, std::byte{'x'}), absl::StatusCode::kInvalidArgument,
                 "sightline import");
   Bytes newer = Written(*Build(Objects(3)));
-  Header(newer).version = 2;
+  Header(newer).version = 3;
   SealSceneFile(newer);
-  ExpectRefused(newer, absl::StatusCode::kUnimplemented, "version 2");
+  ExpectRefused(newer, absl::StatusCode::kUnimplemented, "version 3");
 }
 
 TEST_F(SceneFileTest, HostileTables) {
@@ -364,6 +365,105 @@ TEST_F(SceneFileTest, KdTreesGoAlong) {
     bad = good;
     bad[ids.offset] ^= std::byte{1};
     ExpectRefused(bad, absl::StatusCode::kDataLoss, "the kd-tree ids were changed");
+  }
+}
+
+TEST_F(SceneFileTest, AKdTreeMayStandAlone) {
+  const auto with_bvh = Build(Objects(300));
+  Scene scene = *with_bvh;
+  absl::StatusOr<KdTree> tree = BuildKdTree(scene.geometry, {}, pool_);
+  ASSERT_TRUE(tree.ok()) << tree.status();
+  scene.kd_tree = *std::move(tree);
+  const auto version = [](Bytes bytes) { return Header(bytes).version; };
+  EXPECT_EQ(version(Written(scene)), kSceneFileVersion);  // As older readers want it.
+  scene.bvh = Bvh();
+  const Bytes good = Written(scene);
+  EXPECT_EQ(version(good), kSceneFileVersionWithoutBvh);
+  const auto again = Load(good);
+  ASSERT_TRUE(again.ok()) << again.status();
+  ExpectSame(scene, **again);
+  EXPECT_TRUE((*again)->kd_tree_alone());
+  EXPECT_FALSE((*again)->kd_leaves.has_value());
+  EXPECT_TRUE(SameBytes(scene.kd_tree->nodes, (*again)->kd_tree->nodes));
+  // The version says what is there, and nothing else will do.
+  Bytes bad = good;
+  Header(bad).version = kSceneFileVersion;
+  SealSceneFile(bad);
+  ExpectRefused(bad, absl::StatusCode::kDataLoss, "");
+  bad = Written(*with_bvh);
+  Header(bad).version = kSceneFileVersionWithoutBvh;
+  SealSceneFile(bad);
+  ExpectRefused(bad, absl::StatusCode::kDataLoss, "it says that it has no bvh, and has one");
+  bad = good;
+  // The kd-tree's sections, as additions that nobody knows.
+  for (uint32_t i = kRequiredSections; i < kRequiredSections + 5; ++i) Section(bad, i).kind += 700;
+  SealSceneFile(bad);
+  ExpectRefused(bad, absl::StatusCode::kDataLoss, "it says that its kd-tree stands alone");
+}
+
+TEST_F(SceneFileTest, LeavesLaidOutAreLaidOutAgain) {
+  SceneBuildOptions options;
+  options.kd_tree = KdBuildOptions{.lay_out_leaves = true};
+  const auto scene = BuildScene("hall", 7, Objects(300), std::nullopt, options, pool_);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ASSERT_TRUE((*scene)->kd_leaves.has_value());
+  Bytes good = Written(**scene);
+  const auto again = Load(good);
+  ASSERT_TRUE(again.ok()) << again.status();
+  ASSERT_TRUE((*again)->kd_leaves.has_value());
+  EXPECT_TRUE(SameBytes((*scene)->kd_leaves->rows, (*again)->kd_leaves->rows));
+  EXPECT_TRUE(SameBytes((*scene)->kd_leaves->boxes, (*again)->kd_leaves->boxes));
+  auto* const record = reinterpret_cast<SceneFileKdTree*>(&good[Section(good, 10).offset]);
+  record->leaves_laid_out = 2;
+  SealSceneFile(good);
+  ExpectRefused(good, absl::StatusCode::kDataLoss, "flags that are none");
+}
+
+TEST_F(SceneFileTest, BinaryBvhsGoAlong) {
+  Scene scene = *Build(Objects(300));
+  for (const bool kd_tree : {false, true}) {
+    if (kd_tree) {
+      absl::StatusOr<KdTree> tree = BuildKdTree(scene.geometry, {}, pool_);
+      ASSERT_TRUE(tree.ok()) << tree.status();
+      scene.kd_tree = *std::move(tree);
+    }
+    absl::StatusOr<BinaryBvh> bvh = BuildBinaryBvh(scene.geometry, {.cost_ratio = 0.2f}, pool_);
+    ASSERT_TRUE(bvh.ok()) << bvh.status();
+    scene.binary_bvh = *std::move(bvh);
+    const Bytes good = Written(scene);
+    const auto again = Load(good);
+    ASSERT_TRUE(again.ok()) << again.status();
+    ExpectSame(scene, **again);
+    EXPECT_EQ((*again)->kd_tree.has_value(), kd_tree);
+    ASSERT_TRUE((*again)->binary_bvh.has_value());
+    const BinaryBvh &a = *scene.binary_bvh, &b = *(*again)->binary_bvh;
+    EXPECT_TRUE(SameBytes(a.nodes, b.nodes));
+    EXPECT_TRUE(SameBytes(a.ids, b.ids));
+    EXPECT_TRUE(SameBytes(a.leaves.rows, b.leaves.rows));
+    EXPECT_TRUE(SameBytes(a.leaves.boxes, b.leaves.boxes));
+    EXPECT_EQ(a.leaf_count, b.leaf_count);
+    EXPECT_EQ(a.max_depth, b.max_depth);
+    EXPECT_EQ((*again)->report.binary_bvh_bytes, b.MemoryBytes());
+    auto owner = std::make_shared<const Bytes>(good);
+    const auto info = InspectSceneFile({*owner, owner, "'file'"});
+    ASSERT_TRUE(info.ok()) << info.status();
+    EXPECT_GE(info->scene_bytes, (*again)->report.memory_bytes - 9 * 3 * sizeof(Vec3d));
+    // Under sums that are right: a reference that is none, and a box that is not its contents'.
+    Bytes bad = good;
+    const uint32_t record = Header(bad).section_count - 3;
+    const SceneFileSection nodes = Section(bad, record + 1), ids = Section(bad, record + 2);
+    ASSERT_EQ(ids.kind, static_cast<uint32_t>(SectionKind::kBinaryBvhIds));
+    const uint32_t none = 1'000'000;
+    std::memcpy(&bad[ids.offset + 4], &none, 4);
+    SealSceneFile(bad);
+    ExpectRefused(bad, absl::StatusCode::kDataLoss, "binary bvh: leaf");
+    bad = good;
+    bad[nodes.offset] ^= std::byte{1};
+    SealSceneFile(bad);
+    ExpectRefused(bad, absl::StatusCode::kDataLoss, "the box of node 0");
+    bad = good;
+    bad[ids.offset] ^= std::byte{1};
+    ExpectRefused(bad, absl::StatusCode::kDataLoss, "the binary bvh ids were changed");
   }
 }
 

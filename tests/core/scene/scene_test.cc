@@ -116,6 +116,24 @@ TEST_F(SceneTest, BuildsABinaryBvhBesideIfAsked) {
             absl::StatusCode::kInvalidArgument);
 }
 
+TEST_F(SceneTest, AKdTreeMayStandAlone) {
+  SceneBuildOptions options;
+  options.without_bvh = true;
+  const absl::Status status =
+      BuildScene("hall", 1, objects_, std::nullopt, options, pool_).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << status;
+  options.kd_tree.emplace();
+  const auto scene = BuildScene("hall", 1, objects_, std::nullopt, options, pool_);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_TRUE((*scene)->kd_tree_alone());
+  EXPECT_EQ((*scene)->report.bvh_nodes, 0u);
+  EXPECT_GT((*scene)->report.kd_tree_nodes, 0u);
+  const auto edited = EditScene(
+      **scene, 2, {{{.kind = Kind::kRemove, .object = {.name = "chair"}}}}, options, pool_);
+  ASSERT_TRUE(edited.ok()) << edited.status();
+  EXPECT_TRUE((*edited)->kd_tree_alone());
+}
+
 TEST_F(SceneTest, ProgressRisesToOneAndErrorsComeThrough) {
   Mutex mutex;
   double last = 0;

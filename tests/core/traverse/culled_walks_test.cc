@@ -71,6 +71,7 @@ LeafCulling RandomCulling(TestRng& rng) {
   c.ray_box_min_triangles = static_cast<uint32_t>(rng.Below(20));
   c.ray_box_update = rng.Chance(0.7);
   c.mailbox = rng.Chance(0.4);
+  c.cell_boxes = rng.Chance(0.4);
   return c;
 }
 
@@ -83,7 +84,8 @@ std::string Describe(const LeafCulling& c) {
       {"aperture", c.aperture},     {"aperture_first", c.aperture_first},
       {"skip", c.skip_edges},       {"first_axis", c.first_axis},
       {"ray_mask", c.ray_mask},     {"box", c.ray_box},
-      {"update", c.ray_box_update}, {"mailbox", c.mailbox}};
+      {"update", c.ray_box_update}, {"mailbox", c.mailbox},
+      {"cells", c.cell_boxes}};
   for (const auto& [name, on] : switches) {
     if (on) text += std::string(" ") + name;
   }
