@@ -6,9 +6,10 @@
 // Together is much faster: hits of neighbouring pixels lie close to each other, and one walk finds
 // the few triangles that any of them can touch (touch_candidates.h). Where the box around a whole
 // packet's hits holds too much, as at the edge of an object, its groups of sixteen lanes walk for
-// themselves, and at last each hit does. What hits of one triangle share is computed once, and four
-// of them are placed at a time (hit_source.h). With it a hit of a 1920×1080 view takes 67 to 92 ns
-// (Sponza, the bunny, the hall of 1 M triangles), where each alone took 270 to 290.
+// themselves, and at last each hit does. What hits of one triangle share is computed once
+// (hit_source.h), and eight of them are placed at a time (placement-inl.h). With it a hit of a
+// 1920×1080 view takes 67 to 92 ns (Sponza, the bunny, the hall of 1 M triangles), where each alone
+// took 270 to 290.
 //
 // Thread safety: PlaceHit is a function only; a HitPlacer belongs to one thread.
 //
@@ -28,7 +29,10 @@
 #include "core/query/hit_source.h"
 #include "core/query/nearest_triangle.h"
 #include "core/query/placement.h"
+#include "core/query/placement_kernels.h"
 #include "core/query/touch_candidates.h"
+#include "core/query/touch_points.h"
+#include "core/traverse/simd_target.h"
 #include "core/traverse/trace_ray.h"
 
 namespace sightline {
@@ -41,52 +45,45 @@ Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, floa
 
 class HitPlacer {
  public:
-  explicit HitPlacer(const IndexedGeometry& scene) : scene_(scene) {}
+  explicit HitPlacer(const IndexedGeometry& scene, SimdTarget simd = SimdTarget::kBest)
+      : scene_(scene), kernels_(PlacementKernelsFor(simd)), candidates_(kernels_) {}
 
   // positions[lane] = PlaceHit(scene, origin, target, t, triangle) for every lane that hit; the
   // others are left alone. REQUIRES: rays, not segments; positions.size() >= packet.count.
   void Place(const RayPacket& packet, std::span<Vec3f> positions);
 
  private:
-  static constexpr int kMaxHits = RayPacket::kMaxRays;
-  // Hits whose candidates are asked for together: the lanes of four by four pixels.
-  static constexpr int kGroupLanes = 16;
+  static constexpr int kGroupLanes = TouchPoints::kMost;
+  static constexpr int kMaxGroups = RayPacket::kMaxRays / kGroupLanes;
 
-  struct Group {
-    int begin, end;  // Of the hits.
-    Box3d box;       // Around their places.
-    TouchRadius radius;
-    double norm_one = 0;
-    Box3f Around(const IndexedGeometry& scene) const {
-      return BoxAround(box, radius.Largest(scene));
-    }
-    void Add(const Placement& placement);
-    void Add(const Group& other);
+  // Lanes that follow one another, as far as they hit one triangle.
+  struct Part {
+    int source;  // In sources_.
+    int first;   // A multiple of PlacementKernels::kLanes.
+    uint32_t lanes;
   };
 
-  void CollectSources(const RayPacket& packet);
-  template <typename Fn>
-  void ForEachFour(const Fn& fn) const;
-  void PlaceOnSources(const RayPacket& packet);
-  void MakeGroups();
+  Box3f Around(const TouchExtent& extent) const {
+    return BoxAround(extent.box, TouchRadius{extent.base, kHitTouchPerVertex}.Largest(scene_));
+  }
+  void CollectParts(const RayPacket& packet);
+  int SourceOf(const RayPacket& packet, uint32_t triangle);
   void FindTouched();
-  void FindTouchedAmongCandidates(const Group& group, const Box3f& around);
-  void PlaceBesideSources(std::span<Vec3f> positions);
-  void PlaceTouchers(std::span<Vec3f> positions);
+  void FindTouchedAmongCandidates(int group, const Box3f& around);
+  void PlaceTouchers(const RayPacket& packet, std::span<Vec3f> positions);
 
   const IndexedGeometry& scene_;
-  // The packet's hits, in the order of their lanes.
-  int hits_ = 0;
-  int lane_[kMaxHits];
-  Placement placements_[kMaxHits];
+  const PlacementKernels& kernels_;
   std::vector<HitSource> sources_;
-  int source_of_[kMaxHits];  // In sources_.
-  int by_source_[kMaxHits];  // The hits, ordered by their source.
+  int part_count_ = 0;
+  Part parts_[RayPacket::kMaxRays];
+  // By sixteen lanes of the packet.
   int group_count_ = 0;
-  Group groups_[kMaxHits / kGroupLanes];
+  TouchPoints groups_[kMaxGroups];
+  uint32_t left_[kMaxGroups];  // Bits of lanes that the first try beside their source leaves open.
+  int source_of_[RayPacket::kMaxRays];  // By lane; set for hits alone.
   TouchCandidates candidates_;
-  bool settled_[kMaxHits];  // Placed, unless it touches something.
-  // What hits touch: (hit, triangle), ascending.
+  // What hits touch: (lane, triangle), ascending.
   std::vector<std::pair<int, uint32_t>> touched_;
   std::vector<uint32_t> ids_;
 };

@@ -1,23 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The triangle that camera hits lie on: what its hits share, and their placement as long as they
-// touch no other; one at a time or four, to the same bits. The four go through the same operations
-// in the same order, none of them fused.
+// The triangle that camera hits lie on: what its hits share, and where on it each of them lies.
+// placement-inl.h has the same for several hits at once.
 //
 // Thread safety: a plain value.
 #ifndef SIGHTLINE_CORE_QUERY_HIT_SOURCE_H_
 #define SIGHTLINE_CORE_QUERY_HIT_SOURCE_H_
 
-#include <array>
 #include <cstdint>
 
 #include "core/accel/indexed_geometry.h"
 #include "core/geometry/vec3.h"
 #include "core/query/nearest_triangle.h"
 #include "core/query/placement.h"
-#include "core/traverse/trace_ray.h"
 
 namespace sightline {
+
+// The most by which the exact parameter of a hit can differ from its float, relatively: one
+// rounding (2^-24), the slab test's hold on it (2^-20, kSegmentEnd), and the distance's own error
+// in doubles unless the ray grazes. A larger correction would say that doubles cannot tell where a
+// grazing ray meets the plane; then t is as good.
+inline constexpr double kHitParameterError = 0x1p-19;
 
 struct HitSource {
   uint32_t triangle = kNoTriangle;
@@ -28,16 +31,9 @@ struct HitSource {
 
   HitSource(const IndexedGeometry& scene, Vec3f origin, uint32_t triangle);
 
-  // Of a hit at O + t·D on it.
+  // Of a hit at O + t·D on it: the point where the ray meets its plane, if doubles can tell where
+  // that is and it lies above the triangle; else the triangle's closest point to what t says.
   Placement PlacementOf(Vec3f origin, Vec3f direction, float t) const;
-  // Of the hits of four lanes, any of them the same.
-  void PlacementsOf(const RayPacket& packet, const std::array<int, 4>& lanes,
-                    const std::array<Placement*, 4>& placements) const;
-
-  // Places points that touch nothing else, where the first try settles it. Bit i: (*placed)[i] is
-  // what Place would give. The others are left to it.
-  uint32_t PlaceBeside(const std::array<const Placement*, 4>& placements,
-                       std::array<Vec3f, 4>* placed) const;
 };
 
 }  // namespace sightline

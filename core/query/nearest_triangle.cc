@@ -200,13 +200,15 @@ ClosestPoints::ClosestPoints(Vec3f af, Vec3f bf, Vec3f cf)
   box = {BoxOf(box.lo, c).lo, BoxOf(box.hi, c).hi};
 }
 
+bool ClosestPoints::IsBelow(Vec3d p) const {
+  return !sliver && Dot(Cross(ab, p - a), n) > 0 && Dot(Cross(bc, p - b), n) > 0 &&
+         Dot(Cross(ca, p - c), n) > 0;
+}
+
+Vec3d ClosestPoints::Held(Vec3d p) const { return Clamp(p, box); }
+
 Vec3d ClosestPoints::To(Vec3d p) const {
-  if (!sliver) {
-    const Vec3d ap = p - a;
-    if (Dot(Cross(ab, ap), n) > 0 && Dot(Cross(bc, p - b), n) > 0 && Dot(Cross(ca, p - c), n) > 0) {
-      return Clamp(p - n * (Dot(n, ap) / nn), box);
-    }
-  }
+  if (IsBelow(p)) return Held(p - n * (Dot(n, p - a) / nn));
   Vec3d best = ClosestPointOnEdge(p, a, b);
   double best_distance = DistanceSquared(p, best);
   for (const Vec3d q : {ClosestPointOnEdge(p, b, c), ClosestPointOnEdge(p, c, a)}) {

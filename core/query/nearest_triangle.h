@@ -47,6 +47,10 @@ struct ClosestPoints {
   ClosestPoints() = default;
   ClosestPoints(Vec3f a, Vec3f b, Vec3f c);
   Vec3d To(Vec3d p) const;
+  // No edge stands for it, and p's foot on its plane is inside, as far as doubles can tell.
+  bool IsBelow(Vec3d p) const;
+  // p held within its box.
+  Vec3d Held(Vec3d p) const;
 };
 
 // (x² + y²) + z² of the difference.

@@ -59,9 +59,10 @@ inline constexpr TouchRadius WorldTouchRadius(double norm_one) {
 // For an eye much farther away than the origin that is held to kMostTied roundings of P, lest all
 // of a fine mesh be touched; a tie may then leave a point behind the nearer triangle.
 inline constexpr double kMostTied = 16;
+inline constexpr double kHitTouchPerVertex = 0x1p-44;
 inline constexpr TouchRadius HitTouchRadius(double norm_one, double along) {
   const double tied = 0x1p-23 * along, most = kMostTied * 0x1p-24 * norm_one;
-  return {4 * 0x1p-24 * norm_one + (tied < most ? tied : most), 0x1p-44};
+  return {4 * 0x1p-24 * norm_one + (tied < most ? tied : most), kHitTouchPerVertex};
 }
 
 // A point that is less than one offset from a plane is moved to this many. More than 1, so that

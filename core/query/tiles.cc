@@ -80,7 +80,7 @@ class TileTrace {
       positions_.resize(most * kBlockRays);
       sources_.resize(most * kBlockRays);
       point_pixel_.resize(most * kBlockRays);
-      placer_ = std::make_unique<HitPlacer>(scene);
+      placer_ = std::make_unique<HitPlacer>(scene, options.simd);
     }
     // Every pixel's ids and numbers are written by its block: what a result of the same size held
     // before does not matter.

@@ -6,6 +6,7 @@
 
 #include "core/base/check.h"
 #include "core/query/box_walk.h"
+#include "core/query/id_lanes.h"
 #include "core/traverse/leaf_view.h"
 
 namespace sightline {
@@ -66,7 +67,7 @@ uint32_t TouchCandidates::Meeting(uint32_t first, const Box3f& within) const {
 //  off the plane by 2^-49·D·κ.
 // Together below 2^-46·D·κ², as κ >= 1. Four times that is added to the radius, and the radius
 // itself is doubled.
-TouchCandidates::Planes TouchCandidates::PlanesOf(uint32_t k, double per_vertex) const {
+TouchPlanes TouchCandidates::PlanesOf(uint32_t k, double per_vertex) const {
   constexpr double kLost = 0x1p-44;
   const Four d;
   const Vec3d a = ToDouble(corners_[k][0]), b = ToDouble(corners_[k][1]),
@@ -74,7 +75,7 @@ TouchCandidates::Planes TouchCandidates::PlanesOf(uint32_t k, double per_vertex)
   const Vec3d ab = b - a, bc = c - b, ca = a - c;
   const Vec3d n = Cross(ab, bc);
   const Vec3d out[4] = {n, Cross(ab, n), Cross(bc, n), Cross(ca, n)};
-  Planes planes;
+  TouchPlanes planes;
   for (int lane = 0; lane < 4; ++lane) {
     planes.x[lane] = out[lane].x;
     planes.y[lane] = out[lane].y;
@@ -107,29 +108,16 @@ TouchCandidates::Planes TouchCandidates::PlanesOf(uint32_t k, double per_vertex)
   return planes;
 }
 
-// Bit i: points[i] may touch candidate k.
-uint32_t TouchCandidates::NotApart(uint32_t k, std::span<const Placement> points) {
-  const Four d;
+// Bit i: point i may touch candidate k.
+uint32_t TouchCandidates::NotApart(uint32_t k, const TouchPoints& points) {
+  const uint32_t others =
+      points.used & ~(WhereIs(ids_[k], points.source) | WhereIs(ids_[k], points.source + 8) << 8);
+  if (others == 0) return 0;
   if (!has_planes_[k]) {
-    planes_[k] = PlanesOf(k, points[0].radius.per_vertex);
+    planes_[k] = PlanesOf(k, points.per_vertex);
     has_planes_[k] = true;
   }
-  const Planes& planes = planes_[k];
-  const auto x = hn::Load(d, planes.x), y = hn::Load(d, planes.y), z = hn::Load(d, planes.z);
-  const auto offset = hn::Load(d, planes.offset), reach = hn::Load(d, planes.reach);
-  const auto sign = hn::IfThenElseZero(hn::FirstN(d, 1), hn::Set(d, -0.0));
-  const uint32_t id = ids_[k];
-  uint32_t open = 0;
-  for (size_t i = 0; i < points.size(); ++i) {
-    const Placement& p = points[i];
-    const auto along =
-        hn::MulAdd(x, hn::Set(d, p.at.x),
-                   hn::MulAdd(y, hn::Set(d, p.at.y), hn::MulSub(z, hn::Set(d, p.at.z), offset)));
-    const auto s = hn::AndNot(sign, along);
-    const auto apart = hn::Gt(s, hn::Add(reach, hn::Set(d, 2 * p.radius.base)));
-    open |= uint32_t{hn::AllFalse(d, apart) && p.source != id} << i;
-  }
-  return open;
+  return kernels_.not_apart(planes_[k], points) & others;
 }
 
 }  // namespace sightline

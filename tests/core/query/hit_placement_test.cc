@@ -15,6 +15,7 @@
 #include "core/traverse/kernels.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
+#include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -28,6 +29,11 @@ constexpr Vec3f kUntouched = {-7, -7, -7};
 
 std::array<uint32_t, 3> BitsOf(Vec3f p) {
   return {std::bit_cast<uint32_t>(p.x), std::bit_cast<uint32_t>(p.y), std::bit_cast<uint32_t>(p.z)};
+}
+
+SimdTarget AnyTarget(TestRng& rng) {
+  const std::vector<SimdTarget> targets = AvailableTargets();
+  return targets[rng.Below(targets.size())];
 }
 
 // Rays from `eye` to lanes of a patch `spread` wide around `at`, traced.
@@ -92,7 +98,7 @@ TEST(HitPlacementTest, PacketsOfNastyScenesArePlacedAsSingleHits) {
     const IndexedGeometry& scene = nasty.indexed;
     if (scene.bvh.empty()) continue;
     NastyRays rays(scene, rng);
-    const auto placer = std::make_unique<HitPlacer>(scene);
+    const auto placer = std::make_unique<HitPlacer>(scene, AnyTarget(rng));
     const double size = Length(ToDouble(scene.bvh.bounds.Extent()));
     for (int64_t i = ScaledCount(40); i-- > 0;) {
       RayPacket packet;
@@ -116,7 +122,7 @@ TEST(HitPlacementTest, PacketsOnMeshesArePlacedAsSingleHits) {
       options.leaf_rows = rng.Chance(0.5);
       const IndexedGeometry scene = MakeScene(
           {MakeIcosphere(level, 10, placement), MakeBox({6, 7, 8}, placement)}, Vec3d{}, options);
-      const auto placer = std::make_unique<HitPlacer>(scene);
+      const auto placer = std::make_unique<HitPlacer>(scene, AnyTarget(rng));
       for (int64_t i = ScaledCount(60); i-- > 0;) {
         const Vec3f eye = ToFloat(centre + RandomDirection(rng) * rng.Uniform(1, 60));
         const size_t aim = rng.Below(scene.geometry.triangles.size());
@@ -131,60 +137,69 @@ TEST(HitPlacementTest, PacketsOnMeshesArePlacedAsSingleHits) {
   EXPECT_GT(seen.touching, 20);
 }
 
-// One try settles four hits of a plain triangle; else the fast path could be off unnoticed.
-TEST(HitPlacementTest, FourHitsInTheOpenAreSettledTogether) {
+// One try settles hits on a plain triangle; else the fast path could be off unnoticed.
+TEST(HitPlacementTest, HitsInTheOpenAreSettledTogether) {
   TestRng rng;
   const IndexedGeometry scene =
       MakeScene({{.vertices = {{-9, -9, 3}, {9, -9, 4}, {0, 12, 5}}, .indices = {0, 1, 2}}});
   RayPacket packet;
-  Trace(scene, rng, {0, 0, -5}, {0, 0, 4}, 0.5, &packet);
+  while (packet.count < 16) Trace(scene, rng, {0, 0, -5}, {0, 0, 4}, 0.5, &packet);
   const HitSource source(scene, packet.origin, 0);
-  std::array<Placement, 4> placements;
-  source.PlacementsOf(packet, {0, 0, 0, 0},
-                      {&placements[0], &placements[1], &placements[2], &placements[3]});
-  std::array<Vec3f, 4> placed;
-  EXPECT_EQ(
-      source.PlaceBeside({&placements[0], &placements[1], &placements[2], &placements[3]}, &placed),
-      0xFu);
+  TouchPoints points;
+  for (const SimdTarget simd : AvailableTargets()) {
+    Vec3f placed[PlacementKernels::kLanes];
+    EXPECT_EQ(PlacementKernelsFor(simd).place(source, packet, 8, 0b10110101, &points, placed),
+              0b10110101u);
+  }
 }
 
 // Points about as far from triangles as the radius is, where the planes must leave open what
 // measuring finds near.
 TEST(TouchCandidatesTest, FindWhatEachPointFinds) {
   TestRng rng;
-  const auto candidates = std::make_unique<TouchCandidates>();
   int64_t found = 0, asked = 0;
   for (const NastyScene& nasty : MakeNastyScenes(rng)) {
     SCOPED_TRACE(nasty.name);
+    const auto candidates = std::make_unique<TouchCandidates>(PlacementKernelsFor(AnyTarget(rng)));
     const IndexedGeometry& scene = nasty.indexed;
     if (scene.bvh.empty()) continue;
     NastyRays rays(scene, rng);
     for (int64_t i = ScaledCount(300); i-- > 0;) {
       const double per_vertex = rng.Chance(0.5) ? 0x1p-44 : 0x1p-24;
-      std::vector<Placement> points(1 + rng.Below(16));
+      TouchPoints points;
+      points.per_vertex = per_vertex;
+      while (points.used == 0) points.used = static_cast<uint32_t>(rng.Below(0x10000));
       Box3d box;
       double base = 0, norm_one = 0;
-      for (Placement& point : points) {
+      for (uint32_t left = points.used; left != 0; left &= left - 1) {
+        const int k = std::countr_zero(left);
         const Vec3d near = ToDouble(rays.Point());
-        point.radius = {std::exp2(-rng.Uniform(0, 24)) * NormOne(near), per_vertex};
-        point.at = near + RandomDirection(rng) * (point.radius.base * rng.Uniform(0, 3));
-        if (rng.Chance(0.5)) {
-          point.source = static_cast<uint32_t>(rng.Below(scene.geometry.triangles.size()));
-        }
-        box.Extend(point.at);
-        base = std::max(base, point.radius.base);
-        norm_one = std::max(norm_one, NormOne(point.at));
+        points.base[k] = std::exp2(-rng.Uniform(0, 24)) * NormOne(near);
+        const Vec3d at = near + RandomDirection(rng) * (points.base[k] * rng.Uniform(0, 3));
+        points.x[k] = at.x;
+        points.y[k] = at.y;
+        points.z[k] = at.z;
+        points.source[k] = rng.Chance(0.5)
+                               ? static_cast<uint32_t>(rng.Below(scene.geometry.triangles.size()))
+                               : kNoTriangle;
+        box.Extend(at);
+        base = std::max(base, points.base[k]);
+        norm_one = std::max(norm_one, NormOne(at));
       }
       const TouchRadius largest = {base, per_vertex};
       const Box3f around = BoxAround(box, largest.Largest(scene));
       if (!candidates->Gather(scene, around, norm_one, TouchCandidates::kMost)) continue;
-      std::vector<std::vector<uint32_t>> touched(points.size());
+      std::vector<uint32_t> touched[TouchPoints::kMost];
       candidates->ForEachTouching(around, points,
-                                  [&](size_t k, uint32_t id) { touched[k].push_back(id); });
+                                  [&](int k, uint32_t id) { touched[k].push_back(id); });
       std::vector<uint32_t> expected;
-      for (size_t k = 0; k < points.size(); ++k) {
+      for (int k = 0; k < TouchPoints::kMost; ++k) {
+        if ((points.used >> k & 1) == 0) {
+          ASSERT_TRUE(touched[k].empty());
+          continue;
+        }
         std::sort(touched[k].begin(), touched[k].end());
-        FindTouching(scene, points[k].at, points[k].radius, points[k].source, &expected);
+        FindTouching(scene, points.at(k), points.radius(k), points.source[k], &expected);
         ASSERT_EQ(touched[k], expected);
         found += !expected.empty();
         ++asked;
@@ -199,16 +214,22 @@ TEST(TouchCandidatesTest, HoldNothingWhereThereIsTooMuch) {
   TestRng rng;
   const IndexedGeometry scene = MakeScene({MakeIcosphere(2, 10, RandomPlacement(rng, {0, 0, 0}))});
   ASSERT_GT(scene.geometry.triangles.size(), TouchCandidates::kMost);
-  const auto candidates = std::make_unique<TouchCandidates>();
+  const auto candidates = std::make_unique<TouchCandidates>(PlacementKernelsFor(AnyTarget(rng)));
   const Box3f everything = {{-50, -50, -50}, {50, 50, 50}};
   EXPECT_FALSE(candidates->Gather(scene, everything, 60, TouchCandidates::kMost));
-  const std::vector<Placement> points = {
-      {.at = ToDouble(scene.geometry.vertices[0]), .radius = {1e-3, 0}}};
+  const Vec3d at = ToDouble(scene.geometry.vertices[0]);
+  TouchPoints points;
+  points.used = 1;
+  points.x[0] = at.x;
+  points.y[0] = at.y;
+  points.z[0] = at.z;
+  points.base[0] = 1e-3;
+  points.source[0] = kNoTriangle;
   int found = 0;
-  const auto count = [&](size_t, uint32_t) { ++found; };
+  const auto count = [&](int, uint32_t) { ++found; };
   candidates->ForEachTouching(everything, points, count);
   EXPECT_EQ(found, 0);
-  const Box3f around = BoxAround({points[0].at, points[0].at}, 1e-3);
+  const Box3f around = BoxAround({at, at}, 1e-3);
   ASSERT_TRUE(candidates->Gather(scene, around, 60, TouchCandidates::kMost));
   candidates->ForEachTouching(around, points, count);
   EXPECT_GE(found, 5);  // The triangles about a vertex.
