@@ -295,9 +295,9 @@ grpc::ChannelArguments DefaultChannelArguments() {
   // gRPC shares one connection between channels of equal target and arguments unless told
   // otherwise.
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  // Reconnects are timed by our own back-off; gRPC's must not stand in its way.
+  // Reconnects are timed by our own back-off; gRPC's must not stand in its way. Its least back-off
+  // is left alone: in spite of its name it is the time that a connection may take to come about.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
-  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2000);
   return arguments;
 }

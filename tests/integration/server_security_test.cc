@@ -98,7 +98,7 @@ class SecurityTest : public ::testing::Test {
 
 TEST_F(SecurityTest, TlsIsSpokenAndPlainIsNot) {
   Start(TlsOptions());
-  EXPECT_TRUE(List(Trusting()).ok()) << List(Trusting());
+  EXPECT_EQ(List(Trusting()), absl::OkStatus());
   EXPECT_TRUE(absl::IsUnavailable(List({})));
   // A client that trusts somebody else does not talk to this server.
   EXPECT_TRUE(absl::IsUnavailable(List({.tls = true, .ca = stranger_.pem()})));
@@ -106,7 +106,7 @@ TEST_F(SecurityTest, TlsIsSpokenAndPlainIsNot) {
 
 TEST_F(SecurityTest, MutualTlsWantsAGoodCertificate) {
   Start(MutualOptions());
-  EXPECT_TRUE(List(Trusting(Issue("client"))).ok()) << List(Trusting(Issue("client")));
+  EXPECT_EQ(List(Trusting(Issue("client"))), absl::OkStatus());
   EXPECT_TRUE(absl::IsUnavailable(List(Trusting())));
   EXPECT_TRUE(absl::IsUnavailable(List(Trusting(stranger_.Issue({.common_name = "client"})))));
   EXPECT_TRUE(absl::IsUnavailable(
@@ -121,11 +121,11 @@ TEST_F(SecurityTest, ABadCertificateDoesNotStart) {
 
 TEST_F(SecurityTest, ANewCertificateIsTakenAndABadOneIsNot) {
   Start(TlsOptions());
-  ASSERT_TRUE(List(Trusting()).ok());
+  ASSERT_EQ(List(Trusting()), absl::OkStatus());
   // Garbage is refused, and the server goes on with what it had.
   Write("cert.pem", "garbage");
   EXPECT_FALSE(server_->ReloadSecurity().ok());
-  EXPECT_TRUE(List(Trusting()).ok());
+  EXPECT_EQ(List(Trusting()), absl::OkStatus());
   // From another authority: who trusts the first no longer connects, who trusts the other does.
   const IssuedCertificate next =
       stranger_.Issue({.common_name = "server", .alternative_names = "IP:127.0.0.1"});
@@ -134,14 +134,14 @@ TEST_F(SecurityTest, ANewCertificateIsTakenAndABadOneIsNot) {
   ASSERT_TRUE(server_->ReloadSecurity().ok());
   EXPECT_TRUE(absl::IsUnavailable(List(Trusting())));
   const Security other{.tls = true, .ca = stranger_.pem()};
-  EXPECT_TRUE(List(other).ok()) << List(other);
+  EXPECT_EQ(List(other), absl::OkStatus());
 }
 
 TEST_F(SecurityTest, RolesComeFromCertificates) {
   ServerOptions options = MutualOptions();
   options.access_file = Write("access", "query cert spiffe://test/reader\nadmin cert operator\n");
   Start(options);
-  EXPECT_TRUE(List(Trusting(Issue("reader"))).ok()) << List(Trusting(Issue("reader")));
+  EXPECT_EQ(List(Trusting(Issue("reader"))), absl::OkStatus());
   const absl::Status denied = Delete(Trusting(Issue("reader")));
   EXPECT_TRUE(absl::IsPermissionDenied(denied)) << denied;
   EXPECT_THAT(std::string(denied.message()), HasSubstr("wants the role admin"));
@@ -160,7 +160,7 @@ TEST_F(SecurityTest, RolesComeFromTokens) {
                                    "\nmetrics token prometheus plain:", kMetricsToken,
                                    "\nadmin cert operator\n"));
   Start(options);
-  EXPECT_TRUE(List(Trusting({}, kQueryToken)).ok()) << List(Trusting({}, kQueryToken));
+  EXPECT_EQ(List(Trusting({}, kQueryToken)), absl::OkStatus());
   EXPECT_TRUE(absl::IsUnauthenticated(List(Trusting())));
   EXPECT_TRUE(absl::IsUnauthenticated(List(Trusting({}, "query-0123456789abcdeF"))));
   EXPECT_TRUE(absl::IsPermissionDenied(Delete(Trusting({}, kQueryToken))));
