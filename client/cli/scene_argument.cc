@@ -83,6 +83,7 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
   source.build_preset = build.preset;
   source.kd_tree = build.kd_tree;
   source.binary_bvh = build.binary_bvh;
+  source.without_bvh = build.without_bvh;
   source.temporary = temporary;
   ImportedScene file;
   switch (KindOf(argument)) {

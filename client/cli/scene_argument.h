@@ -38,6 +38,7 @@ struct SceneBuild {
   client::BuildPreset preset = client::BuildPreset::kStatic;
   std::optional<client::KdTreeOptions> kd_tree = std::nullopt;
   std::optional<client::BinaryBvhOptions> binary_bvh = std::nullopt;
+  bool without_bvh = false;
 };
 
 class OpenedScene {

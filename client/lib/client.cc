@@ -83,6 +83,7 @@ absl::StatusOr<Scene> Client::CreateScene(const SceneSource& source,
   if (source.file_id.empty()) header->set_build_preset(BuildPresetToProto(source.build_preset));
   if (source.kd_tree) ToProto(*source.kd_tree, header->mutable_kd_tree());
   if (source.binary_bvh) ToProto(*source.binary_bvh, header->mutable_binary_bvh());
+  header->set_without_bvh(source.without_bvh);
   uint64_t chunk_bytes = kUploadChunkBytes;
   if (!source.file_id.empty()) {
     header->mutable_file()->set_file_id(source.file_id);

@@ -65,6 +65,7 @@ void ToProto(const KdTreeOptions& options, v1::KdTreeOptions* out) {
   out->set_max_leaf_triangles(options.max_leaf_triangles);
   out->set_max_depth(options.max_depth);
   if (options.max_references != 0) out->set_max_references(options.max_references);
+  out->set_lay_out_leaves(options.lay_out_leaves);
 }
 
 void ToProto(const BinaryBvhOptions& options, v1::BinaryBvhOptions* out) {
@@ -111,6 +112,7 @@ void ToProto(const LeafCulling& culling, v1::LeafCulling* out) {
   out->set_ray_box(culling.ray_box);
   out->set_ray_box_fixed(culling.ray_box_fixed);
   out->set_mailbox(culling.mailbox);
+  out->set_cell_boxes(culling.cell_boxes);
   out->set_ray_box_min_triangles(culling.ray_box_min_triangles);
   out->set_node_test(culling.node_test == NodeTest::kCorners   ? v1::NODE_TEST_CORNERS
                      : culling.node_test == NodeTest::kAllRays ? v1::NODE_TEST_ALL_RAYS

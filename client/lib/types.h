@@ -53,6 +53,7 @@ struct KdTreeOptions {
   uint32_t max_leaf_triangles = 0;
   uint32_t max_depth = 0;
   double max_references = 0;  // 1 to 64.
+  bool lay_out_leaves = false;
 };
 
 // A binary BVH beside the BVH: BinaryBvhOptions of scene_service.proto, which says more. 0: the
@@ -78,6 +79,7 @@ struct SceneSource {
   BuildPreset build_preset = BuildPreset::kStatic;  // Costs and memory; the answers are the same.
   std::optional<KdTreeOptions> kd_tree;             // Unset: none is built.
   std::optional<BinaryBvhOptions> binary_bvh;       // Likewise.
+  bool without_bvh = false;                         // The kd-tree alone, which must be set then.
 };
 
 struct BuildReport {
@@ -234,7 +236,7 @@ struct LeafCulling {
   bool side_planes = false, near_far_planes = false, aperture = false, aperture_first = false;
   bool skip_edges = false, first_axis = false, ray_mask = false, split_to_rays = false;
   FrustumRays frustum_rays = FrustumRays::kAll;
-  bool ray_box = false, ray_box_fixed = false, mailbox = false;
+  bool ray_box = false, ray_box_fixed = false, mailbox = false, cell_boxes = false;
   uint32_t ray_box_min_triangles = 0;  // 0: the server's own choice.
   NodeTest node_test = NodeTest::kFirstActive;
 };

@@ -94,6 +94,7 @@ absl::StatusOr<LeafCulling> DecodeLeafCulling(const v1::LeafCulling& culling) {
   result.ray_box = culling.ray_box();
   result.ray_box_update = !culling.ray_box_fixed();
   result.mailbox = culling.mailbox();
+  result.cell_boxes = culling.cell_boxes();
   switch (culling.frustum_rays()) {
     case v1::FRUSTUM_RAYS_UNSPECIFIED:
     case v1::FRUSTUM_RAYS_ALL:

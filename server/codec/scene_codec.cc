@@ -182,6 +182,7 @@ absl::StatusOr<KdBuildOptions> DecodeKdTree(const v1::KdTreeOptions& options) {
   }
   result.max_leaf_triangles = Number(options.max_leaf_triangles());
   result.max_depth = Number(options.max_depth());
+  result.lay_out_leaves = options.lay_out_leaves();
   if (const absl::Status status = ValidateKdOptions(result); !status.ok()) {
     return MakeError(status.code(), v1::ERROR_REASON_INVALID_FIELD,
                      absl::StrCat("header.kd_tree.", status.message()),

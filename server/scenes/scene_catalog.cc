@@ -90,9 +90,10 @@ absl::Status SceneCatalog::NotThere(const std::string& scene_id) const {
                    absl::StrCat("there is no scene ", SceneName(scene_id)), Resource(scene_id));
 }
 
-SceneBuildOptions SceneCatalog::BuildOptions(
-    BvhPreset preset, const std::optional<KdBuildOptions>& kd_tree,
-    const std::optional<BinaryBvhOptions>& binary_bvh) const {
+SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset,
+                                             const std::optional<KdBuildOptions>& kd_tree,
+                                             const std::optional<BinaryBvhOptions>& binary_bvh,
+                                             bool without_bvh) const {
   SceneBuildOptions options;
   options.limits = {.max_triangles = limits_.max_triangles_per_scene,
                     .max_vertices = limits_.max_vertices_per_scene,
@@ -100,6 +101,7 @@ SceneBuildOptions SceneCatalog::BuildOptions(
   options.bvh = BvhPresetOptions(preset);
   options.kd_tree = kd_tree;
   options.binary_bvh = binary_bvh;
+  options.without_bvh = without_bvh;
   return options;
 }
 
@@ -144,18 +146,20 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   {
     MutexLock lock(mutex_);
     const absl::Time now = absl::Now();
-    times_.try_emplace(options.scene_id, Times{now, now, options.preset, options.temporary,
-                                               options.kd_tree, options.binary_bvh});
+    times_.try_emplace(options.scene_id,
+                       Times{now, now, options.preset, options.temporary, options.kd_tree,
+                             options.binary_bvh, options.without_bvh});
   }
   // A scene that cannot be hit is taken away again: it is not worth storing.
   const SceneKeeper keeper = KeeperOf(options.scene_id, options.temporary);
   const SceneKeeper keep_usable = [&keeper](const Scene& made) {
-    return made.bvh.empty() ? absl::OkStatus() : keeper(made);
+    const SceneGeometry& geometry = made.geometry;
+    return geometry.triangles.size() == geometry.inert.size() ? absl::OkStatus() : keeper(made);
   };
-  absl::StatusOr<std::shared_ptr<const Scene>> scene =
-      registry_.Create(options.scene_id, objects, options.origin,
-                       BuildOptions(options.preset, options.kd_tree, options.binary_bvh), cancel,
-                       keeper == nullptr ? nullptr : keep_usable);
+  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Create(
+      options.scene_id, objects, options.origin,
+      BuildOptions(options.preset, options.kd_tree, options.binary_bvh, options.without_bvh),
+      cancel, keeper == nullptr ? nullptr : keep_usable);
   absl::Status status = scene.status();
   if (status.ok() && (*scene)->geometry.triangles.size() == (*scene)->geometry.inert.size()) {
     const MeshReport& report = (*scene)->geometry.report;
@@ -185,6 +189,7 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
   bool temporary = false;
   std::optional<KdBuildOptions> kd_tree;
   std::optional<BinaryBvhOptions> binary_bvh;
+  bool without_bvh = false;
   {
     MutexLock lock(mutex_);
     if (const auto times = times_.find(options.scene_id); times != times_.end()) {
@@ -194,18 +199,26 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
       if (options.binary_bvh.has_value()) times->second.binary_bvh = options.binary_bvh;
       kd_tree = times->second.kd_tree;
       binary_bvh = times->second.binary_bvh;
+      without_bvh = times->second.without_bvh;
       temporary = times->second.temporary;
     }
   }
   if (!preset.has_value()) return NotThere(options.scene_id);
-  // One that came out of a file has a kd-tree that nobody here asked for.
+  // One that came out of a file has structures that nobody here asked for.
   if (const auto base = registry_.GetStatus(options.scene_id);
-      !kd_tree.has_value() && base.ok() && base->latest != nullptr && base->latest->kd_tree) {
-    kd_tree = KdBuildOptions{.perfect_splits = base->latest->kd_tree->perfect()};
+      base.ok() && base->latest != nullptr) {
+    const Scene& latest = *base->latest;
+    if (!kd_tree.has_value() && latest.kd_tree) {
+      kd_tree = KdBuildOptions{.perfect_splits = latest.kd_tree->perfect(),
+                               .lay_out_leaves = latest.kd_leaves.has_value()};
+    }
+    if (!binary_bvh.has_value() && latest.binary_bvh) binary_bvh.emplace();
+    without_bvh = without_bvh || latest.kd_tree_alone();
   }
-  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Edit(
-      options.scene_id, options.base_revision, edits, BuildOptions(*preset, kd_tree, binary_bvh),
-      cancel, KeeperOf(options.scene_id, temporary));
+  absl::StatusOr<std::shared_ptr<const Scene>> scene =
+      registry_.Edit(options.scene_id, options.base_revision, edits,
+                     BuildOptions(*preset, kd_tree, binary_bvh, without_bvh), cancel,
+                     KeeperOf(options.scene_id, temporary));
   if (!scene.ok()) return ExplainEdit(scene.status(), options);
   {
     MutexLock lock(mutex_);

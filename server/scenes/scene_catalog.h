@@ -74,6 +74,7 @@ class SceneCatalog {
     bool temporary = false;                 // Not stored.
     std::optional<KdBuildOptions> kd_tree;  // One beside the BVH.
     std::optional<BinaryBvhOptions> binary_bvh;
+    bool without_bvh = false;  // REQUIRES, if it is true: kd_tree is set.
   };
   struct EditOptions {
     std::string scene_id;
@@ -141,6 +142,7 @@ class SceneCatalog {
     bool temporary = false;
     std::optional<KdBuildOptions> kd_tree = std::nullopt;
     std::optional<BinaryBvhOptions> binary_bvh = std::nullopt;
+    bool without_bvh = false;
   };
   // Of a scene that is not in memory, though it might be.
   struct Note {
@@ -158,9 +160,10 @@ class SceneCatalog {
   absl::Status NotThere(const std::string& scene_id) const ABSL_LOCKS_EXCLUDED(mutex_);
   void OnChange(const SceneStatus& status);
 
-  SceneBuildOptions BuildOptions(
-      BvhPreset preset, const std::optional<KdBuildOptions>& kd_tree = std::nullopt,
-      const std::optional<BinaryBvhOptions>& binary_bvh = std::nullopt) const;
+  SceneBuildOptions BuildOptions(BvhPreset preset,
+                                 const std::optional<KdBuildOptions>& kd_tree = std::nullopt,
+                                 const std::optional<BinaryBvhOptions>& binary_bvh = std::nullopt,
+                                 bool without_bvh = false) const;
   SceneView View(SceneStatus status) const;
   void Tell(const SceneView& view);
   // What a build says, with the reason that its code stands for.

@@ -87,7 +87,7 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
     return ExplainBuild(ExplainLoad(scene.status(), id), id);
   }
   ReturnFreeMemory();  // What checking took.
-  if ((*scene)->bvh.has_leaf_rows()) return Get(id);
+  if ((*scene)->bvh.has_leaf_rows() || (*scene)->kd_tree_alone()) return Get(id);
   {
     MutexLock lock(mutex_);  // An edit builds as the file was built.
     if (const auto times = times_.find(id); times != times_.end()) {

@@ -87,6 +87,7 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
   if (header.has_binary_bvh()) {
     SL_ASSIGN_OR_RETURN(result.create.binary_bvh, DecodeBinaryBvh(header.binary_bvh()));
   }
+  result.create.without_bvh = header.without_bvh();
   switch (header.source_case()) {
     case v1::CreateSceneHeader::kUpload:
       result.object_count = header.upload().object_count();
@@ -115,13 +116,16 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
       result.file_id = header.file().file_id();
       SL_RETURN_IF_ERROR(CheckId("header.file.file_id", result.file_id));
       if (header.has_origin() || preset.has_value() || header.has_kd_tree() ||
-          header.has_binary_bvh()) {
+          header.has_binary_bvh() || header.without_bvh()) {
         return InvalidField("header.file", result.file_id,
                             "has an origin and a build of its own: set neither");
       }
       break;
     case v1::CreateSceneHeader::SOURCE_NOT_SET:
       return InvalidField("header.source", "(unset)", "must be upload, builtin or file");
+  }
+  if (header.without_bvh() && !header.has_kd_tree()) {
+    return InvalidField("header.without_bvh", "true", "needs header.kd_tree, to be asked instead");
   }
   header_ = std::move(result);
   return absl::OkStatus();

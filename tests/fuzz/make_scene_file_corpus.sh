@@ -40,6 +40,7 @@ f 1 2 3
 END
 seed few
 seed few_compact --build compact
+seed few_kd --structure kd-tree --binary-bvh
 
 awk 'BEGIN {
   for (i = 0; i < 60; ++i) {
@@ -50,3 +51,5 @@ awk 'BEGIN {
 seed many
 seed many_compact --build compact
 seed many_dynamic --build dynamic
+seed many_kd --structure kd-tree --kd-lay-out-leaves
+seed many_both --structure both --kd-perfect-splits --binary-bvh

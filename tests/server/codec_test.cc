@@ -299,12 +299,14 @@ TEST(SceneCodecTest, KdTreeOptionsAreCheckedByName) {
   options.set_min_leaf_triangles(4);
   options.set_max_depth(30);
   options.set_perfect_splits(true);
+  options.set_lay_out_leaves(true);
   const absl::StatusOr<KdBuildOptions> decoded = DecodeKdTree(options);
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   EXPECT_FLOAT_EQ(decoded->traversal_cost, 0.1f);
   EXPECT_EQ(decoded->min_leaf_triangles, 4);
   EXPECT_EQ(decoded->max_depth, 30);
   EXPECT_TRUE(decoded->perfect_splits);
+  EXPECT_TRUE(decoded->lay_out_leaves);
   options.set_max_depth(4'000'000'000u);
   ExpectInvalid(DecodeKdTree(options).status(), "header.kd_tree.max_depth");
   options.set_max_depth(0);

@@ -157,6 +157,8 @@ TEST(SceneUploadTest, HeadersAreChecked) {
       with([](H* h) { h->mutable_upload()->set_triangle_count(0); }).message(), "triangle_count"));
   EXPECT_TRUE(absl::StrContains(
       with([](H* h) { h->mutable_upload()->set_object_count(0); }).message(), "object_count"));
+  EXPECT_TRUE(
+      absl::StrContains(with([](H* h) { h->set_without_bvh(true); }).message(), "header.kd_tree"));
   ExpectReason(with([](H* h) { h->set_build_preset(static_cast<v1::BuildPreset>(9)); }),
                absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
 }

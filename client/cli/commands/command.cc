@@ -22,8 +22,19 @@ std::string PointText(const client::Point3& p) {
   return absl::StrFormat("(%.17g, %.17g, %.17g)", p[0], p[1], p[2]);
 }
 
-// The words of --intersector; the first is assumed.
-constexpr std::pair<const char*, client::Intersector> kIntersectors[] = {
+// The words of a flag, and what they mean; the first is assumed.
+template <typename T>
+using Word = std::pair<const char*, T>;
+
+constexpr Word<client::Strategy> kStrategies[] = {
+    {"AUTO", client::Strategy::kAuto},     {"SINGLE", client::Strategy::kSingle},
+    {"PACKET", client::Strategy::kPacket}, {"SHAFT", client::Strategy::kShaft},
+    {"RTT", client::Strategy::kRtt},       {"BRUTE_FORCE", client::Strategy::kBruteForce}};
+constexpr Word<client::Structure> kStructures[] = {{"AUTO", client::Structure::kAuto},
+                                                   {"BVH", client::Structure::kBvh},
+                                                   {"KD_TREE", client::Structure::kKdTree},
+                                                   {"BINARY_BVH", client::Structure::kBinaryBvh}};
+constexpr Word<client::Intersector> kIntersectors[] = {
     {"exact", client::Intersector::kExact},
     {"havel-herout", client::Intersector::kHavelHerout},
     {"havel-herout-divided", client::Intersector::kHavelHeroutDivided},
@@ -31,6 +42,22 @@ constexpr std::pair<const char*, client::Intersector> kIntersectors[] = {
     {"shevtsov", client::Intersector::kShevtsov},
     {"kensler-shirley", client::Intersector::kKenslerShirley},
     {"moeller-trumbore", client::Intersector::kMoellerTrumbore}};
+
+template <typename T, size_t kCount>
+std::vector<std::string> WordsOf(const Word<T> (&words)[kCount]) {
+  std::vector<std::string> names;
+  for (const auto& [name, value] : words) names.emplace_back(name);
+  return names;
+}
+// REQUIRES: it is one of the words.
+template <typename T, size_t kCount>
+T ValueOf(const Word<T> (&words)[kCount], const std::string& name) {
+  T result = words[0].second;
+  for (const auto& [word, value] : words) {
+    if (name == word) result = value;
+  }
+  return result;
+}
 
 // The words of --leaf-culling.
 absl::Status ParseLeafCulling(const std::string& text,
@@ -42,7 +69,7 @@ absl::Status ParseLeafCulling(const std::string& text,
       {"skip-edges", &result.skip_edges},   {"first-axis", &result.first_axis},
       {"ray-mask", &result.ray_mask},       {"split-to-rays", &result.split_to_rays},
       {"ray-box", &result.ray_box},         {"ray-box-fixed", &result.ray_box_fixed},
-      {"mailbox", &result.mailbox}};
+      {"mailbox", &result.mailbox},         {"cell-boxes", &result.cell_boxes}};
   for (const absl::string_view word : absl::StrSplit(text, ',')) {
     const auto found = std::find_if(std::begin(switches), std::end(switches),
                                     [&](const auto& entry) { return entry.first == word; });
@@ -95,10 +122,11 @@ void RegisterOutput(FlagSet* flags, std::string* output) {
 }
 
 void StrategyFlags::Register(FlagSet* flags) {
-  strategy = structure = "AUTO";
-  flags->Choice("strategy", {"AUTO", "SINGLE", "PACKET", "SHAFT", "RTT", "BRUTE_FORCE"},
+  strategy = kStrategies[0].first;
+  structure = kStructures[0].first;
+  flags->Choice("strategy", WordsOf(kStrategies),
                 "how the engine goes about it; every answer is the same bit for bit", &strategy);
-  flags->Choice("structure", {"AUTO", "BVH", "KD_TREE", "BINARY_BVH"},
+  flags->Choice("structure", WordsOf(kStructures),
                 "which of the scene's structures is walked; AUTO takes what the strategy needs",
                 &structure);
   flags->Count(
@@ -117,12 +145,11 @@ void StrategyFlags::Register(FlagSet* flags) {
       "what is left out within leaves: with PACKET side-planes, near-far, aperture, "
       "aperture-first, skip-edges, rows or masked (the frustum's rays), first-axis, ray-mask, "
       "split-to-rays, and how nodes are tested, corner-nodes or all-ray-nodes; with SINGLE "
-      "ray-box, ray-box-fixed, mailbox",
+      "ray-box, ray-box-fixed, mailbox; on KD_TREE also cell-boxes, the cells for the leaves' "
+      "boxes",
       "", [this](const std::string& text) { return ParseLeafCulling(text, &leaf_culling); });
   intersector = kIntersectors[0].first;
-  std::vector<std::string> names;
-  for (const auto& [name, value] : kIntersectors) names.emplace_back(name);
-  flags->Choice("intersector", names,
+  flags->Choice("intersector", WordsOf(kIntersectors),
                 "with SINGLE, PACKET or BRUTE_FORCE, the ray-triangle test that decides; all but "
                 "exact round as they were published",
                 &intersector);
@@ -131,23 +158,13 @@ void StrategyFlags::Register(FlagSet* flags) {
 }
 
 void StrategyFlags::Apply(client::QueryOptions* options) const {
-  options->strategy = strategy == "SINGLE"        ? client::Strategy::kSingle
-                      : strategy == "PACKET"      ? client::Strategy::kPacket
-                      : strategy == "SHAFT"       ? client::Strategy::kShaft
-                      : strategy == "RTT"         ? client::Strategy::kRtt
-                      : strategy == "BRUTE_FORCE" ? client::Strategy::kBruteForce
-                                                  : client::Strategy::kAuto;
-  options->structure = structure == "BVH"          ? client::Structure::kBvh
-                       : structure == "KD_TREE"    ? client::Structure::kKdTree
-                       : structure == "BINARY_BVH" ? client::Structure::kBinaryBvh
-                                                   : client::Structure::kAuto;
+  options->strategy = ValueOf(kStrategies, strategy);
+  options->structure = ValueOf(kStructures, structure);
   options->rtt_antialiasing = static_cast<uint32_t>(rtt_antialiasing);
   options->rtt_shared_edges = rtt_shared_edges;
   options->rtt_side_by_side = static_cast<uint32_t>(rtt_side_by_side);
   options->leaf_culling = leaf_culling;
-  for (const auto& [name, value] : kIntersectors) {
-    if (intersector == name) options->intersector = value;
-  }
+  options->intersector = ValueOf(kIntersectors, intersector);
   options->packet_side = static_cast<uint32_t>(packet_side);
 }
 
@@ -312,14 +329,14 @@ double ClientRate(const client::StreamSummary& summary) {
 }
 
 void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json* json) {
-  static constexpr const char* kStrategies[] = {"AUTO",        "SINGLE", "PACKET",
-                                                "BRUTE_FORCE", "SHAFT",  "RTT"};
   Json& j = *json;
   j["items"] = summary.items;
   j["resent_items"] = summary.resent_items;
   j["rays_asked"] = summary.rays;
   j["rays"] = summary.statistics.rays;
-  j["strategy"] = kStrategies[static_cast<int>(summary.statistics.strategy)];
+  for (const auto& [name, value] : kStrategies) {
+    if (value == summary.statistics.strategy) j["strategy"] = name;
+  }
   j["seconds"] = absl::ToDoubleSeconds(summary.elapsed);
   j["compute_thread_seconds"] = absl::ToDoubleSeconds(summary.statistics.compute);
   j["threads"] = threads;

@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
 #include "absl/time/clock.h"
+#include "client/cli/build_flags.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/native_scene.h"
@@ -48,15 +49,11 @@ absl::StatusOr<std::vector<ObjectInput>> ReadObjects(const std::string& name, Co
   return std::move(imported.objects);
 }
 
-BvhPreset PresetNamed(const std::string& name) {
-  if (name == "dynamic") return BvhPreset::kDynamic;
-  return name == "compact" ? BvhPreset::kCompact : BvhPreset::kStatic;
-}
-
 }  // namespace
 
 absl::Status ImportCommand(std::span<const std::string> args, Context& context) {
-  std::string output, out, build = "static", structure = "bvh";
+  std::string output, out;
+  BuildFlags build;
   std::optional<Vec3d> origin;
   uint64_t threads = 0;
   FlagSet flags("sightline import FILE -o FILE.slscene [flags]",
@@ -64,10 +61,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
                 "as a native scene file, which servers and commands map instead of building.");
   flags.Text("out", "FILE", "the native scene file to write, ending in .slscene; -o is the same",
              &out);
-  flags.Choice("build", {"static", "dynamic", "compact"},
-               "what the build favours: fast answers, being built fast, or little memory", &build);
-  flags.Choice("structure", {"bvh", "both"}, "what is built: the BVH alone, or a kd-tree beside it",
-               &structure);
+  build.Register(&flags);
   flags.Point("origin",
               "what stored floats are relative to; without it the first vertex of the first object",
               &origin);
@@ -91,9 +85,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
   SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, ReadObjects(name, context));
   const absl::Time read = absl::Now();
   ThreadPool pool(static_cast<int>(threads));
-  SceneBuildOptions options;
-  options.bvh = BvhPresetOptions(PresetNamed(build));
-  if (structure == "both") options.kd_tree.emplace();
+  const SceneBuildOptions options = build.ForLibrary();
   constexpr uint64_t kParts = 1000;  // Of the whole, for the progress.
   absl::StatusOr<std::shared_ptr<const Scene>> scene;
   {
@@ -132,7 +124,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
     json["never_hit_triangles"] = report.inert_triangles;
     json["duplicate_triangles"] = report.duplicate_triangles;
     json["max_rounding"] = report.largest_rounding;
-    json["build"] = build;
+    json["build"] = build.preset();
     json["read_seconds"] = absl::ToDoubleSeconds(read - start);
     json["build_seconds"] = absl::ToDoubleSeconds(built - read);
     json["write_seconds"] = absl::ToDoubleSeconds(written - built);

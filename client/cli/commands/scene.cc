@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/cli/build_flags.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/commands/remote_command.h"
 #include "client/cli/exit_code.h"
@@ -13,21 +14,9 @@
 #include "core/base/status_macros.h"
 
 namespace sightline::cli {
-namespace {
-
-client::BuildPreset PresetNamed(const std::string& name) {
-  if (name == "dynamic") return client::BuildPreset::kDynamic;
-  return name == "compact" ? client::BuildPreset::kCompact : client::BuildPreset::kStatic;
-}
-
-}  // namespace
-
 absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context) {
-  std::string name, build = "static", structure = "bvh";
-  client::KdTreeOptions kd_tree{.traversal_cost = 2};
-  bool binary_bvh = false;
-  client::BinaryBvhOptions binary{.bins = 8, .cost_ratio = 1};
-  uint64_t bins = binary.bins;
+  std::string name;
+  BuildFlags build;
   RemoteCommand command(
       "sightline scene load SCENE --server HOST:PORT [--name NAME] [flags]",
       "Loads a file or a built-in scene into a server, where it stays until it is deleted; or, as "
@@ -37,48 +26,22 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
       "name of the new scene: 1 to 63 of a-z, 0-9, - _ and ., starting with a letter or digit; "
       "without it the server makes one up",
       &name);
-  command.flags().Choice("build", {"static", "dynamic", "compact"},
-                         "what the build favours: fast answers, being built fast, or little memory",
-                         &build);
-  command.flags().Choice(
-      "structure", {"bvh", "both"},
-      "what is built: the BVH alone, or a kd-tree beside it, for --structure KD_TREE and "
-      "--strategy RTT of queries",
-      &structure);
-  command.flags().Number("kd-cost", "RATIO",
-                         "of the kd-tree: cost of a node over that of a triangle's test, 0.01 to "
-                         "10; less makes a deeper tree",
-                         &kd_tree.traversal_cost);
-  command.flags().Switch("kd-perfect-splits",
-                         "of the kd-tree: cut triangles to its cells, not their boxes",
-                         &kd_tree.perfect_splits);
-  command.flags().Switch("binary-bvh",
-                         "also build a binary BVH with large leaves, for --structure BINARY_BVH",
-                         &binary_bvh);
-  command.flags().Count("binary-bins", "N", "of the binary BVH: bins along the longest axis", &bins,
-                        2, 1024);
-  command.flags().Number("binary-cost", "RATIO",
-                         "of the binary BVH: cost of a triangle's test over that of a node, 0.001 "
-                         "to 1000; less makes larger leaves",
-                         &binary.cost_ratio);
+  build.Register(&command.flags());
   SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"SCENE"}, context, SceneHelp()));
   if (!go) return absl::OkStatus();
-  binary.bins = static_cast<uint32_t>(bins);
   if (name.substr(0, 7) == "scenes/") name = name.substr(7);
   client::Scene scene;
-  SceneBuild scene_build{.preset = PresetNamed(build)};
-  if (structure == "both") scene_build.kd_tree = kd_tree;
-  if (binary_bvh) scene_build.binary_bvh = binary;
   if (KindOf(command.word(0)) == SceneKind::kServer) {
     if (!name.empty() || command.flags().given("build") || command.flags().given("structure") ||
-        binary_bvh) {
+        command.flags().given("binary-bvh")) {
       return UsageError(absl::StrCat("'", command.word(0), "' has a name and a build of its own: ",
                                      "give none of --name, --build, --structure and --binary-bvh"));
     }
     SL_ASSIGN_OR_RETURN(scene, command.client().LoadScene(command.word(0), command.call()));
   } else {
-    SL_ASSIGN_OR_RETURN(scene, LoadScene(command.session(), command.word(0), name, scene_build,
-                                         /*temporary=*/false, context.err, nullptr));
+    SL_ASSIGN_OR_RETURN(scene,
+                        LoadScene(command.session(), command.word(0), name, build.ForServer(),
+                                  /*temporary=*/false, context.err, nullptr));
   }
   command.Print(scene, context);
   return absl::OkStatus();

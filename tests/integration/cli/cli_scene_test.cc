@@ -71,6 +71,49 @@ TEST_F(CliTest, KdTreesBesideTheBvh) {
       {"traversal_cost = 99"});
 }
 
+// A kd-tree in place of the BVH answers whatever leaves the structure open, also out of a
+// native scene file, and with a binary BVH beside it.
+TEST_F(CliTest, KdTreesAlone) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  const std::string flag = ServerFlag(*server);
+  const std::string obj = Write("small.obj", kSmallObj);
+  Good({"scene", "load", obj, "--name", "plain", flag});
+  const nlohmann::json json = nlohmann::json::parse(
+      Good({"scene", "load", obj, "--name", "alone", "--structure", "kd-tree", "--kd-min-leaf", "3",
+            "--kd-lay-out-leaves", "--binary-bvh", flag, "--output", "json"})
+          .out);
+  EXPECT_EQ(json["build_report"]["nodes"], 0);
+  EXPECT_GT(json["build_report"]["kd_tree"]["nodes"], 0);
+  const std::string native = File("alone.slscene");
+  Good({"import", obj, "-o", native, "--structure", "kd-tree", "--binary-bvh"});
+  EXPECT_THAT(Good({"check", native}).out, HasSubstr("binary bvh nodes"));
+  const auto lit = [&](const std::vector<std::string>& way) {
+    std::vector<std::string> args = {"view",    "--size", "37x29", "--up",         "0,0,1",
+                                     "--light", "1,2,9",  "--lit", File("lit.npy")};
+    args.insert(args.end(), way.begin(), way.end());
+    Good(args);
+    return Read(File("lit.npy"));
+  };
+  const auto truth = lit({"scenes/plain", flag, "--strategy", "BRUTE_FORCE"});
+  for (const std::vector<std::string>& where :
+       {std::vector<std::string>{"scenes/alone", flag}, std::vector<std::string>{native}}) {
+    for (const std::vector<std::string>& how :
+         {std::vector<std::string>{},
+          {"--strategy", "RTT"},
+          {"--structure", "BINARY_BVH"},
+          {"--structure", "KD_TREE", "--strategy", "PACKET", "--leaf-culling",
+           "masked,side-planes,cell-boxes"}}) {
+      std::vector<std::string> way = where;
+      way.insert(way.end(), how.begin(), how.end());
+      EXPECT_TRUE(lit(way) == truth);
+    }
+  }
+  Bad(kExitData, {"view", "scenes/alone", flag, "--stats", "--strategy", "SHAFT"},
+      {"strategy SHAFT needs a BVH"});
+  Bad(kExitData, {"view", native, "--stats", "--structure", "BVH"}, {"structure BVH needs a BVH"});
+}
+
 // As are a binary BVH, and the tests that a query may let decide.
 TEST_F(CliTest, BinaryBvhsAndIntersectors) {
   const std::unique_ptr<Server> server = StartServer();

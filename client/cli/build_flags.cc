@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/build_flags.h"
+
+namespace sightline::cli {
+namespace {
+
+constexpr uint64_t kMostLeafTriangles = kMaxKdLeafTriangles;
+
+}  // namespace
+
+void BuildFlags::Register(FlagSet* flags) {
+  flags->Choice("build", {"static", "dynamic", "compact"},
+                "what the build favours: fast answers, being built fast, or little memory",
+                &preset_);
+  flags->Choice("structure", {"bvh", "kd-tree", "both"},
+                "what is built: the BVH, a kd-tree instead of it, or a kd-tree beside it, for "
+                "--structure KD_TREE and --strategy RTT of queries",
+                &structure_);
+  flags->Number("kd-cost", "RATIO",
+                "of the kd-tree: cost of a node over that of a triangle's test, 0.01 to 10; less "
+                "makes a deeper tree",
+                &kd_cost_);
+  flags->Switch("kd-perfect-splits", "of the kd-tree: cut triangles to its cells, not their boxes",
+                &kd_.perfect_splits);
+  flags->Count("kd-min-leaf", "N", "of the kd-tree: cells of so few triangles stay whole",
+               &kd_min_leaf_, 1, kMostLeafTriangles);
+  flags->Count("kd-max-leaf", "N",
+               "of the kd-tree: cells of more are split where that takes anything off; 0: as the "
+               "costs say",
+               &kd_max_leaf_, 0, kMostLeafTriangles);
+  flags->Count("kd-depth", "N", "of the kd-tree: nodes on a path; 0: 8 + 1.3 log2 of the triangles",
+               &kd_depth_, 0, kMaxKdDepth);
+  flags->Switch(
+      "kd-lay-out-leaves",
+      "of the kd-tree: keep the leaves' triangles beside it, 64 bytes for each named, for "
+      "--leaf-culling of queries",
+      &kd_.lay_out_leaves);
+  flags->Switch("binary-bvh",
+                "also build a binary BVH with large leaves, for --structure BINARY_BVH",
+                &binary_bvh_);
+  flags->Count("binary-bins", "N", "of the binary BVH: bins along the longest axis", &binary_bins_,
+               2, kMaxBinaryBvhBins);
+  flags->Number("binary-cost", "RATIO",
+                "of the binary BVH: cost of a triangle's test over that of a node, 0.001 to 1000; "
+                "less makes larger leaves",
+                &binary_cost_);
+  flags->Count("binary-min-triangles", "N", "of the binary BVH: branches of so few triangles end",
+               &binary_min_triangles_, 1, kMostLeafTriangles);
+  flags->Count("binary-depth", "N", "of the binary BVH: branches as deep end", &binary_depth_, 1,
+               kMaxBinaryBvhDepth);
+  flags->Switch("binary-ignore-cost",
+                "of the binary BVH: branches go on where a leaf would be cheaper",
+                &binary_ignore_cost_);
+}
+
+SceneBuild BuildFlags::ForServer() const {
+  SceneBuild build;
+  build.preset = preset_ == "dynamic"   ? client::BuildPreset::kDynamic
+                 : preset_ == "compact" ? client::BuildPreset::kCompact
+                                        : client::BuildPreset::kStatic;
+  build.without_bvh = without_bvh();
+  if (with_kd_tree()) {
+    build.kd_tree = client::KdTreeOptions{.traversal_cost = kd_cost_,
+                                          .perfect_splits = kd_.perfect_splits,
+                                          .min_leaf_triangles = static_cast<uint32_t>(kd_min_leaf_),
+                                          .max_leaf_triangles = static_cast<uint32_t>(kd_max_leaf_),
+                                          .max_depth = static_cast<uint32_t>(kd_depth_),
+                                          .lay_out_leaves = kd_.lay_out_leaves};
+  }
+  if (binary_bvh_) {
+    build.binary_bvh =
+        client::BinaryBvhOptions{.bins = static_cast<uint32_t>(binary_bins_),
+                                 .cost_ratio = binary_cost_,
+                                 .min_triangles = static_cast<uint32_t>(binary_min_triangles_),
+                                 .max_depth = static_cast<uint32_t>(binary_depth_),
+                                 .ignore_cost = binary_ignore_cost_};
+  }
+  return build;
+}
+
+SceneBuildOptions BuildFlags::ForLibrary() const {
+  SceneBuildOptions options;
+  options.bvh = BvhPresetOptions(preset_ == "dynamic"   ? BvhPreset::kDynamic
+                                 : preset_ == "compact" ? BvhPreset::kCompact
+                                                        : BvhPreset::kStatic);
+  options.without_bvh = without_bvh();
+  if (with_kd_tree()) {
+    options.kd_tree = kd_;
+    options.kd_tree->traversal_cost = static_cast<float>(kd_cost_);
+    options.kd_tree->min_leaf_triangles = static_cast<int>(kd_min_leaf_);
+    options.kd_tree->max_leaf_triangles = static_cast<int>(kd_max_leaf_);
+    options.kd_tree->max_depth = static_cast<int>(kd_depth_);
+  }
+  if (binary_bvh_) {
+    options.binary_bvh = BinaryBvhOptions{.bins = static_cast<int>(binary_bins_),
+                                          .cost_ratio = static_cast<float>(binary_cost_),
+                                          .min_triangles = static_cast<int>(binary_min_triangles_),
+                                          .max_depth = static_cast<int>(binary_depth_),
+                                          .stop_by_cost = !binary_ignore_cost_};
+  }
+  return options;
+}
+
+}  // namespace sightline::cli

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The flags that say what is built over a scene: what `scene load` asks a server for, and what
+// `import` builds itself. Costs are ratios, sizes are triangles; ranges are those of
+// core/accel/kd_builder.h and binary_bvh_builder.h, checked by whoever builds.
+//
+// Thread safety: plain values; belongs to one command.
+//
+//   BuildFlags build;
+//   build.Register(&flags);
+//   ... parse ...
+//   LoadScene(session, argument, name, build.ForServer(), ...);
+//   BuildScene(name, 1, objects, origin, build.ForLibrary(), pool);
+#ifndef SIGHTLINE_CLIENT_CLI_BUILD_FLAGS_H_
+#define SIGHTLINE_CLIENT_CLI_BUILD_FLAGS_H_
+
+#include <cstdint>
+#include <string>
+
+#include "client/cli/flags.h"
+#include "client/cli/scene_argument.h"
+#include "core/scene/scene.h"
+
+namespace sightline::cli {
+
+class BuildFlags {
+ public:
+  // REQUIRES: this outlives `flags`.
+  void Register(FlagSet* flags);
+
+  const std::string& preset() const { return preset_; }
+  SceneBuild ForServer() const;
+  SceneBuildOptions ForLibrary() const;
+
+ private:
+  bool with_kd_tree() const { return structure_ != "bvh"; }
+  bool without_bvh() const { return structure_ == "kd-tree"; }
+
+  std::string preset_ = "static", structure_ = "bvh";
+  KdBuildOptions kd_;
+  double kd_cost_ = kd_.traversal_cost;
+  uint64_t kd_min_leaf_ = 1, kd_max_leaf_ = 0, kd_depth_ = 0;
+  bool binary_bvh_ = false, binary_ignore_cost_ = false;
+  BinaryBvhOptions binary_;
+  double binary_cost_ = binary_.cost_ratio;
+  uint64_t binary_bins_ = 8, binary_min_triangles_ = 1, binary_depth_ = 64;
+};
+
+}  // namespace sightline::cli
+
+#endif  // SIGHTLINE_CLIENT_CLI_BUILD_FLAGS_H_
