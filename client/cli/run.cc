@@ -27,6 +27,7 @@ struct Entry {
 
 constexpr Entry kCommands[] = {
     {"view", "what a camera sees and which lights reach it, as pictures and arrays", ViewCommand},
+    {"relight", "one of a picture's lights moves, over hits that are kept", RelightCommand},
     {"shade", "which lights reach which points", ShadeCommand},
     {"segments", "which segments are blocked", SegmentsCommand},
     {"import", "read a mesh file and write a native scene file, ready to be mapped", ImportCommand},
@@ -55,6 +56,7 @@ std::string GeneralHelp() {
       "\nExamples:\n"
       "  sightline view builtin:hall --out hall.png\n"
       "  sightline view city.obj.xz --out lit:lit.png --out depth:depth.png --stats\n"
+      "  sightline relight builtin:hall --by 2,0,0 --out moved.png\n"
       "  sightline shade city.obj.xz --points P.npy --sun 0.3,-0.5,0.8 --out lit.npy\n"
       "  sightline segments city.obj.xz --segments S.npy --out hit.npy\n"
       "  sightline import city.obj.xz -o city.slscene\n"

@@ -344,4 +344,15 @@ absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene&
   return view;
 }
 
+absl::StatusOr<std::vector<client::Light>> LightsOf(const LightFlags& flags, const ViewChoice& view,
+                                                    uint64_t chosen) {
+  SL_ASSIGN_OR_RETURN(std::vector<client::Light> lights, flags.Lights(view.up));
+  if (!lights.empty()) return lights;
+  for (size_t k = 0; k < std::min<size_t>(chosen, view.lights.size()); ++k) {
+    const Vec3d at = view.lights[k];
+    lights.push_back(client::Light::Point({at.x, at.y, at.z}));
+  }
+  return lights;
+}
+
 }  // namespace sightline::cli

@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "client/cli/light_flags.h"
 #include "client/cli/scene_argument.h"
 #include "client/cli/session.h"
 #include "core/geometry/box3.h"
@@ -56,6 +57,10 @@ Vec3d FitBox(const Box3d& bounds, Vec3d toward_eye, Vec3d up, double fov_y_degre
 absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene& scene,
                                       const std::string& name, const ViewFlags& flags,
                                       double aspect);
+
+// The lights that the flags name, else the first `chosen` of the view's. Usage errors of the flags.
+absl::StatusOr<std::vector<client::Light>> LightsOf(const LightFlags& flags, const ViewChoice& view,
+                                                    uint64_t chosen);
 
 }  // namespace sightline::cli
 

@@ -36,6 +36,7 @@ struct Context {
 using Command = absl::Status (*)(std::span<const std::string> args, Context& context);
 
 absl::Status ViewCommand(std::span<const std::string> args, Context& context);
+absl::Status RelightCommand(std::span<const std::string> args, Context& context);
 absl::Status ShadeCommand(std::span<const std::string> args, Context& context);
 absl::Status SegmentsCommand(std::span<const std::string> args, Context& context);
 absl::Status SceneLoadCommand(std::span<const std::string> args, Context& context);

@@ -14,6 +14,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "client/cli/camera_flags.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/npy.h"
@@ -23,13 +24,10 @@
 #include "client/cli/session.h"
 #include "client/cli/view_choice.h"
 #include "core/base/status_macros.h"
-#include "core/geometry/camera.h"
 
 namespace sightline::cli {
 namespace {
 
-// Pixels that this tool holds arrays for: 2^28 take about 10 GB with three lights.
-constexpr uint64_t kMaxPixels = uint64_t{1} << 28;
 // One byte each: light times pixel.
 constexpr uint64_t kMaxLit = uint64_t{1} << 32;
 // Of the lights' shares, in the line for people.
@@ -39,8 +37,7 @@ constexpr size_t kSharesShown = 8;
 constexpr const char* kKinds[] = {"lit", "depth", "cost", "strategy"};
 
 struct ViewArguments {
-  ViewFlags view;
-  uint32_t width = 1920, height = 1080;
+  CameraFlags view;
   LightFlags lights;
   std::vector<client::Mirror> mirrors;
   uint64_t auto_lights = 3;
@@ -58,23 +55,6 @@ struct ViewArguments {
 struct Output {
   std::string kind, path;
 };
-
-absl::Status ParseSize(const std::string& text, ViewArguments* arguments) {
-  const std::vector<std::string> parts = absl::StrSplit(text, 'x');
-  uint32_t w = 0, h = 0;
-  if (parts.size() != 2 || !absl::SimpleAtoi(parts[0], &w) || !absl::SimpleAtoi(parts[1], &h) ||
-      w == 0 || h == 0 || w > kMaxImageSide || h > kMaxImageSide) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("wants WIDTHxHEIGHT in pixels, each from 1 to ", kMaxImageSide));
-  }
-  if (uint64_t{w} * h > kMaxPixels) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("has ", uint64_t{w} * h, " pixels; at most ", kMaxPixels, " are allowed"));
-  }
-  arguments->width = w;
-  arguments->height = h;
-  return absl::OkStatus();
-}
 
 absl::Status AddMirror(const std::string& text, ViewArguments* arguments) {
   client::Mirror mirror;
@@ -98,21 +78,7 @@ absl::Status AddMirror(const std::string& text, ViewArguments* arguments) {
 }
 
 void Register(FlagSet* flags, ViewArguments* a) {
-  flags->Heading("Camera (what is not given is chosen by rule, see below)");
-  flags->Point("eye", "where the camera is, scene units", &a->view.eye);
-  flags->Point("at", "the point in the middle of the picture, scene units", &a->view.at);
-  flags->Point("up", "upward direction in the picture, any length", &a->view.up);
-  flags->Custom("fov", "DEGREES", "vertical field of view, above 0 and at most 179.9", "by rule",
-                [a](const std::string& text) -> absl::Status {
-                  double degrees = 0;
-                  if (!absl::SimpleAtod(text, &degrees) || !(degrees > 0 && degrees <= 179.9)) {
-                    return absl::InvalidArgumentError("wants degrees above 0 and at most 179.9");
-                  }
-                  a->view.fov_y_degrees = degrees;
-                  return absl::OkStatus();
-                });
-  flags->Custom("size", "WIDTHxHEIGHT", "size of the picture in pixels", "1920x1080",
-                [a](const std::string& text) { return ParseSize(text, a); });
+  a->view.Register(flags);
   flags->Heading("Lights");
   a->lights.Register(flags);
   flags->Count("auto-lights", "N", "lights placed by rule where none of the above is given",
@@ -339,11 +305,9 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
                 {.kd_tree = a.strategy.KdTree(), .binary_bvh = a.strategy.BinaryBvh()}));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
-  SL_ASSIGN_OR_RETURN(ViewChoice view, ChooseView(*session, *scene, words[0], a.view,
-                                                  static_cast<double>(a.width) / a.height));
-  absl::StatusOr<Camera> camera =
-      LookAt(view.eye, view.at, view.up, view.fov_y_degrees, a.width, a.height);
-  if (!camera.ok()) return WithExitCode(camera.status(), kExitUsage);
+  SL_ASSIGN_OR_RETURN(ViewChoice view,
+                      ChooseView(*session, *scene, words[0], a.view, a.view.aspect()));
+  SL_ASSIGN_OR_RETURN(const client::Camera camera, a.view.CameraOf(view));
 
   client::TileQuery query;
   query.scene = scene->scene().name;
@@ -351,20 +315,8 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   a.strategy.Apply(&query.options);
   query.options.statistics = true;
   query.tile_size = static_cast<uint32_t>(a.tile);
-  const auto point = [](Vec3d v) { return client::Point3{v.x, v.y, v.z}; };
-  query.camera = {.eye = point(camera->eye),
-                  .right = point(camera->right),
-                  .up = point(camera->up),
-                  .forward = point(camera->forward),
-                  .tan_half_fov_y = camera->tan_half_fov_y,
-                  .width = camera->width,
-                  .height = camera->height};
-  SL_ASSIGN_OR_RETURN(query.lights, a.lights.Lights(view.up));
-  if (query.lights.empty()) {
-    for (size_t k = 0; k < std::min<size_t>(a.auto_lights, view.lights.size()); ++k) {
-      query.lights.push_back(client::Light::Point(point(view.lights[k])));
-    }
-  }
+  query.camera = camera;
+  SL_ASSIGN_OR_RETURN(query.lights, LightsOf(a.lights, view, a.auto_lights));
   const auto has = [&](const char* kind) {
     return std::any_of(outputs.begin(), outputs.end(),
                        [&](const Output& o) { return o.kind == kind; });
@@ -386,7 +338,7 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   query.outputs.lit = query.outputs.lit_answered_by ||
                       (!query.lights.empty() && (has("lit") || !a.lit.empty() || a.stats || json));
 
-  const uint64_t pixels = uint64_t{a.width} * a.height;
+  const uint64_t pixels = a.view.pixels();
   if (query.outputs.lit && query.lights.size() > kMaxLit / pixels) {
     return UsageError(absl::StrCat(query.lights.size(), " lights at ", pixels, " pixels are ",
                                    query.lights.size() * pixels, " answers; at most ", kMaxLit,
@@ -442,7 +394,7 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
     PrintTable(rows, context.out);
   }
   std::string line = absl::StrFormat(
-      "%dx%d pixels, %s hit", a.width, a.height,
+      "%dx%d pixels, %s hit", a.view.width, a.view.height,
       Percent(static_cast<double>(hits) / static_cast<double>(std::max<uint64_t>(1, pixels))));
   if (!shares.empty()) {
     const auto shown = std::span(shares).first(std::min<size_t>(shares.size(), kSharesShown));

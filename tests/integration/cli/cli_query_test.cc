@@ -327,5 +327,43 @@ TEST_F(CliTest, RealFilesTwiceGiveTheSameBytes) {
   }
 }
 
+TEST_F(CliTest, RelightMovesALightAndComparesFrames) {
+  const std::string obj = Write("small.obj", kSmallObj);
+  const nlohmann::json json = nlohmann::json::parse(Good({"relight",   obj,
+                                                          "--size",    "37x29",
+                                                          "--up",      "0,0,1",
+                                                          "--light",   "1,2,9",
+                                                          "--light",   "3,1,8",
+                                                          "--move",    "0",
+                                                          "--by",      "4,0,-1",
+                                                          "--frames",  "4",
+                                                          "--compare", "4",
+                                                          "--out",     File("moved.png"),
+                                                          "--color",   File("color.npy"),
+                                                          "--base",    File("base.npy"),
+                                                          "--output",  "json"})
+                                                        .out);
+  EXPECT_EQ(json["frames"], 4);
+  EXPECT_EQ(json["compared_frames"], 4);
+  EXPECT_EQ(json["differing_answers"], 0);
+  EXPECT_EQ(json["moving_light"], 0);
+  // The last frame is the picture with the light there, and the base the one without it.
+  const auto lit = [&](const std::vector<std::string>& lights) {
+    std::vector<std::string> args = {"view",  obj,     "--size",        "37x29", "--up",
+                                     "0,0,1", "--lit", File("lit.npy"), "--out", File("view.png")};
+    args.insert(args.end(), lights.begin(), lights.end());
+    Good(args);
+    return Read(File("view.png"));
+  };
+  EXPECT_TRUE(lit({"--light", "5,2,8", "--light", "3,1,8"}) == Read(File("moved.png")));
+  EXPECT_NE(Read(File("color.npy")), Read(File("base.npy")));
+  Good({"relight", obj, "--size", "37x29", "--up", "0,0,1", "--light", "3,1,8", "--by", "0,0,0",
+        "--frames", "1", "--color", File("alone.npy")});
+  EXPECT_TRUE(Read(File("alone.npy")) == Read(File("base.npy")));
+  Bad(kExitUsage, {"relight", obj}, {"--by"});
+  Bad(kExitUsage, {"relight", obj, "--by", "1,0,0", "--light", "1,2,9", "--move", "1"},
+      {"--move names light 1"});
+}
+
 }  // namespace
 }  // namespace sightline::cli

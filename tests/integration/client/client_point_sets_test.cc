@@ -10,6 +10,7 @@
 #include <limits>
 #include <vector>
 
+#include "client/lib/relighting.h"
 #include "tests/integration/client/served_client.h"
 
 namespace sightline {
@@ -142,6 +143,92 @@ TEST_F(ClientPointSetsTest, ACamerasHitsKeptForRelightingGiveTheTilesShadows) {
       client().ComputeAllShadows({.scene = scene->name, .lights = lights, .point_set = set->name});
   ASSERT_TRUE(relit.ok()) << relit.status();
   EXPECT_EQ(relit->lit, image->lit);
+}
+
+// A light that moves is asked about alone; what is kept of the others stands for them.
+TEST_F(ClientPointSetsTest, ARelitPictureIsTheOneTracedFromTheStart) {
+  const auto scene = client().CreateScene({.scene_id = "boxes", .builtin = "builtin:box"});
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  client::Light first = client::Light::Point({-0.3, -0.5, 1.6});
+  first.weight = 0.3;
+  const client::Light lamp = {.kind = client::Light::Kind::kRectangle,
+                              .position = {0, 0, 1.9},
+                              .half_u = {0.2, 0, 0},
+                              .half_v = {0, 0.2, 0},
+                              .samples = 4};
+  auto made = client::Relighting::Make(
+      client(), {.scene = scene->name, .camera = BoxCamera(), .lights = {first, lamp, first}});
+  ASSERT_TRUE(made.ok()) << made.status();
+  client::Relighting& picture = **made;
+  const auto expect_traced = [&] {
+    client::TileQuery tiles{.scene = scene->name, .camera = BoxCamera()};
+    tiles.lights = picture.lights();
+    tiles.outputs = {.hits = true, .lit = true};
+    const auto image = client().TraceImage(tiles);
+    ASSERT_TRUE(image.ok()) << image.status();
+    const size_t n = image->hit.size();
+    // The others in order, the chosen light last.
+    std::vector<double> base(n), color;
+    std::vector<uint8_t> lit;
+    for (uint32_t k = 0; k < picture.lights().size(); ++k) {
+      lit.insert(lit.end(), picture.lit(k).begin(), picture.lit(k).end());
+    }
+    EXPECT_EQ(lit, image->lit);
+    const size_t rows[] = {0, 1, 5, 6};  // Of samples, by light.
+    const auto add = [&](uint32_t k, std::vector<double>* sums) {
+      const double share = picture.lights()[k].weight / static_cast<double>(rows[k + 1] - rows[k]);
+      for (size_t row = rows[k]; row < rows[k + 1]; ++row) {
+        for (size_t i = 0; i < n; ++i) {
+          if (image->lit[row * n + i] == 1) (*sums)[i] += share;
+        }
+      }
+    };
+    for (uint32_t k = 0; k < 3; ++k) {
+      if (k != picture.chosen()) add(k, &base);
+    }
+    EXPECT_EQ(picture.base(), base);
+    color = base;
+    add(picture.chosen(), &color);
+    EXPECT_EQ(picture.color(), color);
+    EXPECT_NE(picture.color(), picture.base());
+  };
+  EXPECT_EQ(picture.chosen(), 2u);
+  expect_traced();
+  const std::vector<double> before = picture.color();
+  ASSERT_TRUE(picture.Move(client::Light::Point({0.4, -0.4, 0.9})).ok());
+  EXPECT_NE(picture.color(), before);
+  expect_traced();
+  ASSERT_TRUE(picture.Choose(1).ok());
+  expect_traced();
+  client::Light moved = lamp;
+  moved.position[0] = 0.5;
+  ASSERT_TRUE(picture.Move(moved).ok());
+  expect_traced();
+  EXPECT_EQ(picture.Choose(3).code(), absl::StatusCode::kInvalidArgument);
+  // The set is the server's until the picture goes.
+  EXPECT_EQ(client().ListPointSets(scene->name)->size(), 1u);
+  made->reset();
+  EXPECT_TRUE(client().ListPointSets(scene->name)->empty());
+  EXPECT_EQ(client::Relighting::Make(client(), {.scene = scene->name, .camera = BoxCamera()})
+                .status()
+                .code(),
+            absl::StatusCode::kInvalidArgument);
+}
+
+TEST_F(ClientPointSetsTest, ARelitPictureThatCannotBeAskedStaysAsItWas) {
+  const auto scene = client().CreateScene({.scene_id = "boxes", .builtin = "builtin:box"});
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  const auto picture =
+      client::Relighting::Make(client(), {.scene = scene->name,
+                                          .camera = BoxCamera(),
+                                          .lights = {client::Light::Point({-0.3, -0.5, 1.6})}});
+  ASSERT_TRUE(picture.ok()) << picture.status();
+  const std::vector<double> before = (*picture)->color();
+  ASSERT_TRUE(client().DeleteScene(scene->name).ok());  // Its point sets go with it.
+  EXPECT_EQ((*picture)->Move(client::Light::Point({0.4, -0.4, 0.9})).code(),
+            absl::StatusCode::kNotFound);
+  EXPECT_EQ((*picture)->color(), before);
+  EXPECT_EQ((*picture)->lights()[0].position[0], -0.3);
 }
 
 }  // namespace
