@@ -51,6 +51,9 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr float kSlopeUnits = 8 * 0x1p-24f;
 constexpr float kSideUnits = 4 * 0x1p-24f;
+// Steeper slopes make no frustum: times a coordinate they may overflow, and what they are taken of
+// is so short that x·D_x underflows. Such packets are split.
+constexpr float kSteepest = 0x1p40f;
 
 // Slopes between which all rays lie. Empty (lo > hi) where there are no rays.
 struct Frustum {
@@ -105,11 +108,11 @@ class PacketSlopes {
     std::fill_n(all, lanes.groups(), ~0u);
     whole_ = Hold(all, 0, lanes.groups());
     for (int s = 0; s < 2; ++s) {
-      if (!std::isfinite(whole_.lo[s]) || !std::isfinite(whole_.hi[s])) axis_ = -1;
+      if (!(whole_.lo[s] > -kSteepest && whole_.hi[s] < kSteepest)) axis_ = -1;
     }
   }
 
-  // False: directions share a sign along no axis (or some slope overflows); nothing below holds.
+  // False: directions share a sign along no axis (or some slope is too steep); nothing below holds.
   bool valid() const { return axis_ >= 0; }
   int axis() const { return axis_; }
   int other(int s) const { return axis_ + 1 + s < 3 ? axis_ + 1 + s : axis_ + s - 2; }
