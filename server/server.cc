@@ -16,6 +16,7 @@
 #include "server/base/error.h"
 #include "server/base/log.h"
 #include "server/base/resource_name.h"
+#include "server/codec/wire_request.h"
 
 namespace sightline {
 namespace {
@@ -188,6 +189,8 @@ absl::Status Server::Listen() {
   const auto max_bytes = static_cast<int>(options_.limits.max_message_bytes);
   builder.SetMaxReceiveMessageSize(max_bytes);
   builder.SetMaxSendMessageSize(max_bytes);
+  // What an array that stays in gRPC's slices may hold on to besides itself.
+  builder.AddChannelArgument(GRPC_ARG_TCP_MAX_READ_CHUNK_SIZE, static_cast<int>(kMaxReadSlice));
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS,
                              static_cast<int>(options_.limits.max_concurrent_streams));
   // A compressed message is expanded whole before its length is checked: refuse compression.

@@ -17,11 +17,17 @@
 #include "server/codec/geometry_codec.h"
 #include "server/codec/query_codec.h"
 #include "server/codec/result_codec.h"
+#include "server/codec/wire_message.h"
 
 namespace sightline::load {
 namespace {
 
 constexpr QueryOptions kOptions{.strategy = Strategy::kSingle};
+
+absl::Status Read(const WireMessage& encoded, google::protobuf::MessageLite* message) {
+  if (message->ParseFromString(encoded.ToString())) return absl::OkStatus();
+  return absl::InternalError(absl::StrCat("what was encoded is no ", message->GetTypeName()));
+}
 
 template <typename Reply>
 std::vector<Reply> Whole(Reply reply, uint64_t elements) {
@@ -40,14 +46,16 @@ absl::StatusOr<Answer> TileAnswer(const Scene& scene, const client::TileQuery& q
       TraceTile(scene, camera, {rect.x, rect.y, rect.width, rect.height}, lights.samples,
                 {.ids = true, .depth = true, .lit = !lights.samples.empty()}, kOptions, &result));
   v1::TileReply reply;
-  EncodeTile(scene.geometry, result, header.outputs(), reply.mutable_tile());
+  SL_RETURN_IF_ERROR(
+      Read(EncodeTile(scene.geometry, result, header.outputs()), reply.mutable_tile()));
   const uint64_t pixels = uint64_t{rect.width} * rect.height;
   std::vector<uint8_t> hit(pixels);
   for (uint64_t i = 0; i < pixels; ++i) hit[i] = (result.hit_bits[i / 8] >> (i % 8)) & 1;
   ShadowResult shadows;
   shadows.lit_bits = std::move(result.lit_bits);
-  EncodeShadows(scene.geometry, shadows, hit, lights.samples, header.shadow_outputs(),
-                reply.mutable_shadows());
+  SL_RETURN_IF_ERROR(Read(EncodeShadows(scene.geometry, std::move(shadows), hit, lights.samples,
+                                        header.shadow_outputs()),
+                          reply.mutable_shadows()));
   SL_ASSIGN_OR_RETURN(client::Tile tile,
                       client::DecodeTile(query, 0, rect, Whole(std::move(reply), pixels)));
   return ToAnswer(std::move(tile));
@@ -71,8 +79,9 @@ absl::StatusOr<Answer> PointsAnswer(const Scene& scene, client::ShadowQuery quer
   SL_RETURN_IF_ERROR(ComputeShadows(scene, PointRange::All(points), lights.samples, {}, {},
                                     DecodeShadowOutputs(header.outputs()), kOptions, &result));
   v1::ShadowReply reply;
-  EncodeShadows(scene.geometry, result, points.valid, lights.samples, header.outputs(),
-                reply.mutable_shadows());
+  SL_RETURN_IF_ERROR(Read(EncodeShadows(scene.geometry, std::move(result), points.valid,
+                                        lights.samples, header.outputs()),
+                          reply.mutable_shadows()));
   SL_ASSIGN_OR_RETURN(
       client::Shadows shadows,
       client::DecodeShadows(query, range.begin, range.count, Whole(std::move(reply), range.count)));
@@ -92,8 +101,9 @@ absl::StatusOr<Answer> SegmentsAnswer(const Scene& scene, const client::SegmentQ
   SL_RETURN_IF_ERROR(
       TestSegments(scene, prepared, {.bits = true, .first_hits = true}, kOptions, &result));
   v1::SegmentReply reply;
-  EncodeSegments(scene.geometry, result, prepared.valid, header.outputs(),
-                 reply.mutable_segments());
+  SL_RETURN_IF_ERROR(
+      Read(EncodeSegments(scene.geometry, std::move(result), prepared.valid, header.outputs()),
+           reply.mutable_segments()));
   SL_ASSIGN_OR_RETURN(client::Segments segments,
                       client::DecodeSegments(query, range.begin, range.count,
                                              Whole(std::move(reply), range.count)));

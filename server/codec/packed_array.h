@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Packed little-endian arrays on the wire against vectors of plain elements. The project runs on
-// x86-64 alone, so that the bytes are the memory; a string's bytes may be unaligned, hence the
-// copies.
+// x86-64 alone, so that the bytes are the memory; as they came they may be unaligned and in pieces,
+// hence the copies. `Bytes` is a string_view or a WireArray.
 //
 // Thread safety: functions only.
 //
@@ -12,7 +12,7 @@
 #define SIGHTLINE_SERVER_CODEC_PACKED_ARRAY_H_
 
 #include <bit>
-#include <cstring>
+#include <cstddef>
 #include <span>
 #include <string>
 #include <type_traits>
@@ -22,6 +22,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "server/base/error.h"
+#include "server/codec/wire_array.h"
 
 namespace sightline {
 
@@ -30,31 +31,29 @@ static_assert(std::endian::native == std::endian::little);
 // InvalidArgument (BAD_ARRAY_LENGTH) naming `field`, the length and `shape` unless `bytes` are
 // whole elements.
 template <typename T>
-absl::Status CheckArrayLength(absl::string_view bytes, absl::string_view field,
-                              absl::string_view shape) {
-  if (bytes.size() % sizeof(T) == 0) return absl::OkStatus();
+absl::Status CheckArrayLength(size_t bytes, absl::string_view field, absl::string_view shape) {
+  if (bytes % sizeof(T) == 0) return absl::OkStatus();
   return InvalidField(
-      field, absl::StrCat(bytes.size(), " bytes"),
+      field, absl::StrCat(bytes, " bytes"),
       absl::StrCat("not a whole number of elements of ", sizeof(T), " bytes (", shape, ")"),
       v1::ERROR_REASON_BAD_ARRAY_LENGTH);
 }
 
 // Appends the elements in `bytes` to `out`, unless CheckArrayLength objects.
-template <typename T>
-absl::Status AppendArray(absl::string_view bytes, absl::string_view field, absl::string_view shape,
+template <typename T, typename Bytes>
+absl::Status AppendArray(const Bytes& bytes, absl::string_view field, absl::string_view shape,
                          std::vector<T>* out) {
   static_assert(std::is_trivially_copyable_v<T>);
-  const absl::Status length = CheckArrayLength<T>(bytes, field, shape);
+  const absl::Status length = CheckArrayLength<T>(bytes.size(), field, shape);
   if (!length.ok()) return length;
   const size_t old = out->size();
   out->resize(old + bytes.size() / sizeof(T));
-  if (!bytes.empty())
-    std::memcpy(static_cast<void*>(out->data() + old), bytes.data(), bytes.size());
+  CopyBytes(bytes, out->data() + old);
   return absl::OkStatus();
 }
 
-template <typename T>
-absl::Status DecodeArray(absl::string_view bytes, absl::string_view field, absl::string_view shape,
+template <typename T, typename Bytes>
+absl::Status DecodeArray(const Bytes& bytes, absl::string_view field, absl::string_view shape,
                          std::vector<T>* out) {
   out->clear();
   return AppendArray(bytes, field, shape, out);

@@ -226,15 +226,24 @@ absl::StatusOr<std::vector<uint32_t>> DecodedPoints::Sources(const SceneGeometry
 
 absl::Status AppendPoints(absl::string_view field, const v1::PointArrays& arrays,
                           DecodedPoints* points) {
+  const PointBytes bytes{.points = WireArray::Refer(arrays.points()),
+                         .source_objects = WireArray::Refer(arrays.source_objects()),
+                         .source_triangles = WireArray::Refer(arrays.source_triangles()),
+                         .normals = WireArray::Refer(arrays.normals())};
+  return AppendPoints(field, bytes, points);
+}
+
+absl::Status AppendPoints(absl::string_view field, const PointBytes& arrays,
+                          DecodedPoints* points) {
   const size_t before = points->positions.size();
-  SL_RETURN_IF_ERROR(AppendArray(arrays.points(), absl::StrCat(field, ".points"), "float64 [n, 3]",
+  SL_RETURN_IF_ERROR(AppendArray(arrays.points, absl::StrCat(field, ".points"), "float64 [n, 3]",
                                  &points->positions));
   const size_t count = points->positions.size();
   if (count == before) {
     return InvalidField(absl::StrCat(field, ".points"), "", "needs at least one point",
                         v1::ERROR_REASON_BAD_ARRAY_LENGTH);
   }
-  const auto append = [&](absl::string_view name, const std::string& bytes, absl::string_view shape,
+  const auto append = [&](absl::string_view name, const WireArray& bytes, absl::string_view shape,
                           auto* out) -> absl::Status {
     if (bytes.empty() && out->empty()) return absl::OkStatus();
     const std::string full = absl::StrCat(field, ".", name);
@@ -242,16 +251,16 @@ absl::Status AppendPoints(absl::string_view field, const v1::PointArrays& arrays
     return CheckCount(full, out->size(), count, "points");
   };
   SL_RETURN_IF_ERROR(
-      append("source_objects", arrays.source_objects(), "uint32 [n]", &points->objects));
+      append("source_objects", arrays.source_objects, "uint32 [n]", &points->objects));
   SL_RETURN_IF_ERROR(
-      append("source_triangles", arrays.source_triangles(), "uint32 [n]", &points->triangles));
-  SL_RETURN_IF_ERROR(append("normals", arrays.normals(), "float64 [n, 3]", &points->normals));
+      append("source_triangles", arrays.source_triangles, "uint32 [n]", &points->triangles));
+  SL_RETURN_IF_ERROR(append("normals", arrays.normals, "float64 [n, 3]", &points->normals));
   return CheckCount(absl::StrCat(field, ".source_triangles"), points->triangles.size(),
                     points->objects.size(), "source_objects");
 }
 
-absl::Status CheckSegments(absl::string_view bytes) {
-  if (bytes.empty()) {
+absl::Status CheckSegments(size_t bytes) {
+  if (bytes == 0) {
     return InvalidField("item.segments", "", "needs at least one segment",
                         v1::ERROR_REASON_BAD_ARRAY_LENGTH);
   }

@@ -25,6 +25,7 @@
 #include "core/query/points.h"
 #include "core/scene/scene.h"
 #include "google/protobuf/duration.pb.h"
+#include "server/codec/wire_array.h"
 #include "sightline/v1/query_options.pb.h"
 #include "sightline/v1/visibility_service.pb.h"
 
@@ -54,13 +55,19 @@ struct DecodedPoints {
   absl::StatusOr<std::vector<uint32_t>> Sources(const SceneGeometry& geometry) const;
 };
 
+// The arrays of v1::PointArrays, wherever they are.
+struct PointBytes {
+  WireArray points, source_objects, source_triangles, normals;
+};
+
 // Appends; arrays that one call leaves out must be left out by all (an upload's chunks). No point
 // at all is an error.
+absl::Status AppendPoints(absl::string_view field, const PointBytes& arrays, DecodedPoints* points);
 absl::Status AppendPoints(absl::string_view field, const v1::PointArrays& arrays,
                           DecodedPoints* points);
 
-// Whether an item's bytes are segments at all, before any is decoded.
-absl::Status CheckSegments(absl::string_view bytes);
+// Whether so many bytes are segments at all, before any is decoded.
+absl::Status CheckSegments(size_t bytes);
 absl::Status DecodeSegments(absl::string_view bytes, std::vector<std::array<Vec3d, 2>>* segments);
 
 // A positive duration of at most `most`, or `unset` where there is none.

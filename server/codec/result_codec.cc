@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bit>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "server/codec/packed_array.h"
@@ -21,19 +22,61 @@ static_assert(static_cast<int>(AnsweredBy::kRay) == v1::ANSWERED_BY_RAY);
 
 uint64_t BitBytes(uint64_t n) { return (n + 7) / 8; }
 
-template <typename T>
-void Encode(const std::vector<T>& values, std::string* out) {
-  EncodeArray(std::span<const T>(values), out);
-}
-
 bool AllSet(std::span<const uint8_t> flags) {
   return std::all_of(flags.begin(), flags.end(), [](uint8_t flag) { return flag != 0; });
 }
 
-void EncodeInvalidSamples(std::span<const LightSample> samples, v1::ShadowResult* out) {
+// The numbers of the samples that are not valid, and nothing else.
+v1::ShadowResult InvalidSamples(std::span<const LightSample> samples) {
+  v1::ShadowResult invalid;
   for (size_t s = 0; s < samples.size(); ++s) {
-    if (!samples[s].valid) out->add_invalid_samples(static_cast<uint32_t>(s));
+    if (!samples[s].valid) invalid.add_invalid_samples(static_cast<uint32_t>(s));
   }
+  return invalid;
+}
+
+template <typename T>
+void Add(int field, std::vector<T> values, WireMessage* out) {
+  out->AddArray(field, WireArray(std::move(values)));
+}
+
+void AddValid(int field, std::span<const uint8_t> valid, WireMessage* out) {
+  if (AllSet(valid)) return;
+  std::string bits;
+  EncodeBits(valid, &bits);
+  out->AddArray(field, WireArray(std::move(bits)));
+}
+
+// Global ids as parallel arrays of object and triangle within it; kNoTriangle in both for none.
+// Either may be null.
+void SplitTriangles(const SceneGeometry& geometry, std::span<const uint32_t> ids,
+                    std::vector<uint32_t>* objects, std::vector<uint32_t>* triangles) {
+  if (objects != nullptr) objects->assign(ids.size(), kNoTriangle);
+  if (triangles != nullptr) triangles->assign(ids.size(), kNoTriangle);
+  // Neighbours mostly see the same object, so the search is rarely needed.
+  uint32_t object = 0, first = 1, last = 0;
+  for (size_t i = 0; i < ids.size(); ++i) {
+    const uint32_t id = ids[i];
+    if (id == kNoTriangle) continue;
+    if (id < first || id >= last) {
+      object = geometry.ObjectOf(id);
+      first = geometry.objects[object].first_triangle;
+      last = first + geometry.objects[object].triangle_count;
+    }
+    if (objects != nullptr) (*objects)[i] = object;
+    if (triangles != nullptr) (*triangles)[i] = id - first;
+  }
+}
+
+constexpr int kLeaveOut = 0;  // No field has this number.
+
+void AddTriangles(const SceneGeometry& geometry, std::span<const uint32_t> ids, int object_field,
+                  int triangle_field, WireMessage* out) {
+  std::vector<uint32_t> objects, triangles;
+  SplitTriangles(geometry, ids, object_field == kLeaveOut ? nullptr : &objects,
+                 triangle_field == kLeaveOut ? nullptr : &triangles);
+  if (object_field != kLeaveOut) Add(object_field, std::move(objects), out);
+  if (triangle_field != kLeaveOut) Add(triangle_field, std::move(triangles), out);
 }
 
 }  // namespace
@@ -90,22 +133,10 @@ uint64_t SegmentBytes(const v1::SegmentOutputs& wanted, uint64_t n) {
 
 void EncodeTriangles(const SceneGeometry& geometry, std::span<const uint32_t> ids,
                      std::string* objects, std::string* triangles) {
-  std::vector<uint32_t> object_ids(ids.size(), kNoTriangle), triangle_ids(ids.size(), kNoTriangle);
-  // Neighbours mostly see the same object, so the search is rarely needed.
-  uint32_t object = 0, first = 1, last = 0;
-  for (size_t i = 0; i < ids.size(); ++i) {
-    const uint32_t id = ids[i];
-    if (id == kNoTriangle) continue;
-    if (id < first || id >= last) {
-      object = geometry.ObjectOf(id);
-      first = geometry.objects[object].first_triangle;
-      last = first + geometry.objects[object].triangle_count;
-    }
-    object_ids[i] = object;
-    triangle_ids[i] = id - first;
-  }
-  if (objects != nullptr) Encode(object_ids, objects);
-  if (triangles != nullptr) Encode(triangle_ids, triangles);
+  std::vector<uint32_t> object_ids, triangle_ids;
+  SplitTriangles(geometry, ids, &object_ids, &triangle_ids);
+  if (objects != nullptr) EncodeArray(std::span<const uint32_t>(object_ids), objects);
+  if (triangles != nullptr) EncodeArray(std::span<const uint32_t>(triangle_ids), triangles);
 }
 
 void EncodeBits(std::span<const uint8_t> flags, std::string* bits) {
@@ -115,49 +146,61 @@ void EncodeBits(std::span<const uint8_t> flags, std::string* bits) {
   }
 }
 
-void EncodeTile(const SceneGeometry& geometry, const TileResult& result,
-                const v1::TileOutputs& wanted, v1::TileResult* out) {
-  if (wanted.hit_bits()) Encode(result.hit_bits, out->mutable_hit_bits());
+WireMessage EncodeTile(const SceneGeometry& geometry, TileResult result,
+                       const v1::TileOutputs& wanted) {
+  using Field = v1::TileResult;
+  WireMessage out;
+  if (wanted.hit_bits()) Add(Field::kHitBitsFieldNumber, std::move(result.hit_bits), &out);
   if (wanted.object_ids() || wanted.triangle_ids()) {
-    EncodeTriangles(geometry, result.triangle,
-                    wanted.object_ids() ? out->mutable_object_ids() : nullptr,
-                    wanted.triangle_ids() ? out->mutable_triangle_ids() : nullptr);
+    AddTriangles(geometry, result.triangle,
+                 wanted.object_ids() ? Field::kObjectIdsFieldNumber : kLeaveOut,
+                 wanted.triangle_ids() ? Field::kTriangleIdsFieldNumber : kLeaveOut, &out);
   }
-  if (wanted.depths()) Encode(result.depth, out->mutable_depths());
+  if (wanted.depths()) Add(Field::kDepthsFieldNumber, std::move(result.depth), &out);
   if (wanted.barycentrics()) {
-    Encode(result.u, out->mutable_barycentric_u());
-    Encode(result.v, out->mutable_barycentric_v());
+    Add(Field::kBarycentricUFieldNumber, std::move(result.u), &out);
+    Add(Field::kBarycentricVFieldNumber, std::move(result.v), &out);
   }
-  if (wanted.answered_by()) Encode(result.answered_by, out->mutable_answered_by());
-  if (wanted.mirror_bits()) Encode(result.mirror_bits, out->mutable_mirror_bits());
+  if (wanted.answered_by()) Add(Field::kAnsweredByFieldNumber, std::move(result.answered_by), &out);
+  if (wanted.mirror_bits()) Add(Field::kMirrorBitsFieldNumber, std::move(result.mirror_bits), &out);
+  return out;
 }
 
-void EncodeShadows(const SceneGeometry& geometry, const ShadowResult& result,
-                   std::span<const uint8_t> valid, std::span<const LightSample> samples,
-                   const v1::ShadowOutputs& wanted, v1::ShadowResult* out) {
-  if (wanted.lit_bits()) Encode(result.lit_bits, out->mutable_lit_bits());
-  if (!AllSet(valid)) EncodeBits(valid, out->mutable_valid_bits());
-  EncodeInvalidSamples(samples, out);
-  if (wanted.lit_counts()) Encode(result.lit_counts, out->mutable_lit_counts());
-  if (wanted.weighted_sums()) Encode(result.weighted_sums, out->mutable_weighted_sums());
-  if (wanted.first_blockers()) {
-    EncodeTriangles(geometry, result.blocker, out->mutable_blocker_objects(),
-                    out->mutable_blocker_triangles());
-    Encode(result.blocker_t, out->mutable_blocker_distances());
+WireMessage EncodeShadows(const SceneGeometry& geometry, ShadowResult result,
+                          std::span<const uint8_t> valid, std::span<const LightSample> samples,
+                          const v1::ShadowOutputs& wanted) {
+  using Field = v1::ShadowResult;
+  WireMessage out;
+  if (wanted.lit_bits()) Add(Field::kLitBitsFieldNumber, std::move(result.lit_bits), &out);
+  AddValid(Field::kValidBitsFieldNumber, valid, &out);
+  out.AddFields(InvalidSamples(samples));
+  if (wanted.lit_counts()) Add(Field::kLitCountsFieldNumber, std::move(result.lit_counts), &out);
+  if (wanted.weighted_sums()) {
+    Add(Field::kWeightedSumsFieldNumber, std::move(result.weighted_sums), &out);
   }
-  if (wanted.answered_by()) Encode(result.answered_by, out->mutable_answered_by());
+  if (wanted.first_blockers()) {
+    AddTriangles(geometry, result.blocker, Field::kBlockerObjectsFieldNumber,
+                 Field::kBlockerTrianglesFieldNumber, &out);
+    Add(Field::kBlockerDistancesFieldNumber, std::move(result.blocker_t), &out);
+  }
+  if (wanted.answered_by()) Add(Field::kAnsweredByFieldNumber, std::move(result.answered_by), &out);
+  return out;
 }
 
-void EncodeSegments(const SceneGeometry& geometry, const SegmentResult& result,
-                    std::span<const uint8_t> valid, const v1::SegmentOutputs& wanted,
-                    v1::SegmentResult* out) {
-  if (wanted.blocked_bits()) Encode(result.blocked_bits, out->mutable_blocked_bits());
-  if (!AllSet(valid)) EncodeBits(valid, out->mutable_valid_bits());
-  if (wanted.first_blockers()) {
-    EncodeTriangles(geometry, result.triangle, out->mutable_blocker_objects(),
-                    out->mutable_blocker_triangles());
-    Encode(result.t, out->mutable_blocker_distances());
+WireMessage EncodeSegments(const SceneGeometry& geometry, SegmentResult result,
+                           std::span<const uint8_t> valid, const v1::SegmentOutputs& wanted) {
+  using Field = v1::SegmentResult;
+  WireMessage out;
+  if (wanted.blocked_bits()) {
+    Add(Field::kBlockedBitsFieldNumber, std::move(result.blocked_bits), &out);
   }
+  AddValid(Field::kValidBitsFieldNumber, valid, &out);
+  if (wanted.first_blockers()) {
+    AddTriangles(geometry, result.triangle, Field::kBlockerObjectsFieldNumber,
+                 Field::kBlockerTrianglesFieldNumber, &out);
+    Add(Field::kBlockerDistancesFieldNumber, std::move(result.t), &out);
+  }
+  return out;
 }
 
 void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statistics* out) {

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Core's results to the wire. Whatever was not asked for stays out of the message.
+// Core's results to the wire. Whatever was not asked for stays out of the message; what was is
+// taken out of the result, since large arrays travel from where they were computed.
 //
 // Thread safety: functions only.
 //
-//   EncodeTile(*scene, result, wanted, response->mutable_reply()->mutable_tile());
+//   const WireMessage tile = EncodeTile(scene->geometry, std::move(result), wanted);
 #ifndef SIGHTLINE_SERVER_CODEC_RESULT_CODEC_H_
 #define SIGHTLINE_SERVER_CODEC_RESULT_CODEC_H_
 
@@ -18,6 +19,7 @@
 #include "core/query/segments.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
+#include "server/codec/wire_message.h"
 #include "sightline/v1/query_options.pb.h"
 #include "sightline/v1/visibility_service.pb.h"
 
@@ -41,17 +43,18 @@ void EncodeTriangles(const SceneGeometry& geometry, std::span<const uint32_t> id
 // One bit per byte of `flags`, least significant first.
 void EncodeBits(std::span<const uint8_t> flags, std::string* bits);
 
-void EncodeTile(const SceneGeometry& geometry, const TileResult& result,
-                const v1::TileOutputs& wanted, v1::TileResult* out);
+// A v1::TileResult.
+WireMessage EncodeTile(const SceneGeometry& geometry, TileResult result,
+                       const v1::TileOutputs& wanted);
 
-// Shadows of n points. `valid` is one byte per point.
-void EncodeShadows(const SceneGeometry& geometry, const ShadowResult& result,
-                   std::span<const uint8_t> valid, std::span<const LightSample> samples,
-                   const v1::ShadowOutputs& wanted, v1::ShadowResult* out);
+// A v1::ShadowResult of n points. `valid` is one byte per point.
+WireMessage EncodeShadows(const SceneGeometry& geometry, ShadowResult result,
+                          std::span<const uint8_t> valid, std::span<const LightSample> samples,
+                          const v1::ShadowOutputs& wanted);
 
-void EncodeSegments(const SceneGeometry& geometry, const SegmentResult& result,
-                    std::span<const uint8_t> valid, const v1::SegmentOutputs& wanted,
-                    v1::SegmentResult* out);
+// A v1::SegmentResult.
+WireMessage EncodeSegments(const SceneGeometry& geometry, SegmentResult result,
+                           std::span<const uint8_t> valid, const v1::SegmentOutputs& wanted);
 
 void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statistics* out);
 

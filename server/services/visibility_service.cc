@@ -8,18 +8,16 @@
 
 namespace sightline {
 
-grpc::ServerBidiReactor<v1::TraceTilesRequest, v1::TraceTilesResponse>*
-VisibilityService::TraceTiles(grpc::CallbackServerContext* context) {
+VisibilityService::Reactor* VisibilityService::TraceTiles(grpc::CallbackServerContext* context) {
   return VisibilityStream<TileMethod>::Start(context, env_);
 }
 
-grpc::ServerBidiReactor<v1::ComputeShadowsRequest, v1::ComputeShadowsResponse>*
-VisibilityService::ComputeShadows(grpc::CallbackServerContext* context) {
+VisibilityService::Reactor* VisibilityService::ComputeShadows(
+    grpc::CallbackServerContext* context) {
   return VisibilityStream<ShadowMethod>::Start(context, env_);
 }
 
-grpc::ServerBidiReactor<v1::TestSegmentsRequest, v1::TestSegmentsResponse>*
-VisibilityService::TestSegments(grpc::CallbackServerContext* context) {
+VisibilityService::Reactor* VisibilityService::TestSegments(grpc::CallbackServerContext* context) {
   return VisibilityStream<SegmentMethod>::Start(context, env_);
 }
 

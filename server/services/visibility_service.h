@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// VisibilityService: each call is a VisibilityStream of its method.
+// VisibilityService: each call is a VisibilityStream of its method. The streams take and give
+// bytes, so that large arrays are never copied between gRPC's buffers and messages.
 //
 // Thread safety: gRPC calls the methods from many threads; the service holds no state of its own.
 #ifndef SIGHTLINE_SERVER_SERVICES_VISIBILITY_SERVICE_H_
@@ -11,16 +12,17 @@
 
 namespace sightline {
 
-class VisibilityService final : public v1::VisibilityService::CallbackService {
+class VisibilityService final : public v1::VisibilityService::WithRawCallbackMethod_TraceTiles<
+                                    v1::VisibilityService::WithRawCallbackMethod_ComputeShadows<
+                                        v1::VisibilityService::WithRawCallbackMethod_TestSegments<
+                                            v1::VisibilityService::Service>>> {
  public:
   explicit VisibilityService(const QueryEnvironment& env) : env_(env) {}
 
-  grpc::ServerBidiReactor<v1::TraceTilesRequest, v1::TraceTilesResponse>* TraceTiles(
-      grpc::CallbackServerContext* context) override;
-  grpc::ServerBidiReactor<v1::ComputeShadowsRequest, v1::ComputeShadowsResponse>* ComputeShadows(
-      grpc::CallbackServerContext* context) override;
-  grpc::ServerBidiReactor<v1::TestSegmentsRequest, v1::TestSegmentsResponse>* TestSegments(
-      grpc::CallbackServerContext* context) override;
+  using Reactor = grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>;
+  Reactor* TraceTiles(grpc::CallbackServerContext* context) override;
+  Reactor* ComputeShadows(grpc::CallbackServerContext* context) override;
+  Reactor* TestSegments(grpc::CallbackServerContext* context) override;
 
  private:
   const QueryEnvironment env_;

@@ -8,8 +8,8 @@
 //
 // Thread safety: RunPart may run for several parts at once, each part once; the rest is constant.
 //
-//   SL_ASSIGN_OR_RETURN(const PartRange answered, work->RunPart(part, token, &response, &stats));
-//   if (answered.count > 0) Send(response, answered);
+//   SL_ASSIGN_OR_RETURN(const PartRange answered, work->RunPart(part, token, &reply, &stats));
+//   if (answered.count > 0) Send(reply, answered);
 #ifndef SIGHTLINE_SERVER_STREAM_ITEM_WORK_H_
 #define SIGHTLINE_SERVER_STREAM_ITEM_WORK_H_
 
@@ -27,6 +27,7 @@
 #include "core/scene/scene.h"
 #include "server/base/error.h"
 #include "server/base/limits.h"
+#include "server/stream/item_reply.h"
 
 namespace sightline {
 
@@ -67,7 +68,6 @@ absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t 
   return parts;
 }
 
-template <typename Response>
 class ItemWork {
  public:
   // Each part fills a reply of its own, which holds the elements of its range.
@@ -88,10 +88,10 @@ class ItemWork {
   void CountAnswers() { count_answers_ = true; }
   // The elements that the reply holds: it is filled but for its header. No elements: other parts
   // share in this one's reply. On an error nothing is sent.
-  virtual absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* reply,
-                                            QueryStats* stats) = 0;
+  virtual absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel,
+                                            ItemReply* reply, QueryStats* stats) = 0;
   // Adds to the last reply what is true of the whole item.
-  virtual void Complete(Response* reply) { (void)reply; }
+  virtual void Complete(ItemReply* reply) { (void)reply; }
 
  protected:
   ItemWork(std::shared_ptr<const Scene> scene, std::vector<PartRange> parts, size_t replies)

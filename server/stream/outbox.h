@@ -5,19 +5,25 @@
 //
 // Thread safety: guarded by its stream's lock.
 //
-//   outbox.Push(std::move(response), item);
+//   outbox.Push({.bytes = ReplyBytes(header, reply), .is_reply = true}, item);
 //   if (outbox.full()) flow->Hold(true);
 #ifndef SIGHTLINE_SERVER_STREAM_OUTBOX_H_
 #define SIGHTLINE_SERVER_STREAM_OUTBOX_H_
 
+#include <grpcpp/support/byte_buffer.h>
+
 #include <cstdint>
 #include <deque>
-#include <memory>
 #include <utility>
 
 namespace sightline {
 
-template <typename Message, typename Due>
+struct OutgoingMessage {
+  grpc::ByteBuffer bytes;
+  bool is_reply = false;
+};
+
+template <typename Due>
 class Outbox {
  public:
   // What a stream may have computed ahead of its reader.
@@ -25,18 +31,17 @@ class Outbox {
 
   bool empty() const { return waiting_.empty(); }
   bool full() const { return bytes_ > kMaxBytes; }
-  void Push(std::unique_ptr<Message> message, Due due) {
-    const uint64_t bytes = message->ByteSizeLong();
-    bytes_ += bytes;
-    waiting_.push_back({std::move(message), bytes, std::move(due)});
+  void Push(OutgoingMessage message, Due due) {
+    bytes_ += message.bytes.Length();
+    waiting_.emplace_back(std::move(message), std::move(due));
   }
   // REQUIRES, for both: not empty.
-  const Message& first() const { return *waiting_.front().message; }
-  std::pair<std::unique_ptr<Message>, Due> Pop() {
-    Waiting first = std::move(waiting_.front());
+  const OutgoingMessage& first() const { return waiting_.front().first; }
+  std::pair<OutgoingMessage, Due> Pop() {
+    std::pair<OutgoingMessage, Due> first = std::move(waiting_.front());
     waiting_.pop_front();
-    bytes_ -= first.bytes;
-    return {std::move(first.message), std::move(first.due)};
+    bytes_ -= first.first.bytes.Length();
+    return first;
   }
   void Clear() {
     waiting_.clear();
@@ -44,12 +49,7 @@ class Outbox {
   }
 
  private:
-  struct Waiting {
-    std::unique_ptr<Message> message;
-    uint64_t bytes;
-    Due due;
-  };
-  std::deque<Waiting> waiting_;
+  std::deque<std::pair<OutgoingMessage, Due>> waiting_;
   uint64_t bytes_ = 0;
 };
 

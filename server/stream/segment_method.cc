@@ -3,11 +3,9 @@
 
 #include <algorithm>
 #include <array>
-#include <string>
 #include <utility>
 #include <vector>
 
-#include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
 #include "core/query/segments.h"
 #include "server/base/error.h"
@@ -28,13 +26,13 @@ void Append(const std::vector<T>& some, std::vector<T>* all) {
 
 }  // namespace
 
-class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
+class SegmentMethod::SegmentWork final : public ItemWork {
  public:
-  SegmentWork(const SegmentMethod& method, std::shared_ptr<const Scene> scene, std::string bytes,
+  SegmentWork(const SegmentMethod& method, std::shared_ptr<const Scene> scene, WireArray bytes,
               std::vector<PartRange> parts)
-      : Work(std::move(scene), std::move(parts)), method_(method), bytes_(std::move(bytes)) {}
+      : ItemWork(std::move(scene), std::move(parts)), method_(method), bytes_(std::move(bytes)) {}
 
-  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* response,
+  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, ItemReply* reply,
                                     QueryStats* stats) override {
     const PartRange range = parts()[part];
     const v1::SegmentOutputs& wanted = method_.outputs_;
@@ -45,10 +43,8 @@ class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
     std::vector<uint8_t> valid;
     for (uint64_t done = 0; done < range.count; done += kBlock) {
       const uint64_t count = std::min(kBlock, range.count - done);
-      SL_RETURN_IF_ERROR(
-          DecodeSegments(absl::string_view(bytes_).substr((range.offset + done) * kSegmentBytes,
-                                                          count * kSegmentBytes),
-                         &ends));
+      ends.resize(count);
+      bytes_.Copy((range.offset + done) * kSegmentBytes, count * kSegmentBytes, ends.data());
       SL_RETURN_IF_ERROR(PrepareSegments(scene(), ends, {}, {}, &segments));
       SL_RETURN_IF_ERROR(TestSegments(
           scene(), segments,
@@ -60,14 +56,14 @@ class SegmentMethod::SegmentWork final : public SegmentMethod::Work {
       Append(result.t, &all.t);
       Append(segments.valid, &valid);
     }
-    EncodeSegments(scene().geometry, all, valid, wanted,
-                   response->mutable_reply()->mutable_segments());
+    reply->Add(v1::SegmentReply::kSegmentsFieldNumber,
+               EncodeSegments(scene().geometry, std::move(all), valid, wanted));
     return range;
   }
 
  private:
   const SegmentMethod& method_;
-  const std::string bytes_;  // As they came.
+  const WireArray bytes_;  // As they came.
 };
 
 absl::StatusOr<std::unique_ptr<SegmentMethod>> SegmentMethod::Open(const Header& header,
@@ -79,19 +75,34 @@ absl::StatusOr<std::unique_ptr<SegmentMethod>> SegmentMethod::Open(const Header&
   return method;
 }
 
-uint64_t SegmentMethod::Rays(const Item& item) const {
-  return item.segments().size() / kSegmentBytes;
+std::span<const WirePath> SegmentMethod::ArrayPaths() {
+  static constexpr std::array<WirePath, 1> kPaths = {
+      {{Request::kItemFieldNumber, v1::SegmentItem::kSegmentsFieldNumber}}};
+  return kPaths;
 }
 
-absl::StatusOr<std::unique_ptr<SegmentMethod::Work>> SegmentMethod::Prepare(
-    Item&& item, const CancelToken&, uint64_t part_rays) const {
+absl::Status SegmentMethod::Read(grpc::ByteBuffer* bytes, Request* request, Item* item) {
+  std::array<WireArray, 1> arrays;
+  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), request, arrays));
+  if (!request->has_item()) return absl::OkStatus();
+  item->message = std::move(*request->mutable_item());
+  item->segments = ArrayOf(std::move(arrays[0]), item->message.mutable_segments());
+  return absl::OkStatus();
+}
+
+uint64_t SegmentMethod::Rays(const Item& item) const {
+  return item.segments.size() / kSegmentBytes;
+}
+
+absl::StatusOr<std::unique_ptr<ItemWork>> SegmentMethod::Prepare(Item&& item, const CancelToken&,
+                                                                 uint64_t part_rays) const {
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
-  SL_RETURN_IF_ERROR(CheckSegments(item.segments()));
+  SL_RETURN_IF_ERROR(CheckSegments(item.segments.size()));
   SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
                       CutIntoParts(Rays(item), 1, 1, part_rays, env_.limits,
                                    [&](uint64_t n) { return SegmentBytes(outputs_, n); }));
-  return std::unique_ptr<Work>(new SegmentWork(
-      *this, std::move(scene), std::move(*item.mutable_segments()), std::move(parts)));
+  return std::unique_ptr<ItemWork>(
+      new SegmentWork(*this, std::move(scene), std::move(item.segments), std::move(parts)));
 }
 
 }  // namespace sightline

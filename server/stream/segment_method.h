@@ -9,8 +9,10 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 
 #include "absl/status/statusor.h"
+#include "server/codec/wire_request.h"
 #include "server/metrics/metrics.h"
 #include "server/stream/item_work.h"
 #include "server/stream/query_environment.h"
@@ -24,16 +26,22 @@ class SegmentMethod final : public StreamMethod {
   using Request = v1::TestSegmentsRequest;
   using Response = v1::TestSegmentsResponse;
   using Header = v1::TestSegmentsHeader;
-  using Item = v1::SegmentItem;
-  using Work = ItemWork<Response>;
+  // An item as it is read: its message, but for arrays that stay where they came.
+  struct Item {
+    v1::SegmentItem message;
+    WireArray segments;
+  };
   static constexpr Operation kOperation = Operation::kTestSegments;
 
   static absl::StatusOr<std::unique_ptr<SegmentMethod>> Open(const Header& header,
                                                              const QueryEnvironment& env);
 
+  static std::span<const WirePath> ArrayPaths();
+  static absl::Status Read(grpc::ByteBuffer* bytes, Request* request, Item* item);
+
   uint64_t Rays(const Item& item) const;
-  absl::StatusOr<std::unique_ptr<Work>> Prepare(Item&& item, const CancelToken& cancel,
-                                                uint64_t part_rays) const;
+  absl::StatusOr<std::unique_ptr<ItemWork>> Prepare(Item&& item, const CancelToken& cancel,
+                                                    uint64_t part_rays) const;
 
  private:
   class SegmentWork;

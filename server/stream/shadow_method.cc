@@ -2,7 +2,7 @@
 #include "server/stream/shadow_method.h"
 
 #include <algorithm>
-#include <string>
+#include <array>
 #include <utility>
 #include <vector>
 
@@ -49,18 +49,18 @@ struct ShadowMethod::Plan {
   }
 };
 
-class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
+class ShadowMethod::ShadowWork final : public ItemWork {
  public:
   ShadowWork(const ShadowMethod& method, std::shared_ptr<const Scene> scene,
              std::shared_ptr<const SampleSet> samples, Points points, Plan plan)
-      : Work(std::move(scene), std::move(plan.parts), plan.runs.size()),
+      : ItemWork(std::move(scene), std::move(plan.parts), plan.runs.size()),
         method_(method),
         samples_(std::move(samples)),
         points_(std::move(points)),
         runs_(std::move(plan.runs)),
         of_part_(std::move(plan.of_part)) {}
 
-  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* response,
+  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, ItemReply* reply,
                                     QueryStats* stats) override {
     const auto [index, within] = of_part_[part];
     const Plan::Run& run = runs_[index];
@@ -87,14 +87,16 @@ class ShadowMethod::ShadowWork final : public ShadowMethod::Work {
                                              compute, &result, stats));
       if (!last) return PartRange();
     }
-    EncodeShadows(scene().geometry, result, points.valid, samples_->samples, wanted,
-                  response->mutable_reply()->mutable_shadows());
+    reply->Add(v1::ShadowReply::kShadowsFieldNumber,
+               EncodeShadows(scene().geometry, std::move(result), points.valid, samples_->samples,
+                             wanted));
     return run.points;
   }
 
-  void Complete(Response* response) override {
-    response->mutable_reply()->mutable_shadows()->set_near_surface_point_count(
-        points_.near_surface);
+  void Complete(ItemReply* reply) override {
+    v1::ShadowResult whole;
+    whole.set_near_surface_point_count(points_.near_surface);
+    reply->AddFields(v1::ShadowReply::kShadowsFieldNumber, whole);
   }
 
  private:
@@ -135,20 +137,47 @@ absl::StatusOr<std::unique_ptr<ShadowMethod>> ShadowMethod::Open(const Header& h
   return method;
 }
 
+std::span<const WirePath> ShadowMethod::ArrayPaths() {
+  using Arrays = v1::PointArrays;
+  constexpr int kItem = Request::kItemFieldNumber, kPoints = v1::ShadowItem::kPointsFieldNumber;
+  static constexpr std::array<WirePath, 4> kPaths = {
+      {{kItem, kPoints, Arrays::kPointsFieldNumber},
+       {kItem, kPoints, Arrays::kSourceObjectsFieldNumber},
+       {kItem, kPoints, Arrays::kSourceTrianglesFieldNumber},
+       {kItem, kPoints, Arrays::kNormalsFieldNumber}}};
+  return kPaths;
+}
+
+absl::Status ShadowMethod::Read(grpc::ByteBuffer* bytes, Request* request, Item* item) {
+  std::array<WireArray, 4> arrays;
+  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), request, arrays));
+  if (!request->has_item()) return absl::OkStatus();
+  item->message = std::move(*request->mutable_item());
+  if (!item->message.has_points()) return absl::OkStatus();
+  v1::PointArrays& points = *item->message.mutable_points();
+  item->points = {
+      .points = ArrayOf(std::move(arrays[0]), points.mutable_points()),
+      .source_objects = ArrayOf(std::move(arrays[1]), points.mutable_source_objects()),
+      .source_triangles = ArrayOf(std::move(arrays[2]), points.mutable_source_triangles()),
+      .normals = ArrayOf(std::move(arrays[3]), points.mutable_normals())};
+  return absl::OkStatus();
+}
+
 uint64_t ShadowMethod::Rays(const Item& item) const {
-  return RayCount(item.has_point_set_range() ? item.point_set_range().count()
-                                             : item.points().points().size() / sizeof(Vec3d),
+  const v1::ShadowItem& message = item.message;
+  return RayCount(message.has_point_set_range() ? message.point_set_range().count()
+                                                : item.points.points.size() / sizeof(Vec3d),
                   sample_count());
 }
 
 absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
     const Item& item, const std::shared_ptr<const Scene>& scene, const CancelToken& cancel) const {
-  switch (item.source_case()) {
-    case Item::SOURCE_NOT_SET:
+  switch (item.message.source_case()) {
+    case v1::ShadowItem::SOURCE_NOT_SET:
       return InvalidField("item.source", "(unset)", "must be points or point_set_range");
-    case Item::kPoints: {
+    case v1::ShadowItem::kPoints: {
       DecodedPoints decoded;
-      SL_RETURN_IF_ERROR(AppendPoints("item.points", item.points(), &decoded));
+      SL_RETURN_IF_ERROR(AppendPoints("item.points", item.points, &decoded));
       SL_ASSIGN_OR_RETURN(const std::vector<uint32_t> sources, decoded.Sources(scene->geometry));
       SL_ASSIGN_OR_RETURN(PreparedPoints prepared,
                           PreparePoints(*scene, {decoded.positions, decoded.normals, sources},
@@ -158,10 +187,10 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
       return Points{std::make_shared<const PreparedPoints>(std::move(prepared)), 0, count,
                     near_surface};
     }
-    case Item::kPointSetRange:
+    case v1::ShadowItem::kPointSetRange:
       break;
   }
-  const v1::PointSetRange& range = item.point_set_range();
+  const v1::PointSetRange& range = item.message.point_set_range();
   SL_ASSIGN_OR_RETURN(const PointSetName name,
                       ParsePointSetName("item.point_set_range.point_set", range.point_set()));
   if (name.scene_id != pin_->scene_id()) {
@@ -216,14 +245,15 @@ absl::StatusOr<ShadowMethod::Plan> ShadowMethod::MakePlan(const Points& points, 
   return plan;
 }
 
-absl::StatusOr<std::unique_ptr<ShadowMethod::Work>> ShadowMethod::Prepare(
-    const Item& item, const CancelToken& cancel, uint64_t part_rays) const {
+absl::StatusOr<std::unique_ptr<ItemWork>> ShadowMethod::Prepare(const Item& item,
+                                                                const CancelToken& cancel,
+                                                                uint64_t part_rays) const {
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
   SL_ASSIGN_OR_RETURN(Points points, FindPoints(item, scene, cancel));
   SL_ASSIGN_OR_RETURN(Plan plan, MakePlan(points, samples->samples.size(), part_rays));
-  return std::unique_ptr<Work>(new ShadowWork(*this, std::move(scene), std::move(samples),
-                                              std::move(points), std::move(plan)));
+  return std::unique_ptr<ItemWork>(new ShadowWork(*this, std::move(scene), std::move(samples),
+                                                  std::move(points), std::move(plan)));
 }
 
 }  // namespace sightline

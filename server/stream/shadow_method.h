@@ -9,10 +9,12 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 
 #include "absl/status/statusor.h"
 #include "core/query/points.h"
 #include "core/query/shadows.h"
+#include "server/codec/wire_request.h"
 #include "server/metrics/metrics.h"
 #include "server/stream/item_work.h"
 #include "server/stream/query_environment.h"
@@ -26,16 +28,22 @@ class ShadowMethod final : public StreamMethod {
   using Request = v1::ComputeShadowsRequest;
   using Response = v1::ComputeShadowsResponse;
   using Header = v1::ComputeShadowsHeader;
-  using Item = v1::ShadowItem;
-  using Work = ItemWork<Response>;
+  // An item as it is read: its message, but for arrays that stay where they came.
+  struct Item {
+    v1::ShadowItem message;
+    PointBytes points;  // Of v1::ShadowItem.points.
+  };
   static constexpr Operation kOperation = Operation::kComputeShadows;
 
   static absl::StatusOr<std::unique_ptr<ShadowMethod>> Open(const Header& header,
                                                             const QueryEnvironment& env);
 
+  static std::span<const WirePath> ArrayPaths();
+  static absl::Status Read(grpc::ByteBuffer* bytes, Request* request, Item* item);
+
   uint64_t Rays(const Item& item) const;
-  absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel,
-                                                uint64_t part_rays) const;
+  absl::StatusOr<std::unique_ptr<ItemWork>> Prepare(const Item& item, const CancelToken& cancel,
+                                                    uint64_t part_rays) const;
 
  private:
   class ShadowWork;

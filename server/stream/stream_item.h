@@ -12,12 +12,15 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "absl/status/status.h"
 #include "core/base/cancel.h"
 #include "core/query/options.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
+#include "server/stream/item_reply.h"
+#include "server/stream/item_work.h"
 
 namespace sightline {
 
@@ -36,13 +39,14 @@ struct StreamItem {
   std::chrono::steady_clock::time_point arrival;
   std::unique_ptr<grpc::Alarm> deadline_alarm;
 
-  std::unique_ptr<typename Method::Work> work;  // Once prepared.
+  std::unique_ptr<ItemWork> work;  // Once prepared.
   uint64_t queue_nanos = 0;
   bool started = false;       // Some task of it has begun.
   uint64_t tasks_left = 1;    // Waiting or running: first the preparation, then the parts.
   uint64_t replies_left = 0;  // Of the work, not yet filled.
-  // The last reply, while a part that shared in it is not yet through.
-  std::unique_ptr<typename Method::Response> last;
+  // The last reply, while a part that shared in it is not yet through, and what it holds.
+  std::optional<ItemReply> last;
+  PartRange last_range;
   absl::Status status;  // The first thing that went wrong.
   QueryStats stats;
   bool closed = false;  // Its last reply is in the outbox.
@@ -51,6 +55,17 @@ struct StreamItem {
     return {.negative_priority = -priority, .sequence = sequence, .part = part};
   }
 };
+
+// Of a reply with the elements of `range`.
+template <typename Method>
+v1::ReplyHeader HeaderOf(const StreamItem<Method>& item, const PartRange& range) {
+  v1::ReplyHeader header;
+  header.set_item_id(item.id);
+  header.set_offset(range.offset);
+  header.set_element_count(range.count);
+  header.set_revision(item.work == nullptr ? 0 : static_cast<int64_t>(item.work->revision()));
+  return header;
+}
 
 }  // namespace sightline
 

@@ -33,18 +33,18 @@ absl::Status CheckTile(const v1::TileItem& item, const Camera& camera) {
 }  // namespace
 
 // A tile cut into bands of whole rows.
-class TileMethod::TileWork final : public TileMethod::Work {
+class TileMethod::TileWork final : public ItemWork {
  public:
   TileWork(const TileMethod& method, std::shared_ptr<const Scene> scene,
            std::shared_ptr<const SampleSet> samples, std::vector<Mirror> mirrors, TileRect tile,
            std::vector<PartRange> parts)
-      : Work(std::move(scene), std::move(parts)),
+      : ItemWork(std::move(scene), std::move(parts)),
         method_(method),
         samples_(std::move(samples)),
         mirrors_(std::move(mirrors)),
         tile_(tile) {}
 
-  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, Response* response,
+  absl::StatusOr<PartRange> RunPart(size_t part, const CancelToken& cancel, ItemReply* reply,
                                     QueryStats* stats) override {
     const PartRange range = parts()[part];
     const TileRect band{tile_.x, tile_.y + static_cast<uint32_t>(range.offset / tile_.width),
@@ -74,22 +74,25 @@ class TileMethod::TileWork final : public TileMethod::Work {
                                         : std::span<const LightSample>(),
                             mirrors_, outputs, options, &result)));
     stats->Add(result.primary);
-    v1::TileReply* reply = response->mutable_reply();
-    EncodeTile(scene().geometry, result, method_.outputs_, reply->mutable_tile());
-    if (!lights) return range;
     ShadowResult shadows;
-    if (bits_alone) {
+    std::vector<uint8_t> hit;  // Of each pixel: whether there is something to light.
+    if (lights && bits_alone) {
       shadows.lit_bits = std::move(result.lit_bits);
       shadows.answered_by = std::move(result.lit_answered_by);
       shadows.stats = result.shadow;
-    } else {
+    } else if (lights) {
       SL_RETURN_IF_ERROR(ShadeHits(result, range.count, options, &shadows));
     }
-    stats->Add(shadows.stats);
-    std::vector<uint8_t> valid(range.count);
-    for (size_t i = 0; i < valid.size(); ++i) valid[i] = (result.hit_bits[i / 8] >> (i % 8)) & 1;
-    EncodeShadows(scene().geometry, shadows, valid, samples_->samples, wanted,
-                  reply->mutable_shadows());
+    if (lights) {
+      stats->Add(shadows.stats);
+      hit.resize(range.count);
+      for (size_t i = 0; i < hit.size(); ++i) hit[i] = (result.hit_bits[i / 8] >> (i % 8)) & 1;
+    }
+    reply->Add(v1::TileReply::kTileFieldNumber,
+               EncodeTile(scene().geometry, std::move(result), method_.outputs_));
+    if (!lights) return range;
+    reply->Add(v1::TileReply::kShadowsFieldNumber,
+               EncodeShadows(scene().geometry, std::move(shadows), hit, samples_->samples, wanted));
     return range;
   }
 
@@ -139,18 +142,24 @@ absl::StatusOr<std::unique_ptr<TileMethod>> TileMethod::Open(const Header& heade
   return method;
 }
 
-uint64_t TileMethod::Rays(const Item& item) const {
-  return RayCount(uint64_t{item.width()} * item.height(), 1 + sample_count());
+absl::Status TileMethod::Read(grpc::ByteBuffer* bytes, Request* request, Item* item) {
+  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), request, {}));
+  if (request->has_item()) item->message = std::move(*request->mutable_item());
+  return absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item& item,
-                                                                      const CancelToken&,
-                                                                      uint64_t part_rays) const {
-  SL_RETURN_IF_ERROR(CheckTile(item, camera_));
+uint64_t TileMethod::Rays(const Item& item) const {
+  return RayCount(uint64_t{item.message.width()} * item.message.height(), 1 + sample_count());
+}
+
+absl::StatusOr<std::unique_ptr<ItemWork>> TileMethod::Prepare(const Item& item, const CancelToken&,
+                                                              uint64_t part_rays) const {
+  SL_RETURN_IF_ERROR(CheckTile(item.message, camera_));
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
   SL_ASSIGN_OR_RETURN(std::vector<Mirror> mirrors, DecodeMirrors(mirrors_, scene->geometry));
-  const TileRect tile{item.x(), item.y(), item.width(), item.height()};
+  const TileRect tile{item.message.x(), item.message.y(), item.message.width(),
+                      item.message.height()};
   const uint64_t sample_count = samples->samples.size();
   const auto bytes = [&](uint64_t n) {
     return TileBytes(outputs_, n) +
@@ -159,8 +168,8 @@ absl::StatusOr<std::unique_ptr<TileMethod::Work>> TileMethod::Prepare(const Item
   SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
                       CutIntoParts(uint64_t{tile.width} * tile.height, tile.width, 1 + sample_count,
                                    part_rays, env_.limits, bytes));
-  return std::unique_ptr<Work>(new TileWork(*this, std::move(scene), std::move(samples),
-                                            std::move(mirrors), tile, std::move(parts)));
+  return std::unique_ptr<ItemWork>(new TileWork(*this, std::move(scene), std::move(samples),
+                                                std::move(mirrors), tile, std::move(parts)));
 }
 
 }  // namespace sightline

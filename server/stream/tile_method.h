@@ -9,9 +9,11 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 
 #include "absl/status/statusor.h"
 #include "core/geometry/camera.h"
+#include "server/codec/wire_request.h"
 #include "server/metrics/metrics.h"
 #include "server/stream/item_work.h"
 #include "server/stream/query_environment.h"
@@ -25,17 +27,25 @@ class TileMethod final : public StreamMethod {
   using Request = v1::TraceTilesRequest;
   using Response = v1::TraceTilesResponse;
   using Header = v1::TraceTilesHeader;
-  using Item = v1::TileItem;
-  using Work = ItemWork<Response>;
+  // An item as it is read.
+  struct Item {
+    v1::TileItem message;
+  };
   static constexpr Operation kOperation = Operation::kTraceTiles;
 
   static absl::StatusOr<std::unique_ptr<TileMethod>> Open(const Header& header,
                                                           const QueryEnvironment& env);
 
+  // The arrays of a request that may be large.
+  static std::span<const WirePath> ArrayPaths() { return {}; }
+  // Takes the bytes of a message; if it is an item, into `item`, else into `request`. What
+  // ReadRequest returns (server/codec/wire_request.h). Cheap: called in a reaction.
+  static absl::Status Read(grpc::ByteBuffer* bytes, Request* request, Item* item);
+
   // What the item asks for, in rays; saturating. Cheap: called in a reaction.
   uint64_t Rays(const Item& item) const;
-  absl::StatusOr<std::unique_ptr<Work>> Prepare(const Item& item, const CancelToken& cancel,
-                                                uint64_t part_rays) const;
+  absl::StatusOr<std::unique_ptr<ItemWork>> Prepare(const Item& item, const CancelToken& cancel,
+                                                    uint64_t part_rays) const;
 
  private:
   class TileWork;

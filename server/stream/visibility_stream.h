@@ -30,6 +30,7 @@
 #include <algorithm>
 #include <chrono>
 #include <memory>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <unordered_map>
@@ -60,10 +61,9 @@
 namespace sightline {
 
 template <typename Method>
-class VisibilityStream final
-    : public grpc::ServerBidiReactor<typename Method::Request, typename Method::Response>,
-      public DrainListener,
-      public std::enable_shared_from_this<VisibilityStream<Method>> {
+class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>,
+                               public DrainListener,
+                               public std::enable_shared_from_this<VisibilityStream<Method>> {
  public:
   using Request = typename Method::Request;
   using Response = typename Method::Response;
@@ -79,6 +79,10 @@ class VisibilityStream final
   }
 
   void OnReadDone(bool ok) override {
+    Request request;
+    typename Method::Item item;
+    absl::Status read;
+    if (ok) read = Method::Read(&incoming_, &request, &item);
     MutexLock lock(mutex_);
     if (!ok) {
       half_closed_ = true;
@@ -89,12 +93,13 @@ class VisibilityStream final
       return;
     }
     if (finished_) return;
-    if (failure_.ok()) {
-      Receive();
-    } else if (++discarded_ > kMaxDiscarded) {
-      context_->TryCancel();
+    if (!failure_.ok()) {
+      if (++discarded_ > kMaxDiscarded) context_->TryCancel();
+    } else if (read.ok()) {
+      Receive(&request, std::move(item));
+    } else {
+      Fail(std::move(read));
     }
-    request_.Clear();
     // While the header is being opened, what comes after it waits in the transport.
     if (method_ != nullptr || !failure_.ok()) Read();
     Advance();
@@ -102,7 +107,8 @@ class VisibilityStream final
 
   void OnWriteDone(bool ok) override {
     MutexLock lock(mutex_);
-    writing_ = nullptr;
+    writing_ = false;
+    outgoing_ = {};
     if (!ok) Abandon();
     Advance();
   }
@@ -162,24 +168,24 @@ class VisibilityStream final
   // --- Receiving ---------------------------------------------------------------------------------
 
   void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (!finished_ && !half_closed_) this->StartRead(&request_);
+    if (!finished_ && !half_closed_) this->StartRead(&incoming_);
   }
 
-  void Receive() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    switch (request_.part_case()) {
+  void Receive(Request* request, typename Method::Item item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    switch (request->part_case()) {
       case Request::kHeader:
         if (header_seen_) return Fail(BadSequence("header", "comes once"));
         header_seen_ = true;
-        return Open(std::move(*request_.mutable_header()));
+        return Open(std::move(*request->mutable_header()));
       case Request::kItem:
         if (method_ == nullptr) break;
-        return Accept(std::move(*request_.mutable_item()));
+        return Accept(std::move(item));
       case Request::kCancel:
         if (method_ == nullptr) break;
-        return Cancel(request_.cancel());
+        return Cancel(request->cancel());
       case Request::kGrantResultCredit:
         if (method_ == nullptr) break;
-        return Grant(request_.grant_result_credit().rays());
+        return Grant(request->grant_result_credit().rays());
       case Request::PART_NOT_SET:
         return Fail(BadSequence("part", "is required"));
     }
@@ -216,12 +222,12 @@ class VisibilityStream final
       Fail(method.status());
     } else {
       method_ = *std::move(method);
-      auto response = std::make_unique<Response>();
-      response->mutable_opened()->set_revision(static_cast<int64_t>(method_->opened_revision()));
-      response->mutable_opened()->set_credit_rays(credit_);
-      response->mutable_opened()->set_light_sample_count(
+      Response response;
+      response.mutable_opened()->set_revision(static_cast<int64_t>(method_->opened_revision()));
+      response.mutable_opened()->set_credit_rays(credit_);
+      response.mutable_opened()->set_light_sample_count(
           static_cast<uint32_t>(method_->sample_count()));
-      Send(std::move(response), nullptr);
+      Send({.bytes = MessageBytes(response)}, nullptr);
       if (draining_) SendDraining();
     }
     Read();
@@ -229,7 +235,7 @@ class VisibilityStream final
   }
 
   void Accept(typename Method::Item request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const uint64_t id = request.item().item_id();
+    const uint64_t id = request.message.item().item_id();
     if (items_.contains(id)) {
       return Fail(BadSequence("item.item_id", absl::StrCat(id, " has not been answered yet")));
     }
@@ -261,7 +267,7 @@ class VisibilityStream final
   absl::Status Admit(const typename Method::Item& request, Item* item)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (draining_) return DrainingError();
-    const v1::ItemHeader& header = request.item();
+    const v1::ItemHeader& header = request.message.item();
     if (header.priority() < -kMaxPriority || header.priority() > kMaxPriority) {
       return InvalidField("item.priority", header.priority(), "must be -100 .. 100");
     }
@@ -375,7 +381,7 @@ class VisibilityStream final
 
   bool Prepare(const ItemPtr& item) {
     absl::Status status = item->token.ToStatus();
-    std::unique_ptr<typename Method::Work> work;
+    std::unique_ptr<ItemWork> work;
     if (status.ok()) {
       auto prepared = GuardMemory([&] {
         return method_->Prepare(std::move(item->request), item->token, flow_->PartRays());
@@ -383,7 +389,7 @@ class VisibilityStream final
       status = prepared.status();
       if (status.ok()) work = *std::move(prepared);
     }
-    item->request.Clear();
+    item->request = {};
     {
       MutexLock lock(mutex_);
       if (!failure_.ok()) return false;
@@ -412,33 +418,30 @@ class VisibilityStream final
   }
 
   bool Compute(const ItemPtr& item, size_t part) {
-    auto response = std::make_unique<Response>();
+    ItemReply reply;
     QueryStats stats;
     absl::StatusOr<PartRange> answered = PartRange();
     if (const absl::Status status = item->token.ToStatus(); !status.ok()) {
       answered = status;
     } else {
-      answered = GuardMemory(
-          [&] { return item->work->RunPart(part, item->token, response.get(), &stats); });
+      answered =
+          GuardMemory([&] { return item->work->RunPart(part, item->token, &reply, &stats); });
     }
     MutexLock lock(mutex_);
     if (!answered.ok() || !item->status.ok()) return FinishTask(item, answered.status());
     item->stats.Add(stats);
     if (answered->count > 0) {
-      v1::ReplyHeader* header = response->mutable_reply()->mutable_header();
-      header->set_offset(answered->offset);
-      header->set_element_count(answered->count);
       if (--item->replies_left == 0) {
-        item->last = std::move(response);
+        item->last = std::move(reply);
+        item->last_range = *answered;
       } else {
-        FillHeader(*item, header);
-        Send(std::move(response), nullptr);
+        Send({ReplyBytes(HeaderOf(*item, *answered), std::move(reply)), true}, nullptr);
       }
     }
     if (--item->tasks_left > 0) return true;
-    SIGHTLINE_CHECK(item->last != nullptr) << "the parts are done, and not all replies are filled";
-    item->work->Complete(item->last.get());
-    Close(item, std::move(item->last));
+    SIGHTLINE_CHECK(item->last.has_value()) << "the parts are done, and not all replies are filled";
+    item->work->Complete(&*item->last);
+    Close(item);
     return true;
   }
 
@@ -457,43 +460,37 @@ class VisibilityStream final
 
   // --- Answering ---------------------------------------------------------------------------------
 
-  void FillHeader(const Item& item, v1::ReplyHeader* header) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    header->set_item_id(item.id);
-    header->set_revision(item.work == nullptr ? 0 : static_cast<int64_t>(item.work->revision()));
-  }
-
-  // Puts the item's last reply into the outbox: `response`, or its status.
-  void Close(const ItemPtr& item, std::unique_ptr<Response> response = nullptr)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  // Puts the item's last reply into the outbox, or its status if that is an error.
+  void Close(const ItemPtr& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (item->closed) return;
     item->closed = true;
     flow_->Withdraw(std::exchange(item->to_come, 0));
-    if (response == nullptr) response = std::make_unique<Response>();
-    v1::ReplyHeader* header = response->mutable_reply()->mutable_header();
-    FillHeader(*item, header);
-    header->set_last(true);
-    ToItemStatus(item->status, header->mutable_status());
+    if (!item->status.ok()) {
+      item->last = ItemReply();
+      item->last_range = {};
+    }
+    v1::ReplyHeader header = HeaderOf(*item, item->last_range);
+    header.set_last(true);
+    ToItemStatus(item->status, header.mutable_status());
     if (method_->statistics()) {
-      EncodeStatistics(item->stats, item->queue_nanos, header->mutable_statistics());
+      EncodeStatistics(item->stats, item->queue_nanos, header.mutable_statistics());
     }
     ReportItem(env_, *context_, *method_, *item);
     item->work.reset();
-    item->last.reset();
     item->deadline_alarm.reset();
-    Send(std::move(response), item);
+    Send({ReplyBytes(header, *std::exchange(item->last, std::nullopt)), true}, item);
   }
 
   void SendDraining() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    auto response = std::make_unique<Response>();
-    response->mutable_draining()->set_accepted_item_count(accepted_);
-    response->mutable_draining()->set_last_accepted_item_id(last_accepted_);
-    Send(std::move(response), nullptr);
+    Response response;
+    response.mutable_draining()->set_accepted_item_count(accepted_);
+    response.mutable_draining()->set_last_accepted_item_id(last_accepted_);
+    Send({.bytes = MessageBytes(response)}, nullptr);
   }
 
-  void Send(std::unique_ptr<Response> response, ItemPtr last_of)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  void Send(OutgoingMessage message, ItemPtr last_of) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (!failure_.ok()) return;
-    outbox_.Push(std::move(response), std::move(last_of));
+    outbox_.Push(std::move(message), std::move(last_of));
     HoldBack();
   }
 
@@ -526,7 +523,7 @@ class VisibilityStream final
   void Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (finished_) return;
     if (failure_.ok()) Write();
-    if (writing_ != nullptr || running_ > 0) return;
+    if (writing_ || running_ > 0) return;
     if (!failure_.ok() || cancelled_) return End(failure_);
     if (!items_.empty() || !outbox_.empty()) return;
     if (half_closed_) return End(absl::OkStatus());
@@ -534,10 +531,11 @@ class VisibilityStream final
   }
 
   void Write() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (writing_ != nullptr || outbox_.empty() || cancelled_) return;
-    if (outbox_.first().has_reply() && limit_results_ && result_credit_ <= 0) return;
+    if (writing_ || outbox_.empty() || cancelled_) return;
+    if (outbox_.first().is_reply && limit_results_ && result_credit_ <= 0) return;
     ItemPtr item;
-    std::tie(writing_, item) = outbox_.Pop();
+    std::tie(outgoing_, item) = outbox_.Pop();
+    writing_ = true;
     if (item != nullptr) {
       // Before the write: the client may answer the reply before we hear that it went out.
       credit_ += static_cast<int64_t>(item->cost);
@@ -546,7 +544,7 @@ class VisibilityStream final
       items_.erase(item->id);
     }
     HoldBack();
-    this->StartWrite(writing_.get());
+    this->StartWrite(&outgoing_.bytes);
   }
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -561,8 +559,8 @@ class VisibilityStream final
   grpc::CallbackServerContext* const context_;
   const QueryEnvironment env_;
   const CallTimer timer_;
-  Request request_;    // Written by gRPC between StartRead and OnReadDone.
-  CancelToken token_;  // Parent of every item's.
+  grpc::ByteBuffer incoming_;  // Written by gRPC between StartRead and OnReadDone.
+  CancelToken token_;          // Parent of every item's.
 
   Mutex mutex_;
   std::shared_ptr<VisibilityStream> self_ ABSL_GUARDED_BY(mutex_);
@@ -582,9 +580,10 @@ class VisibilityStream final
   uint64_t discarded_ ABSL_GUARDED_BY(mutex_) = 0;
   std::unordered_map<uint64_t, ItemPtr> items_ ABSL_GUARDED_BY(mutex_);  // Unanswered, by id.
   int running_ ABSL_GUARDED_BY(mutex_) = 0;                              // Tasks.
-  Outbox<Response, ItemPtr> outbox_ ABSL_GUARDED_BY(mutex_);  // Due: the item whose last it is.
-  bool held_ ABSL_GUARDED_BY(mutex_) = false;  // Nothing is computed until something is read.
-  std::unique_ptr<Response> writing_ ABSL_GUARDED_BY(mutex_);
+  Outbox<ItemPtr> outbox_ ABSL_GUARDED_BY(mutex_);  // Due: the item whose last it is.
+  bool held_ ABSL_GUARDED_BY(mutex_) = false;       // Nothing is computed until something is read.
+  bool writing_ ABSL_GUARDED_BY(mutex_) = false;
+  OutgoingMessage outgoing_ ABSL_GUARDED_BY(mutex_);  // While it is written.
   int64_t credit_ ABSL_GUARDED_BY(mutex_);
   bool limit_results_ ABSL_GUARDED_BY(mutex_) = false;
   int64_t result_credit_ ABSL_GUARDED_BY(mutex_) = 0;

@@ -2,13 +2,16 @@
 //
 // Any bytes as the messages of a call: the decoders, the upload state machines and the three query
 // methods answer or refuse them, and never crash. The first byte chooses the call, '0' to '5' in
-// the seed corpus; then each message follows its length, two bytes, the low one first. gRPC itself
-// is left out.
+// the seed corpus; then each message follows its length, two bytes, the low one first. Of gRPC
+// there are the buffers alone: messages of streams lie in slices of a few bytes, and are read with
+// every array left where it is, which must make of them what protobuf does.
 //
 // Queries that are accepted are answered, on a small scene and within small limits, so that
 // whatever a decoder lets through meets the engine.
 #include <google/protobuf/stubs/logging.h>
+#include <grpcpp/support/byte_buffer.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
@@ -27,10 +30,12 @@
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
 #include "server/base/limits.h"
+#include "server/codec/wire_request.h"
 #include "server/points/point_set_store.h"
 #include "server/points/point_upload.h"
 #include "server/scenes/scene_catalog.h"
 #include "server/scenes/scene_upload.h"
+#include "server/stream/item_reply.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/segment_method.h"
 #include "server/stream/shadow_method.h"
@@ -91,19 +96,27 @@ World& TheWorld() {
   return *world;
 }
 
-// The messages of an input that parse, in order.
-template <typename Message>
-std::vector<Message> Messages(absl::string_view bytes) {
-  std::vector<Message> messages;
+// The messages of an input, in order.
+std::vector<absl::string_view> Bodies(absl::string_view bytes) {
+  std::vector<absl::string_view> bodies;
   while (bytes.size() >= 2) {
     const size_t announced = static_cast<uint8_t>(bytes[0]) + 256 * static_cast<uint8_t>(bytes[1]);
     bytes.remove_prefix(2);
-    const absl::string_view body = bytes.substr(0, announced);
+    bodies.push_back(bytes.substr(0, announced));
+    bytes.remove_prefix(bodies.back().size());
+  }
+  return bodies;
+}
+
+// Those that parse.
+template <typename Message>
+std::vector<Message> Messages(absl::string_view bytes) {
+  std::vector<Message> messages;
+  for (const absl::string_view body : Bodies(bytes)) {
     Message message;
     if (message.ParseFromArray(body.data(), static_cast<int>(body.size()))) {
       messages.push_back(std::move(message));
     }
-    bytes.remove_prefix(body.size());
   }
   return messages;
 }
@@ -150,34 +163,80 @@ void FuzzCreatePointSet(absl::string_view bytes) {
   (void)upload.Finish();
 }
 
+// The message as it may arrive, in slices whose lengths follow from its own bytes.
+grpc::ByteBuffer InSlices(absl::string_view bytes) {
+  std::vector<grpc::Slice> slices;
+  while (!bytes.empty()) {
+    const size_t length = std::min(bytes.size(), 1 + static_cast<size_t>(bytes[0] & 31));
+    slices.emplace_back(bytes.data(), length);
+    bytes.remove_prefix(length);
+  }
+  return {slices.data(), slices.size()};
+}
+
+// The same message with its arrays lifted out and put back, or nothing.
+template <typename Method>
+void RequireSameAsProtobuf(absl::string_view body) {
+  typename Method::Request whole, scanned;
+  const bool parses = whole.ParseFromArray(body.data(), static_cast<int>(body.size()));
+  std::vector<WireArray> arrays(Method::ArrayPaths().size());
+  grpc::ByteBuffer buffer = InSlices(body);
+  const bool read = ReadRequest(&buffer, Method::ArrayPaths(), &scanned, arrays, 0).ok();
+  Require(read == parses);
+  if (!parses) return;
+  for (size_t i = 0; i < arrays.size(); ++i) {
+    if (arrays[i].empty()) continue;
+    std::string held(arrays[i].size(), '\0');
+    CopyBytes(arrays[i], held.data());
+    google::protobuf::Message* message = &scanned;
+    const WirePath& path = Method::ArrayPaths()[i];
+    size_t depth = 0;
+    for (; depth + 1 < path.size() && path[depth + 1] != 0; ++depth) {
+      message = message->GetReflection()->MutableMessage(
+          message, message->GetDescriptor()->FindFieldByNumber(path[depth]));
+    }
+    message->GetReflection()->SetString(
+        message, message->GetDescriptor()->FindFieldByNumber(path[depth]), held);
+  }
+  // Unknown fields keep their order only among themselves, which is all that there is to compare.
+  Require(scanned.SerializeAsString() == whole.SerializeAsString());
+}
+
 // A header, then items, as a visibility stream takes them.
 template <typename Method>
 void FuzzStream(absl::string_view bytes) {
   World& world = TheWorld();
   std::unique_ptr<Method> method;
-  for (auto& message : Messages<typename Method::Request>(bytes)) {
+  for (const absl::string_view body : Bodies(bytes)) {
+    RequireSameAsProtobuf<Method>(body);
+    typename Method::Request message;
+    typename Method::Item item;
+    grpc::ByteBuffer buffer = InSlices(body);
+    if (!Method::Read(&buffer, &message, &item).ok()) continue;
     if (message.has_header()) {
       auto opened = Method::Open(message.header(), world.environment);
       if (!opened.ok()) return;
       method = *std::move(opened);
     }
     if (!message.has_item() || method == nullptr) continue;
-    if (method->Rays(message.item()) > world.limits.max_item_rays) continue;
+    if (method->Rays(item) > world.limits.max_item_rays) continue;
     const CancelToken cancel;
-    auto work =
-        method->Prepare(std::move(*message.mutable_item()), cancel, Scheduler::kLeastPartRays);
+    auto work = method->Prepare(std::move(item), cancel, Scheduler::kLeastPartRays);
     if (!work.ok()) continue;
     QueryStats stats;
-    typename Method::Response reply;
+    ItemReply reply;
     size_t replies = 0;
     for (size_t part = 0; part < (*work)->parts().size(); ++part) {
-      reply.Clear();
+      reply = ItemReply();
       const absl::StatusOr<PartRange> answered = (*work)->RunPart(part, cancel, &reply, &stats);
       if (!answered.ok()) return;
       if (answered->count > 0) ++replies;
     }
     Require(replies == (*work)->replies());
     (*work)->Complete(&reply);
+    typename Method::Response response;
+    grpc::ByteBuffer answer = ReplyBytes({}, std::move(reply));
+    Require(ReadRequest(&answer, {}, &response, {}).ok() && response.has_reply());
   }
 }
 

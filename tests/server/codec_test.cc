@@ -36,6 +36,14 @@ std::vector<T> Values(const std::string& bytes) {
   return values;
 }
 
+// As a client reads it.
+template <typename Message>
+Message ReadBack(const WireMessage& encoded) {
+  Message message;
+  EXPECT_TRUE(message.ParseFromString(encoded.ToString()));
+  return message;
+}
+
 void ExpectInvalid(const absl::Status& status, absl::string_view named,
                    v1::ErrorReason reason = v1::ERROR_REASON_INVALID_FIELD) {
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << status;
@@ -401,8 +409,8 @@ TEST(ResultCodecTest, NothingUnaskedIsSent) {
   result.lit_counts = {3};
   v1::ShadowOutputs wanted;
   wanted.set_lit_counts(true);
-  v1::ShadowResult out;
-  EncodeShadows(ThreeObjects(), result, std::vector<uint8_t>{1}, {}, wanted, &out);
+  const auto out = ReadBack<v1::ShadowResult>(
+      EncodeShadows(ThreeObjects(), result, std::vector<uint8_t>{1}, {}, wanted));
   EXPECT_TRUE(out.lit_bits().empty());
   EXPECT_TRUE(out.valid_bits().empty());
   EXPECT_THAT(Values<uint32_t>(out.lit_counts()), ElementsAre(3u));
@@ -415,8 +423,8 @@ TEST(ResultCodecTest, InvalidPointsAndSamplesAreNamed) {
   samples[1].valid = false;
   v1::ShadowOutputs wanted = WantedShadows({});
   EXPECT_TRUE(wanted.lit_bits());
-  v1::ShadowResult out;
-  EncodeShadows(ThreeObjects(), result, std::vector<uint8_t>{1, 0, 1}, samples, wanted, &out);
+  const auto out = ReadBack<v1::ShadowResult>(
+      EncodeShadows(ThreeObjects(), result, std::vector<uint8_t>{1, 0, 1}, samples, wanted));
   EXPECT_EQ(out.valid_bits(), std::string("\x05", 1));
   EXPECT_THAT(out.invalid_samples(), ElementsAre(1u));
 }

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Items whose arrays are large enough to stay in gRPC's slices are answered as those are that are
+// copied: the same points and segments in one item, and in many. What is no message ends the
+// stream.
+#include <grpcpp/generic/generic_stub.h>
+
+#include <cmath>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "server/codec/wire_request.h"
+#include "tests/integration/server_harness.h"
+#include "tests/support/random.h"
+
+namespace sightline {
+namespace {
+
+using testing_support::TestRng;
+
+class LargeItemsTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    v1::Scene scene;
+    ASSERT_TRUE(harness_.CreateBuiltin("room", "builtin:room:15000", &scene).ok());
+  }
+  static std::vector<double> Coordinates(TestRng& rng, size_t count) {
+    std::vector<double> numbers(count);
+    for (double& x : numbers) x = rng.Uniform(-4, 4);
+    return numbers;
+  }
+  static std::string Part(const std::string& all, size_t offset, size_t count, size_t element) {
+    return all.substr(offset * element, count * element);
+  }
+
+  ServerHarness harness_;
+};
+
+// The answers of all replies to an item, in the order of the elements, which are whole bytes.
+template <typename Replies, typename Take>
+std::string Answers(const Replies& replies, const Take& take) {
+  std::map<uint64_t, std::string> by_offset;
+  for (const auto& reply : replies) {
+    EXPECT_EQ(reply.reply().header().status().code(), 0)
+        << reply.reply().header().status().message();
+    by_offset[reply.reply().header().offset()] = take(reply.reply());
+  }
+  std::string all;
+  for (const auto& [offset, bytes] : by_offset) all += bytes;
+  return all;
+}
+
+TEST_F(LargeItemsTest, SegmentsAreAnsweredAlikeInOneItemAndInMany) {
+  constexpr size_t kCount = 20'000, kSmall = 1000, kBytes = 6 * sizeof(double);
+  static_assert(kCount * kBytes > kLeastLifted && kSmall * kBytes < kLeastLifted);
+  TestRng rng;
+  std::vector<double> numbers = Coordinates(rng, 6 * kCount);
+  for (int i = 0; i < 20; ++i) numbers[rng.Below(numbers.size())] = std::nan("");
+  const std::string ends = PackArray(numbers);
+  v1::TestSegmentsRequest request;
+  request.mutable_header()->mutable_stream()->set_scene("scenes/room");
+  SegmentStream stream(harness_, request);
+  request.Clear();
+  request.mutable_item()->mutable_item()->set_item_id(0);
+  request.mutable_item()->set_segments(ends);
+  stream.Write(request);
+  for (size_t at = 0; at < kCount; at += kSmall) {
+    request.mutable_item()->mutable_item()->set_item_id(1 + at / kSmall);
+    request.mutable_item()->set_segments(Part(ends, at, kSmall, kBytes));
+    stream.Write(request);
+  }
+  const auto replies = stream.ReadAll();
+  ASSERT_TRUE(stream.Finish().ok());
+  const auto bits = [](const v1::SegmentReply& r) { return r.segments().blocked_bits(); };
+  const std::string whole = Answers(replies.at(0), bits);
+  std::string parts;
+  for (size_t id = 1; id <= kCount / kSmall; ++id) parts += Answers(replies.at(id), bits);
+  EXPECT_EQ(whole, parts);
+  EXPECT_EQ(whole.size(), kCount / 8);
+  EXPECT_NE(whole, std::string(kCount / 8, '\0'));
+}
+
+TEST_F(LargeItemsTest, PointsWithSourcesAndNormalsAreAnsweredAlikeInOneItemAndInMany) {
+  constexpr size_t kCount = 70'000, kSmall = 2000;
+  static_assert(kCount * sizeof(uint32_t) > kLeastLifted);
+  TestRng rng;
+  const std::string points = PackArray(Coordinates(rng, 3 * kCount));
+  const std::string normals = PackArray(Coordinates(rng, 3 * kCount));
+  std::vector<uint32_t> sources(kCount);
+  for (uint32_t& source : sources) source = static_cast<uint32_t>(rng.Below(10));
+  const std::string triangles = PackArray(sources);
+  const std::string objects(4 * kCount, '\0');
+  v1::ComputeShadowsRequest request;
+  request.mutable_header()->mutable_stream()->set_scene("scenes/room");
+  EncodeTestVector({0.5, 0.25, 1.5},
+                   request.mutable_header()->add_lights()->mutable_point()->mutable_position());
+  request.mutable_header()->mutable_point_options()->set_normal_offset(1e-3);
+  ShadowStream stream(harness_, request);
+  const auto send = [&](uint64_t id, size_t offset, size_t count) {
+    v1::ComputeShadowsRequest item;
+    item.mutable_item()->mutable_item()->set_item_id(id);
+    v1::PointArrays* const arrays = item.mutable_item()->mutable_points();
+    arrays->set_points(Part(points, offset, count, 24));
+    arrays->set_normals(Part(normals, offset, count, 24));
+    arrays->set_source_objects(Part(objects, offset, count, 4));
+    arrays->set_source_triangles(Part(triangles, offset, count, 4));
+    stream.Write(item);
+  };
+  send(0, 0, kCount);
+  for (size_t at = 0; at < kCount; at += kSmall) send(1 + at / kSmall, at, kSmall);
+  const auto replies = stream.ReadAll();
+  ASSERT_TRUE(stream.Finish().ok());
+  const auto bits = [](const v1::ShadowReply& r) { return r.shadows().lit_bits(); };
+  const std::string whole = Answers(replies.at(0), bits);
+  std::string parts;
+  for (size_t id = 1; id <= kCount / kSmall; ++id) parts += Answers(replies.at(id), bits);
+  EXPECT_EQ(whole, parts);
+  EXPECT_EQ(whole.size(), kCount / 8);
+}
+
+// Bytes that are no message, before the header and after it.
+TEST_F(LargeItemsTest, WhatIsNoMessageEndsTheStreamAndSaysSo) {
+  v1::TestSegmentsRequest header;
+  header.mutable_header()->mutable_stream()->set_scene("scenes/room");
+  for (const bool opened : {false, true}) {
+    for (const std::string& bytes : {std::string("\x0a\x05"
+                                                 "abc"),
+                                     std::string(kLeastLifted + 100, '\xff')}) {
+      grpc::GenericStub stub(harness_.channel);
+      grpc::ClientContext context;
+      grpc::CompletionQueue queue;
+      const auto call =
+          stub.PrepareCall(&context, "/sightline.v1.VisibilityService/TestSegments", &queue);
+      void* tag = nullptr;
+      bool ok = false;
+      const auto wait = [&] {
+        queue.Next(&tag, &ok);
+        return ok;
+      };
+      call->StartCall(nullptr);
+      ASSERT_TRUE(wait());
+      std::vector<std::string> messages = {bytes};
+      if (opened) messages.insert(messages.begin(), header.SerializeAsString());
+      for (const std::string& message : messages) {
+        const grpc::Slice slice(message);
+        call->Write(grpc::ByteBuffer(&slice, 1), nullptr);
+        ASSERT_TRUE(wait());
+      }
+      grpc::ByteBuffer answer;
+      do {
+        call->Read(&answer, nullptr);
+      } while (wait());
+      grpc::Status status;
+      call->Finish(&status, nullptr);
+      ASSERT_TRUE(wait());
+      EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
+      EXPECT_EQ(ReasonIn(status), "INVALID_FIELD");
+      EXPECT_TRUE(absl::StrContains(status.error_message(), "sightline.v1.TestSegmentsRequest"))
+          << status.error_message();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace sightline

@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The real server killed in the middle of uploads, and started again: what was stored is there as
+// it was, of what was half sent there is nothing, and the same upload goes through. Other clients
+// ask all the while, and every answer that they get is held against the engine's.
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "tests/integration/tile_load.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline {
+namespace {
+
+// A grid in the plane z = 1 whose vertices alone are 19 MB: far more than gRPC holds on its way, so
+// that a server whose client has sent half of it has taken in some.
+constexpr uint32_t kSide = 900;
+constexpr uint64_t kVertices = uint64_t{kSide} * kSide;
+constexpr uint64_t kTriangles = uint64_t{kSide - 1} * (kSide - 1) * 2;
+constexpr uint64_t kChunkVertices = 90 * kSide;
+
+std::string GridVertices(uint64_t begin, uint64_t count, double z) {
+  std::vector<double> numbers;
+  numbers.reserve(3 * count);
+  for (uint64_t i = begin; i < begin + count; ++i) {
+    numbers.push_back(2.0 * static_cast<double>(i % kSide) / (kSide - 1) - 1);
+    numbers.push_back(2.0 * static_cast<double>(i / kSide) / (kSide - 1) - 1);
+    numbers.push_back(z);
+  }
+  return PackArray(numbers);
+}
+
+std::string GridIndices() {
+  std::vector<uint32_t> indices;
+  indices.reserve(3 * kTriangles);
+  for (uint32_t y = 0; y + 1 < kSide; ++y) {
+    for (uint32_t x = 0; x + 1 < kSide; ++x) {
+      const uint32_t a = y * kSide + x, b = a + 1, c = a + kSide, d = c + 1;
+      indices.insert(indices.end(), {a, b, d, a, d, c});
+    }
+  }
+  return PackArray(indices);
+}
+
+std::vector<v1::CreateSceneRequest> GridUpload(const std::string& id) {
+  std::vector<v1::CreateSceneRequest> messages(2);
+  v1::CreateSceneHeader* const header = messages[0].mutable_header();
+  header->set_scene_id(id);
+  header->set_request_id(absl::StrCat("upload-of-", id));
+  header->mutable_upload()->set_object_count(1);
+  header->mutable_upload()->set_triangle_count(kTriangles);
+  header->mutable_upload()->set_vertex_count(kVertices);
+  messages[1].mutable_object()->set_object_name("grid");
+  messages[1].mutable_object()->set_triangle_count(kTriangles);
+  messages[1].mutable_object()->set_vertex_count(kVertices);
+  for (uint64_t at = 0; at < kVertices; at += kChunkVertices) {
+    messages.emplace_back().mutable_chunk()->set_vertices_f64(GridVertices(at, kChunkVertices, 1));
+  }
+  const std::string indices = GridIndices();
+  constexpr size_t kChunk = 12 * 100'000;
+  for (size_t at = 0; at < indices.size(); at += kChunk) {
+    messages.emplace_back().mutable_chunk()->set_indices(indices.substr(at, kChunk));
+  }
+  return messages;
+}
+
+std::vector<v1::UpdateSceneRequest> GridMove(const std::string& name, double z) {
+  std::vector<v1::UpdateSceneRequest> messages(2);
+  messages[0].mutable_header()->set_name(name);
+  messages[1].mutable_replace_vertices()->set_object_name("grid");
+  messages[1].mutable_replace_vertices()->set_vertex_count(kVertices);
+  for (uint64_t at = 0; at < kVertices; at += kChunkVertices) {
+    messages.emplace_back().mutable_chunk()->set_vertices_f64(GridVertices(at, kChunkVertices, z));
+  }
+  return messages;
+}
+
+std::vector<v1::CreatePointSetRequest> PointsUpload(const std::string& scene) {
+  std::vector<v1::CreatePointSetRequest> messages(1);
+  messages[0].mutable_header()->set_parent(scene);
+  messages[0].mutable_header()->set_point_set_id("points");
+  messages[0].mutable_header()->mutable_upload()->set_point_count(kVertices);
+  for (uint64_t at = 0; at < kVertices; at += kChunkVertices) {
+    messages.emplace_back().mutable_chunk()->set_points(GridVertices(at, kChunkVertices, 0));
+  }
+  return messages;
+}
+
+// Sends the first `count` messages; then `after`, before the end is said if all were sent.
+template <typename Open, typename Message>
+grpc::Status Send(const Open& open, const std::vector<Message>& messages, size_t count,
+                  const std::function<void()>& after) {
+  grpc::ClientContext context;
+  const auto writer = open(&context);
+  for (size_t i = 0; i < count && writer->Write(messages[i]); ++i) {
+  }
+  if (count == messages.size()) writer->WritesDone();
+  after();
+  return writer->Finish();
+}
+
+class UploadFaultTest : public testing::Test {
+ protected:
+  UploadFaultTest() : tiles_("room:15000") {
+    Start("127.0.0.1:0");
+    load_ =
+        std::make_unique<TileLoad>(tiles_, TileLoad::Options{.address = address_, .clients = 1});
+    load_->WaitForAnswers(20);
+  }
+  // The server is killed, and another started where it was; clients go on.
+  void Kill() {
+    server_->Signal(SIGKILL);
+    EXPECT_EQ(server_->Wait(), 1000 + SIGKILL);
+  }
+  void Restart() {
+    Start(address_);
+    load_->WaitForAnswers(20);
+  }
+  void TearDown() override {
+    load_->Stop();
+    EXPECT_EQ(load_->wrong(), 0u);
+    EXPECT_EQ(load_->refused(), 0u);
+    server_->Signal(SIGTERM);
+    EXPECT_EQ(server_->Wait(), 0);
+  }
+
+  grpc::Status Upload(const std::vector<v1::CreateSceneRequest>& messages, size_t count,
+                      const std::function<void()>& after) {
+    const auto stub = v1::SceneService::NewStub(server_->Channel());
+    v1::Scene scene;
+    return Send([&](grpc::ClientContext* c) { return stub->CreateScene(c, &scene); }, messages,
+                count, after);
+  }
+  grpc::Status Upload(const std::vector<v1::UpdateSceneRequest>& messages, size_t count,
+                      const std::function<void()>& after) {
+    const auto stub = v1::SceneService::NewStub(server_->Channel());
+    v1::Scene scene;
+    return Send([&](grpc::ClientContext* c) { return stub->UpdateScene(c, &scene); }, messages,
+                count, after);
+  }
+  grpc::Status Upload(const std::vector<v1::CreatePointSetRequest>& messages, size_t count,
+                      const std::function<void()>& after) {
+    const auto stub = v1::PointSetService::NewStub(server_->Channel());
+    v1::PointSet set;
+    return Send([&](grpc::ClientContext* c) { return stub->CreatePointSet(c, &set); }, messages,
+                count, after);
+  }
+  template <typename Message>
+  void ExpectUploaded(const std::vector<Message>& messages) {
+    const grpc::Status status = Upload(messages, messages.size(), [] {});
+    EXPECT_TRUE(status.ok()) << status.error_message();
+  }
+  // Half of the upload, the kill, and the start after it.
+  template <typename Message>
+  void KillHalfWay(const std::vector<Message>& messages) {
+    const grpc::Status status = Upload(messages, messages.size() / 2, [&] { Kill(); });
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE) << status.error_message();
+    Restart();
+  }
+
+  // 0: there is no such scene.
+  int Revision(const std::string& name) const {
+    const auto stub = v1::SceneService::NewStub(server_->Channel());
+    grpc::ClientContext context;
+    v1::GetSceneRequest request;
+    request.set_name(name);
+    v1::Scene scene;
+    const grpc::Status status = stub->GetScene(&context, request, &scene);
+    if (status.error_code() == grpc::StatusCode::NOT_FOUND) return 0;
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return static_cast<int>(scene.revision());
+  }
+  // Whether the way up from the origin to `top` is blocked.
+  bool Blocked(const std::string& name, double top) const {
+    const auto stub = v1::VisibilityService::NewStub(server_->Channel());
+    grpc::ClientContext context;
+    const auto stream = stub->TestSegments(&context);
+    v1::TestSegmentsRequest request;
+    request.mutable_header()->mutable_stream()->set_scene(name);
+    stream->Write(request);
+    request.mutable_item()->set_segments(PackArray<double>({0.25, 0.125, 0, 0.25, 0.125, top}));
+    stream->Write(request);
+    stream->WritesDone();
+    v1::TestSegmentsResponse response;
+    std::string bits;
+    while (stream->Read(&response)) bits += response.reply().segments().blocked_bits();
+    EXPECT_TRUE(stream->Finish().ok());
+    return bits == std::string(1, 1);
+  }
+  // Of stored scenes and of whatever else was being written.
+  size_t Files() const {
+    size_t files = 0;
+    for ([[maybe_unused]] const auto& file : std::filesystem::directory_iterator(dir_.path())) {
+      ++files;
+    }
+    return files;
+  }
+
+  const KnownTiles tiles_;
+  const testing_support::TempDir dir_;
+  std::unique_ptr<ServingProcess> server_;
+  std::string address_;
+  std::unique_ptr<TileLoad> load_;
+
+ private:
+  void Start(const std::string& listen) {
+    server_ = std::make_unique<ServingProcess>(
+        std::vector<std::string>{tiles_.flag(), absl::StrCat("--repository=", dir_.path())},
+        ServingProcess::Options{.limits = {}, .listen = listen});
+    address_ = server_->address();
+  }
+};
+
+TEST_F(UploadFaultTest, KilledInTheMiddleOfAnUploadItKeepsNoneOfIt) {
+  const auto grid = GridUpload("grid");
+  KillHalfWay(grid);
+  EXPECT_EQ(Revision("scenes/grid"), 0);
+  ExpectUploaded(grid);
+  EXPECT_TRUE(Blocked("scenes/grid", 1.5));
+  // The edit of a scene that is stored: the revision before it is there.
+  const auto move = GridMove("scenes/grid", 2);
+  KillHalfWay(move);
+  EXPECT_EQ(Revision("scenes/grid"), 1);
+  EXPECT_TRUE(Blocked("scenes/grid", 1.5));
+  ExpectUploaded(move);
+  EXPECT_FALSE(Blocked("scenes/grid", 1.5));
+  EXPECT_TRUE(Blocked("scenes/grid", 2.5));
+  // Points; they go with the server that held them.
+  const auto points = PointsUpload("scenes/grid");
+  KillHalfWay(points);
+  EXPECT_EQ(Revision("scenes/grid"), 2);
+  EXPECT_FALSE(Blocked("scenes/grid", 1.5));
+  ExpectUploaded(points);
+}
+
+// While the file is written beside its place, or just before or after it is renamed: all or
+// nothing.
+TEST_F(UploadFaultTest, KilledWhileItStoresItHasAllOrNothing) {
+  const auto grid = GridUpload("grid");
+  const size_t before = Files();
+  const grpc::Status status = Upload(grid, grid.size(), [&] {
+    while (Files() == before) {
+    }
+    Kill();
+  });
+  Restart();
+  const int revision = Revision("scenes/grid");
+  EXPECT_TRUE(revision == 1 || (revision == 0 && !status.ok())) << revision;
+  if (revision == 0) ExpectUploaded(grid);
+  EXPECT_TRUE(Blocked("scenes/grid", 1.5));
+  EXPECT_FALSE(Blocked("scenes/grid", 0.5));
+}
+
+}  // namespace
+}  // namespace sightline
