@@ -5,11 +5,12 @@
 # no rights, where nothing is missing.
 #
 #   deploy/install_packages.sh build [test] [bench] [lint]
+#   deploy/install_packages.sh run
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 
 if [ $# -eq 0 ]; then
-  echo "usage: $0 build|test|bench|lint ..." >&2
+  echo "usage: $0 build|test|bench|lint|run ..." >&2
   exit 2
 fi
 

@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What deploy/ says of the server is true of it: every option, metric, path and time that its files
+// name is one that the server has.
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <regex>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/time/time.h"
+#include "gtest/gtest.h"
+#include "server/config_file.h"
+#include "server/metrics/metrics.h"
+#include "server/options.h"
+#include "yaml-cpp/yaml.h"
+
+namespace sightline {
+namespace {
+
+const std::string kRoot = absl::StrCat(SIGHTLINE_SOURCE_DIR, "/");
+
+std::string Read(const std::string& path) {
+  std::ifstream in(kRoot + path, std::ios::binary);
+  EXPECT_TRUE(in.good()) << path;
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+std::vector<std::string> Found(const std::string& text, const std::string& pattern, int group = 0) {
+  const std::regex regex(pattern);
+  std::vector<std::string> found;
+  for (std::sregex_iterator match(text.begin(), text.end(), regex), end; match != end; ++match) {
+    found.push_back((*match)[static_cast<size_t>(group)]);
+  }
+  return found;
+}
+
+std::set<std::string> OptionNames() {
+  std::set<std::string> names;
+  for (const Option& option : OptionTable()) names.emplace(option.name);
+  return names;
+}
+
+// The documents of the Kubernetes manifest, by kind.
+YAML::Node Manifest(const std::string& kind) {
+  for (const YAML::Node& document : YAML::LoadAll(Read("deploy/kubernetes/sightline.yaml"))) {
+    if (document["kind"].as<std::string>() == kind) return document;
+  }
+  ADD_FAILURE() << "no " << kind;
+  return {};
+}
+
+struct NamedConfig {
+  std::string name, text;
+};
+std::vector<NamedConfig> Configs() {
+  return {{"deploy/systemd/sightlined.yaml", Read("deploy/systemd/sightlined.yaml")},
+          {"deploy/container/sightlined.yaml", Read("deploy/container/sightlined.yaml")},
+          {"deploy/kubernetes/sightline.yaml",
+           Manifest("ConfigMap")["data"]["sightlined.yaml"].as<std::string>()}};
+}
+
+absl::Duration DrainTimeout(const NamedConfig& config) {
+  absl::Duration drain = absl::InfiniteDuration();
+  const auto entries = ParseConfig(config.name, config.text);
+  EXPECT_TRUE(entries.ok()) << entries.status();
+  for (const ConfigEntry& entry : *entries) {
+    if (entry.key == "drain-timeout") {
+      EXPECT_TRUE(absl::ParseDuration(entry.values.at(0), &drain));
+    }
+  }
+  return drain;
+}
+
+TEST(DeployFilesTest, ConfigurationsNameOptions) {
+  const std::set<std::string> names = OptionNames();
+  for (const NamedConfig& config : Configs()) {
+    const auto entries = ParseConfig(config.name, config.text);
+    ASSERT_TRUE(entries.ok()) << entries.status();
+    EXPECT_FALSE(entries->empty()) << config.name;
+    for (const ConfigEntry& entry : *entries) {
+      const auto option = std::find_if(OptionTable().begin(), OptionTable().end(),
+                                       [&](const Option& each) { return each.name == entry.key; });
+      ASSERT_NE(option, OptionTable().end()) << config.name << " names " << entry.key;
+      ParsedOptions parsed;
+      for (const std::string& value : entry.values) {
+        const absl::Status set = option->set(value, &parsed);
+        EXPECT_TRUE(set.ok()) << config.name << ": " << entry.key << ": " << set;
+      }
+    }
+    // Those that are there to be made lines of.
+    for (const std::string& key : Found(config.text, "\n# ([a-z][a-z-]+): \\S", 1)) {
+      EXPECT_TRUE(names.contains(key)) << config.name << " names " << key;
+    }
+  }
+}
+
+TEST(DeployFilesTest, FlagsAndVariablesAreTheServers) {
+  const std::set<std::string> names = OptionNames();
+  const std::string unit = Read("deploy/systemd/sightlined.service");
+  const std::string container = Read("deploy/container/Containerfile");
+  const std::string entry = container.substr(container.find("ENTRYPOINT"));
+  std::vector<std::string> flags = Found(unit, "sightlined (--[^\n]*)", 1);
+  flags.push_back(entry);
+  for (const YAML::Node& argument :
+       Manifest("StatefulSet")["spec"]["template"]["spec"]["containers"][0]["args"]) {
+    flags.push_back(argument.as<std::string>());
+  }
+  size_t seen = 0;
+  for (const std::string& words : flags) {
+    for (const std::string& flag : Found(words, "--([a-z-]+)", 1)) {
+      EXPECT_TRUE(names.contains(flag)) << flag;
+      ++seen;
+    }
+  }
+  EXPECT_GE(seen, 4u);
+  for (const std::string& text : {unit, container}) {
+    for (std::string name : Found(text, "SIGHTLINE_([A-Z_]+)=", 1)) {
+      std::transform(name.begin(), name.end(), name.begin(),
+                     [](char c) { return c == '_' ? '-' : static_cast<char>(c - 'A' + 'a'); });
+      EXPECT_TRUE(names.contains(name)) << name;
+    }
+  }
+}
+
+TEST(DeployFilesTest, DashboardsAskForMetricsThatThereAre) {
+  ServerState state;
+  state.scenes.push_back({.id = "hall"});
+  state.certificate_end = absl::UnixEpoch() + absl::Hours(1);
+  Metrics metrics([&] { return state; });
+  std::set<std::string> names;
+  for (const std::string& name : Found(metrics.Text(), "\n([a-z_]+)[{ ]", 1)) names.insert(name);
+  const std::string text = Read("deploy/grafana/sightline.json");
+  const YAML::Node dashboard = YAML::Load(text);  // JSON is YAML.
+  size_t asked = 0;
+  for (const YAML::Node& panel : dashboard["panels"]) {
+    for (const YAML::Node& target : panel["targets"]) {
+      for (const std::string& name :
+           Found(target["expr"].as<std::string>(), "(?:sightline|process)_[a-z_]+")) {
+        EXPECT_TRUE(names.contains(name)) << name << " in " << panel["title"].as<std::string>();
+        ++asked;
+      }
+    }
+  }
+  EXPECT_GT(asked, 30u);
+}
+
+TEST(DeployFilesTest, ProbesAskForPathsThatThereAre) {
+  const std::string server = Read("server/server.cc");
+  const YAML::Node container = Manifest("StatefulSet")["spec"]["template"]["spec"]["containers"][0];
+  for (const char* probe : {"startupProbe", "readinessProbe", "livenessProbe"}) {
+    const std::string path = container[probe]["httpGet"]["path"].as<std::string>();
+    EXPECT_NE(server.find(absl::StrCat("{\"", path, "\"")), std::string::npos) << path;
+  }
+  for (const std::string& path :
+       Found(Read("deploy/container/Containerfile"), "GET (/[a-z]+)", 1)) {
+    EXPECT_NE(server.find(absl::StrCat("{\"", path, "\"")), std::string::npos) << path;
+  }
+}
+
+// Whoever stops the server waits longer than it may take to drain.
+TEST(DeployFilesTest, StopsWaitForTheDrain) {
+  const std::vector<NamedConfig> configs = Configs();
+  const std::vector<std::string> unit =
+      Found(Read("deploy/systemd/sightlined.service"), "TimeoutStopSec=([0-9]+)", 1);
+  ASSERT_EQ(unit.size(), 1u);
+  EXPECT_GT(absl::Seconds(std::stoi(unit[0])), DrainTimeout(configs[0]));
+  const std::vector<std::string> container =
+      Found(Read("deploy/container/Containerfile"), "stop --time ([0-9]+)", 1);
+  ASSERT_EQ(container.size(), 1u);
+  EXPECT_GT(absl::Seconds(std::stoi(container[0])), DrainTimeout(configs[1]));
+  const YAML::Node pod = Manifest("StatefulSet")["spec"]["template"]["spec"];
+  const YAML::Node pause = pod["containers"][0]["lifecycle"]["preStop"]["exec"]["command"];
+  ASSERT_EQ(pause[0].as<std::string>(), "sleep");
+  EXPECT_GT(absl::Seconds(pod["terminationGracePeriodSeconds"].as<int>()),
+            DrainTimeout(configs[2]) + absl::Seconds(pause[1].as<int>()));
+}
+
+// Every volume that is mounted is one of the pod's, and nothing may be written but on volumes.
+TEST(DeployFilesTest, ThePodsRightsAreFew) {
+  const YAML::Node set = Manifest("StatefulSet")["spec"];
+  const YAML::Node pod = set["template"]["spec"];
+  std::set<std::string> volumes;
+  for (const YAML::Node& volume : pod["volumes"]) volumes.insert(volume["name"].as<std::string>());
+  for (const YAML::Node& claim : set["volumeClaimTemplates"]) {
+    volumes.insert(claim["metadata"]["name"].as<std::string>());
+  }
+  EXPECT_TRUE(pod["securityContext"]["runAsNonRoot"].as<bool>());
+  for (const char* kind : {"initContainers", "containers"}) {
+    for (const YAML::Node& container : pod[kind]) {
+      EXPECT_TRUE(container["securityContext"]["readOnlyRootFilesystem"].as<bool>());
+      EXPECT_FALSE(container["securityContext"]["allowPrivilegeEscalation"].as<bool>());
+      EXPECT_TRUE(container["resources"]["limits"]["memory"].IsDefined());
+      for (const YAML::Node& mount : container["volumeMounts"]) {
+        EXPECT_TRUE(volumes.contains(mount["name"].as<std::string>()));
+      }
+    }
+  }
+}
+
+TEST(DeployFilesTest, TheContainerIsMadeOfWhatThereIs) {
+  const std::string container = Read("deploy/container/Containerfile");
+  for (const std::string& line : Found(container, "\nCOPY ([^\n]*)", 1)) {
+    if (line.rfind("--from=", 0) == 0) continue;
+    std::vector<std::string> words = absl::StrSplit(line, ' ');
+    words.pop_back();  // Where they go.
+    for (const std::string& word : words) {
+      EXPECT_TRUE(std::filesystem::exists(kRoot + word)) << word;
+    }
+  }
+  const std::string packages = Read("deploy/packages.txt");
+  for (const std::string& name : Found(container, "RUN \\S*install_packages.sh ([a-z]+)", 1)) {
+    EXPECT_FALSE(Found(packages, absl::StrCat("\n", name, " +\\S")).empty()) << name;
+  }
+  for (const std::string& preset : Found(container, "--preset ([a-z]+)", 1)) {
+    EXPECT_FALSE(
+        Found(Read("CMakePresets.json"), absl::StrCat("\"name\": \"", preset, "\"")).empty())
+        << preset;
+  }
+}
+
+}  // namespace
+}  // namespace sightline
