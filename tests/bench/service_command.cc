@@ -4,10 +4,11 @@
 // loopback port and one behind a Unix socket, against the engine on the same scene; client, server
 // and engine are all charged by the process's CPU clock, so that a busy machine changes no ratio.
 //
-// Bits and sums: rays per CPU second through the service over those in process. Depth and ids: what
-// the engine's work and plain gRPC moving the same bytes take together, over what the service
-// takes; the bytes a second that each moves stand beside it. Latency: one 16 x 16 tile at a time,
-// and a message of its size through plain gRPC.
+// Bits and sums: rays per CPU second through the service over those in process; beside it the bound
+// that plain gRPC sets, which is what the ratio would be if the service took no more than the
+// engine's work and the moving of as many bytes. Depth and ids: what these two take together, over
+// what the service takes; the bytes a second that each moves stand beside it. Latency: one 16 x 16
+// tile at a time, and a message of its size through plain gRPC.
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 #include <time.h>  // NOLINT(modernize-deprecated-headers): clock_gettime is POSIX.
@@ -155,7 +156,8 @@ std::vector<Column> Columns() {
           MegaColumn("service M/cpu s", "rate_per_s"),
           MegaColumn("MB/s", "bytes_per_s"),
           MegaColumn("raw MB/s", "raw_bytes_per_s"),
-          SpreadColumn("ratio", "ratio")};
+          SpreadColumn("ratio", "ratio"),
+          NumberColumn("bound", "bound", 2)};
 }
 
 class ServiceRun {
@@ -210,7 +212,7 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
     SL_RETURN_IF_ERROR(RunRaw(endpoint, workload, answer));
   }
   const size_t sides = endpoints.size();
-  std::vector<std::vector<double>> ratios(sides);
+  std::vector<std::vector<double>> ratios(sides), bounds(sides);
   std::vector<double> passes(flags_.repeats, 0);
   Cost engine_all;
   std::vector<Cost> service_all(sides), raw_all(sides);
@@ -235,6 +237,7 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
     for (size_t side = 0; side < sides; ++side) {
       const double ideal = engine.cpu + (workload.moves_arrays ? raw[side].cpu : 0);
       ratios[side].push_back(ideal / service[side].cpu);
+      bounds[side].push_back(ideal / (engine.cpu + raw[side].cpu));
       service_all[side].cpu += service[side].cpu;
       service_all[side].wall += service[side].wall;
       raw_all[side].cpu += raw[side].cpu;
@@ -267,6 +270,7 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
                   {"ratio", ratio.median},
                   {"ratio_min", ratio.min},
                   {"ratio_max", ratio.max},
+                  {"bound", SpreadOf(bounds[side]).median},
                   {"disagreements", theirs[side].digest == ours.digest ? 0 : 1},
                   {"repeats", flags_.repeats}});
   }
