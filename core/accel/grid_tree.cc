@@ -24,7 +24,7 @@ namespace {
 
 // Cells: some for each few triangles, no more than tables for them fit a second-level cache.
 constexpr int kMaxCellBits = 12;
-constexpr int kTrianglesPerCellBits = 8;
+constexpr int kTrianglesPerCellBits = 7;
 constexpr int kMaxAxisBits = 6;
 constexpr int kMaxLines = 1 << kMaxAxisBits;
 // Fixed by the number of triangles alone. Each has a table of the cells.
@@ -32,7 +32,7 @@ constexpr size_t kMinChunk = 1 << 14;
 constexpr size_t kMaxChunks = 32;
 // A bucket is as many cells as hold up to this many triangles, or one cell: two copies of its
 // primitives fit a second-level cache.
-constexpr size_t kBucketTriangles = 1 << 10;
+constexpr size_t kBucketTriangles = 1 << 9;
 constexpr size_t kBucketGrain = 4;
 // Below this depth cells are halved without regard to cost, so that no path becomes long.
 constexpr int kMaxCostDepth = 20;
