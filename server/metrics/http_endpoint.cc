@@ -7,6 +7,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/hand_over.h"
 #include "core/base/status_macros.h"
 #include "server/net/socket_address.h"
 
@@ -15,9 +16,13 @@ namespace {
 
 class PathHandler final : public CivetHandler {
  public:
-  explicit PathHandler(HttpEndpoint::Handler handler) : handler_(std::move(handler)) {}
+  explicit PathHandler(HttpEndpoint::Handler handler) : handler_(std::move(handler)) {
+    made_.Release();
+  }
 
+  // CivetWeb finds the handler under the lock under which it was added.
   bool handleGet(CivetServer*, mg_connection* connection) override {
+    made_.Acquire();
     const char* const authorization = mg_get_header(connection, "Authorization");
     const HttpReply reply =
         handler_(HttpRequest{.authorization = authorization == nullptr ? "" : authorization});
@@ -33,6 +38,7 @@ class PathHandler final : public CivetHandler {
 
  private:
   const HttpEndpoint::Handler handler_;
+  HandOver made_;
 };
 
 }  // namespace
