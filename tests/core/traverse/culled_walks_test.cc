@@ -144,7 +144,9 @@ TEST_P(CulledWalksTest, SingleRaysGiveBruteForcesBitsWithEveryOption) {
   EXPECT_GT(updates, 50u);
 }
 
-// A packet from `origin`: narrow, wide, or in all directions, so that some have no common axis.
+// A packet from `origin`: narrow, wide, or in all directions, so that some have no common axis; or
+// in all directions but along one axis, where all go the same way, by however little: slopes to
+// that axis reach the largest floats.
 void FillPacket(const IndexedGeometry& scene, NastyRays& rays, TestRng& rng, RayPacket* packet,
                 std::vector<TraceRay>* queries) {
   constexpr int kSizes[] = {1, 4, 16, 64, 100, 256};
@@ -156,6 +158,8 @@ void FillPacket(const IndexedGeometry& scene, NastyRays& rays, TestRng& rng, Ray
   packet->want_barycentrics = false;
   const double spread = rng.Chance(0.7) ? std::exp(rng.Uniform(-8, -1)) : 0.0;
   const double strays = rng.Chance(0.3) ? 0.05 : 0.0;
+  const int steep_axis = !packet->segments && rng.Chance(0.2) ? static_cast<int>(rng.Below(3)) : -1;
+  const double steep = std::exp2(-rng.Uniform(0, 130)) * (rng.Chance(0.5) ? 1 : -1);
   const Vec3f middle = rays.Target(packet->origin, packet->segments);
   const Vec3f away = packet->segments ? middle - packet->origin : middle;
   queries->clear();
@@ -165,6 +169,10 @@ void FillPacket(const IndexedGeometry& scene, NastyRays& rays, TestRng& rng, Ray
       target = middle;
       const float size = MaxAbs(away) * static_cast<float>(spread);
       for (int k = 0; k < 3; ++k) target[k] += size * static_cast<float>(rng.Uniform(-1, 1));
+    }
+    if (steep_axis >= 0) {
+      target = rays.Target(packet->origin, /*segment=*/false);
+      target[steep_axis] = static_cast<float>(steep * rng.Uniform(0.5, 1));
     }
     packet->target_x[lane] = target.x;
     packet->target_y[lane] = target.y;
