@@ -148,8 +148,8 @@ HWY_INLINE uint32_t PlaceVector(const HitSource& source, const RayPacket& packet
   return MaskBits(dd, holds) & inner;
 }
 
-HWY_NOINLINE uint32_t PlaceHits(const HitSource& source, const RayPacket& packet, int first,
-                                uint32_t lanes, TouchPoints* points, Vec3f* placed) {
+inline HWY_NOINLINE uint32_t PlaceHits(const HitSource& source, const RayPacket& packet, int first,
+                                       uint32_t lanes, TouchPoints* points, Vec3f* placed) {
   uint32_t settled = 0;
   for (int i = 0; i < PlacementKernels::kLanes; i += kPlaceLanes) {
     const uint32_t some = lanes >> i & kPlaceMask;
@@ -158,7 +158,7 @@ HWY_NOINLINE uint32_t PlaceHits(const HitSource& source, const RayPacket& packet
   return settled;
 }
 
-HWY_NOINLINE TouchExtent ExtentOf(const TouchPoints& points) {
+inline HWY_NOINLINE TouchExtent ExtentOf(const TouchPoints& points) {
   const PlaceD d;
   const PlaceV inf = hn::Inf(d), minus_inf = hn::Neg(inf);
   PlaceV3 lo = {inf, inf, inf}, hi = {minus_inf, minus_inf, minus_inf};
@@ -183,7 +183,7 @@ HWY_NOINLINE TouchExtent ExtentOf(const TouchPoints& points) {
           .norm_one = most(norm_one)};
 }
 
-HWY_NOINLINE uint32_t NotApart(const TouchPlanes& planes, const TouchPoints& points) {
+inline HWY_NOINLINE uint32_t NotApart(const TouchPlanes& planes, const TouchPoints& points) {
   const PlaceD d;
   uint32_t open = 0;
   for (int first = 0; first < TouchPoints::kMost; first += kPlaceLanes) {

@@ -522,8 +522,7 @@ absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const
                        TileResult* result) {
   const ScopedFloatEnvironment environment;
   Clear(outputs, result);
-  const absl::Status status =
-      Trace(scene, camera, tile, samples, mirrors, outputs, options, result);
+  absl::Status status = Trace(scene, camera, tile, samples, mirrors, outputs, options, result);
   if (!status.ok()) *result = TileResult();
   return status;
 }
