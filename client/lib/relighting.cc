@@ -72,7 +72,7 @@ absl::StatusOr<std::vector<uint8_t>> Relighting::Ask(const Light& light) {
                                                                .options = source_.options},
                                                               stream_);
   if (!shadows.ok()) return shadows.status();
-  summary_ = std::move(shadows->summary);
+  summary_ = shadows->summary;
   return std::move(shadows->lit);
 }
 

@@ -136,7 +136,7 @@ absl::StatusOr<std::unique_ptr<Reference>> Reference::Make(std::span<const Objec
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene,
                       BuildScene("reference", 1, objects, origin, {}, pool));
   reference->states_.resize(extra ? 2 : 1);
-  SL_RETURN_IF_ERROR(reference->Find(*scene, workload, pool, &reference->states_[0]));
+  SL_RETURN_IF_ERROR(reference->Find(*scene, workload, pool, reference->states_.data()));
   if (extra) {
     const SceneEdit edit{.kind = SceneEdit::Kind::kAdd, .object = *extra};
     SL_ASSIGN_OR_RETURN(scene, EditScene(*scene, 2, std::span(&edit, 1), {}, pool));
@@ -146,7 +146,7 @@ absl::StatusOr<std::unique_ptr<Reference>> Reference::Make(std::span<const Objec
 }
 
 absl::Status Reference::Find(const Scene& scene, const Workload& workload, ThreadPool& pool,
-                             Answers* answers) {
+                             Answers* answers) const {
   Mutex mutex;
   absl::Status status;
   for (size_t k = 0; k < kKinds; ++k) {

@@ -63,7 +63,7 @@ class Reference {
 
   explicit Reference(size_t stride) : stride_(stride) {}
   absl::Status Find(const Scene& scene, const Workload& workload, ThreadPool& pool,
-                    Answers* answers);
+                    Answers* answers) const;
 
   const size_t stride_;
   std::vector<Answers> states_;

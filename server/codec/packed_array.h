@@ -21,6 +21,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "core/base/status_macros.h"
 #include "server/base/error.h"
 #include "server/codec/wire_array.h"
 
@@ -44,8 +45,7 @@ template <typename T, typename Bytes>
 absl::Status AppendArray(const Bytes& bytes, absl::string_view field, absl::string_view shape,
                          std::vector<T>* out) {
   static_assert(std::is_trivially_copyable_v<T>);
-  const absl::Status length = CheckArrayLength<T>(bytes.size(), field, shape);
-  if (!length.ok()) return length;
+  SL_RETURN_IF_ERROR(CheckArrayLength<T>(bytes.size(), field, shape));
   const size_t old = out->size();
   out->resize(old + bytes.size() / sizeof(T));
   CopyBytes(bytes, out->data() + old);

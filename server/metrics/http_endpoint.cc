@@ -46,9 +46,9 @@ class PathHandler final : public CivetHandler {
 class HttpEndpoint::Impl {
  public:
   Impl(const std::vector<std::string>& options, Handlers handlers) : server_(options) {
-    for (auto& [path, handler] : handlers) {
-      paths_.push_back(std::make_unique<PathHandler>(std::move(handler)));
-      server_.addHandler(path, paths_.back().get());
+    for (auto& entry : handlers) {
+      paths_.push_back(std::make_unique<PathHandler>(std::move(entry.second)));
+      server_.addHandler(entry.first, paths_.back().get());
     }
   }
 

@@ -40,7 +40,7 @@ absl::Status SceneCatalog::CheckRepository() const {
 SceneKeeper SceneCatalog::KeeperOf(const std::string& scene_id, bool temporary) const {
   if (repository_ == nullptr || temporary) return nullptr;
   return [this, scene_id](const Scene& scene) {
-    const absl::Status stored = repository_->Store(scene_id, scene, build_pool_);
+    absl::Status stored = repository_->Store(scene_id, scene, build_pool_);
     if (!stored.ok()) {
       Log(LogLevel::kError, "scene_not_stored",
           {{"scene", scene_id},

@@ -27,7 +27,9 @@ void ItemReply::AddFields(int field, const google::protobuf::MessageLite& fields
 grpc::ByteBuffer ReplyBytes(const v1::ReplyHeader& header, ItemReply reply) {
   WireMessage message;
   message.AddMessage(kHeader, header);
-  for (auto& [field, result] : reply.results_) message.AddMessage(field, std::move(result));
+  for (auto& result : reply.results_) {
+    message.AddMessage(result.first, std::move(result.second));
+  }
   WireMessage response;
   response.AddMessage(kReply, std::move(message));
   return response.Finish();
