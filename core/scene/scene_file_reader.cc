@@ -232,10 +232,15 @@ class Reader {
       return Fault(file_, "its kd-tree has flags that are none");
     }
     if (records[0].leaves_laid_out == 1) {
-      scene->kd_leaves = MakeLeafTriangles(scene->geometry, {tree.ids.data(), tree.ids.size()});
+      scene->kd_leaves = MakeLeafTriangles(scene->geometry, IdsOf(tree.ids));
     }
     scene->kd_tree = std::move(tree);
     return absl::OkStatus();
+  }
+
+  // To read, as all that is borrowed from a file.
+  static std::span<const uint32_t> IdsOf(const AlignedVector<uint32_t>& ids) {
+    return {ids.data(), ids.size()};
   }
 
   absl::Status ReadBinaryBvh(Scene* scene) const {
@@ -248,7 +253,7 @@ class Reader {
     bvh.leaf_count = records[0].leaf_count;
     bvh.max_depth = records[0].max_depth;
     SL_RETURN_IF_ERROR(Named(file_, ValidateBinaryBvh(bvh, scene->geometry, cancel_)));
-    bvh.leaves = MakeLeafTriangles(scene->geometry, {bvh.ids.data(), bvh.ids.size()});
+    bvh.leaves = MakeLeafTriangles(scene->geometry, IdsOf(bvh.ids));
     scene->binary_bvh = std::move(bvh);
     return absl::OkStatus();
   }
