@@ -235,6 +235,10 @@ class Validator {
         cancel_);
     SL_RETURN_IF_ERROR(Stopped());
     for (const absl::Status& fault : faults) SL_RETURN_IF_ERROR(fault);
+    if (half_flat_ != kNoTriangle) {
+      return Fault("triangle ", half_flat_.load(),
+                   " lies in a split and, on either side of it, not in all leaves it reaches");
+    }
     for (size_t id = 0; id < marks_.size(); ++id) {
       if (marks_[id] == kFlat) return Fault("triangle ", id, " lies in a split and in no leaf");
     }
@@ -252,6 +256,11 @@ class Validator {
     float& lo = reference->box.lo[axis];
     float& hi = reference->box.hi[axis];
     if (lo == at && hi == at) {
+      // Below the first such plane it stands on one side of it, wherever it reaches.
+      if (!reference->flat && side == 0 && !StandsBelow(node.first_child(), *reference) &&
+          !StandsBelow(node.first_child() + 1, *reference)) {
+        half_flat_.store(reference->id, std::memory_order_relaxed);
+      }
       reference->flat = true;
       Add(kFlat, reference->id);
       return true;
@@ -259,6 +268,30 @@ class Validator {
     if (side == 0 ? !(lo < at) : !(hi > at)) return false;
     (side == 0 ? hi : lo) = side == 0 ? std::min(hi, at) : std::max(lo, at);
     return true;
+  }
+
+  // Whether all leaves below that the triangle reaches into name it, of the two sides of a plane
+  // that it lies in those of one.
+  bool StandsBelow(uint32_t at, const Reference& reference) const {
+    const KdNode node = tree_.nodes[at];
+    if (node.is_leaf()) {
+      if (!MustStand(reference)) return true;
+      if (node.is_empty_leaf()) return false;
+      const auto ids = tree_.LeafIds(tree_.leaves[node.leaf()]);
+      return std::binary_search(ids.begin(), ids.end(), reference.id);
+    }
+    const int axis = node.axis();
+    const float split = node.split();
+    const float lo = reference.box.lo[axis], hi = reference.box.hi[axis];
+    if (lo == split && hi == split) {
+      return StandsBelow(node.first_child(), reference) ||
+             StandsBelow(node.first_child() + 1, reference);
+    }
+    Reference lower = reference, upper = reference;
+    lower.box.hi[axis] = std::min(hi, split);
+    upper.box.lo[axis] = std::max(lo, split);
+    return (!(lo < split) || StandsBelow(node.first_child(), lower)) &&
+           (!(hi > split) || StandsBelow(node.first_child() + 1, upper));
   }
 
   // Of the references from `first` on, which are taken away again. The way down is no longer than
@@ -372,7 +405,9 @@ class Validator {
   const KdTree& tree_;
   const SceneGeometry& geometry_;
   const CancelToken* const cancel_;
-  std::vector<uint8_t> marks_;   // By triangle, of Mark.
+  std::vector<uint8_t> marks_;  // By triangle, of Mark.
+  std::atomic<uint32_t> half_flat_{
+      kNoTriangle};              // Any that stands on no side of its plane throughout.
   std::vector<bool> inert_;      // By triangle.
   std::vector<uint32_t> order_;  // The nodes, parents first.
 };
