@@ -31,7 +31,7 @@ constexpr int kMaxLines = 1 << kMaxAxisBits;
 constexpr size_t kMinChunk = 1 << 14;
 constexpr size_t kMaxChunks = 32;
 // A bucket is as many cells as hold up to this many triangles, or one cell: two copies of its
-// primitives fit a second-level cache.
+// primitives fit a second-level cache, and there are enough for threads to share them evenly.
 constexpr size_t kBucketTriangles = 1 << 9;
 constexpr size_t kBucketGrain = 4;
 // Below this depth cells are halved without regard to cost, so that no path becomes long.

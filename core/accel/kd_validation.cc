@@ -271,8 +271,9 @@ class Validator {
   }
 
   // Whether all leaves below that the triangle reaches into name it, of the two sides of a plane
-  // that it lies in those of one.
+  // that it lies in those of one. Once cancelled, true: nobody asks any more.
   bool StandsBelow(uint32_t at, const Reference& reference) const {
+    if (cancel_ != nullptr && cancel_->cancelled()) return true;
     const KdNode node = tree_.nodes[at];
     if (node.is_leaf()) {
       if (!MustStand(reference)) return true;
@@ -406,8 +407,8 @@ class Validator {
   const SceneGeometry& geometry_;
   const CancelToken* const cancel_;
   std::vector<uint8_t> marks_;  // By triangle, of Mark.
-  std::atomic<uint32_t> half_flat_{
-      kNoTriangle};              // Any that stands on no side of its plane throughout.
+  // A triangle that stands on no side of a plane that it lies in wherever it reaches.
+  std::atomic<uint32_t> half_flat_{kNoTriangle};
   std::vector<bool> inert_;      // By triangle.
   std::vector<uint32_t> order_;  // The nodes, parents first.
 };

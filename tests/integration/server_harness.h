@@ -57,7 +57,7 @@ class ServerHarness {
   }
 
   grpc::Status CreateBuiltin(const std::string& id, const std::string& spec, v1::Scene* scene,
-                             const std::string& request_id = "") {
+                             const std::string& request_id = "") const {
     v1::CreateSceneRequest request;
     request.mutable_header()->set_scene_id(id);
     request.mutable_header()->set_request_id(request_id);

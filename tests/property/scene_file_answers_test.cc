@@ -87,13 +87,18 @@ void ExpectSame(const Answers& a, const Answers& b) {
   EXPECT_TRUE(SameBytes(a.segments.t, b.segments.t));
 }
 
+std::vector<QueryScene> AllScenes(TestRng& rng) {
+  std::vector<QueryScene> scenes = MakeNastyQueryScenes(rng);
+  for (QueryScene& scene : MakeBuiltinQueryScenes()) scenes.push_back(std::move(scene));
+  return scenes;
+}
+
 TEST(SceneFileAnswersTest, AMappedSceneAnswersAsTheBuiltOne) {
   TestRng rng;
   ThreadPool pool(2);
   TempDir dir;
   const Folder folder = *Folder::Open(dir.path());
-  std::vector<QueryScene> scenes = MakeNastyQueryScenes(rng);
-  for (QueryScene& scene : MakeBuiltinQueryScenes()) scenes.push_back(std::move(scene));
+  std::vector<QueryScene> scenes = AllScenes(rng);
   for (const BvhPreset preset : {BvhPreset::kStatic, BvhPreset::kDynamic, BvhPreset::kCompact}) {
     scenes = Rebuilt(std::move(scenes), preset);
     for (size_t i = 0; i < scenes.size(); ++i) {
@@ -154,8 +159,7 @@ TEST(SceneFileAnswersTest, AKdTreeAloneAnswersAsABvhDoes) {
   ThreadPool pool(2);
   TempDir dir;
   const Folder folder = *Folder::Open(dir.path());
-  std::vector<QueryScene> scenes = MakeNastyQueryScenes(rng);
-  for (QueryScene& scene : MakeBuiltinQueryScenes()) scenes.push_back(std::move(scene));
+  std::vector<QueryScene> scenes = AllScenes(rng);
   const std::vector<Way> ways = WaysWithoutBvh();
   size_t number = 0;
   for (const QueryScene& with_bvh : scenes) {

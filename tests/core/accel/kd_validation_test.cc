@@ -77,6 +77,38 @@ TEST_F(KdValidationTest, Nodes) {
   ExpectFault("comes next", [&](KdTree& t) { t.nodes[leaf] = KdNode::EmptyLeaf(); });
 }
 
+// A triangle that lies in a split stands on one side of it, there in every leaf that it reaches.
+TEST_F(KdValidationTest, TrianglesInSplits) {
+  const Box3f bounds = geometry_.bounds;
+  const float x = 0.5f * (bounds.lo.x + bounds.hi.x);
+  const auto first = static_cast<uint32_t>(geometry_.vertices.size());
+  geometry_.vertices.push_back({x, bounds.lo.y, bounds.lo.z});
+  geometry_.vertices.push_back({x, bounds.hi.y, bounds.lo.z});
+  geometry_.vertices.push_back({x, bounds.hi.y, bounds.hi.z});
+  // So many lie in it that no plane is cheaper.
+  geometry_.triangles.resize(geometry_.triangles.size() + 40, {first, first + 1, first + 2});
+  const auto wall = static_cast<uint32_t>(geometry_.triangles.size() - 1);
+  tree_ = Build({});
+  int spoiled = 0, in_split = 0;
+  for (size_t l = 0; l < tree_.leaves.size(); ++l) {
+    const auto ids = tree_.LeafIds(tree_.leaves[l]);
+    if (ids.size() < 2 || ids.back() != wall) continue;
+    // The leaf no longer names it.
+    KdTree tree = tree_;
+    const size_t at = tree.leaves[l].first + tree.leaves[l].count - 1;
+    for (size_t i = at; i + 1 < tree.ids.size(); ++i) tree.ids[i] = tree.ids[i + 1];
+    tree.ids.resize(tree.ids.size() - 1);
+    --tree.leaves[l].count;
+    for (size_t later = l + 1; later < tree.leaves.size(); ++later) --tree.leaves[later].first;
+    const absl::Status status = ValidateKdTree(tree, geometry_);
+    EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss) << "leaf " << l;
+    in_split += absl::StrContains(status.message(), "on either side of it");
+    ++spoiled;
+  }
+  EXPECT_GT(spoiled, 3);
+  EXPECT_GT(in_split, 0);
+}
+
 TEST_F(KdValidationTest, Leaves) {
   ExpectFault("leaf 3 has ids", [](KdTree& t) { t.leaves[3].first += 1; });
   ExpectFault("leaf 3 has ids", [](KdTree& t) { t.leaves[3].count = 0; });

@@ -111,9 +111,9 @@ TEST(HitPlacementTest, PacketsOfNastyScenesArePlacedAsSingleHits) {
 }
 
 // Meshes as they are: many triangles for one packet, some, two; whole objects and patches of less
-// than a rounding; with the rows of leaves at hand and without.
+// than a rounding; with the rows of leaves at hand, without, and on a kd-tree alone.
 TEST(HitPlacementTest, PacketsOnMeshesArePlacedAsSingleHits) {
-  Seen seen;
+  Seen seen, on_kd;
   for (const Vec3d centre : {Vec3d{0, 0, 0}, Vec3d{1.5e5, -1.2e5, 1.4e5}}) {
     for (const int level : {0, 2, 5}) {
       TestRng rng(static_cast<uint64_t>(level));
@@ -122,7 +122,9 @@ TEST(HitPlacementTest, PacketsOnMeshesArePlacedAsSingleHits) {
       options.leaf_rows = rng.Chance(0.5);
       const IndexedGeometry scene = MakeScene(
           {MakeIcosphere(level, 10, placement), MakeBox({6, 7, 8}, placement)}, Vec3d{}, options);
+      const IndexedGeometry kd_alone = OnKdTreeAlone(scene, {});
       const auto placer = std::make_unique<HitPlacer>(scene, AnyTarget(rng));
+      const auto kd_placer = std::make_unique<HitPlacer>(kd_alone, AnyTarget(rng));
       for (int64_t i = ScaledCount(60); i-- > 0;) {
         const Vec3f eye = ToFloat(centre + RandomDirection(rng) * rng.Uniform(1, 60));
         const size_t aim = rng.Below(scene.geometry.triangles.size());
@@ -130,11 +132,13 @@ TEST(HitPlacementTest, PacketsOnMeshesArePlacedAsSingleHits) {
         RayPacket packet;
         Trace(scene, rng, eye, at, RandomSpread(rng, 30), &packet);
         ASSERT_NO_FATAL_FAILURE(ExpectPlacedAlike(scene, packet, placer.get(), &seen));
+        ASSERT_NO_FATAL_FAILURE(ExpectPlacedAlike(kd_alone, packet, kd_placer.get(), &on_kd));
       }
     }
   }
   EXPECT_GT(seen.hits, 100);
   EXPECT_GT(seen.touching, 20);
+  EXPECT_EQ(on_kd.touching, seen.touching);
 }
 
 // One try settles hits on a plain triangle; else the fast path could be off unnoticed.
