@@ -14,6 +14,7 @@
 #define SIGHTLINE_SERVER_STREAM_ITEM_WORK_H_
 
 #include <algorithm>
+#include <bit>
 #include <cstdint>
 #include <memory>
 #include <numeric>
@@ -40,7 +41,7 @@ struct PartRange {
 // at a multiple of 8, asks for about `part_rays` rays (Scheduler::Flow::PartRays: so that it keeps
 // a thread for a few milliseconds), and its reply stays near the target size. ResourceExhausted
 // (max_message_bytes) if the smallest legal part makes too long a reply; `bytes(n)` is what a reply
-// of n elements takes at most.
+// of n elements takes at most, and does not fall with n.
 template <typename Bytes>
 absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t unit,
                                                     uint64_t rays_per_element, uint64_t part_rays,
@@ -55,10 +56,14 @@ absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t 
   }
   const uint64_t target_bytes = std::min(limits.target_reply_bytes, reply_limit);
   const uint64_t by_rays = std::max<uint64_t>(1, part_rays / rays_per_element / step);
-  const uint64_t by_bytes =
-      std::max<uint64_t>(1, target_bytes / std::max<uint64_t>(1, bytes(step)));
-  // In even parts, as many as come nearest: a little more at once is better than a small rest.
   const uint64_t steps = (elements + step - 1) / step;
+  // Some bytes are every reply's, however few elements it has: so no division tells.
+  uint64_t by_bytes = 1;
+  for (uint64_t more = std::bit_floor(steps); more > 0; more /= 2) {
+    const uint64_t some = by_bytes + more;
+    if (some <= steps && bytes(some * step) <= target_bytes) by_bytes = some;
+  }
+  // In even parts, as many as come nearest: a little more at once is better than a small rest.
   const uint64_t even = std::max<uint64_t>(1, (steps + by_rays / 2) / by_rays);
   const uint64_t size = step * std::min((steps + even - 1) / even, by_bytes);
   std::vector<PartRange> parts;

@@ -58,31 +58,60 @@ Points Permuted(const Points& points, const std::vector<size_t>& order) {
   return out;
 }
 
-// The square's points by squares of four by four.
-std::vector<size_t> InSquares(size_t side) {
-  std::vector<size_t> order;
-  for (size_t square = 0; square < side * side / 16; ++square) {
-    const size_t row = square / (side / 4) * 4, column = square % (side / 4) * 4;
-    for (size_t i = 0; i < 16; ++i) order.push_back((row + i / 4) * side + column + i % 4);
+// The square's points by squares of `side` by `side`, row by row.
+std::vector<size_t> InSquares(const std::vector<size_t>& order, size_t width, size_t side) {
+  std::vector<size_t> out;
+  for (size_t square = 0; square < order.size() / (side * side); ++square) {
+    const size_t row = square / (width / side) * side, column = square % (width / side) * side;
+    for (size_t i = 0; i < side * side; ++i) {
+      out.push_back(order[(row + i / side) * width + column + i % side]);
+    }
   }
-  return order;
+  return out;
 }
 
 TEST(PointOrderTest, PaysForWideBlocksAndManySamples) {
   TestRng rng;
   const Points rows = MakeRows(64);
   const Points mixed = Permuted(rows, Shuffled(rows.positions.size(), rng));
-  const Points squares = Permuted(rows, InSquares(64));
+  // Squares of 4 by 4 within squares of 16 by 16.
+  std::vector<size_t> natural(64 * 64), nested;
+  std::iota(natural.begin(), natural.end(), size_t{0});
+  const std::vector<size_t> in_squares = InSquares(natural, 64, 16);
+  for (size_t first = 0; first < in_squares.size(); first += 256) {
+    const auto begin = in_squares.begin() + static_cast<ptrdiff_t>(first);
+    for (const size_t i : InSquares({begin, begin + 256}, 16, 4)) nested.push_back(i);
+  }
+  const Points squares = Permuted(rows, nested);
   EXPECT_TRUE(OrderingPays(mixed.positions, mixed.valid, 1));
   EXPECT_FALSE(OrderingPays(mixed.positions, mixed.valid, 0));
   EXPECT_FALSE(OrderingPays(rows.positions, rows.valid, 1));
   EXPECT_TRUE(OrderingPays(rows.positions, rows.valid, 100));
   EXPECT_FALSE(OrderingPays(squares.positions, squares.valid, 1000));
+  // A line in order is in order.
+  std::vector<Vec3f> line(5000);
+  for (size_t i = 0; i < line.size(); ++i) line[i].x = static_cast<float>(i);
+  EXPECT_FALSE(OrderingPays(line, std::vector<uint8_t>(5000, 1), 1000));
   const std::vector<Vec3f> same(5000, Vec3f{1, 2, 3});
   EXPECT_FALSE(OrderingPays(same, std::vector<uint8_t>(5000, 1), 1000));
   EXPECT_FALSE(OrderingPays(same, std::vector<uint8_t>(5000, 0), 1000));
   EXPECT_FALSE(
       OrderingPays(std::span(mixed.positions).first(500), std::span(mixed.valid).first(500), 1000));
+}
+
+// A picture's rows, cut anywhere: however long they are, small blocks are narrow and large ones are
+// not, and many lights are worth an order.
+TEST(PointOrderTest, PaysForRowsOfAnyLengthAndManySamples) {
+  for (const size_t width : {300u, 512u, 720u, 1024u, 1920u}) {
+    for (const size_t count : {5768u, 10616u, 16384u}) {
+      std::vector<Vec3f> rows(count);
+      for (size_t i = 0; i < count; ++i) {
+        rows[i] = {static_cast<float>(i % width), static_cast<float>(i / width), 7};
+      }
+      const std::vector<uint8_t> valid(count, 1);
+      EXPECT_TRUE(OrderingPays(rows, valid, 145)) << count << " in rows of " << width;
+    }
+  }
 }
 
 TEST(PointOrderTest, TheOrderHoldsEachValidPointOnce) {

@@ -51,5 +51,17 @@ TEST(CutIntoPartsTest, LargeRepliesAreCutAndTooLargeOnesRefused) {
   EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_LIMIT_EXCEEDED);
 }
 
+// What every reply holds, however few its elements, is counted once a reply, not once an element.
+TEST(CutIntoPartsTest, BytesThatAreEveryReplysMakeNoMoreReplies) {
+  Limits limits;
+  limits.target_reply_bytes = 1 << 17;
+  const auto bytes = [](uint64_t n) { return 1000 + 8 * n; };
+  const auto parts = CutIntoParts(100000, 1, 1, 1 << 20, limits, bytes);
+  ASSERT_TRUE(parts.ok());
+  const uint64_t most = (limits.target_reply_bytes - 1000) / 8 / 8 * 8;
+  ASSERT_EQ(parts->size(), (100000 + most - 1) / most);
+  EXPECT_EQ(parts->front().count, most);
+}
+
 }  // namespace
 }  // namespace sightline
