@@ -27,9 +27,7 @@ struct SceneSize {
     if (object.dynamic) kept_doubles += object.vertices.size();
   }
   uint64_t bytes(const SceneBuildOptions& options) const {
-    return EstimateSceneBytes(triangles, vertices, options.kd_tree.has_value(),
-                              options.binary_bvh.has_value()) +
-           kept_doubles * sizeof(Vec3d);
+    return EstimateSceneBytes(triangles, vertices, options) + kept_doubles * sizeof(Vec3d);
   }
 };
 

@@ -2,6 +2,7 @@
 #include "core/scene/scene.h"
 
 #include <chrono>
+#include <cmath>
 #include <exception>
 #include <new>
 #include <unordered_map>
@@ -212,21 +213,33 @@ void ReportBinaryBvh(const BinaryBvh& bvh, BuildReport* report) {
   report->binary_bvh_bytes = bvh.MemoryBytes();
 }
 
-uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree, bool binary_bvh) {
-  // The BVH takes 42 to 56 bytes per triangle on the scenes measured (a full leaf 40, one of four
-  // triangles the same, and an eighth of a node for each leaf); up to twice that for scattered
-  // triangles.
-  constexpr uint64_t kBvhBytesPerTriangle = 112;
-  constexpr uint64_t kBvhBytes =
-      sizeof(BvhNode) + kUnitFloats * sizeof(float) * 4;  // Of the smallest.
-  // The default kd-tree takes 35 to 83 (pine, hall, hotel, forest, sphere); twice that, and some.
-  const uint64_t kd_bytes_per_triangle = kd_tree ? 180 : 0;
+uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices,
+                            const SceneBuildOptions& options) {
+  uint64_t bytes = vertices * sizeof(Vec3f) + sizeof(Scene);
+  uint64_t per_triangle = sizeof(std::array<uint32_t, 3>);
+  if (!options.without_bvh) {
+    // The BVH takes 42 to 56 bytes per triangle on the scenes measured (a full leaf 40, one of four
+    // triangles the same, and an eighth of a node for each leaf); up to twice that for scattered
+    // triangles. The smallest is a node and a leaf.
+    per_triangle += 112;
+    bytes += sizeof(BvhNode) + kUnitFloats * sizeof(float) * 4;
+  }
+  if (options.kd_tree) {
+    // The default kd-tree takes 35 to 83 (pine, hall, hotel, forest, sphere); twice that, and some.
+    // The smallest is a node and a leaf, too.
+    per_triangle += 180;
+    bytes += sizeof(KdNode) + sizeof(KdLeaf) + sizeof(uint32_t) + sizeof(Box3f);
+    // Rows and a box for each triangle that a leaf names, sixteen at a time.
+    constexpr uint64_t kLaidOutBytes = 64;
+    if (options.kd_tree->lay_out_leaves) {
+      per_triangle +=
+          kLaidOutBytes * static_cast<uint64_t>(std::ceil(options.kd_tree->max_references));
+      bytes += 16 * kLaidOutBytes;
+    }
+  }
   // At most two nodes, an id, its rows and its box each.
-  const uint64_t binary_bytes_per_triangle =
-      binary_bvh ? 2 * sizeof(BinaryBvhNode) + 4 + 40 + 24 : 0;
-  return triangles * (sizeof(std::array<uint32_t, 3>) + kBvhBytesPerTriangle +
-                      kd_bytes_per_triangle + binary_bytes_per_triangle) +
-         vertices * sizeof(Vec3f) + kBvhBytes + sizeof(Scene);
+  if (options.binary_bvh) per_triangle += 2 * sizeof(BinaryBvhNode) + 4 + 40 + 24;
+  return triangles * per_triangle + bytes;
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(

@@ -65,10 +65,10 @@ struct SceneBuildOptions {
   MeshLimits limits;
 };
 
-// An upper estimate of what a scene of this size will hold, for a budget checked before building;
-// with a kd-tree or a binary BVH beside the BVH, if these are set.
-uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices, bool kd_tree = false,
-                            bool binary_bvh = false);
+// An upper estimate of what a scene of this size, built so, will hold, for a budget checked before
+// building.
+uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices,
+                            const SceneBuildOptions& options = {});
 
 absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(
     std::string name, uint64_t revision, std::span<const ObjectInput> objects,

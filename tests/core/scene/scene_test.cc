@@ -6,6 +6,7 @@
 #include "core/accel/bvh_validation.h"
 #include "core/accel/kd_validation.h"
 #include "core/base/mutex.h"
+#include "core/scene/registry.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/support/random.h"
@@ -85,7 +86,7 @@ TEST_F(SceneTest, BuildsAKdTreeBesideIfAsked) {
   EXPECT_EQ(report.kd_tree_bytes, tree.MemoryBytes());
   EXPECT_EQ(report.memory_bytes, (*scene)->MemoryBytes());
   EXPECT_EQ(report.memory_bytes, base_->report.memory_bytes + tree.MemoryBytes());
-  EXPECT_LE(report.memory_bytes, EstimateSceneBytes(350, 1050, true) + 150 * sizeof(Vec3d));
+  EXPECT_LE(report.memory_bytes, EstimateSceneBytes(350, 1050, options) + 150 * sizeof(Vec3d));
   const std::vector<SceneEdit> edits = {{.kind = Kind::kRemove, .object = {.name = "chair"}}};
   const auto edited = EditScene(**scene, 2, edits, options, pool_);
   ASSERT_TRUE(edited.ok()) << edited.status();
@@ -106,7 +107,7 @@ TEST_F(SceneTest, BuildsABinaryBvhBesideIfAsked) {
   EXPECT_EQ(report.binary_bvh_leaves, tree.leaf_count);
   EXPECT_EQ(report.binary_bvh_bytes, tree.MemoryBytes());
   EXPECT_EQ(report.memory_bytes, base_->report.memory_bytes + tree.MemoryBytes());
-  EXPECT_LE(report.memory_bytes, EstimateSceneBytes(350, 1050, false, true) + 150 * sizeof(Vec3d));
+  EXPECT_LE(report.memory_bytes, EstimateSceneBytes(350, 1050, options) + 150 * sizeof(Vec3d));
   const std::vector<SceneEdit> edits = {{.kind = Kind::kRemove, .object = {.name = "chair"}}};
   const auto edited = EditScene(**scene, 2, edits, options, pool_);
   ASSERT_TRUE(edited.ok()) << edited.status();
@@ -132,6 +133,40 @@ TEST_F(SceneTest, AKdTreeMayStandAlone) {
       **scene, 2, {{{.kind = Kind::kRemove, .object = {.name = "chair"}}}}, options, pool_);
   ASSERT_TRUE(edited.ok()) << edited.status();
   EXPECT_TRUE((*edited)->kd_tree_alone());
+}
+
+// Estimates are upper ones, whatever is built, and what is left out is not in them.
+TEST_F(SceneTest, EstimatesCountWhatIsBuilt) {
+  const auto estimate = [](const SceneBuildOptions& options) {
+    return EstimateSceneBytes(350, 1050, options) + 150 * sizeof(Vec3d);
+  };
+  SceneBuildOptions options;
+  const uint64_t bvh_alone = estimate(options);
+  for (const bool laid_out : {false, true}) {
+    for (const bool binary : {false, true}) {
+      options = {};
+      options.kd_tree = KdBuildOptions{.perfect_splits = binary, .lay_out_leaves = laid_out};
+      if (binary) options.binary_bvh.emplace();
+      const uint64_t with_bvh = estimate(options);
+      options.without_bvh = true;
+      const uint64_t alone = estimate(options);
+      const auto scene = BuildScene("hall", 1, objects_, std::nullopt, options, pool_);
+      ASSERT_TRUE(scene.ok()) << scene.status();
+      EXPECT_LE((*scene)->report.memory_bytes, alone) << laid_out << binary;
+      // What a kd-tree alone is not charged for is the BVH, as it is where there is nothing else.
+      EXPECT_GE(with_bvh - alone, base_->bvh.MemoryBytes()) << laid_out << binary;
+      EXPECT_LT(with_bvh - alone, bvh_alone) << laid_out << binary;
+    }
+  }
+  // Nor is a budget: what fits without a BVH is built without one, and refused with it.
+  options.binary_bvh.reset();
+  options.kd_tree->lay_out_leaves = false;
+  SceneRegistry registry({.memory_budget_bytes = estimate(options)}, pool_);
+  EXPECT_TRUE(registry.Create("alone", objects_, std::nullopt, options).ok());
+  ASSERT_TRUE(registry.Delete("alone").ok());
+  options.without_bvh = false;
+  EXPECT_EQ(registry.Create("both", objects_, std::nullopt, options).status().code(),
+            absl::StatusCode::kResourceExhausted);
 }
 
 TEST_F(SceneTest, ProgressRisesToOneAndErrorsComeThrough) {
