@@ -30,6 +30,10 @@ void BuildFlags::Register(FlagSet* flags) {
                &kd_max_leaf_, 0, kMostLeafTriangles);
   flags->Count("kd-depth", "N", "of the kd-tree: nodes on a path; 0: 8 + 1.3 log2 of the triangles",
                &kd_depth_, 0, kMaxKdDepth);
+  flags->Number("kd-max-references", "RATIO",
+                "of the kd-tree: triangles that leaves name over triangles, 1 to 64; no split that "
+                "would exceed it is made",
+                &kd_max_references_);
   flags->Switch(
       "kd-lay-out-leaves",
       "of the kd-tree: keep the leaves' triangles beside it, 64 bytes for each named, for "
@@ -48,6 +52,10 @@ void BuildFlags::Register(FlagSet* flags) {
                &binary_min_triangles_, 1, kMostLeafTriangles);
   flags->Count("binary-depth", "N", "of the binary BVH: branches as deep end", &binary_depth_, 1,
                kMaxBinaryBvhDepth);
+  flags->Number("binary-min-extent", "SHARE",
+                "of the binary BVH: branches end whose centroids' box is no longer than this share "
+                "of the scene's, 0 to 1; by default one rounding",
+                &binary_min_extent_);
   flags->Switch("binary-ignore-cost",
                 "of the binary BVH: branches go on where a leaf would be cheaper",
                 &binary_ignore_cost_);
@@ -65,6 +73,7 @@ SceneBuild BuildFlags::ForServer() const {
                                           .min_leaf_triangles = static_cast<uint32_t>(kd_min_leaf_),
                                           .max_leaf_triangles = static_cast<uint32_t>(kd_max_leaf_),
                                           .max_depth = static_cast<uint32_t>(kd_depth_),
+                                          .max_references = kd_max_references_,
                                           .lay_out_leaves = kd_.lay_out_leaves};
   }
   if (binary_bvh_) {
@@ -73,7 +82,8 @@ SceneBuild BuildFlags::ForServer() const {
                                  .cost_ratio = binary_cost_,
                                  .min_triangles = static_cast<uint32_t>(binary_min_triangles_),
                                  .max_depth = static_cast<uint32_t>(binary_depth_),
-                                 .ignore_cost = binary_ignore_cost_};
+                                 .ignore_cost = binary_ignore_cost_,
+                                 .min_extent = binary_min_extent_};
   }
   return build;
 }
@@ -90,13 +100,15 @@ SceneBuildOptions BuildFlags::ForLibrary() const {
     options.kd_tree->min_leaf_triangles = static_cast<int>(kd_min_leaf_);
     options.kd_tree->max_leaf_triangles = static_cast<int>(kd_max_leaf_);
     options.kd_tree->max_depth = static_cast<int>(kd_depth_);
+    options.kd_tree->max_references = static_cast<float>(kd_max_references_);
   }
   if (binary_bvh_) {
     options.binary_bvh = BinaryBvhOptions{.bins = static_cast<int>(binary_bins_),
                                           .cost_ratio = static_cast<float>(binary_cost_),
                                           .min_triangles = static_cast<int>(binary_min_triangles_),
                                           .max_depth = static_cast<int>(binary_depth_),
-                                          .stop_by_cost = !binary_ignore_cost_};
+                                          .stop_by_cost = !binary_ignore_cost_,
+                                          .min_extent = static_cast<float>(binary_min_extent_)};
   }
   return options;
 }

@@ -38,11 +38,11 @@ class BuildFlags {
 
   std::string preset_ = "static", structure_ = "bvh";
   KdBuildOptions kd_;
-  double kd_cost_ = kd_.traversal_cost;
+  double kd_cost_ = kd_.traversal_cost, kd_max_references_ = kd_.max_references;
   uint64_t kd_min_leaf_ = 1, kd_max_leaf_ = 0, kd_depth_ = 0;
   bool binary_bvh_ = false, binary_ignore_cost_ = false;
   BinaryBvhOptions binary_;
-  double binary_cost_ = binary_.cost_ratio;
+  double binary_cost_ = binary_.cost_ratio, binary_min_extent_ = binary_.min_extent;
   uint64_t binary_bins_ = 8, binary_min_triangles_ = 1, binary_depth_ = 64;
 };
 

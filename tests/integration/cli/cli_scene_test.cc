@@ -69,6 +69,8 @@ TEST_F(CliTest, KdTreesBesideTheBvh) {
   Bad(kExitData, {"view", "scenes/plain", flag, "--stats", "--structure", "KD_TREE"}, {"kd-tree"});
   Bad(kExitData, {"scene", "load", obj, "--structure", "both", "--kd-cost", "99", flag},
       {"traversal_cost = 99"});
+  Bad(kExitData, {"scene", "load", obj, "--structure", "both", "--kd-max-references", "65", flag},
+      {"max_references = 65"});
 }
 
 // A kd-tree in place of the BVH answers whatever leaves the structure open, also out of a
@@ -126,6 +128,23 @@ TEST_F(CliTest, BinaryBvhsAndIntersectors) {
             "--binary-cost", "0.1", flag, "--output", "json"})
           .out);
   EXPECT_GT(json["build_report"]["binary_bvh"]["leaves"], 0);
+  // Each of its rules to stop comes through: no branch is longer than all of the scene.
+  const nlohmann::json whole = nlohmann::json::parse(
+      Good({"scene", "load", obj, "--name", "whole", "--binary-bvh", "--binary-ignore-cost",
+            "--binary-min-extent", "1", flag, "--output", "json"})
+          .out);
+  EXPECT_EQ(whole["build_report"]["binary_bvh"]["leaves"], 1);
+  Good({"import", obj, "-o", File("whole.slscene"), "--binary-bvh", "--binary-ignore-cost",
+        "--binary-min-extent", "1"});
+  const nlohmann::json native =
+      nlohmann::json::parse(Good({"check", File("whole.slscene"), "--output", "json"}).out);
+  bool found = false;
+  for (const nlohmann::json& section : native["sections"]) {
+    if (section["name"] != "binary bvh nodes") continue;
+    found = true;
+    EXPECT_EQ(section["elements"], 1);
+  }
+  EXPECT_TRUE(found);
   EXPECT_THAT(Good({"scene", "show", "binary", flag}).out, HasSubstr("binary BVH"));
   const auto ids = [&](const std::vector<std::string>& way) {
     std::vector<std::string> args = {"view", flag,    "--size", "37x29",
@@ -153,6 +172,8 @@ TEST_F(CliTest, BinaryBvhsAndIntersectors) {
       {"'planes' is none of", "side-planes"});
   Bad(kExitData, {"scene", "load", obj, "--binary-bvh", "--binary-cost", "9999", flag},
       {"cost_ratio is 9999"});
+  Bad(kExitData, {"scene", "load", obj, "--binary-bvh", "--binary-min-extent", "-1", flag},
+      {"min_extent is -1"});
 }
 
 TEST_F(CliTest, HealthOfBothServers) {
