@@ -8,7 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/exit_code.h"
 #include "core/base/status_macros.h"
 #include "tests/bench/bench_scene.h"
 #include "tests/bench/command.h"
@@ -27,6 +30,7 @@ constexpr double kHopeless = 3.0;
 struct Options {
   WorkloadFlags work;
   bool choices = false;
+  std::vector<std::string> only;
 };
 
 cli::FlagSet Flags(Options* o) {
@@ -39,6 +43,10 @@ cli::FlagSet Flags(Options* o) {
   o->work.Register(&flags, WorkloadFlags::Choices::kAll);
   flags.Heading("Rows");
   flags.Switch("choices", "also a row for each choice", &o->choices);
+  flags.Texts("choice", "NAME",
+              "beside AUTO time these alone, as \"SHAFT BVH\" or \"PACKET KD_TREE culled\"; may be "
+              "repeated",
+              &o->only);
   return flags;
 }
 
@@ -61,7 +69,8 @@ struct Choice {
   QueryOptions options;
 };
 
-std::vector<Choice> AllChoices(SimdTarget simd) {
+// All of them, or of the others those of these names alone. Usage errors: an unknown name.
+absl::StatusOr<std::vector<Choice>> Choices(SimdTarget simd, const std::vector<std::string>& only) {
   std::vector<Choice> choices = {{"AUTO", {}}};
   const auto add = [&](Strategy strategy, Structure structure, bool culled) {
     Choice choice;
@@ -81,7 +90,20 @@ std::vector<Choice> AllChoices(SimdTarget simd) {
   add(Strategy::kShaft, Structure::kBvh, false);
   add(Strategy::kRtt, Structure::kKdTree, false);
   for (Choice& choice : choices) choice.options.simd = simd;
-  return choices;
+  if (only.empty()) return choices;
+  std::vector<Choice> some = {choices.front()};
+  for (const std::string& name : only) {
+    const auto found = std::find_if(choices.begin() + 1, choices.end(),
+                                    [&](const Choice& choice) { return choice.name == name; });
+    if (found == choices.end()) {
+      std::vector<std::string> names;
+      for (size_t c = 1; c < choices.size(); ++c) names.push_back(choices[c].name);
+      return cli::UsageError(absl::StrCat("--choice wants one of '", absl::StrJoin(names, "', '"),
+                                          "'; got '", name, "'"));
+    }
+    some.push_back(*found);
+  }
+  return some;
 }
 
 // Seconds of every choice for all units, each run once, and how many units it answered otherwise
@@ -129,7 +151,7 @@ absl::Status RunWorkload(const Options& options, const SceneSource& source,
   context.err << title << ": points and lights" << std::endl;
   SL_ASSIGN_OR_RETURN(const std::unique_ptr<Workload> workload,
                       MakeWorkload(spec, source, scene, pool));
-  const std::vector<Choice> choices = AllChoices(spec.options.simd);
+  SL_ASSIGN_OR_RETURN(const std::vector<Choice> choices, Choices(spec.options.simd, options.only));
   context.err << title << ": every choice once" << std::endl;
   const Trial trial = TryAll(*workload, choices);
   const std::vector<size_t> timed = Promising(trial);
