@@ -30,7 +30,7 @@ void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
 
 void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources) {
   SIGHTLINE_CHECK_LE(positions.size(), static_cast<size_t>(kGroupRays));
-  SIGHTLINE_CHECK_EQ(positions.size(), sources.size());
+  if (!sources.empty()) SIGHTLINE_CHECK_EQ(positions.size(), sources.size());
   positions_ = positions;
   sources_ = sources;
   packets_ready_ = parallel_ready_ = false;
@@ -43,7 +43,11 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
                          uint32_t* sources) const {
   const size_t first = block * kBlockRays;
   const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
-  std::copy_n(sources_.data() + first, count, sources);
+  if (sources_.empty()) {
+    std::fill_n(sources, count, kNoTriangle);
+  } else {
+    std::copy_n(sources_.data() + first, count, sources);
+  }
   size_t i = 0;
   if (t_min_ == 0) {
     const Eight d;

@@ -41,7 +41,8 @@ class SampleTracer {
         record_answered_by_(run.options().count_answers),
         first_leaves_(samples.size(), RayPacket::kNoLeaf) {}
 
-  // At most kGroupRays points, all valid; kept by reference until the next call.
+  // At most kGroupRays points, all valid, and their source triangles, or none of these; kept by
+  // reference until the next call.
   void SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources);
 
   // Sample s. One that is a point starts the segments, one that is a direction is what rays from

@@ -21,7 +21,7 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
                             std::span<const double> weights, const ShadowOptions& shadow,
                             const ShadowOutputs& outputs) {
   const size_t n = points.positions.size();
-  if (points.sources.size() != n || points.valid.size() != n) {
+  if ((!points.sources.empty() && points.sources.size() != n) || points.valid.size() != n) {
     return absl::InvalidArgumentError(absl::StrCat("a point range holds ", n, " positions, ",
                                                    points.sources.size(), " sources and ",
                                                    points.valid.size(), " validity flags"));
@@ -92,21 +92,22 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     const bool dense = count > 0 && (next == end || count == kGroupRays) && first % 8 == 0;
     if (dense) {
       tracer.SetPoints(points.positions.subspan(first, count),
-                       points.sources.subspan(first, count));
+                       points.sources.empty() ? points.sources
+                                              : points.sources.subspan(first, count));
     } else {
       positions.resize(std::min<size_t>(kGroupRays, n));
-      sources.resize(positions.size());
+      if (!points.sources.empty()) sources.resize(positions.size());
       index.resize(positions.size());
       next = first;
       for (count = 0; next < end && count < kGroupRays; ++next) {
         const size_t p = ordered ? order[next] : next;
         if (!points.valid[p]) continue;
         positions[count] = points.positions[p];
-        sources[count] = points.sources[p];
+        if (!points.sources.empty()) sources[count] = points.sources[p];
         index[count++] = p;
       }
       tracer.SetPoints(std::span<const Vec3f>(positions.data(), count),
-                       std::span<const uint32_t>(sources.data(), count));
+                       std::span<const uint32_t>(sources.data(), sources.empty() ? 0 : count));
     }
     for (size_t s = 0; s < samples.size(); ++s) {
       if (!samples[s].valid) continue;

@@ -29,7 +29,7 @@ namespace sightline {
 
 struct PointRange {
   std::span<const Vec3f> positions;
-  std::span<const uint32_t> sources;
+  std::span<const uint32_t> sources;  // By point, or empty: no point names a triangle.
   std::span<const uint8_t> valid;
 
   static PointRange All(const PreparedPoints& points) {

@@ -48,7 +48,7 @@ void AppendInBlockOrder(const TileRect& tile, const TileResult& result, bool wit
         const uint32_t point = point_of[size_t{y0 + dy} * tile.width + x0 + dx];
         if (point == kNone || !result.points.valid[point]) continue;
         set->positions.push_back(result.points.positions[point]);
-        set->sources.push_back(with_sources ? result.points.sources[point] : kNoTriangle);
+        if (with_sources) set->sources.push_back(result.points.sources[point]);
         set->valid.push_back(1);
       }
     }
@@ -145,7 +145,7 @@ absl::StatusOr<PointSet> SurfacePoints(const IndexedGeometry& scene, const Surfa
   const size_t n = world.positions.size();
   PointSet set;
   set.positions.resize(n);
-  set.sources.assign(n, kNoTriangle);
+  if (options.with_sources) set.sources.assign(n, kNoTriangle);
   set.valid.assign(n, 1);
   for (size_t begin = 0; begin < n; begin += options.range) {
     set.ranges.push_back({begin, std::min<size_t>(options.range, n - begin)});

@@ -29,7 +29,7 @@ struct PointSet {
     size_t begin = 0, count = 0;
   };
   std::vector<Vec3f> positions;
-  std::vector<uint32_t> sources;
+  std::vector<uint32_t> sources;  // Empty unless asked for.
   std::vector<uint8_t> valid;  // All 1: the others were left out.
   std::vector<Range> ranges;   // They cover the points in order; none is empty.
 
@@ -38,7 +38,9 @@ struct PointSet {
     return std::span(positions).subspan(range.begin, range.count);
   }
   PointRange Slice(const Range& range) const {
-    return {Positions(range), std::span(sources).subspan(range.begin, range.count),
+    return {Positions(range),
+            sources.empty() ? std::span<const uint32_t>()
+                            : std::span(sources).subspan(range.begin, range.count),
             std::span(valid).subspan(range.begin, range.count)};
   }
 };
@@ -46,7 +48,7 @@ struct PointSet {
 // What the camera's pixels hit, placed on the eye's side of it (TraceTile's points). Tile by tile
 // (a range each, kTileSide wide), in blocks of 16×16 pixels, in those by 4×4, in those by 2×2:
 // neighbours in the image are neighbours in the arrays, which suits packets and shafts alike.
-// Pixels that hit nothing are left out. `sources` are kNoTriangle unless `with_sources`.
+// Pixels that hit nothing are left out. `sources` only `with_sources`.
 absl::StatusOr<PointSet> ViewHits(const IndexedGeometry& scene, const Camera& camera,
                                   bool with_sources, ThreadPool& pool);
 

@@ -12,6 +12,7 @@
 
 #include "core/geometry/box3.h"
 #include "core/query/shadows.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
 #include "tests/core/traverse/nasty_scenes.h"
@@ -147,6 +148,35 @@ TEST(PointOrderTest, BlocksOfTheOrderArePartedByPlanes) {
     }
   }
   EXPECT_GT(pairs, 180);
+}
+
+// Points that name no triangle, one by one or as a whole, in rows and shuffled.
+TEST(PointOrderTest, SourcesMayBeLeftOut) {
+  TestRng rng;
+  const IndexedGeometry scene = IndexObjects({MakeClosedSphere(16, 24, 0.4, {0, 0, 0.5})}, Vec3d{});
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point({0.1, 0.2, -3}), 0, {}, &samples).ok());
+  ASSERT_TRUE(AppendSamples(Light::Directional({0.3, 0.1, -1}), 1, {}, &samples).ok());
+  const Points rows = MakeRows(64);
+  for (const Points& points : {rows, Permuted(rows, Shuffled(rows.positions.size(), rng))}) {
+    for (const Strategy strategy : {Strategy::kAuto, Strategy::kPacket, Strategy::kSingle}) {
+      ShadowResult named, unnamed;
+      const QueryOptions options = {.strategy = strategy};
+      ASSERT_TRUE(ComputeShadows(scene, {points.positions, points.sources, points.valid}, samples,
+                                 {}, {}, {}, options, &named)
+                      .ok());
+      ASSERT_TRUE(ComputeShadows(scene, {points.positions, {}, points.valid}, samples, {}, {}, {},
+                                 options, &unnamed)
+                      .ok());
+      EXPECT_EQ(named.lit_bits, unnamed.lit_bits);
+    }
+  }
+  ShadowResult result;
+  const absl::Status status =
+      ComputeShadows(scene, {rows.positions, std::span(rows.sources).first(3), rows.valid}, samples,
+                     {}, {}, {}, {}, &result);
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("4096 positions, 3 sources"));
 }
 
 TEST(PointOrderTest, ShuffledPointsGetTheirOwnAnswers) {
