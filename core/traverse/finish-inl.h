@@ -21,6 +21,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/intersect/hit-inl.h"
 #include "core/traverse/trace_ray.h"
+#include "hwy/cache_control.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -62,6 +63,8 @@ class ReadyTriangles {
       : geometry_(geometry), origin_(origin), weights_(weights) {
     std::fill_n(ready_, kReady, kNoTriangle);
   }
+
+  const SceneGeometry& geometry() const { return geometry_; }
 
   // The terms of each lane's triangle, for the lanes of `here`, which is not zero; others are any.
   // ids[i] is that of lane i.
@@ -124,6 +127,7 @@ class HitFinisher {
 
   // Misses included.
   void Finish() {
+    FetchCorners();
     FindOctant();
     const DU du;
     for (int i = 0; i < packet_.count; i += kLanes) {
@@ -150,6 +154,27 @@ class HitFinisher {
     const Vec3f o = packet_.origin;
     const Vec3V<V> target = Targets(i);
     return packet_.segments ? SubV(target, Broadcast(D(), o.x, o.y, o.z)) : target;
+  }
+
+  // Asks for the corners of what each vector's first and last rays see, so that one comes from
+  // memory while others do.
+  void FetchCorners() const {
+    const SceneGeometry& geometry = ready_.geometry();
+    uint32_t last = kNoTriangle, ids[2 * RayPacket::kMaxRays / kLanes];
+    int count = 0;
+    for (int i = 0; i < packet_.count; i += kLanes) {
+      for (const int lane : {i, std::min(i + kLanes, packet_.count) - 1}) {
+        const uint32_t id = packet_.triangle[lane];
+        if (id == last || id == kNoTriangle) continue;
+        last = ids[count++] = id;
+        hwy::Prefetch(&geometry.triangles[id]);
+      }
+    }
+    for (int k = 0; k < count; ++k) {
+      for (const uint32_t vertex : geometry.triangles[ids[k]]) {
+        hwy::Prefetch(&geometry.vertices[vertex]);
+      }
+    }
   }
 
   // Whether all rays point into one octant, with no component that is zero or subnormal.
