@@ -2,7 +2,6 @@
 #include "core/query/tiles.h"
 
 #include <algorithm>
-#include <cstring>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -13,9 +12,9 @@
 #include "core/intersect/hit.h"
 #include "core/mesh/rebase.h"
 #include "core/query/hit_placement.h"
+#include "core/query/pixel_blocks.h"
 #include "core/query/ray_block.h"
 #include "core/query/sample_tracer.h"
-#include "hwy/highway.h"
 
 namespace sightline {
 namespace {
@@ -23,15 +22,10 @@ namespace {
 // A block is a square of pixels whose rays walk together; its lanes run through smaller squares, so
 // that the lanes of one SIMD vector are neighbours in both directions. Their rows are runs of
 // pixels. A group is a square of blocks that begin their walks together.
-constexpr uint32_t kBlockSide = 16;
-constexpr uint32_t kRunPixels = 4;
+constexpr uint32_t kBlockSide = PixelBlockKernels::kSide;
+constexpr uint32_t kRunPixels = PixelBlockKernels::kRun;
 constexpr uint32_t kGroupSide = 4;
 static_assert(kBlockSide * kBlockSide == kBlockRays && kGroupSide * kGroupSide == kGroupBlocks);
-
-// AVX2, the floor, is enough to lay rays out: four doubles.
-namespace hn = hwy::HWY_NAMESPACE;
-using Four = hn::CappedTag<double, kRunPixels>;
-static_assert(hn::MaxLanes(Four()) == kRunPixels, "x86-64-v3 holds four doubles in a vector");
 
 absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
   const auto check = [](const char* field, uint64_t begin, uint64_t extent, const char* side,
@@ -62,6 +56,7 @@ class TileTrace {
         mirrors_(mirrors),
         outputs_(outputs),
         run_(scene, options),
+        blocks_(PixelBlockKernelsFor(options.simd)),
         pixels_(size_t{tile.width} * tile.height),
         row_bytes_((pixels_ + 7) / 8),
         out_(*out),
@@ -224,7 +219,7 @@ class TileTrace {
       const double* rows = rows_[axis] + block.y;
       float* target = targets[axis];
       if (IsWhole(block)) {
-        PlaceWhole(columns, rows, target);
+        blocks_.lay_out(columns, rows, target);
         continue;
       }
       ForEachRun(block, [&](const PixelRun& run) {
@@ -239,39 +234,6 @@ class TileTrace {
     return block.width == kBlockSide && block.height == kBlockSide;
   }
 
-  static void PlaceWhole(const double* columns, const double* rows, float* target) {
-    const Four d;
-    const hn::Rebind<float, Four> df;
-    for (uint32_t gx = 0; gx < kBlockSide; gx += kRunPixels) {
-      const auto column = hn::LoadU(d, columns + gx);
-      float* to = target + kRunPixels * gx;
-      for (uint32_t y = 0; y < kBlockSide; y += kRunPixels, to += kRunPixels * kBlockSide) {
-#pragma GCC unroll 4
-        for (uint32_t r = 0; r < kRunPixels; ++r) {
-          hn::Store(hn::DemoteTo(df, hn::Add(column, hn::Set(d, rows[y + r]))), df,
-                    to + kRunPixels * r);
-        }
-      }
-    }
-  }
-
-  // A block's lanes to its pixels, the first of which is *to: row by row, half a row at a time. Where
-  // results stream to memory this is twice as fast as run by run, which comes back to each line.
-  template <class T>
-  static void CopyWhole(const T* from, T* to, size_t stride) {
-    static_assert(sizeof(T) == sizeof(uint32_t));
-    const hn::CappedTag<T, kRunPixels> four;
-    const hn::CappedTag<T, 2 * kRunPixels> eight;
-    constexpr uint32_t kSquare = kRunPixels * kRunPixels;
-    for (uint32_t y = 0; y < kBlockSide; ++y, to += stride) {
-      const T* run = from + y / kRunPixels * (kBlockSide * kRunPixels) + y % kRunPixels * kRunPixels;
-      for (uint32_t x = 0; x < kBlockSide; x += 2 * kRunPixels, run += 2 * kSquare) {
-        hn::StoreU(hn::Combine(eight, hn::Load(four, run + kSquare), hn::Load(four, run)), eight,
-                   to + x);
-      }
-    }
-  }
-
   // The first pixel of the block, in the tile.
   size_t FirstPixel(const TileRect& group, const TileRect& block) const {
     return size_t{group.y + block.y} * tile_.width + group.x + block.x;
@@ -279,21 +241,21 @@ class TileTrace {
 
   void Write(const TileRect& group, const TileRect& block) {
     const size_t first = FirstPixel(group, block);
-    const auto copy = [&](const auto* from, auto* to) {
+    const auto copy = [&](const auto& whole, const auto* from, auto* to) {
       to += first;
       if (IsWhole(block)) {
-        CopyWhole(from, to, tile_.width);
+        whole(from, to, tile_.width);
         return;
       }
       ForEachRun(block, [&](const PixelRun& run) {
         std::copy_n(from + run.lane, run.count, to + size_t{run.y} * tile_.width + run.x);
       });
     };
-    if (outputs_.ids) copy(packet_.triangle, out_.triangle.data());
-    if (outputs_.depth) copy(packet_.t, out_.depth.data());
+    if (outputs_.ids) copy(blocks_.write_ids, packet_.triangle, out_.triangle.data());
+    if (outputs_.depth) copy(blocks_.write, packet_.t, out_.depth.data());
     if (outputs_.uv) {
-      copy(packet_.u, out_.u.data());
-      copy(packet_.v, out_.v.data());
+      copy(blocks_.write, packet_.u, out_.u.data());
+      copy(blocks_.write, packet_.v, out_.v.data());
     }
     if (outputs_.answered_by) {
       ForEachRun(block, [&](const PixelRun& run) {
@@ -451,6 +413,7 @@ class TileTrace {
   const PreparedMirrors& mirrors_;
   const TileOutputs& outputs_;
   const QueryRun run_;
+  const PixelBlockKernels& blocks_;
   const size_t pixels_, row_bytes_;
   TileResult& out_;
   RayPacket packet_;  // The block being traced.
