@@ -21,8 +21,8 @@ constexpr size_t kSmallestBlock = 16;
 constexpr size_t kLargestBlock = 256;
 // About so many blocks of each are looked at: enough for a mean.
 constexpr size_t kMostSmallBlocks = 32, kMostLargeBlocks = 16;
-// With fewer samples fewer are: there only shuffled points, which any block gives away, are worth
-// ordering, and looking at 1,300 points would cost a twentieth of a light on 4,096.
+// With fewer samples fewer are, and for one no large ones: there only shuffled points, which any
+// block gives away, are worth ordering, and looking at 1,300 of 4,096 is a tenth of a light's work.
 constexpr size_t kThoroughSamples = 4;
 // Every so manieth point of a large block tells how wide it is. Odd, so that it meets no row's.
 constexpr size_t kLargeBlockStride = 5;
@@ -30,6 +30,8 @@ constexpr size_t kLargeBlockStride = 5;
 // which is 1 to 2 for the hits of a smooth surface by tiles, 2 to 5 for those in rows or of
 // foliage, 1 to 16 for the points of a mesh as they come and 18 to 27 for shuffled ones.
 constexpr double kWorthwhile = 8;
+// What an order leaves: its own blocks are no squares.
+constexpr double kLeastSpread = 1.25;
 
 Vec3d Extent(const Box3f& box) { return ToDouble(box.hi) - ToDouble(box.lo); }
 
@@ -100,11 +102,12 @@ void Look(std::span<const Vec3f> positions, std::span<const uint8_t> valid, Bloc
 // the surface that all lie on among them; of small blocks or large ones, whichever are wider.
 double Spread(std::span<const Vec3f> positions, std::span<const uint8_t> valid, size_t samples) {
   Box3f all;
+  if (samples == 0) return 0;
   const size_t share = std::min(samples, kThoroughSamples);
   Blocks small = {
       .size = kSmallestBlock, .most = kMostSmallBlocks * share / kThoroughSamples, .stride = 1};
   Blocks large = {.size = kLargestBlock,
-                  .most = kMostLargeBlocks * share / kThoroughSamples,
+                  .most = kMostLargeBlocks * (share - 1) / (kThoroughSamples - 1),
                   .stride = kLargeBlockStride};
   Look(positions, valid, &small, &all);
   Look(positions, valid, &large, &all);
@@ -152,7 +155,8 @@ void Part(std::span<Numbered> points) {
 bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
                   size_t samples) {
   if (positions.size() < kLeastPoints) return false;
-  return static_cast<double>(samples) * (Spread(positions, valid, samples) - 1) >= kWorthwhile;
+  return static_cast<double>(samples) * (Spread(positions, valid, samples) - kLeastSpread) >=
+         kWorthwhile;
 }
 
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
