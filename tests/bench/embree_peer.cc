@@ -124,16 +124,20 @@ std::string PeerMode::Name() const {
   absl::StrAppend(&name, start == Start::kEye     ? ""
                          : start == Start::kLight ? " from light"
                                                   : " from point");
+  if (sorted) absl::StrAppend(&name, ", sorted");
   return name;
 }
 
-std::vector<PeerMode> AllModes(std::span<const PeerMode::Start> starts) {
+std::vector<PeerMode> AllModes(std::span<const PeerMode::Start> starts, bool sorted) {
   using Entry = PeerMode::Entry;
   std::vector<PeerMode> modes;
   for (const PeerMode::Start start : starts) {
     for (const Entry entry :
          {Entry::kSingle, Entry::kPacket4, Entry::kPacket8, Entry::kPacket16, Entry::kStream}) {
-      for (const bool coherent : {false, true}) modes.push_back({entry, coherent, start});
+      for (const bool coherent : {false, true}) {
+        modes.push_back({entry, coherent, start});
+        if (sorted) modes.push_back({entry, coherent, start, /*sorted=*/true});
+      }
     }
   }
   return modes;

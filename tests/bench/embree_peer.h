@@ -3,10 +3,10 @@
 // The peer: Embree 3 over the very vertex floats and indices of a compiled scene, and every way of
 // asking it that the benchmark chooses from.
 //
-// A mode is an entry point (single rays, packets of 4, 8 or 16, streams), the coherent flag, and
-// the end that rays start from. Packets are filled in the order of the arrays given, which for
-// pixels is 2×2 in 4×4 (Morton) order: Embree's best. What does not change from packet to packet is
-// written once.
+// A mode is an entry point (single rays, packets of 4, 8 or 16, streams), the coherent flag, the
+// end that rays start from, and whether points are sorted. Packets are filled in the order of the
+// arrays given, which for pixels is 2×2 in 4×4 (Morton) order: Embree's best. Points may be sorted
+// first, at the cost of the sorting. What does not change from packet to packet is written once.
 //
 // Segments are handed over as they are: from one end to the other, tnear = 0, tfar = 1. Embree
 // knows no source triangles; the points it gets are placed off their surfaces already. Rays that
@@ -123,12 +123,15 @@ struct PeerMode {
   Entry entry = Entry::kSingle;
   bool coherent = false;
   Start start = Start::kEye;
+  // Of points alone: sorted in space first (peer_order.h), and the bits put back. TracePoints takes
+  // points as they come; whoever calls it sorts.
+  bool sorted = false;
 
-  std::string Name() const;  // "packet16 coherent from light".
+  std::string Name() const;  // "packet16 coherent from light, sorted".
 };
 
-// Every entry × flag × start.
-std::vector<PeerMode> AllModes(std::span<const PeerMode::Start> starts);
+// Every entry × flag × start; if they may be `sorted`, each with and without.
+std::vector<PeerMode> AllModes(std::span<const PeerMode::Start> starts, bool sorted = false);
 
 // What is seen through the pixels, in row-major order of the image: as TraceTile's outputs, with
 // misses marked alike.

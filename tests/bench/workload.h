@@ -38,7 +38,8 @@ namespace sightline::bench {
 
 // One side of the square tiles that an image is cut into, in pixels: the unit of work of a thread.
 inline constexpr uint32_t kTileSide = 64;
-// The share of the work that picks the peer's mode: one tile or range in so many.
+// The share of the work that picks the peer's mode: one tile or range in so many, or one light of
+// all ranges.
 inline constexpr size_t kSampleStep = 16;
 
 enum class Share : uint8_t { kAll, kSample };
@@ -61,7 +62,7 @@ class Workload {
   virtual std::vector<PeerMode> peer_modes() const = 0;
 
   virtual void RunOurs(size_t unit) = 0;
-  // kSample: every kSampleStep-th tile or range alone.
+  // kSample: every kSampleStep-th tile or range alone, or of few ranges every kSampleStep-th light.
   virtual void RunPeer(const EmbreeScene& peer, PeerMode mode, size_t unit, Share share) = 0;
   // Holds the results of the last run of either side, both of `unit`, against each other. If the
   // agreement is to be settled, what they differ in is put to the single-ray walk and to brute

@@ -17,6 +17,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/query/shadows.h"
+#include "tests/bench/peer_order.h"
 #include "tests/bench/point_sets.h"
 #include "tests/bench/workload.h"
 
@@ -42,6 +43,13 @@ struct Unit {
 struct Pair {
   size_t sample = 0, point = 0;
   bool lit = false;
+};
+
+// What the peer says of a range, and what it needs for that; memory is kept from run to run.
+struct PeerOutput {
+  std::vector<uint8_t> lit_bits;  // Rows as in ShadowResult.
+  PeerOrder order;
+  std::vector<uint8_t> sorted_bits;
 };
 
 bool Bit(const uint8_t* bits, size_t i) { return bits[i / 8] >> (i % 8) & 1; }
@@ -73,8 +81,8 @@ class PointWorkload : public Workload {
   std::vector<PeerMode> peer_modes() const override {
     using Start = PeerMode::Start;
     const bool directional = units_.front().samples.front().directional;
-    if (directional) return AllModes(std::vector<Start>{Start::kPoint});
-    return AllModes(std::vector<Start>{Start::kLight, Start::kPoint});
+    if (directional) return AllModes(std::vector<Start>{Start::kPoint}, /*sorted=*/true);
+    return AllModes(std::vector<Start>{Start::kLight, Start::kPoint}, /*sorted=*/true);
   }
 
   void RunOurs(size_t unit) override {
@@ -88,22 +96,16 @@ class PointWorkload : public Workload {
     });
   }
 
+  // Of a sample every range is whole, since sorting gains by how dense points lie: every
+  // kSampleStep-th range, or, of fewer, each against every kSampleStep-th light.
   void RunPeer(const EmbreeScene& peer, PeerMode mode, size_t unit, Share share) override {
+    const size_t ranges = units_[unit].ranges;
     const size_t step = share == Share::kAll ? 1 : kSampleStep;
-    const PointSet& set = sets_[units_[unit].set];
-    if (units_[unit].ranges >= step) {
-      pool_.ParallelFor((units_[unit].ranges + step - 1) / step, 1, [&](size_t begin, size_t end) {
-        for (size_t i = begin; i < end; ++i) {
-          PeerRange(peer, mode, unit, i * step, set.Positions(RangeOf(unit, i * step)));
-        }
-      });
-      return;
-    }
-    // Fewer ranges than that: a part of each.
-    pool_.ParallelFor(units_[unit].ranges, 1, [&](size_t begin, size_t end) {
-      for (size_t r = begin; r < end; ++r) {
-        const std::span<const Vec3f> all = set.Positions(RangeOf(unit, r));
-        PeerRange(peer, mode, unit, r, all.first((all.size() + step - 1) / step));
+    const size_t range_step = ranges >= step ? step : 1;
+    const size_t light_step = ranges >= step ? 1 : std::min(step, units_[unit].samples.size());
+    pool_.ParallelFor((ranges + range_step - 1) / range_step, 1, [&](size_t begin, size_t end) {
+      for (size_t i = begin; i < end; ++i) {
+        PeerRange(peer, mode, unit, i * range_step, light_step);
       }
     });
   }
@@ -139,17 +141,31 @@ class PointWorkload : public Workload {
     return sets_[units_[unit].set].ranges[units_[unit].first_range + r];
   }
 
-  void PeerRange(const EmbreeScene& peer, PeerMode mode, size_t unit, size_t r,
-                 std::span<const Vec3f> positions) {
+  // Every light_step-th sample: rows of the others stay as they are.
+  void PeerRange(const EmbreeScene& peer, PeerMode mode, size_t unit, size_t r, size_t light_step) {
+    std::span<const Vec3f> positions = sets_[units_[unit].set].Positions(RangeOf(unit, r));
+    PeerOutput& out = theirs_[r];
     const size_t row = (positions.size() + 7) / 8;
     const std::vector<LightSample>& samples = units_[unit].samples;
-    theirs_[r].resize(samples.size() * row);
+    out.lit_bits.resize(samples.size() * row);
+    if (mode.sorted) {
+      out.order.Sort(positions);
+      positions = out.order.positions();
+      out.sorted_bits.resize(kPeerPoints / 8);
+      std::fill(out.lit_bits.begin(), out.lit_bits.end(), uint8_t{0});
+    }
     // So many points at a time as stay in the cache while the lights go by.
     for (size_t first = 0; first < positions.size(); first += kPeerPoints) {
       const std::span<const Vec3f> some =
           positions.subspan(first, std::min(kPeerPoints, positions.size() - first));
-      for (size_t s = 0; s < samples.size(); ++s) {
-        TracePoints(peer, mode, some, samples[s], &theirs_[r][s * row + first / 8]);
+      for (size_t s = 0; s < samples.size(); s += light_step) {
+        uint8_t* const bits = &out.lit_bits[s * row];
+        if (!mode.sorted) {
+          TracePoints(peer, mode, some, samples[s], bits + first / 8);
+          continue;
+        }
+        TracePoints(peer, mode, some, samples[s], out.sorted_bits.data());
+        out.order.PutBack(out.sorted_bits.data(), first, some.size(), bits);
       }
     }
   }
@@ -161,7 +177,7 @@ class PointWorkload : public Workload {
     for (size_t s = 0; s < units_[unit].samples.size(); ++s) {
       for (size_t byte = 0; byte < row; ++byte) {
         const uint8_t ours = ours_[r].lit_bits[s * row + byte];
-        uint32_t differing = ours ^ theirs_[r][s * row + byte];
+        uint32_t differing = ours ^ theirs_[r].lit_bits[s * row + byte];
         for (; differing != 0; differing &= differing - 1) {
           const int bit = std::countr_zero(differing);
           pairs.push_back({s, byte * 8 + static_cast<size_t>(bit), (ours >> bit & 1) != 0});
@@ -217,8 +233,8 @@ class PointWorkload : public Workload {
   const std::vector<PointSet> sets_;
   const std::vector<Unit> units_;
   const size_t views_;
-  std::vector<ShadowResult> ours_;            // One per range of the unit that ran last.
-  std::vector<std::vector<uint8_t>> theirs_;  // Likewise, rows as in ShadowResult.
+  std::vector<ShadowResult> ours_;  // One per range of the unit that ran last.
+  std::vector<PeerOutput> theirs_;  // Likewise.
 };
 
 absl::StatusOr<std::vector<LightSample>> ToSamples(const std::vector<Light>& lights,
