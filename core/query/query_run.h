@@ -90,11 +90,17 @@ class StatsScope {
 
   WalkStats* walk() { return &walk_; }
   void AddRays(uint64_t rays) { rays_ += rays; }
+  // A walk that was taken: more than one kind is kAuto.
+  void Took(Strategy walk) {
+    strategy_ = !took_any_ || strategy_ == walk ? walk : Strategy::kAuto;
+    took_any_ = true;
+  }
 
  private:
   using Clock = std::chrono::steady_clock;
   QueryStats* const stats_;
-  const Strategy strategy_;
+  Strategy strategy_;
+  bool took_any_ = false;
   uint64_t rays_;
   const Clock::time_point start_;
   WalkStats walk_;

@@ -92,6 +92,12 @@ Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t 
   return Strategy::kSingle;
 }
 
+WalkChoice::Others OtherWalks(const QueryRun& run, RayForm form) {
+  if (run.options().strategy != Strategy::kAuto) return WalkChoice::Others::kNone;
+  return form == RayForm::kParallel ? WalkChoice::Others::kSingleRays
+                                    : WalkChoice::Others::kPacketsAndSingleRays;
+}
+
 absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                            Strategy strategy, std::span<const TraceRay> rays, std::span<Hit> hits,
                            WalkStats* stats) {
@@ -180,12 +186,29 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
 }
 
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
-                                ParallelPacket* packet, const ShaftCut* cut, WalkStats* stats) {
+                                Strategy strategy, ParallelPacket* packet, const ShaftCut* cut,
+                                WalkStats* stats) {
   SIGHTLINE_CHECK_LE(packet->count, kBlockRays);
   if (packet->count == 0) return absl::OkStatus();
   if (packet->answered_by != nullptr) {
-    std::fill_n(packet->answered_by, packet->count, AnsweredBy::kShaft);
+    std::fill_n(packet->answered_by, packet->count, AnsweredByWalk(strategy));
   }
+  if (strategy == Strategy::kSingle) {
+    std::array<TraceRay, kBlockRays> rays;
+    std::array<Hit, kBlockRays> hits;
+    for (int i = 0; i < packet->count; ++i) {
+      rays[i] = {.ray = packet->ray(i),
+                 .mask = packet->mask,
+                 .from_source = packet->origin_source[i],
+                 .to_source = packet->direction_source};
+    }
+    SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, HitKind::kAny, strategy,
+                                     std::span<const TraceRay>(rays.data(), packet->count), hits,
+                                     stats));
+    for (int i = 0; i < packet->count; ++i) packet->triangle[i] = hits[i].triangle;
+    return absl::OkStatus();
+  }
+  SIGHTLINE_CHECK(strategy == Strategy::kShaft);
   return run.kernels().occluded_parallel_shaft(scene, *packet, cut, run.cancel(), stats)
              ? absl::OkStatus()
              : run.Stopped();

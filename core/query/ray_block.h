@@ -14,6 +14,7 @@
 #include "absl/status/status.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/query/query_run.h"
+#include "core/query/walk_choice.h"
 #include "core/traverse/trace_ray.h"
 
 namespace sightline {
@@ -32,6 +33,8 @@ enum class RayForm : uint8_t { kFree, kOneOrigin, kMirrored, kParallel };
 // What is used where a strategy was asked for: what AUTO chooses for so many rays together, and
 // what stands in for a strategy that such rays have no walk of. Never kAuto.
 Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t rays);
+// What blocks of rays may be walked by instead, one by one, where that chose shafts.
+WalkChoice::Others OtherWalks(const QueryRun& run, RayForm form);
 
 // All below take what ChooseStrategy gave, and add to *stats what they did. REQUIRES: CheckOptions.
 
@@ -59,9 +62,10 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
                               Strategy strategy, RayPacket* packet, const ShaftCut* cut,
                               WalkStats* stats);
 
-// Up to kBlockRays rays with one direction, any hit, as one shaft.
+// Up to kBlockRays rays with one direction, any hit: as one shaft, or by kSingle.
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
-                                ParallelPacket* packet, const ShaftCut* cut, WalkStats* stats);
+                                Strategy strategy, ParallelPacket* packet, const ShaftCut* cut,
+                                WalkStats* stats);
 
 }  // namespace sightline
 

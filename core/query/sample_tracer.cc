@@ -85,9 +85,9 @@ absl::Status SampleTracer::Trace(size_t s) {
   StatsScope scope(stats_, strategy, positions_.size());
   absl::Status traced;
   if (!sample.directional) {
-    traced = TraceSegments(s, mask, strategy, scope.walk());
+    traced = TraceSegments(s, mask, strategy, &scope);
   } else if (strategy == Strategy::kShaft) {
-    traced = TraceParallel(s, mask, scope.walk());
+    traced = TraceParallel(s, mask, &scope);
   } else {
     traced = TraceOneByOne(sample, mask, strategy, scope.walk());
   }
@@ -96,7 +96,7 @@ absl::Status SampleTracer::Trace(size_t s) {
 }
 
 absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,
-                                         WalkStats* stats) {
+                                         StatsScope* scope) {
   const LightSample& sample = samples_[s];
   parallel_traced_ = false;
   Reserve(blocks(), &packets_, &packets_size_);
@@ -116,7 +116,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   const std::span<const RayPacket> packets(packets_.get(), blocks());
   const ShaftCut* cut = nullptr;
   bool by_hulls = false;
-  if (strategy == Strategy::kShaft) {
+  if (strategy == Strategy::kShaft && !segments_choice_.ShaftsAreRare()) {
     if (s >= hull_end_ || s < hull_begin_) CutHulls(s);
     by_hulls = hull_end_ - hull_begin_ >= kLeastHullSamples;
     if (!by_hulls && blocks() > 1) cut = CutGroup(scene_, run_, packets, &cut_);
@@ -127,8 +127,14 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
       packets_[b].first_leaf = *first_leaf;
     }
-    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, strategy, &packets_[b],
-                                        by_hulls ? hull_cut_of_[b] : cut, stats));
+    const Strategy walk = strategy == Strategy::kShaft ? segments_choice_.Next() : strategy;
+    const WalkStats before = *scope->walk();
+    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, walk, &packets_[b],
+                                        by_hulls ? hull_cut_of_[b] : cut, scope->walk()));
+    scope->Took(walk);
+    if (strategy == Strategy::kShaft) {
+      segments_choice_.Learn(walk, before, *scope->walk(), static_cast<size_t>(packets_[b].count));
+    }
     *first_leaf = packets_[b].first_leaf;
   }
   return absl::OkStatus();
@@ -159,7 +165,7 @@ void SampleTracer::CutHulls(size_t s) {
   }
 }
 
-absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, WalkStats* stats) {
+absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, StatsScope* scope) {
   const LightSample& sample = samples_[s];
   uint32_t* const first_leaf = &first_leaves_[s];
   parallel_traced_ = true;
@@ -177,10 +183,16 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, WalkStats* sta
   }
   parallel_ready_ = t_min_ == 0;
   const std::span<const ParallelPacket> packets(parallel_.get(), blocks());
-  const ShaftCut* cut = blocks() > 1 ? CutGroup(scene_, run_, packets, &cut_) : nullptr;
+  const ShaftCut* cut = blocks() > 1 && !parallel_choice_.ShaftsAreRare()
+                            ? CutGroup(scene_, run_, packets, &cut_)
+                            : nullptr;
   for (size_t b = 0; b < blocks(); ++b) {
     parallel_[b].first_leaf = *first_leaf;
-    SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, &parallel_[b], cut, stats));
+    const Strategy walk = parallel_choice_.Next();
+    const WalkStats before = *scope->walk();
+    SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, walk, &parallel_[b], cut, scope->walk()));
+    scope->Took(walk);
+    parallel_choice_.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
     *first_leaf = parallel_[b].first_leaf;
   }
   return absl::OkStatus();

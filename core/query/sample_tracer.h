@@ -39,7 +39,9 @@ class SampleTracer {
         samples_(samples),
         stats_(stats),
         record_answered_by_(run.options().count_answers),
-        first_leaves_(samples.size(), RayPacket::kNoLeaf) {}
+        first_leaves_(samples.size(), RayPacket::kNoLeaf),
+        segments_choice_(OtherWalks(run, RayForm::kOneOrigin)),
+        parallel_choice_(OtherWalks(run, RayForm::kParallel)) {}
 
   // At most kGroupRays points, all valid, and their source triangles, or none of these; kept by
   // reference until the next call.
@@ -73,10 +75,10 @@ class SampleTracer {
   const uint32_t* triangles(size_t block) const {
     return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
   }
-  absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, WalkStats* stats);
+  absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   // Cuts by the hull of sample s's light and each block's points, if it has samples enough.
   void CutHulls(size_t s);
-  absl::Status TraceParallel(size_t s, uint32_t mask, WalkStats* stats);
+  absl::Status TraceParallel(size_t s, uint32_t mask, StatsScope* scope);
   absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask, Strategy strategy,
                              WalkStats* stats);
   // Where a block's packet says it; null where it is not recorded.
@@ -106,6 +108,7 @@ class SampleTracer {
   std::unique_ptr<ParallelPacket[]> parallel_;
   ShaftCut cut_;
   std::vector<uint32_t> first_leaves_;  // By sample: RayPacket::first_leaf for its next packet.
+  WalkChoice segments_choice_, parallel_choice_;
   // Samples hull_begin_ .. hull_end_ share these cuts, by block; null where there is none.
   size_t hull_begin_ = 0, hull_end_ = 0;
   std::vector<Vec3f> hull_origins_;

@@ -60,6 +60,7 @@ class TileTrace {
         pixels_(size_t{tile.width} * tile.height),
         row_bytes_((pixels_ + 7) / 8),
         out_(*out),
+        choice_(OtherWalks(run_, RayForm::kOneOrigin)),
         tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, samples, &out->shadow) {
     for (RayPacket* packet : {&packet_, &outline_}) {
       packet->origin = eye;
@@ -145,8 +146,9 @@ class TileTrace {
     size_t points = 0;
     {
       StatsScope scope(&out_.primary, strategy, size_t{group.width} * group.height);
-      const ShaftCut* cut =
-          strategy == Strategy::kShaft && !one_block ? CutOutline(group) : nullptr;
+      const ShaftCut* cut = strategy == Strategy::kShaft && !one_block && !choice_.ShaftsAreRare()
+                                ? CutOutline(group)
+                                : nullptr;
       const uint32_t side = strategy == Strategy::kRtt ? RttBlockSide()
                             : strategy == Strategy::kPacket
                                 ? static_cast<uint32_t>(run_.options().packet_side)
@@ -156,8 +158,14 @@ class TileTrace {
           const TileRect block = {x, y, std::min(side, group.width - x),
                                   std::min(side, group.height - y)};
           Place(block);
+          const Strategy walk = strategy == Strategy::kShaft ? choice_.Next() : strategy;
+          const WalkStats before = *scope.walk();
           SL_RETURN_IF_ERROR(
-              TracePacketBlock(scene_, run_, kind, strategy, &packet_, cut, scope.walk()));
+              TracePacketBlock(scene_, run_, kind, walk, &packet_, cut, scope.walk()));
+          scope.Took(walk);
+          if (strategy == Strategy::kShaft) {
+            choice_.Learn(walk, before, *scope.walk(), static_cast<size_t>(packet_.count));
+          }
           if (run_.options().count_answers) {
             CountAnswers({answered_by_, static_cast<size_t>(packet_.count)}, &out_.primary);
           }
@@ -434,6 +442,7 @@ class TileTrace {
   // The group's points.
   std::vector<Vec3f> positions_;
   std::vector<uint32_t> sources_, point_pixel_;
+  WalkChoice choice_;  // Of the camera's rays.
   SampleTracer tracer_;
 };
 

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What AUTO walks next follows what walks cost, and never changes an answer.
+#include "core/query/walk_choice.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "core/query/shadows.h"
+#include "core/query/tiles.h"
+#include "gtest/gtest.h"
+#include "tests/core/query/query_meshes.h"
+#include "tests/support/random.h"
+
+namespace sightline {
+namespace {
+
+using testing_support::MakeScene;
+using testing_support::TestRng;
+using Others = WalkChoice::Others;
+
+constexpr size_t kRays = 256;
+
+// A walk of `kRays` rays that visited so many leaves a ray, and nothing else.
+void Teach(WalkChoice& choice, Strategy walk, uint64_t leaves, size_t rays = kRays) {
+  WalkStats before, after;
+  before.nodes = after.nodes = 7;
+  before.leaves = 5;
+  after.leaves = before.leaves + leaves * kRays;
+  choice.Learn(walk, before, after, rays);
+}
+
+// How often each walk was taken in `blocks` blocks, given what each costs in leaves a ray.
+struct Taken {
+  int shafts = 0, packets = 0, singles = 0;
+};
+Taken Take(WalkChoice& choice, int blocks, uint64_t shaft, uint64_t packet, uint64_t single) {
+  Taken taken;
+  for (int i = 0; i < blocks; ++i) {
+    const Strategy walk = choice.Next();
+    ++(walk == Strategy::kShaft    ? taken.shafts
+       : walk == Strategy::kPacket ? taken.packets
+                                   : taken.singles);
+    Teach(choice, walk,
+          walk == Strategy::kShaft    ? shaft
+          : walk == Strategy::kPacket ? packet
+                                      : single);
+  }
+  return taken;
+}
+
+TEST(WalkChoiceTest, CheapShaftsAreNotComparedWithAnything) {
+  WalkChoice choice(Others::kPacketsAndSingleRays);
+  EXPECT_EQ(Take(choice, 200, 1, 0, 0).shafts, 200);
+  EXPECT_FALSE(choice.ShaftsAreRare());
+}
+
+TEST(WalkChoiceTest, DearShaftsGiveWayToWhatIsCheapest) {
+  WalkChoice singles(Others::kPacketsAndSingleRays);
+  Taken taken = Take(singles, 200, 40, 40, 20);
+  EXPECT_TRUE(singles.ShaftsAreRare());
+  EXPECT_GT(taken.singles, 180);
+  EXPECT_GE(taken.shafts, 2);  // Asked again now and then.
+  EXPECT_LE(taken.packets, 10);
+  WalkChoice packets(Others::kPacketsAndSingleRays);
+  taken = Take(packets, 200, 40, 1, 40);
+  EXPECT_GT(taken.packets, 180);
+}
+
+TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
+  WalkChoice choice(Others::kPacketsAndSingleRays);
+  const Taken taken = Take(choice, 1000, 10, 10, 40);
+  EXPECT_FALSE(choice.ShaftsAreRare());
+  // Trials of either become rare: after 16 and 32 blocks, then every 64.
+  EXPECT_GT(taken.shafts, 950);
+  EXPECT_GT(taken.packets, 10);
+  EXPECT_GT(taken.singles, 10);
+}
+
+TEST(WalkChoiceTest, ReturnsToShaftsWhereRaysShareTheirWayAgain) {
+  WalkChoice choice(Others::kPacketsAndSingleRays);
+  Take(choice, 300, 40, 40, 20);
+  EXPECT_TRUE(choice.ShaftsAreRare());
+  // The longest wait, and some more until what was dear is forgotten.
+  EXPECT_GT(Take(choice, 300, 0, 40, 20).shafts, 200);
+  EXPECT_FALSE(choice.ShaftsAreRare());
+}
+
+TEST(WalkChoiceTest, KeepsToWhatThereIs) {
+  WalkChoice parallel(Others::kSingleRays);
+  Taken taken = Take(parallel, 100, 40, 0, 20);
+  EXPECT_EQ(taken.packets, 0);
+  EXPECT_GT(taken.singles, 80);
+  WalkChoice shafts(Others::kNone);
+  EXPECT_EQ(Take(shafts, 100, 40, 0, 0).shafts, 100);
+}
+
+TEST(WalkChoiceTest, AFewRaysTeachNothing) {
+  WalkChoice choice(Others::kPacketsAndSingleRays);
+  for (int i = 0; i < 10; ++i) Teach(choice, Strategy::kShaft, 100, /*rays=*/31);
+  EXPECT_EQ(choice.Next(), Strategy::kShaft);
+  Teach(choice, Strategy::kShaft, 100, /*rays=*/32);
+  EXPECT_NE(choice.Next(), Strategy::kShaft);
+}
+
+// Small triangles all over a cube, and points thinly scattered among them.
+IndexedGeometry MakeSoup(int triangles, TestRng& rng) {
+  ObjectInput soup;
+  soup.name = "soup";
+  for (int i = 0; i < triangles; ++i) {
+    const Vec3d centre = {rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-1, 1)};
+    for (int k = 0; k < 3; ++k) {
+      soup.indices.push_back(static_cast<uint32_t>(soup.vertices.size()));
+      soup.vertices.push_back(
+          centre + Vec3d{rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-1, 1)} * 0.02);
+    }
+  }
+  return MakeScene({soup});
+}
+
+LightSample MakeSample(Vec3f value, bool directional) {
+  LightSample sample;
+  sample.value = value;
+  sample.directional = directional;
+  return sample;
+}
+
+class MixedWalksTest : public testing::Test {
+ protected:
+  TestRng rng_;
+  const IndexedGeometry scene_ = MakeSoup(12'000, rng_);
+};
+
+TEST_F(MixedWalksTest, OfSegmentsAndRaysAnswerAsBruteForceDoes) {
+  PreparedPoints points;
+  for (int i = 0; i < 2'000; ++i) {
+    points.positions.push_back({static_cast<float>(rng_.Uniform(-1, 1)),
+                                static_cast<float>(rng_.Uniform(-1, 1)),
+                                static_cast<float>(rng_.Uniform(-1, 1))});
+    points.valid.push_back(i % 50 != 7);
+    points.sources.push_back(kNoTriangle);
+  }
+  const PointRange range = PointRange::Slice(points, 0, points.size());
+  for (const bool directional : {false, true}) {
+    for (const bool blockers : {false, true}) {
+      SCOPED_TRACE(testing::Message() << directional << blockers);
+      std::vector<LightSample> samples;
+      for (const Vec3f at : {Vec3f{0.3f, 0.2f, 1.5f}, Vec3f{-0.4f, 0.5f, 0.9f}}) {
+        samples.push_back(MakeSample(at, directional));
+      }
+      const ShadowOutputs outputs = {
+          .bits = true, .counts = true, .blockers = blockers, .answered_by = true};
+      ShadowResult truth, found;
+      ASSERT_TRUE(ComputeShadows(scene_, range, samples, {}, {}, outputs,
+                                 {.strategy = Strategy::kBruteForce}, &truth)
+                      .ok());
+      ASSERT_TRUE(ComputeShadows(scene_, range, samples, {}, {}, outputs, {}, &found).ok());
+      EXPECT_EQ(found.lit_bits, truth.lit_bits);
+      EXPECT_EQ(found.lit_counts, truth.lit_counts);
+      EXPECT_EQ(found.blocker, truth.blocker);
+      EXPECT_EQ(found.blocker_t, truth.blocker_t);
+      const auto answered = [&](AnsweredBy by) {
+        return std::count(found.answered_by.begin(), found.answered_by.end(), by);
+      };
+      EXPECT_EQ(answered(AnsweredBy::kNoRay), 2 * 40);
+      if (directional && blockers) {
+        EXPECT_EQ(found.stats.strategy, Strategy::kSingle);
+        continue;
+      }
+      // More than one walk was taken: what this test is for.
+      EXPECT_EQ(found.stats.strategy, Strategy::kAuto);
+      EXPECT_GT(answered(AnsweredBy::kRay) + answered(AnsweredBy::kPacket), 0);
+      EXPECT_EQ(answered(AnsweredBy::kPacket) == 0, directional);
+      // And with shafts alone it is the same.
+      ShadowResult shafts;
+      ASSERT_TRUE(ComputeShadows(scene_, range, samples, {}, {}, outputs,
+                                 {.strategy = Strategy::kShaft}, &shafts)
+                      .ok());
+      EXPECT_EQ(shafts.stats.strategy, Strategy::kShaft);
+      EXPECT_EQ(shafts.lit_bits, found.lit_bits);
+    }
+  }
+}
+
+TEST_F(MixedWalksTest, OfPixelsAnswerAsBruteForceDoes) {
+  const auto camera = LookAt({3, 0.4, 0.2}, {0, 0, 0}, {0, 0, 1}, 40, 64, 48);
+  ASSERT_TRUE(camera.ok()) << camera.status();
+  const TileOutputs outputs = {
+      .hits = true, .ids = true, .depth = true, .uv = true, .answered_by = true};
+  const auto trace = [&](Strategy strategy) {
+    TileResult result;
+    EXPECT_TRUE(
+        TraceTile(scene_, *camera, {0, 0, 64, 48}, {}, outputs, {.strategy = strategy}, &result)
+            .ok());
+    return result;
+  };
+  const TileResult truth = trace(Strategy::kBruteForce), found = trace(Strategy::kAuto);
+  EXPECT_EQ(found.primary.strategy, Strategy::kAuto);
+  EXPECT_GT(std::count(found.answered_by.begin(), found.answered_by.end(), AnsweredBy::kPacket), 0);
+  EXPECT_EQ(found.hit_bits, truth.hit_bits);
+  EXPECT_EQ(found.triangle, truth.triangle);
+  EXPECT_EQ(found.depth, truth.depth);
+  EXPECT_EQ(found.u, truth.u);
+  EXPECT_EQ(found.v, truth.v);
+}
+
+}  // namespace
+}  // namespace sightline
