@@ -93,6 +93,7 @@ absl::StatusOr<Surroundings> LookAround(const Session& session, const OpenedScen
   client::SegmentQuery query;
   query.scene = scene.scene().name;
   query.options.revision = scene.scene().revision;
+  query.origin = scene.scene().origin;
   query.segments = segments;
   query.blockers = true;
   SL_ASSIGN_OR_RETURN(client::Segments found,

@@ -11,6 +11,7 @@
 #include "client/lib/query_run.h"
 #include "client/lib/query_support.h"
 #include "client/lib/query_wire.h"
+#include "client/lib/stored_segments.h"
 #include "client/lib/stream_runner.h"
 #include "client/lib/upload.h"
 
@@ -25,6 +26,47 @@ void ResizeSegments(const SegmentQuery& query, uint64_t n, Segments* out) {
   if (query.blockers) ResizeBlockers(n, out);
 }
 
+uint64_t SegmentCount(const SegmentQuery& query) {
+  return (query.segments.size() + query.stored_segments.size()) / 6;  // One of them is empty.
+}
+
+absl::Status CheckSegmentQuery(const SegmentQuery& query) {
+  const std::pair<const char*, size_t> arrays[] = {
+      {"segments", query.segments.size()}, {"stored_segments", query.stored_segments.size()}};
+  for (const auto& [name, size] : arrays) {
+    if (size % 6 == 0) continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat(name, " has ", size, " numbers, which 6 does not divide"));
+  }
+  if (!query.stored_segments.empty() && !query.segments.empty()) {
+    return absl::InvalidArgumentError("segments and stored_segments are both given; give one");
+  }
+  if (!query.stored_segments.empty() && !query.origin.has_value()) {
+    return absl::InvalidArgumentError("stored_segments need the origin that they are relative to");
+  }
+  if (query.segments_per_item == 0) return absl::InvalidArgumentError("segments_per_item is 0");
+  return absl::OkStatus();
+}
+
+// The query as it is sent: with the revision that all its items see, and with an origin if its
+// segments can travel in their stored form.
+absl::StatusOr<SegmentQuery> PinnedQuery(const Client& client, SegmentQuery query,
+                                         const QueryStart& start) {
+  if (query.options.revision == 0) {
+    const absl::StatusOr<Scene> scene = client.GetScene(query.scene, start.call);
+    if (!scene.ok()) return scene.status();
+    // A scene without a revision is not ready; the stream says so better than we could.
+    query.options.revision = scene->revision;
+    if (!query.origin.has_value()) query.origin = scene->origin;
+  }
+  if (start.stored_segments) return query;
+  if (!query.stored_segments.empty()) {
+    return absl::UnimplementedError("the server reads no stored_segments; give segments");
+  }
+  query.origin.reset();
+  return query;
+}
+
 }  // namespace
 
 v1::TestSegmentsHeader SegmentsHeader(const SegmentQuery& query, int64_t revision) {
@@ -32,12 +74,20 @@ v1::TestSegmentsHeader SegmentsHeader(const SegmentQuery& query, int64_t revisio
   FillHeader(query.scene, revision, query.options, header.mutable_stream());
   header.mutable_outputs()->set_blocked_bits(query.blocked);
   header.mutable_outputs()->set_first_blockers(query.blockers);
+  if (query.origin.has_value()) ToProto(*query.origin, header.mutable_origin());
   return header;
 }
 
 void FillSegmentItem(const SegmentQuery& query, uint64_t begin, uint64_t count,
                      v1::SegmentItem* item) {
-  item->set_segments(PackRows(query.segments, 6, begin, count));
+  if (!query.stored_segments.empty()) {
+    item->set_segments_f32(PackRows(query.stored_segments, 6, begin, count));
+  } else if (query.origin.has_value()) {
+    item->set_segments_f32(
+        StoreSegments(query.segments.subspan(6 * begin, 6 * count), *query.origin));
+  } else {
+    item->set_segments(PackRows(query.segments, 6, begin, count));
+  }
 }
 
 absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t begin, uint64_t n,
@@ -65,25 +115,21 @@ absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t begi
 }
 
 absl::StatusOr<StreamSummary> Client::TestSegments(
-    const SegmentQuery& query, const std::function<absl::Status(Segments)>& on_segments,
+    const SegmentQuery& asked, const std::function<absl::Status(Segments)>& on_segments,
     const StreamOptions& options) const {
-  if (query.segments.size() % 6 != 0) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("segments has ", query.segments.size(), " numbers, which 6 does not divide"));
-  }
-  if (query.segments_per_item == 0) return absl::InvalidArgumentError("segments_per_item is 0");
+  if (absl::Status s = CheckSegmentQuery(asked); !s.ok()) return s;
   absl::StatusOr<QueryStart> start = StartQuery(*this, options);
   if (!start.ok()) return start.status();
-  absl::StatusOr<int64_t> revision =
-      PinnedRevision(query.scene, query.options.revision, start->call);
-  if (!revision.ok()) return revision.status();
+  const absl::StatusOr<SegmentQuery> pinned = PinnedQuery(*this, asked, *start);
+  if (!pinned.ok()) return pinned.status();
+  const SegmentQuery& query = *pinned;
   constexpr uint64_t kBytesPerSegment = 6 * 8;
-  const ItemCut cut = CutIntoItems(query.segments.size() / 6, query.segments_per_item, 1,
+  const ItemCut cut = CutIntoItems(SegmentCount(query), query.segments_per_item, 1,
                                    kBytesPerSegment, start->limits);
 
   StreamJob<v1::TestSegmentsRequest, v1::TestSegmentsResponse> job;
   job.item_count = cut.items();
-  *job.header.mutable_header() = SegmentsHeader(query, *revision);
+  *job.header.mutable_header() = SegmentsHeader(query, query.options.revision);
   job.open = [this](int lane, const CallOptions& stream_call) {
     return shared_->connection->OpenSegments(lane, stream_call);
   };
@@ -105,7 +151,7 @@ absl::StatusOr<Segments> Client::TestAllSegments(
     const SegmentQuery& query, const StreamOptions& options,
     const std::function<void(uint64_t done)>& on_progress) const {
   Segments all;
-  const uint64_t n = query.segments.size() / 6;
+  const uint64_t n = SegmentCount(query);
   ResizeSegments(query, n, &all);
   const absl::Status status = CollectParts<Segments>(
       [&](const auto& on_part) { return TestSegments(query, on_part, options); },

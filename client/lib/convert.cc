@@ -340,6 +340,9 @@ Statistics FromProto(const v1::Statistics& statistics) {
 Capabilities FromProto(const v1::Capabilities& capabilities) {
   Capabilities out;
   out.version = capabilities.version();
+  for (const int encoding : capabilities.encodings()) {
+    out.stored_segments |= encoding == v1::ENCODING_STORED_FLOAT32;
+  }
   const v1::Limits& in = capabilities.limits();
   Limits& limits = out.limits;
   limits.max_message_bytes = in.max_message_bytes();

@@ -35,6 +35,7 @@ struct QueryStart {
   absl::Time time;
   CallOptions call;  // For its calls beside the streams.
   Limits limits;
+  bool stored_segments = false;  // Capabilities::stored_segments.
 };
 
 inline absl::StatusOr<QueryStart> StartQuery(const Client& client, const StreamOptions& options) {
@@ -43,6 +44,7 @@ inline absl::StatusOr<QueryStart> StartQuery(const Client& client, const StreamO
   absl::StatusOr<Capabilities> capabilities = client.GetCapabilities(start.call);
   if (!capabilities.ok()) return capabilities.status();
   start.limits = capabilities->limits;
+  start.stored_segments = capabilities->stored_segments;
   return start;
 }
 

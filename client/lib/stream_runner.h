@@ -271,7 +271,9 @@ class StreamRun {
     absl::Status delivered;
     {
       MutexLock lock(&deliver_mutex_);
-      delivered = job_.deliver(static_cast<size_t>(id), std::move(replies));
+      // Another lane may wait here with its item while one finds that the caller has had enough.
+      if (delivery_.ok()) delivery_ = job_.deliver(static_cast<size_t>(id), std::move(replies));
+      delivered = delivery_;
     }
     MutexLock lock(&mutex_);
     if (!delivered.ok()) {
@@ -330,6 +332,7 @@ class StreamRun {
   const Job& job_;
   const RunOptions options_;
   Mutex deliver_mutex_;
+  absl::Status delivery_ ABSL_GUARDED_BY(deliver_mutex_);  // After an error nothing is delivered.
   Mutex mutex_ ABSL_ACQUIRED_AFTER(deliver_mutex_);
   std::deque<Waiting> queue_ ABSL_GUARDED_BY(mutex_);
   std::vector<Session*> sessions_ ABSL_GUARDED_BY(mutex_);

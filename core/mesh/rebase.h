@@ -4,27 +4,37 @@
 // rounded once, without -0. Points, lights, segment ends and cameras are rebased as vertices are
 // (CompileScene), so a point given by a vertex's own doubles gets that vertex's bits.
 //
-// Thread safety: a pure function.
+// Thread safety: pure functions.
 //
 //   if (!Rebase(position, geometry.origin, &stored)) ++invalid;
 #ifndef SIGHTLINE_CORE_MESH_REBASE_H_
 #define SIGHTLINE_CORE_MESH_REBASE_H_
+
+#include <cmath>
 
 #include "core/geometry/vec3.h"
 #include "core/mesh/scene_geometry.h"
 
 namespace sightline {
 
+// Whether no coordinate is beyond kMaxCoordinate, nor NaN. Without branches: ends of segments come
+// by the million.
+template <typename T>
+bool IsInRange(Vec3<T> v) {
+  constexpr T kMost = static_cast<T>(kMaxCoordinate);  // A power of two: exact.
+  return (std::abs(v.x) <= kMost) & (std::abs(v.y) <= kMost) & (std::abs(v.z) <= kMost);
+}
+
+// -0 becomes +0.
+inline Vec3f WithoutNegativeZero(Vec3f v) { return v + Vec3f{0.0f, 0.0f, 0.0f}; }
+
 // False, and *stored = 0, if `world` is not finite or has a coordinate beyond kMaxCoordinate in the
 // world or relative to `origin`.
 inline bool Rebase(Vec3d world, Vec3d origin, Vec3f* stored) {
   const Vec3d relative = world - origin;
-  if (!(MaxAbs(world) <= kMaxCoordinate) || !(MaxAbs(relative) <= kMaxCoordinate)) {
-    *stored = {};
-    return false;
-  }
-  *stored = ToFloat(relative) + Vec3f{0.0f, 0.0f, 0.0f};  // -0 becomes +0.
-  return true;
+  const bool stores = IsInRange(world) & IsInRange(relative);
+  *stored = stores ? WithoutNegativeZero(ToFloat(relative)) : Vec3f{};
+  return stores;
 }
 
 }  // namespace sightline

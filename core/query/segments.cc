@@ -30,37 +30,68 @@ absl::Status CheckSources(const char* name, std::span<const uint32_t> sources, s
   return absl::OkStatus();
 }
 
+void SetSources(std::span<const uint32_t> sources, size_t n, std::vector<uint32_t>* out) {
+  if (sources.empty()) {
+    out->assign(n, kNoTriangle);
+  } else {
+    out->assign(sources.begin(), sources.end());
+  }
+}
+
+// `store(end, &stored)` tells whether the end is one, and what is stored of it.
+template <typename End, typename Store>
+absl::Status Prepare(const IndexedGeometry& scene, std::span<const std::array<End, 2>> ends,
+                     std::span<const uint32_t> from_sources, std::span<const uint32_t> to_sources,
+                     const Store& store, PreparedSegments* segments) {
+  const ScopedFloatEnvironment environment;
+  const size_t n = ends.size(), triangles = scene.geometry.triangles.size();
+  SL_RETURN_IF_ERROR(CheckSources("from_sources", from_sources, n, triangles));
+  SL_RETURN_IF_ERROR(CheckSources("to_sources", to_sources, n, triangles));
+  SetSources(from_sources, n, &segments->from_source);
+  SetSources(to_sources, n, &segments->to_source);
+  segments->from.resize(n);
+  segments->to.resize(n);
+  segments->valid.resize(n);
+  segments->invalid = 0;
+  for (size_t i = 0; i < n; ++i) {
+    Vec3f from, to;
+    // Both, always: that of one is as fast as a branch over it.
+    const bool valid = store(ends[i][0], &from) & store(ends[i][1], &to);
+    if (!valid) {
+      from = to = {};
+      ++segments->invalid;
+    }
+    segments->from[i] = from;
+    segments->to[i] = to;
+    segments->valid[i] = valid;
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::Status PrepareSegments(const IndexedGeometry& scene,
                              std::span<const std::array<Vec3d, 2>> ends,
                              std::span<const uint32_t> from_sources,
                              std::span<const uint32_t> to_sources, PreparedSegments* segments) {
-  const ScopedFloatEnvironment environment;
-  const size_t n = ends.size(), triangles = scene.geometry.triangles.size();
-  SL_RETURN_IF_ERROR(CheckSources("from_sources", from_sources, n, triangles));
-  SL_RETURN_IF_ERROR(CheckSources("to_sources", to_sources, n, triangles));
-  PreparedSegments out;
-  out.from.resize(n);
-  out.to.resize(n);
-  out.valid.resize(n);
-  out.from_source.assign(n, kNoTriangle);
-  out.to_source.assign(n, kNoTriangle);
-  std::copy(from_sources.begin(), from_sources.end(), out.from_source.begin());
-  std::copy(to_sources.begin(), to_sources.end(), out.to_source.begin());
-  for (size_t i = 0; i < n; ++i) {
-    Vec3f from, to;
-    out.valid[i] = Rebase(ends[i][0], scene.geometry.origin, &from) &&
-                   Rebase(ends[i][1], scene.geometry.origin, &to);
-    if (out.valid[i]) {
-      out.from[i] = from;
-      out.to[i] = to;
-    } else {
-      ++out.invalid;
-    }
-  }
-  *segments = std::move(out);
-  return absl::OkStatus();
+  const Vec3d origin = scene.geometry.origin;
+  return Prepare(
+      scene, ends, from_sources, to_sources,
+      [origin](Vec3d end, Vec3f* stored) { return Rebase(end, origin, stored); }, segments);
+}
+
+absl::Status PrepareStoredSegments(const IndexedGeometry& scene,
+                                   std::span<const std::array<Vec3f, 2>> ends,
+                                   std::span<const uint32_t> from_sources,
+                                   std::span<const uint32_t> to_sources,
+                                   PreparedSegments* segments) {
+  return Prepare(
+      scene, ends, from_sources, to_sources,
+      [](Vec3f end, Vec3f* stored) {
+        *stored = WithoutNegativeZero(end);
+        return IsInRange(end);
+      },
+      segments);
 }
 
 absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& segments,

@@ -35,11 +35,18 @@ struct PreparedSegments {
 
 // `ends[i]` is from, to in world coordinates; the sources are empty or one per segment.
 // InvalidArgument: lengths that differ, a source out of range. Equal ends are valid: nothing blocks
-// an empty segment.
+// an empty segment. What `segments` held goes, its memory is used again.
 absl::Status PrepareSegments(const IndexedGeometry& scene,
                              std::span<const std::array<Vec3d, 2>> ends,
                              std::span<const uint32_t> from_sources,
                              std::span<const uint32_t> to_sources, PreparedSegments* segments);
+// Of ends that are stored values already: relative to the scene's origin, not beyond
+// kMaxCoordinate. -0 counts as +0.
+absl::Status PrepareStoredSegments(const IndexedGeometry& scene,
+                                   std::span<const std::array<Vec3f, 2>> ends,
+                                   std::span<const uint32_t> from_sources,
+                                   std::span<const uint32_t> to_sources,
+                                   PreparedSegments* segments);
 
 struct SegmentOutputs {
   bool bits = true;

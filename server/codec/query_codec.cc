@@ -259,7 +259,15 @@ absl::Status AppendPoints(absl::string_view field, const PointBytes& arrays,
                     points->objects.size(), "source_objects");
 }
 
-absl::Status CheckSegments(size_t bytes) {
+absl::Status CheckSegments(size_t bytes, size_t stored_bytes) {
+  if (bytes > 0 && stored_bytes > 0) {
+    return InvalidField("item.segments_f32", absl::StrCat(stored_bytes, " bytes"),
+                        "must be empty where item.segments is not");
+  }
+  if (stored_bytes > 0) {
+    return CheckArrayLength<std::array<Vec3f, 2>>(stored_bytes, "item.segments_f32",
+                                                  "float32 [n, 6]");
+  }
   if (bytes == 0) {
     return InvalidField("item.segments", "", "needs at least one segment",
                         v1::ERROR_REASON_BAD_ARRAY_LENGTH);

@@ -66,8 +66,12 @@ absl::Status AppendPoints(absl::string_view field, const PointBytes& arrays, Dec
 absl::Status AppendPoints(absl::string_view field, const v1::PointArrays& arrays,
                           DecodedPoints* points);
 
-// Whether so many bytes are segments at all, before any is decoded.
-absl::Status CheckSegments(size_t bytes);
+// Bytes of a segment in v1::SegmentItem's two forms.
+inline constexpr size_t kSegmentBytes = sizeof(std::array<Vec3d, 2>);
+inline constexpr size_t kStoredSegmentBytes = sizeof(std::array<Vec3f, 2>);
+
+// Whether so many bytes of either form are segments at all, before any is decoded: of one form.
+absl::Status CheckSegments(size_t bytes, size_t stored_bytes);
 absl::Status DecodeSegments(absl::string_view bytes, std::vector<std::array<Vec3d, 2>>* segments);
 
 // A positive duration of at most `most`, or `unset` where there is none.

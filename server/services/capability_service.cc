@@ -68,6 +68,7 @@ v1::Capabilities DescribeServer(const Limits& limits, int threads) {
     out.add_strategies(EncodeStrategy(strategy));
   }
   out.add_encodings(v1::ENCODING_PACKED_LITTLE_ENDIAN);
+  out.add_encodings(v1::ENCODING_STORED_FLOAT32);
   for (const BuiltinInfo& scene : BuiltinScenes()) out.add_builtin_scenes(std::string(scene.name));
   out.set_thread_count(static_cast<uint32_t>(threads));
   return out;

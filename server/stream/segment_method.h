@@ -9,9 +9,13 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/geometry/vec3.h"
+#include "core/scene/scene.h"
 #include "server/codec/wire_request.h"
 #include "server/metrics/metrics.h"
 #include "server/stream/item_work.h"
@@ -29,7 +33,7 @@ class SegmentMethod final : public StreamMethod {
   // An item as it is read: its message, but for arrays that stay where they came.
   struct Item {
     v1::SegmentItem message;
-    WireArray segments;
+    WireArray segments, stored_segments;  // Of the latter, v1::SegmentItem.segments_f32.
   };
   static constexpr Operation kOperation = Operation::kTestSegments;
 
@@ -44,10 +48,15 @@ class SegmentMethod final : public StreamMethod {
                                                     uint64_t part_rays) const;
 
  private:
+  template <typename End>
   class SegmentWork;
   explicit SegmentMethod(const QueryEnvironment& env) : StreamMethod(env) {}
 
+  // Whether `stored_segments` are relative to the scene's origin.
+  absl::Status CheckOrigin(const Scene& scene) const;
+
   v1::SegmentOutputs outputs_;
+  std::optional<Vec3d> origin_;  // What the header says that they are relative to.
 };
 
 }  // namespace sightline

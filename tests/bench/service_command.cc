@@ -56,10 +56,11 @@ cli::FlagSet Flags(ServiceFlags* o) {
       "Sends bulk queries and single tiles through a server of this process, over loopback and a "
       "Unix socket, and times them against the engine and against plain gRPC.");
   flags.Texts("scene", "SCENE", "a mesh file or a built-in scene", &o->scenes);
-  flags.Texts("workload", "NAME",
-              "points-bits, sky-sums, segments-bits, tiles-bits, tiles-depth-ids or latency; all "
-              "unless named",
-              &o->workloads);
+  flags.Texts(
+      "workload", "NAME",
+      "points-bits, sky-sums, segments-bits, segments-f32-bits, tiles-bits, tiles-depth-ids "
+      "or latency; all unless named",
+      &o->workloads);
   flags.Text("views", "FILE", "views by scene, instead of views.json beside the scene file",
              &o->views);
   flags.Count("width", "PIXELS", "of the view", &o->width, 64, 16384);

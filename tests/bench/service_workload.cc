@@ -200,9 +200,10 @@ grpc::ByteBuffer Serialized(const google::protobuf::MessageLite& message) {
   return grpc::ByteBuffer(&slice, 1);
 }
 
-// An item's message that refers to `segments`, which outlive the call, as a client sends it that
-// keeps its arrays: they are copied once, into the socket.
-grpc::ByteBuffer SegmentsMessage(uint64_t item_id, std::span<const std::array<Vec3d, 2>> segments) {
+// An item's message whose `field` refers to `segments`, which outlive the call, as a client sends
+// it that keeps its arrays: they are copied once, into the socket.
+template <typename Segment>
+grpc::ByteBuffer SegmentsMessage(uint64_t item_id, int field, std::span<const Segment> segments) {
   using google::protobuf::internal::WireFormatLite;
   using Item = v1::SegmentItem;
   const auto head = [](int field, uint64_t length, std::string* out) {
@@ -214,7 +215,7 @@ grpc::ByteBuffer SegmentsMessage(uint64_t item_id, std::span<const std::array<Ve
   Item item;
   item.mutable_item()->set_item_id(item_id);
   std::string inner = item.SerializeAsString();
-  head(Item::kSegmentsFieldNumber, segments.size_bytes(), &inner);
+  head(field, segments.size_bytes(), &inner);
   std::string outer;
   head(v1::TestSegmentsRequest::kItemFieldNumber, inner.size() + segments.size_bytes(), &outer);
   const grpc::Slice slices[] = {
@@ -223,13 +224,25 @@ grpc::ByteBuffer SegmentsMessage(uint64_t item_id, std::span<const std::array<Ve
   return grpc::ByteBuffer(slices, 2);
 }
 
-// Segments between random points of the scene's box, a third of it long; bits.
-ServiceWorkload Segments(std::shared_ptr<const Scene> scene, const ServiceSpec& spec) {
-  const Box3f box = scene->geometry.bounds;
-  const Vec3d origin = scene->geometry.origin;
-  auto ends = std::make_shared<std::vector<std::array<Vec3d, 2>>>(spec.segments);
+using WorldSegment = std::array<Vec3d, 2>;
+using StoredSegment = std::array<Vec3f, 2>;  // SegmentItem.segments_f32.
+
+absl::Status PrepareEnds(const Scene& scene, std::span<const WorldSegment> ends,
+                         PreparedSegments* prepared) {
+  return PrepareSegments(scene, ends, {}, {}, prepared);
+}
+absl::Status PrepareEnds(const Scene& scene, std::span<const StoredSegment> ends,
+                         PreparedSegments* prepared) {
+  return PrepareStoredSegments(scene, ends, {}, {}, prepared);
+}
+
+// Segments between random points of the scene's box, a third of it long.
+std::vector<WorldSegment> RandomSegments(const Scene& scene, uint64_t count) {
+  const Box3f box = scene.geometry.bounds;
+  const Vec3d origin = scene.geometry.origin;
+  std::vector<WorldSegment> ends(count);
   Random random(7);
-  for (auto& segment : *ends) {
+  for (WorldSegment& segment : ends) {
     for (int axis = 0; axis < 3; ++axis) {
       const double low = box.lo[axis], size = box.hi[axis] - low;
       const double from = low + random.Uniform(0, size);
@@ -238,26 +251,45 @@ ServiceWorkload Segments(std::shared_ptr<const Scene> scene, const ServiceSpec& 
       segment[1][axis] = origin[axis] + to;
     }
   }
+  return ends;
+}
+
+// The same in their stored form.
+std::vector<StoredSegment> Stored(std::span<const WorldSegment> segments, Vec3d origin) {
+  std::vector<StoredSegment> stored;
+  stored.reserve(segments.size());
+  for (const auto& [from, to] : segments) {
+    stored.push_back({ToFloat(from - origin), ToFloat(to - origin)});
+  }
+  return stored;
+}
+
+// Bits of segments in either form, which is what the engine gets as well.
+template <typename Segment>
+ServiceWorkload Segments(const std::string& name, int field, std::shared_ptr<const Scene> scene,
+                         std::vector<Segment> segments, const ServiceSpec& spec) {
+  const auto ends = std::make_shared<const std::vector<Segment>>(std::move(segments));
   v1::TestSegmentsRequest header;
+  EncodeVector(scene->geometry.origin, header.mutable_header()->mutable_origin());
   *header.mutable_header()->mutable_stream() = StreamHeaderOf(spec);
-  ServiceWorkload workload{.name = "segments-bits", .rays = spec.segments};
+  ServiceWorkload workload{.name = name, .rays = spec.segments};
   workload.items = (spec.segments + kSegmentsPerItem - 1) / kSegmentsPerItem;
   const auto slice = [ends](size_t item) {
-    const std::span<const std::array<Vec3d, 2>> all(*ends);
+    const std::span<const Segment> all(*ends);
     const size_t begin = item * kSegmentsPerItem;
     return all.subspan(begin, std::min<size_t>(kSegmentsPerItem, all.size() - begin));
   };
   workload.run_engine = [=, items = workload.items](ThreadPool& pool) {
     return RunItems(pool, items, [&](size_t item, Answer* answer) -> absl::Status {
       PreparedSegments prepared;
-      SL_RETURN_IF_ERROR(PrepareSegments(*scene, slice(item), {}, {}, &prepared));
+      SL_RETURN_IF_ERROR(PrepareEnds(*scene, slice(item), &prepared));
       SegmentResult result;
       SL_RETURN_IF_ERROR(TestSegments(*scene, prepared, {.bits = true}, {}, &result));
       AddBits(Bytes(result.blocked_bits), result.blocked_bits.size(), answer);
       return absl::OkStatus();
     });
   };
-  const auto make = [=](size_t item) { return SegmentsMessage(item, slice(item)); };
+  const auto make = [=](size_t item) { return SegmentsMessage(item, field, slice(item)); };
   workload.request_bytes = make(0).Length();
   workload.run_service = [=, items = workload.items](const std::shared_ptr<grpc::Channel>& to) {
     return RunStream<grpc::ByteBuffer, v1::TestSegmentsResponse>(
@@ -366,7 +398,12 @@ absl::StatusOr<std::vector<ServiceWorkload>> MakeServiceWorkloads(
   std::vector<ServiceWorkload> workloads;
   workloads.push_back(Shadows("points-bits", scene, points, lights, spec, /*sums=*/false));
   workloads.push_back(Shadows("sky-sums", scene, points, sky, spec, /*sums=*/true));
-  workloads.push_back(Segments(scene, spec));
+  std::vector<WorldSegment> segments = RandomSegments(*scene, spec.segments);
+  std::vector<StoredSegment> stored = Stored(segments, scene->geometry.origin);
+  workloads.push_back(Segments("segments-bits", v1::SegmentItem::kSegmentsFieldNumber, scene,
+                               std::move(segments), spec));
+  workloads.push_back(Segments("segments-f32-bits", v1::SegmentItem::kSegmentsF32FieldNumber, scene,
+                               std::move(stored), spec));
   workloads.push_back(Tiles("tiles-bits", scene, camera, lights, spec, /*arrays=*/false));
   workloads.push_back(Tiles("tiles-depth-ids", scene, camera, {}, spec, /*arrays=*/true));
   return workloads;

@@ -32,6 +32,10 @@ d0='\000\000\000\000\000\000\000\000'
 d1='\000\000\000\000\000\000\360\077'
 d2='\000\000\000\000\000\000\000\100'
 dh='\000\000\000\000\000\000\340\077'
+# Floats: 0, 1, 2.
+f0='\000\000\000\000'
+f1='\000\000\200\077'
+f2='\000\000\000\100'
 triangle="vertices_f64: '$d0$d0$d0$d1$d0$d0$d0$d1$d0' indices: '\\000\\000\\000\\000\\001\\000\\000\\000\\002\\000\\000\\000'"
 stream="stream { scene: 'scenes/box' options { strategy: STRATEGY_AUTO statistics: true } }"
 point_light="lights { point { position { x: 0.5 y: 0.5 z: 1.5 } } weight: 0.5 }"
@@ -75,3 +79,8 @@ add ComputeShadowsRequest "item { item { item_id: 2 } point_set_range { point_se
 begin segments 5
 add TestSegmentsRequest "header { $stream outputs { } }"
 add TestSegmentsRequest "item { item { item_id: 1 } segments: '$d0$d0$d0$d1$d1$d1$d2$d2$d2$dh$dh$dh' }"
+
+begin segments_stored 5
+add TestSegmentsRequest "header { $stream outputs { blocked_bits: true first_blockers: true } origin { } }"
+add TestSegmentsRequest "item { item { item_id: 1 } segments_f32: '$f0$f0$f0$f1$f1$f2' }"
+add TestSegmentsRequest "item { item { item_id: 2 } segments_f32: '$f0$f1$f2$f1$f0$f0' segments: '$d0$d0$d0$d1$d1$d1' }"

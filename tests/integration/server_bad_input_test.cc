@@ -3,6 +3,7 @@
 // Bad input gets a clear error, and the server serves on.
 #include <cmath>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -220,6 +221,66 @@ TEST_F(BadInputTest, NonFinitePointsAreInvalidAndTheRestIsAnswered) {
     ExpectItemError(replies.at(id).at(0).reply().header().status(), kInvalid,
                     v1::ERROR_REASON_BAD_ARRAY_LENGTH, "item.segments");
   }
+}
+
+// Segments in their stored form say what they are relative to, and are judged as the others.
+TEST_F(BadInputTest, StoredSegmentsThatCannotBeTaken) {
+  // The only reply to one item, of a stream whose header names that origin.
+  const auto answer = [&](const std::optional<Vec3d>& origin, const v1::SegmentItem& item) {
+    v1::TestSegmentsRequest request;
+    request.mutable_header()->mutable_stream()->set_scene("scenes/wall");
+    if (origin.has_value()) EncodeTestVector(*origin, request.mutable_header()->mutable_origin());
+    SegmentStream stream(harness_, request);
+    request.Clear();
+    *request.mutable_item() = item;
+    stream.Write(request);
+    const auto replies = stream.ReadAll();
+    EXPECT_TRUE(stream.Finish().ok());
+    return replies.at(0).at(0).reply();
+  };
+  v1::GetSceneRequest name;
+  name.set_name("scenes/wall");
+  v1::Scene scene;
+  grpc::ClientContext context;
+  ASSERT_TRUE(harness_.scenes->GetScene(&context, name, &scene).ok());
+  const Vec3d origin = {scene.origin().x(), scene.origin().y(), scene.origin().z()};
+  const auto status = [](const v1::SegmentReply& reply) { return reply.header().status(); };
+
+  // Not finite; through the wall; beyond 2^40.
+  const std::vector<double> world = {0,   -1, 0,   0,   1,    NAN, 0.3, -1, 0.1, 0.3, 1, 0.1,  //
+                                     0.3, -1, 0.1, 0.3, 3e12, 0.1};
+  std::vector<float> stored;
+  for (size_t i = 0; i < world.size(); ++i) {
+    stored.push_back(static_cast<float>(world[i] - origin[static_cast<int>(i % 3)]));
+  }
+  v1::SegmentItem item;
+  item.set_segments_f32(PackArray(stored));
+  const v1::SegmentReply good = answer(origin, item);
+  EXPECT_EQ(good.header().status().code(), 0) << good.header().status().message();
+  EXPECT_EQ(good.segments().blocked_bits(), std::string(1, 2));
+  EXPECT_EQ(good.segments().valid_bits(), std::string(1, 2));
+  ExpectItemError(status(answer(std::nullopt, item)), kInvalid, v1::ERROR_REASON_INVALID_FIELD,
+                  "header.origin");
+  ExpectItemError(status(answer(origin + Vec3d{0, 1e-9, 0}, item)),
+                  grpc::StatusCode::FAILED_PRECONDITION, v1::ERROR_REASON_ORIGIN_MISMATCH,
+                  "scenes/wall");
+  item.set_segments(std::string(48, '\0'));
+  ExpectItemError(status(answer(origin, item)), kInvalid, v1::ERROR_REASON_INVALID_FIELD,
+                  "item.segments_f32");
+  item.clear_segments();
+  item.set_segments_f32(std::string(23, 'x'));
+  ExpectItemError(status(answer(origin, item)), kInvalid, v1::ERROR_REASON_BAD_ARRAY_LENGTH,
+                  "item.segments_f32");
+  item.clear_segments_f32();
+  ExpectItemError(status(answer(origin, item)), kInvalid, v1::ERROR_REASON_BAD_ARRAY_LENGTH,
+                  "item.segments");
+
+  v1::TestSegmentsRequest header;
+  header.mutable_header()->mutable_stream()->set_scene("scenes/wall");
+  EncodeTestVector({0, NAN, 0}, header.mutable_header()->mutable_origin());
+  SegmentStream stream(harness_, header);
+  stream.ReadAll();
+  ExpectError(stream.Finish(), kInvalid, "INVALID_FIELD", "header.origin");
 }
 
 TEST_F(BadInputTest, Sequences) {

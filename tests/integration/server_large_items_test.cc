@@ -80,6 +80,24 @@ TEST_F(LargeItemsTest, SegmentsAreAnsweredAlikeInOneItemAndInMany) {
   EXPECT_EQ(whole, parts);
   EXPECT_EQ(whole.size(), kCount / 8);
   EXPECT_NE(whole, std::string(kCount / 8, '\0'));
+
+  // Half the bytes: the same segments in their stored form.
+  const Vec3d origin = harness_.server->scenes().Pin("room", 0).value()->geometry.origin;
+  std::vector<float> stored(numbers.size());
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    stored[i] = static_cast<float>(numbers[i] - origin[static_cast<int>(i % 3)]);
+  }
+  static_assert(kCount * 6 * sizeof(float) > kLeastLifted);
+  v1::TestSegmentsRequest other;
+  other.mutable_header()->mutable_stream()->set_scene("scenes/room");
+  EncodeTestVector(origin, other.mutable_header()->mutable_origin());
+  SegmentStream stored_stream(harness_, other);
+  other.Clear();
+  other.mutable_item()->set_segments_f32(PackArray(stored));
+  stored_stream.Write(other);
+  const auto stored_replies = stored_stream.ReadAll();
+  ASSERT_TRUE(stored_stream.Finish().ok());
+  EXPECT_EQ(Answers(stored_replies.at(0), bits), whole);
 }
 
 TEST_F(LargeItemsTest, PointsWithSourcesAndNormalsAreAnsweredAlikeInOneItemAndInMany) {

@@ -421,6 +421,27 @@ TEST_F(RoundTripTest, SegmentsAreTheEngines) {
   EXPECT_EQ(reply.segments().blocker_objects(), objects);
   EXPECT_EQ(reply.segments().blocker_triangles(), triangles);
   EXPECT_EQ(reply.segments().valid_bits()[1] & 2, 0);  // Segment 9.
+
+  // As the scene stores them they get the same answer, byte for byte.
+  std::vector<std::array<Vec3f, 2>> stored(segments.size());
+  for (size_t i = 0; i < segments.size(); ++i) {
+    for (size_t end = 0; end < 2; ++end) {
+      stored[i][end] = ToFloat(segments[i][end] - scene_->geometry.origin);
+    }
+  }
+  request.Clear();
+  request.mutable_header()->mutable_stream()->set_scene("scenes/room");
+  request.mutable_header()->mutable_outputs()->set_blocked_bits(true);
+  request.mutable_header()->mutable_outputs()->set_first_blockers(true);
+  EncodeTestVector(scene_->geometry.origin, request.mutable_header()->mutable_origin());
+  SegmentStream stored_stream(harness_, request);
+  request.Clear();
+  request.mutable_item()->set_segments_f32(PackArray(stored));
+  stored_stream.Write(request);
+  const auto stored_replies = stored_stream.ReadAll();
+  ASSERT_TRUE(stored_stream.Finish().ok());
+  EXPECT_EQ(stored_replies.at(0).at(0).reply().segments().SerializeAsString(),
+            reply.segments().SerializeAsString());
 }
 
 // An edit makes a new revision; what was pinned keeps its own.

@@ -51,6 +51,7 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
   client::SegmentQuery query;
   query.scene = scene->scene().name;
   query.options.revision = scene->scene().revision;
+  query.origin = scene->scene().origin;
   strategy.Apply(&query.options);
   query.options.statistics = true;
   query.segments = segments;

@@ -2,7 +2,7 @@
 //
 // A scripted server of TestSegments streams, after the rules of visibility_service.proto: it counts
 // credit, answers in any order and in pieces, and can drain, break off or be full. A segment is
-// blocked when its from.x is above zero and not valid when its from.x is NaN.
+// blocked when its from.x is above zero and not valid when its from.x is NaN, in either form.
 //
 // Thread safety: a stream as BidiStream has it; the server's members under its mutex.
 #ifndef SIGHTLINE_TESTS_CLIENT_LIB_FAKE_SEGMENTS_H_
@@ -40,7 +40,8 @@ struct FakeServer {
   Mutex mutex;
   int streams = 0;
   int items = 0;
-  int violations = 0;  // Items sent without credit, or twice at once.
+  int stored_items = 0;  // Those of them that came in the stored form.
+  int violations = 0;    // Items sent without credit, or twice at once.
   std::map<uint64_t, int> sent;
 };
 
@@ -69,7 +70,9 @@ class FakeSegmentStream final : public Connection::SegmentStream {
       return true;
     }
     const uint64_t id = request.item().item().item_id();
-    const uint64_t n = request.item().segments().size() / 48;
+    const uint64_t n =
+        request.item().segments().size() / 48 + request.item().segments_f32().size() / 24;
+    if (!request.item().segments_f32().empty()) ++server_->stored_items;
     ++server_->items;
     ++server_->sent[id];
     if (credit_ <= 0 || open_.contains(id)) ++server_->violations;
@@ -87,7 +90,9 @@ class FakeSegmentStream final : public Connection::SegmentStream {
     } else if (script_.full_every > 0 && accepted_ % script_.full_every == 0) {
       held_.push_back({Failure(id, 8, v1::ERROR_REASON_QUEUE_FULL)});
     } else {
-      held_.push_back(Results(id, request.item().segments()));
+      held_.push_back(request.item().segments_f32().empty()
+                          ? Results<double>(id, request.item().segments())
+                          : Results<float>(id, request.item().segments_f32()));
     }
     if (accepted_ == script_.break_after) End(absl::UnavailableError("connection lost"));
     if (accepted_ == script_.drain_after) {
@@ -157,15 +162,17 @@ class FakeSegmentStream final : public Connection::SegmentStream {
   }
 
   // In pieces of 8 elements, the later half first.
+  template <typename Number>
   static std::vector<v1::TestSegmentsResponse> Results(uint64_t id, const std::string& bytes) {
-    const size_t n = bytes.size() / 48;
+    constexpr size_t kBytes = 6 * sizeof(Number);
+    const size_t n = bytes.size() / kBytes;
     std::vector<v1::TestSegmentsResponse> replies;
     for (size_t at = 0; at < n; at += 8) {
       const size_t count = std::min<size_t>(8, n - at);
       unsigned char blocked = 0, valid = 0;
       for (size_t i = 0; i < count; ++i) {
-        double x;
-        std::memcpy(&x, bytes.data() + (at + i) * 48, sizeof x);
+        Number x;
+        std::memcpy(&x, bytes.data() + (at + i) * kBytes, sizeof x);
         if (!std::isnan(x)) valid = static_cast<unsigned char>(valid | (1u << i));
         if (x > 0) blocked = static_cast<unsigned char>(blocked | (1u << i));
       }

@@ -3,13 +3,18 @@
 // Streamed queries against a scripted server: whatever happens to the streams, every item is
 // answered once, nothing is sent without credit, and what cannot be answered is an error.
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <memory>
+#include <span>
+#include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "client/lib/client.h"
 #include "client/lib/status.h"
+#include "client/lib/stored_segments.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/client/lib/fake_segments.h"
@@ -25,12 +30,11 @@ using ::testing::Return;
 class StreamTest : public testing::Test {
  protected:
   StreamTest() {
-    v1::Capabilities capabilities;
-    capabilities.mutable_limits()->set_max_item_rays(1 << 20);
-    capabilities.mutable_limits()->set_max_message_bytes(4 << 20);
-    capabilities.mutable_limits()->set_min_item_cost_rays(100);
+    capabilities_.mutable_limits()->set_max_item_rays(1 << 20);
+    capabilities_.mutable_limits()->set_max_message_bytes(4 << 20);
+    capabilities_.mutable_limits()->set_min_item_cost_rays(100);
     server_.min_cost = 100;
-    ON_CALL(*mock_, GetCapabilities(_)).WillByDefault(Return(capabilities));
+    ON_CALL(*mock_, GetCapabilities(_)).WillByDefault(Return(capabilities_));
     v1::Scene scene;
     scene.set_revision(7);
     ON_CALL(*mock_, GetScene(_, _)).WillByDefault(Return(scene));
@@ -73,6 +77,7 @@ class StreamTest : public testing::Test {
   }
 
   FakeServer server_;
+  v1::Capabilities capabilities_;
   std::shared_ptr<NiceMock<MockConnection>> mock_ = std::make_shared<NiceMock<MockConnection>>();
   Client client_{mock_};
   std::vector<double> segments_;
@@ -139,6 +144,73 @@ TEST_F(StreamTest, CancelEndsAQueryThatHangs) {
   cancel.join();
   // And one that was cancelled before it began asks nothing.
   EXPECT_EQ(Test().status().code(), absl::StatusCode::kCancelled);
+}
+
+// Where the origin is known, half the bytes are sent; where the server does not say that it reads
+// them, or nobody knows the origin, doubles are.
+TEST_F(StreamTest, SegmentsTravelAsTheSceneStoresThemWhereTheyCan) {
+  const auto stored_items = [this] {
+    MutexLock lock(&server_.mutex);
+    return std::exchange(server_.stored_items, 0);
+  };
+  ExpectRight(Test());
+  EXPECT_EQ(stored_items(), 0);
+  capabilities_.add_encodings(v1::ENCODING_STORED_FLOAT32);
+  ON_CALL(*mock_, GetCapabilities(_)).WillByDefault(Return(capabilities_));
+  client_ = Client(mock_);
+  ExpectRight(Test());
+  EXPECT_EQ(stored_items(), 48);
+  SegmentQuery query{.scene = "scenes/x", .segments = segments_, .segments_per_item = 21};
+  query.options.revision = 7;
+  query.options.statistics = true;
+  ExpectRight(client_.TestAllSegments(query, options_));
+  EXPECT_EQ(stored_items(), 0);
+  query.origin = Point3{};
+  ExpectRight(client_.TestAllSegments(query, options_));
+  EXPECT_EQ(stored_items(), 48);
+  const std::vector<float> stored(segments_.begin(), segments_.end());
+  query.segments = {};
+  query.stored_segments = stored;
+  ExpectRight(client_.TestAllSegments(query, options_));
+  EXPECT_EQ(stored_items(), 48);
+}
+
+TEST_F(StreamTest, StoredSegmentsNeedAnOriginAndNoOthers) {
+  const std::vector<float> stored(12);
+  SegmentQuery query{.scene = "scenes/x", .stored_segments = stored};
+  EXPECT_EQ(client_.TestAllSegments(query).status().code(), absl::StatusCode::kInvalidArgument);
+  query.origin = Point3{};
+  EXPECT_EQ(client_.TestAllSegments(query).status().code(), absl::StatusCode::kUnimplemented);
+  query.segments = segments_;
+  EXPECT_EQ(client_.TestAllSegments(query).status().code(), absl::StatusCode::kInvalidArgument);
+  query.segments = {};
+  query.stored_segments = std::span(stored).first(7);
+  EXPECT_EQ(client_.TestAllSegments(query).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+// What is stored is the difference in double, rounded once; what is out of range is no number.
+TEST(StoredSegmentsTest, AreTheDifferencesToTheOrigin) {
+  const Point3 origin = {447'422.999, -1e6, 0.1};
+  constexpr double kMost = 1099511627776.0;
+  const std::vector<double> segments = {447'423.5, -1e6 + 1e-7, 0.1, 447'422.999, 2, 3,  //
+                                        kMost,     0,           0,   0,           0, 0,  //
+                                        0,         -kMost,      0,   0,           0, 0,  //
+                                        0,         0,           0,   0,           0, 2 * kMost};
+  const std::string bytes = StoreSegments(segments, origin);
+  ASSERT_EQ(bytes.size(), segments.size() * sizeof(float));
+  std::vector<float> stored(segments.size());
+  std::memcpy(stored.data(), bytes.data(), bytes.size());
+  for (size_t i = 0; i < 12; ++i) {
+    EXPECT_EQ(stored[i], static_cast<float>(segments[i] - origin[i % 3])) << i;
+  }
+  // -2^40 is in the world's range; that far from an origin below zero it is too, from above not.
+  for (size_t i = 12; i < 18; ++i) {
+    EXPECT_EQ(stored[i], static_cast<float>(segments[i] - origin[i % 3])) << i;
+  }
+  for (size_t i = 18; i < 24; ++i) EXPECT_TRUE(std::isnan(stored[i])) << i;
+  const std::string beyond = StoreSegments(std::span(segments).subspan(12, 6), {0, 1, 0});
+  std::memcpy(stored.data(), beyond.data(), beyond.size());
+  EXPECT_TRUE(std::isnan(stored[0]));
 }
 
 TEST_F(StreamTest, AnErrorOfTheCallbackEndsTheQuery) {

@@ -97,7 +97,8 @@ v1::TestSegmentsRequest RandomSegments(TestRng& rng) {
     request.mutable_cancel()->add_item_ids(7);
   } else {
     if (rng.Chance(0.9)) FillHeader(rng, request.mutable_item()->mutable_item());
-    request.mutable_item()->set_segments(RandomBytes(rng, 300));
+    if (rng.Chance(0.7)) request.mutable_item()->set_segments(RandomBytes(rng, 300));
+    if (rng.Chance(0.5)) request.mutable_item()->set_segments_f32(RandomBytes(rng, 300));
   }
   return request;
 }
@@ -235,6 +236,21 @@ TEST_F(WireRequestTest, LargeArraysStayWhereTheyCame) {
     const uint8_t* const where = item.segments.pieces()[0].slice.begin();
     EXPECT_EQ(where >= slice.begin() && where<slice.end(), bytes> kLeastLifted);
   }
+}
+
+// Each form of segments stays apart from the other.
+TEST_F(WireRequestTest, StoredSegmentsStayWhereTheyCame) {
+  v1::TestSegmentsRequest request;
+  request.mutable_item()->set_segments_f32(std::string(2 * kLeastLifted, 's'));
+  const grpc::Slice slice(request.SerializeAsString());
+  grpc::ByteBuffer buffer(&slice, 1);
+  v1::TestSegmentsRequest read;
+  SegmentMethod::Item item;
+  ASSERT_TRUE(SegmentMethod::Read(&buffer, &read, &item).ok());
+  EXPECT_TRUE(item.segments.empty());
+  ASSERT_EQ(item.stored_segments.size(), 2 * kLeastLifted);
+  const uint8_t* const where = item.stored_segments.pieces()[0].slice.begin();
+  EXPECT_TRUE(where >= slice.begin() && where < slice.end());
 }
 
 }  // namespace
