@@ -4,9 +4,12 @@
 //
 // Work comes in batches: a scene (given ones and random ones take turns) and a number of rounds on
 // it. A round is a camera tile, with or without lights, or lights × points, or segments. Its truth
-// is the strategy SINGLE; AUTO is compared with it always, two other pairs of strategy and
-// instruction set by lot. SINGLE and AUTO are compared with the independent walk and with brute
-// force on a part of the round, brute force on scenes up to a number of triangles.
+// is the strategy SINGLE on the BVH; AUTO is compared with it always, and by lot one other way on
+// the BVH and one on the kd-tree or the binary BVH where the scene has them: any strategy, either
+// instruction set, any size of packets, with and without culling in leaves. Some tiles look into
+// mirrors, some segments end short of their points (t_min), some points name no source, and some
+// are handed to AUTO bit by bit with hints. SINGLE and AUTO are compared with the independent walk
+// and with brute force on a part of the round, brute force on scenes up to a number of triangles.
 //
 // The same seed, batch and scenes give the same work, whatever the number of threads and however
 // long it goes on.
@@ -37,7 +40,8 @@ struct VerifyReport {
     uint64_t compared = 0, different = 0;
   };
   // By what was asked ("tiles", ...), the way ("AUTO on AVX-512") and what it was held against.
-  std::map<std::tuple<std::string, std::string, std::string>, Tally> tallies;
+  using Key = std::tuple<std::string, std::string, std::string>;
+  std::map<Key, Tally> tallies;
   // Rays of AUTO by where their eye or light stood.
   std::map<std::string, uint64_t> places;
   uint64_t batches = 0, rounds = 0;
@@ -61,7 +65,7 @@ struct VerifyOptions {
   uint64_t max_brute_force_triangles = 100'000;
   // Triangle tests that brute force may spend in a round: about as long as the other ways take.
   uint64_t brute_force_tests = 1'000'000;
-  uint64_t walked_rays = 24;  // Rays of a round that the independent walk repeats.
+  uint64_t walked_rays = 32;  // Rays of a round that the independent walk repeats.
   int threads = 1;
   std::function<void(const VerifyReport&)> progress;  // After each batch; may be null.
 };

@@ -8,9 +8,13 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/accel/binary_bvh_builder.h"
 #include "core/accel/bvh_builder.h"
+#include "core/accel/kd_builder.h"
+#include "core/accel/leaf_triangles.h"
 #include "core/base/check.h"
 #include "core/mesh/builtin/builtin.h"
+#include "core/mesh/rebase.h"
 
 namespace sightline::bench {
 namespace {
@@ -92,7 +96,37 @@ float MoveByUlps(float x, int ulps) {
   return x;
 }
 
+void AddTrees(Random& random, ThreadPool& pool, IndexedGeometry* scene) {
+  if (random.Chance(0.5)) {
+    const KdBuildOptions options{
+        .traversal_cost = static_cast<float>(LogUniform(0.1, 10, random)),
+        .perfect_splits = random.Chance(0.4),
+        .min_leaf_triangles = random.Chance(0.5) ? 1 : 1 + static_cast<int>(random.Below(16))};
+    absl::StatusOr<KdTree> tree = BuildKdTree(scene->geometry, options, pool);
+    SIGHTLINE_CHECK(tree.ok()) << tree.status();
+    scene->kd_tree = *std::move(tree);
+    if (random.Chance(0.5)) {
+      const auto& ids = scene->kd_tree->ids;
+      pool.ParallelFor(1, 1, [&](size_t, size_t) {
+        scene->kd_leaves = MakeLeafTriangles(scene->geometry, {ids.data(), ids.size()});
+      });
+    }
+  }
+  if (random.Chance(0.5)) {
+    const BinaryBvhOptions options{
+        .bins = 2 + static_cast<int>(random.Below(15)),
+        .cost_ratio = static_cast<float>(LogUniform(0.1, 10, random)),
+        .min_triangles = random.Chance(0.5) ? 1 : 1 + static_cast<int>(random.Below(32))};
+    absl::StatusOr<BinaryBvh> tree = BuildBinaryBvh(scene->geometry, options, pool);
+    SIGHTLINE_CHECK(tree.ok()) << tree.status();
+    scene->binary_bvh = *std::move(tree);
+  }
+}
+
 }  // namespace
+
+VerifyScene::VerifyScene(std::string its_name, IndexedGeometry all)
+    : name(std::move(its_name)), indexed(std::move(all)), walk(indexed.geometry) {}
 
 VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& pool) {
   VerifyScene scene;
@@ -135,7 +169,8 @@ VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& 
     SIGHTLINE_CHECK(bvh.ok()) << bvh.status();
     scene.indexed.bvh = *std::move(bvh);
   } while (scene.indexed.bvh.empty());  // Coarse coordinates can leave nothing of a small soup.
-  return scene;
+  AddTrees(random, pool, &scene.indexed);
+  return VerifyScene(std::move(scene.name), std::move(scene.indexed));
 }
 
 const char* PlaceKindName(PlaceKind kind) {
@@ -298,6 +333,7 @@ PreparedPoints MakeVerifyPoints(const IndexedGeometry& scene, Placer& placer, Ra
     points.valid.push_back(valid);
     points.invalid += !valid;
   }
+  if (random.Chance(0.2)) points.sources.clear();
   return points;
 }
 
@@ -347,6 +383,24 @@ LightCase MakeVerifyLights(const IndexedGeometry& scene, const PreparedPoints& p
     result.samples.push_back(sample);
   }
   return result;
+}
+
+std::vector<Mirror> MakeVerifyMirrors(const IndexedGeometry& scene, const Camera& camera,
+                                      Placer& placer, Random& random) {
+  constexpr double kMirrors = 0.15;
+  if (!random.Chance(kMirrors)) return {};
+  const uint32_t id = placer.Triangle();
+  const auto [a, b, c] = scene.geometry.Corners(id);
+  const Vec3d across = Cross(ToDouble(b - a), ToDouble(c - a));
+  const double length = Length(across);
+  const Vec3d normal = length > 0 && random.Chance(0.7) ? across * (1 / length) : Direction(random);
+  const std::vector<Mirror> mirrors = {
+      {.object = scene.geometry.ObjectOf(id),
+       .plane = MirrorPlane{scene.geometry.origin + ToDouble(placer.OnTriangle(id)), normal}}};
+  Vec3f eye;
+  if (!Rebase(camera.eye, scene.geometry.origin, &eye)) return {};
+  return PreparedMirrors::Prepare(scene.geometry, mirrors, eye).ok() ? mirrors
+                                                                     : std::vector<Mirror>{};
 }
 
 PreparedSegments MakeVerifySegments(Placer& placer, Random& random) {

@@ -21,22 +21,28 @@
 #include "core/base/parallel.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
+#include "core/query/mirrors.h"
 #include "core/query/points.h"
 #include "core/query/segments.h"
 #include "core/query/tiles.h"
+#include "tests/bench/independent_walk.h"
 #include "tests/bench/random.h"
 
 namespace sightline::bench {
 
 struct VerifyScene {
+  VerifyScene() = default;
+  VerifyScene(std::string its_name, IndexedGeometry all);
+
   std::string name;  // Enough to make it again, for those that are made.
   IndexedGeometry indexed;
+  IndependentWalk walk;  // Over indexed.geometry.
 };
 
 // A built-in scene of a random kind, size (up to `max_triangles`) and seed, or a soup of triangles
 // on a small lattice (coplanar, duplicate, degenerate and sharing corners); at times with an origin
 // far away (which makes its floats coarse), with masks and culling per object, and
-// built with random options.
+// built with random options, half of them with a kd-tree and half with a binary BVH beside the BVH.
 VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& pool);
 
 // Where something stands, as stored floats.
@@ -90,7 +96,7 @@ struct CameraCase {
 CameraCase MakeCamera(const IndexedGeometry& scene, Placer& placer, Random& random);
 
 // Points near each other (on triangles that follow each other) in any manner, some with a source,
-// some invalid.
+// some invalid; at times PreparedPoints::sources is empty: none has one.
 PreparedPoints MakeVerifyPoints(const IndexedGeometry& scene, Placer& placer, Random& random);
 
 struct LightCase {
@@ -103,6 +109,11 @@ struct LightCase {
 // those to be lit; a light may stand right at one.
 LightCase MakeVerifyLights(const IndexedGeometry& scene, const PreparedPoints& points,
                            Placer& placer, Random& random);
+
+// A mirror, at times: an object of the scene at any plane through it, or along a triangle of it.
+// None where it would mirror the eye out of range.
+std::vector<Mirror> MakeVerifyMirrors(const IndexedGeometry& scene, const Camera& camera,
+                                      Placer& placer, Random& random);
 
 PreparedSegments MakeVerifySegments(Placer& placer, Random& random);
 

@@ -9,7 +9,6 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
 #include "core/mesh/rebase.h"
-#include "tests/bench/independent_walk.h"
 
 namespace sightline::bench {
 namespace {
@@ -29,14 +28,17 @@ VerifyRound::VerifyRound(const VerifyScene& scene, const VerifyOptions& options,
     : scene_(scene), options_(options), random_(random), name_(std::move(name)), report_(*report) {}
 
 std::string VerifyRound::Way::Name() const {
-  return absl::StrCat(StrategyName(strategy), " on ",
-                      SimdTargetName(simd == SimdTarget::kBest ? BestSimdTarget() : simd),
-                      culls ? ", culling in leaves" : "");
+  return absl::StrCat(
+      StrategyName(strategy), " on ",
+      SimdTargetName(simd == SimdTarget::kBest ? BestSimdTarget() : simd),
+      structure == Structure::kAuto ? "" : absl::StrCat(", ", StructureName(structure)),
+      culling ? ", culling in leaves" : "", bit_by_bit ? ", bit by bit with hints" : "");
 }
 
 void VerifyRound::Run() {
   ++report_.rounds;
   if (random_.Chance(0.2)) mask_ = 1u << random_.Below(3);
+  rtt_shared_edges_ = random_.Chance(0.3);
   Placer placer(scene_.indexed, random_);
   switch (random_.Below(5)) {
     case 0:
@@ -48,7 +50,28 @@ void VerifyRound::Run() {
   }
 }
 
-std::vector<VerifyRound::Way> VerifyRound::SomeWays() {
+LeafCulling VerifyRound::SomeCulling() {
+  LeafCulling culling;
+  if (random_.Chance(0.3)) return culling;
+  culling.side_planes = random_.Chance(0.7);
+  culling.near_far = random_.Chance(0.7);
+  culling.aperture = random_.Chance(0.7);
+  culling.aperture_first = random_.Chance(0.5);
+  culling.skip_edges = random_.Chance(0.7);
+  culling.frustum = kAllFrustumRays[random_.Below(kAllFrustumRays.size())];
+  culling.first_axis = random_.Chance(0.3);
+  culling.ray_mask = random_.Chance(0.7);
+  culling.node_test = kAllNodeTests[random_.Below(kAllNodeTests.size())];
+  culling.split = kAllPacketSplits[random_.Below(kAllPacketSplits.size())];
+  culling.ray_box = random_.Chance(0.8);
+  culling.ray_box_min_triangles = static_cast<uint32_t>(random_.Below(20));
+  culling.ray_box_update = random_.Chance(0.7);
+  culling.mailbox = random_.Chance(0.4);
+  culling.cell_boxes = random_.Chance(0.4);
+  return culling;
+}
+
+VerifyRound::Way VerifyRound::OtherOnBvh() {
   std::vector<Way> others;
   for (const SimdTarget simd : {SimdTarget::kAvx2, SimdTarget::kAvx512}) {
     if (!SimdTargetAvailable(simd)) continue;
@@ -58,25 +81,59 @@ std::vector<VerifyRound::Way> VerifyRound::SomeWays() {
       if (strategy == Strategy::kAuto && simd == BestSimdTarget()) continue;    // Always there.
       others.push_back({strategy, simd});
     }
-    others.push_back({Strategy::kSingle, simd, /*culls=*/true});
-    others.push_back({Strategy::kPacket, simd, /*culls=*/true});
+    for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket}) {
+      others.push_back({.strategy = strategy, .simd = simd, .culling = LeafCulling()});
+    }
   }
-  std::vector<Way> ways = {{Strategy::kAuto, BestSimdTarget()}};
-  for (int i = 0; i < 2 && !others.empty(); ++i) {
-    const size_t k = random_.Below(others.size());
-    ways.push_back(others[k]);
-    others.erase(others.begin() + static_cast<ptrdiff_t>(k));
+  Way way = others[random_.Below(others.size())];
+  if (way.culling) way.culling = SomeCulling();
+  way.packet_side = kPacketSides[random_.Below(kPacketSides.size())];
+  return way;
+}
+
+VerifyRound::Way VerifyRound::OnAnotherTree() {
+  const bool kd_tree = scene_.indexed.kd_tree.has_value();
+  const bool binary = scene_.indexed.binary_bvh.has_value();
+  if (!kd_tree && !binary) return OtherOnBvh();
+  std::vector<Way> ways;
+  for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket, Strategy::kAuto}) {
+    for (const bool culls : {false, true}) {
+      if (culls && strategy == Strategy::kAuto) continue;
+      Way way{.strategy = strategy};
+      if (culls) way.culling = SomeCulling();
+      way.structure = Structure::kKdTree;
+      if (kd_tree) ways.push_back(way);
+      way.structure = Structure::kBinaryBvh;
+      if (binary) ways.push_back(way);
+    }
   }
-  return ways;
+  if (kd_tree) {
+    // As likely as all others together: it has most of its own.
+    const Way rtt{.strategy = Strategy::kRtt};
+    ways.insert(ways.end(), ways.size(), rtt);
+  }
+  Way way = ways[random_.Below(ways.size())];
+  way.packet_side = kPacketSides[random_.Below(kPacketSides.size())];
+  if (SimdTargetAvailable(SimdTarget::kAvx512) && random_.Chance(0.5)) {
+    way.simd = SimdTarget::kAvx512;
+  } else {
+    way.simd = SimdTarget::kAvx2;
+  }
+  return way;
+}
+
+std::vector<VerifyRound::Way> VerifyRound::SomeWays() {
+  return {{Strategy::kAuto, BestSimdTarget()}, OtherOnBvh(), OnAnotherTree()};
 }
 
 QueryOptions VerifyRound::Ask(const Way& way) const {
-  QueryOptions options = {.strategy = way.strategy, .simd = way.simd, .mask = mask_};
-  if (way.culls) {
-    options.leaf_culling = LeafCulling();
-    options.packet_side = 8;
-  }
-  return options;
+  return {.strategy = way.strategy,
+          .structure = way.structure,
+          .rtt_shared_edges = rtt_shared_edges_,
+          .leaf_culling = way.culling,
+          .packet_side = way.packet_side,
+          .simd = way.simd,
+          .mask = mask_};
 }
 
 bool VerifyRound::BruteForceAllowed() const {
@@ -93,7 +150,7 @@ void VerifyRound::Compare(absl::string_view kind, const Way& way, absl::string_v
   VerifyReport::Tally& tally =
       report_.tallies[{std::string(kind), way.Name(), std::string(reference)}];
   tally.compared += count;
-  if (way.strategy == Strategy::kAuto) {
+  if (way.strategy == Strategy::kAuto && way.structure == Structure::kAuto) {
     if (reference == kSingle) report_.auto_rays += count;
     if (reference == kBruteForce) report_.brute_force_rays += count;
   }
@@ -104,7 +161,8 @@ void VerifyRound::Compare(absl::string_view kind, const Way& way, absl::string_v
     ++report_.different;
     if (report_.differences.size() >= VerifyReport::kMostDifferences) continue;
     report_.differences.push_back(absl::StrCat(name_, ", ", scene_.name, ", ", kind, ": ",
-                                               way.Name(), " against ", reference, ": ", what));
+                                               way.Name(), ", packets of ", way.packet_side,
+                                               " square, against ", reference, ": ", what));
   }
 }
 
@@ -127,10 +185,18 @@ void VerifyRound::RunTiles() {
     if (lights.extreme && pixels > kExtremeRays) lights = {};
   }
   const bool lit = !lights.samples.empty(), points = !large && !lit && random_.Chance(0.5);
-  TileOutputs outputs{.hits = true, .ids = true, .depth = true, .uv = true, .lit = lit};
+  const std::vector<Mirror> mirrors =
+      MakeVerifyMirrors(scene_.indexed, camera.camera, placer, random_);
+  if (!mirrors.empty()) report_.places["eye before a mirror"] += pixels;
+  TileOutputs outputs{.hits = true,
+                      .ids = true,
+                      .depth = true,
+                      .uv = true,
+                      .lit = lit,
+                      .mirrors = !mirrors.empty()};
   const auto trace = [&](const Way& way, const TileOutputs& wanted, TileResult* result) {
     const absl::Status status = TraceTile(scene_.indexed, camera.camera, camera.tile,
-                                          lights.samples, wanted, Ask(way), result);
+                                          lights.samples, mirrors, wanted, Ask(way), result);
     SIGHTLINE_CHECK(status.ok()) << name_ << ", " << scene_.name << ": " << status;
   };
   const Way truth_way{Strategy::kSingle, BestSimdTarget()};
@@ -138,13 +204,13 @@ void VerifyRound::RunTiles() {
   TileOutputs truth_outputs = outputs;
   truth_outputs.points = points;
   trace(truth_way, truth_outputs, &truth);
-  CheckPixels(camera, truth_way, truth);
+  CheckPixels(camera, mirrors, truth_way, truth);
   for (const Way& way : SomeWays()) {
     TileResult got;
     trace(way, outputs, &got);
     CompareTiles(way, kSingle, got, truth, lights.samples.size());
     if (way.strategy != Strategy::kAuto) continue;
-    CheckPixels(camera, way, got);
+    CheckPixels(camera, mirrors, way, got);
     TileResult hits;  // Hits alone are answered by any hit.
     trace(way, {.hits = true}, &hits);
     Compare("hits alone", way, kSingle, pixels, [&](size_t i, std::string* what) {
@@ -162,7 +228,8 @@ void VerifyRound::CompareTiles(const Way& way, absl::string_view reference, cons
   Compare("tiles", way, reference, n, [&](size_t i, std::string* what) {
     if (got.triangle[i] == truth.triangle[i] && SameFloat(got.depth[i], truth.depth[i]) &&
         SameFloat(got.u[i], truth.u[i]) && SameFloat(got.v[i], truth.v[i]) &&
-        Bit(got.hit_bits, i) == Bit(truth.hit_bits, i)) {
+        Bit(got.hit_bits, i) == Bit(truth.hit_bits, i) &&
+        (got.mirror_bits.empty() || Bit(got.mirror_bits, i) == Bit(truth.mirror_bits, i))) {
       return true;
     }
     *what = absl::StrCat("pixel ", i, ": triangle ", got.triangle[i], " at ", got.depth[i],
@@ -179,20 +246,40 @@ void VerifyRound::CompareTiles(const Way& way, absl::string_view reference, cons
   });
 }
 
+Hit VerifyRound::WalkPixel(const CameraCase& camera, const PreparedMirrors& mirrors, uint32_t x,
+                           uint32_t y) const {
+  const SceneGeometry& geometry = scene_.indexed.geometry;
+  Vec3f eye;
+  SIGHTLINE_CHECK(Rebase(camera.camera.eye, geometry.origin, &eye));
+  const Vec3f direction = PixelDirection(camera.camera, x, y);
+  const Hit hit =
+      scene_.walk.Closest(geometry, {.ray = PredicateRay::Ray(eye, direction), .mask = mask_});
+  for (const PreparedMirror& mirror : mirrors.all()) {
+    if (!mirror.triangles().Holds(hit.triangle)) continue;
+    return scene_.walk.Closest(geometry,
+                               {.ray = PredicateRay::Ray(mirror.eye(), mirror.Direction(direction)),
+                                .mask = mask_,
+                                .near = hit.t,
+                                .unseen = mirror.triangles()});
+  }
+  return hit;
+}
+
 // A way's answers against the independent walk and brute force, on some pixels.
-void VerifyRound::CheckPixels(const CameraCase& camera, const Way& way, const TileResult& got) {
+void VerifyRound::CheckPixels(const CameraCase& camera, const std::vector<Mirror>& mirrors,
+                              const Way& way, const TileResult& got) {
   const TileRect& tile = camera.tile;
   Vec3f eye;
   SIGHTLINE_CHECK(Rebase(camera.camera.eye, scene_.indexed.geometry.origin, &eye));
+  const auto prepared = PreparedMirrors::Prepare(scene_.indexed.geometry, mirrors, eye);
+  SIGHTLINE_CHECK(prepared.ok()) << prepared.status();
   const size_t n = got.triangle.size();
   Compare("tiles", way, kWalk, std::min<size_t>(n, options_.walked_rays),
           [&](size_t, std::string* what) {
             const size_t i = random_.Below(n);
-            const uint32_t x = tile.x + static_cast<uint32_t>(i) % tile.width;
-            const uint32_t y = tile.y + static_cast<uint32_t>(i) / tile.width;
-            const Hit hit = WalkIndependently(
-                scene_.indexed, {.ray = PredicateRay::Ray(eye, PixelDirection(camera.camera, x, y)),
-                                 .mask = mask_});
+            const Hit hit =
+                WalkPixel(camera, *prepared, tile.x + static_cast<uint32_t>(i) % tile.width,
+                          tile.y + static_cast<uint32_t>(i) / tile.width);
             if (hit.triangle == got.triangle[i] && SameFloat(hit.t, got.depth[i])) return true;
             *what = absl::StrCat("pixel ", i, ": triangle ", got.triangle[i], " at ", got.depth[i],
                                  ", not ", hit.triangle, " at ", hit.t);
@@ -207,8 +294,8 @@ void VerifyRound::CheckPixels(const CameraCase& camera, const Way& way, const Ti
   part.y = tile.y + dy;
   TileResult truth;
   const absl::Status status =
-      TraceTile(scene_.indexed, camera.camera, part, {}, {.ids = true, .depth = true, .uv = true},
-                Ask({Strategy::kBruteForce, SimdTarget::kBest}), &truth);
+      TraceTile(scene_.indexed, camera.camera, part, {}, mirrors,
+                {.ids = true, .depth = true, .uv = true}, Ask({Strategy::kBruteForce}), &truth);
   SIGHTLINE_CHECK(status.ok()) << status;
   Compare("tiles", way, kBruteForce, truth.triangle.size(), [&](size_t k, std::string* what) {
     const size_t i = (dy + k / part.width) * tile.width + dx + k % part.width;
@@ -229,13 +316,16 @@ void VerifyRound::RunShadows(PreparedPoints points) {
   LightCase lights = MakeVerifyLights(scene_.indexed, points, placer, random_);
   if (lights.extreme && points.size() > kExtremeRays) {
     points.positions.resize(kExtremeRays);
-    points.sources.resize(kExtremeRays);
+    if (!points.sources.empty()) points.sources.resize(kExtremeRays);
     points.valid.resize(kExtremeRays);
   }
   const size_t n = points.size(), samples = lights.samples.size();
   report_.places[absl::StrCat(lights.directional ? "direction " : "light ",
                               PlaceKindName(lights.kind))] += n * samples;
-  const ShadowOptions shadow{.t_min = 0};
+  if (random_.Chance(0.2)) points.sources.clear();
+  double t_min = 0;
+  if (random_.Chance(0.2)) t_min = random_.Chance(0.5) ? 0x1p-10 : random_.Uniform(0, 0.9);
+  const ShadowOptions shadow{.t_min = t_min};
   const bool blockers = random_.Chance(0.3);
   const auto compute = [&](const Way& way, const ShadowOutputs& outputs, ShadowResult* result) {
     const absl::Status status =
@@ -246,7 +336,8 @@ void VerifyRound::RunShadows(PreparedPoints points) {
   const Way truth_way{Strategy::kSingle, BestSimdTarget()};
   ShadowResult truth;
   compute(truth_way, {.bits = true, .blockers = blockers}, &truth);
-  CheckPairs(points, lights.samples, truth_way, truth);
+  CheckPairs(points, lights.samples, t_min, truth_way, truth);
+  if (!blockers) CompareBitByBit(points, lights.samples, t_min, truth);
   for (const Way& way : SomeWays()) {
     ShadowResult got;
     compute(way, {.bits = true, .blockers = blockers}, &got);
@@ -256,7 +347,39 @@ void VerifyRound::RunShadows(PreparedPoints points) {
       compute(way, {.bits = true}, &got);
       CompareShadows(way, kSingle, got, truth, n, samples);
     }
-    CheckPairs(points, lights.samples, way, got);
+    CheckPairs(points, lights.samples, t_min, way, got);
+  }
+}
+
+// AUTO again, as points come that are handed over in parts: each with what the ones before left,
+// and said to be in order.
+void VerifyRound::CompareBitByBit(const PreparedPoints& points,
+                                  std::span<const LightSample> samples, double t_min,
+                                  const ShadowResult& truth) {
+  if (!random_.Chance(0.3)) return;
+  Way way{Strategy::kAuto, BestSimdTarget()};
+  way.bit_by_bit = true;
+  const size_t n = points.size(), row = (n + 7) / 8, part = 1 + random_.Below(n);
+  ShadowHints hints;
+  const PointRange all = PointRange::All(points);
+  for (size_t first = 0; first < n; first += part) {
+    const size_t count = std::min(part, n - first), part_row = (count + 7) / 8;
+    const PointRange range{all.positions.subspan(first, count),
+                           all.sources.empty() ? all.sources : all.sources.subspan(first, count),
+                           all.valid.subspan(first, count)};
+    ShadowResult got;
+    const absl::Status status = ComputeShadows(scene_.indexed, range, samples, {},
+                                               {.t_min = t_min, .ordered = true, .hints = &hints},
+                                               {.bits = true}, Ask(way), &got);
+    SIGHTLINE_CHECK(status.ok()) << name_ << ", " << scene_.name << ": " << status;
+    Compare("shadows", way, kSingle, count * samples.size(), [&](size_t i, std::string* what) {
+      const size_t s = i / count, p = first + i % count;
+      const bool lit = Bit(truth.lit_bits, s * row * 8 + p);
+      if (Bit(got.lit_bits, s * part_row * 8 + i % count) == lit) return true;
+      *what = absl::StrCat("sample ", s, ", point ", p, " of parts of ", part, ": ",
+                           lit ? "not lit" : "lit");
+      return false;
+    });
   }
 }
 
@@ -283,7 +406,7 @@ void VerifyRound::CompareShadows(const Way& way, absl::string_view reference,
 }
 
 void VerifyRound::CheckPairs(const PreparedPoints& points, std::span<const LightSample> samples,
-                             const Way& way, const ShadowResult& got) {
+                             double t_min, const Way& way, const ShadowResult& got) {
   const size_t n = points.size(), row = (n + 7) / 8;
   Compare("shadows", way, kWalk, std::min<size_t>(n * samples.size(), options_.walked_rays),
           [&](size_t, std::string* what) {
@@ -292,16 +415,23 @@ void VerifyRound::CheckPairs(const PreparedPoints& points, std::span<const Light
             bool lit = false;
             if (points.valid[p] && sample.valid) {
               TraceRay query{.mask = mask_ & sample.mask};
+              const uint32_t source = points.sources.empty() ? kNoTriangle : points.sources[p];
+              // The shortened end, as core/query/shadows.h defines it.
+              Vec3f end = points.positions[p];
+              if (t_min != 0) {
+                const Vec3d from = ToDouble(end), light = ToDouble(sample.value);
+                end = ToFloat(from + (sample.directional ? light : light - from) * t_min);
+              }
               if (sample.directional) {
-                query.ray = PredicateRay::Ray(points.positions[p], sample.value);
-                query.from_source = points.sources.empty() ? kNoTriangle : points.sources[p];
+                query.ray = PredicateRay::Ray(end, sample.value);
+                query.from_source = source;
                 query.to_source = sample.source_triangle;
               } else {
-                query.ray = PredicateRay::Segment(sample.value, points.positions[p]);
+                query.ray = PredicateRay::Segment(sample.value, end);
                 query.from_source = sample.source_triangle;
-                query.to_source = points.sources[p];
+                query.to_source = source;
               }
-              lit = WalkIndependently(scene_.indexed, query).triangle == kNoTriangle;
+              lit = scene_.walk.Closest(scene_.indexed.geometry, query).triangle == kNoTriangle;
             }
             if (Bit(got.lit_bits, s * row * 8 + p) == lit) return true;
             *what = absl::StrCat("sample ", s, ", point ", p, ": ", lit ? "not lit" : "lit");
@@ -312,10 +442,13 @@ void VerifyRound::CheckPairs(const PreparedPoints& points, std::span<const Light
   const size_t count =
       std::clamp<size_t>(static_cast<size_t>(BruteForceRays()) / samples.size(), 1, n);
   const size_t first = random_.Below(n - count + 1), part_row = (count + 7) / 8;
+  const PointRange all = PointRange::All(points);
+  const PointRange part{all.positions.subspan(first, count),
+                        all.sources.empty() ? all.sources : all.sources.subspan(first, count),
+                        all.valid.subspan(first, count)};
   ShadowResult truth;
-  const absl::Status status =
-      ComputeShadows(scene_.indexed, PointRange::Slice(points, first, count), samples, {}, {},
-                     {.bits = true}, Ask({Strategy::kBruteForce, SimdTarget::kBest}), &truth);
+  const absl::Status status = ComputeShadows(scene_.indexed, part, samples, {}, {.t_min = t_min},
+                                             {.bits = true}, Ask({Strategy::kBruteForce}), &truth);
   SIGHTLINE_CHECK(status.ok()) << status;
   Compare("shadows", way, kBruteForce, count * samples.size(), [&](size_t i, std::string* what) {
     const size_t s = i / count, p = first + i % count;
@@ -358,11 +491,12 @@ void VerifyRound::RunSegments() {
     Compare("segments", way, kWalk, std::min<size_t>(n, options_.walked_rays),
             [&](size_t, std::string* what) {
               const size_t i = random_.Below(n);
-              const Hit hit = WalkIndependently(
-                  scene_.indexed, {.ray = PredicateRay::Segment(segments.from[i], segments.to[i]),
-                                   .mask = mask_,
-                                   .from_source = segments.from_source[i],
-                                   .to_source = segments.to_source[i]});
+              const Hit hit = scene_.walk.Closest(
+                  scene_.indexed.geometry,
+                  {.ray = PredicateRay::Segment(segments.from[i], segments.to[i]),
+                   .mask = mask_,
+                   .from_source = segments.from_source[i],
+                   .to_source = segments.to_source[i]});
               if (hit.triangle == result.triangle[i]) return true;
               *what = absl::StrCat("segment ", i, ": triangle ", result.triangle[i], ", not ",
                                    hit.triangle);
@@ -382,7 +516,7 @@ void VerifyRound::RunSegments() {
                               .to_source = cut(segments.to_source),
                               .valid = cut(segments.valid)};
   SegmentResult brute;
-  test(part, {Strategy::kBruteForce, SimdTarget::kBest}, true, &brute);
+  test(part, {Strategy::kBruteForce}, true, &brute);
   CompareSegments(truth_way, kBruteForce, truth, brute, first);
   CompareSegments(auto_way, kBruteForce, got, brute, first);
 }

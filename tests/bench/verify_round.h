@@ -10,11 +10,13 @@
 #define SIGHTLINE_TESTS_BENCH_VERIFY_ROUND_H_
 
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "absl/strings/string_view.h"
+#include "core/query/mirrors.h"
 #include "core/query/options.h"
 #include "core/query/segments.h"
 #include "core/query/shadows.h"
@@ -36,14 +38,21 @@ class VerifyRound {
   struct Way {
     Strategy strategy = Strategy::kAuto;
     SimdTarget simd = SimdTarget::kBest;
-    bool culls = false;  // Within leaves; packets of 8×8.
+    Structure structure = Structure::kAuto;
+    std::optional<LeafCulling> culling = std::nullopt;
+    int packet_side = 16;
+    bool bit_by_bit = false;  // Points handed over in parts, each with the hints of the last.
+    // Of the tallies: without what is drawn by lot for each round.
     std::string Name() const;
   };
   // Says whether element i of a comparison agrees, and if not describes it.
   using Same = std::function<bool(size_t i, std::string* what)>;
 
-  // AUTO, and two others by lot.
+  // AUTO, one other on the BVH by lot, and one more: on another tree where the scene has one.
   std::vector<Way> SomeWays();
+  Way OtherOnBvh();
+  Way OnAnotherTree();
+  LeafCulling SomeCulling();
   QueryOptions Ask(const Way& way) const;
   void Compare(absl::string_view kind, const Way& way, absl::string_view reference, size_t count,
                const Same& same);
@@ -53,11 +62,16 @@ class VerifyRound {
   void RunTiles();
   void CompareTiles(const Way& way, absl::string_view reference, const TileResult& got,
                     const TileResult& truth, size_t samples);
-  void CheckPixels(const CameraCase& camera, const Way& way, const TileResult& got);
+  void CheckPixels(const CameraCase& camera, const std::vector<Mirror>& mirrors, const Way& way,
+                   const TileResult& got);
+  Hit WalkPixel(const CameraCase& camera, const PreparedMirrors& mirrors, uint32_t x,
+                uint32_t y) const;
   void RunShadows(PreparedPoints points);
   void CompareShadows(const Way& way, absl::string_view reference, const ShadowResult& got,
                       const ShadowResult& truth, size_t points, size_t samples);
-  void CheckPairs(const PreparedPoints& points, std::span<const LightSample> samples,
+  void CompareBitByBit(const PreparedPoints& points, std::span<const LightSample> samples,
+                       double t_min, const ShadowResult& truth);
+  void CheckPairs(const PreparedPoints& points, std::span<const LightSample> samples, double t_min,
                   const Way& way, const ShadowResult& got);
   void RunSegments();
   void CompareSegments(const Way& way, absl::string_view reference, const SegmentResult& got,
@@ -69,6 +83,7 @@ class VerifyRound {
   const std::string name_;
   VerifyReport& report_;
   uint32_t mask_ = 0xFFFFFFFFu;
+  bool rtt_shared_edges_ = false;
 };
 
 }  // namespace sightline::bench
