@@ -18,6 +18,9 @@ namespace {
 constexpr double kWidth = 640, kHeight = 360, kLeft = 60, kRight = 170, kTop = 30, kBottom = 40;
 constexpr std::array<const char*, 8> kColours = {"#1b6ca8", "#c0392b", "#2e8b57", "#8e44ad",
                                                  "#d68910", "#16a085", "#7f8c8d", "#2c3e50"};
+constexpr std::array kDashes = {"none", "6 3", "2 3"};
+// Of the names beside the plot: what the piece of line before them takes, and a letter at most.
+constexpr double kSample = 34, kLetter = 7;
 
 std::string Escaped(const std::string& text) {
   std::string out;
@@ -82,6 +85,10 @@ std::string PaperCell(const Row& value) {
 
 std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const std::string& title) {
   const std::vector<Line> lines = LinesOf(rows, spec);
+  size_t longest_name = 0;
+  for (const Line& line : lines) longest_name = std::max(longest_name, line.name.size());
+  const double names = kSample + kLetter * static_cast<double>(longest_name);
+  const double width = std::max(kWidth, kWidth - kRight + 20 + names);
   double x0 = std::numeric_limits<double>::infinity(), x1 = -x0, y1 = 0;
   for (const Line& line : lines) {
     for (const auto& [x, y] : line.points) {
@@ -100,7 +107,7 @@ std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const st
       "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" "
       "font-family=\"sans-serif\" font-size=\"11\">\n<rect width=\"100%%\" height=\"100%%\" "
       "fill=\"white\"/>\n<text x=\"%.0f\" y=\"16\" font-size=\"13\">%s</text>\n",
-      kWidth, kHeight, kLeft, Escaped(title));
+      width, kHeight, kLeft, Escaped(title));
   for (int i = 0; i <= 4; ++i) {
     const double y = y1 * i / 4, x = x0 + (x1 - x0) * i / 4;
     absl::StrAppend(
@@ -115,18 +122,25 @@ std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const st
   absl::StrAppend(&svg, absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\">%s, over %s</text>\n", kLeft,
                                         kHeight - 6, Escaped(spec.y), Escaped(spec.x)));
   for (size_t i = 0; i < lines.size(); ++i) {
+    // Where colours come again, they come dashed.
     const char* const colour = kColours[i % kColours.size()];
+    const char* const dashes = kDashes[i / kColours.size() % kDashes.size()];
+    const double name_y = kTop + 12 + 16 * static_cast<double>(i);
     std::string points;
     for (const auto& [x, y] : lines[i].points) {
       absl::StrAppend(&points, absl::StrFormat("%.1f,%.1f ", px(x), py(y)));
     }
     absl::StrAppend(
         &svg,
-        absl::StrFormat(
-            "<polyline points=\"%s\" fill=\"none\" stroke=\"%s\" stroke-width=\"2\"/>\n", points,
-            colour),
-        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" fill=\"%s\">%s</text>\n", kWidth - kRight + 10,
-                        kTop + 12 + 16 * static_cast<double>(i), colour, Escaped(lines[i].name)));
+        absl::StrFormat("<polyline points=\"%s\" fill=\"none\" stroke=\"%s\" stroke-width=\"2\" "
+                        "stroke-dasharray=\"%s\"/>\n",
+                        points, colour, dashes),
+        absl::StrFormat("<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
+                        "stroke-width=\"2\" stroke-dasharray=\"%s\"/>\n",
+                        kWidth - kRight + 10, kWidth - kRight + kSample, name_y - 4, name_y - 4,
+                        colour, dashes),
+        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" fill=\"%s\">%s</text>\n",
+                        kWidth - kRight + kSample + 6, name_y, colour, Escaped(lines[i].name)));
   }
   return svg + "</svg>\n";
 }

@@ -2,8 +2,13 @@
 #include "tests/bench/paper_report.h"
 
 #include <fstream>
+#include <set>
 #include <sstream>
+#include <string>
+#include <vector>
 
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 #include "tests/support/temp_dir.h"
 
@@ -61,6 +66,26 @@ TEST(PaperReportTest, MarkdownHasTheTableAndItsPlot) {
   const std::string svg = ReadAll(folder.path() + "/r-000-figure-3-cycles.svg");
   EXPECT_NE(svg.find("<polyline"), std::string::npos);
   EXPECT_EQ(svg.find("<4>"), std::string::npos) << "a name must not become a tag";
+}
+
+// However many lines there are, each is told from the others, and their names are not cut off.
+TEST(PaperReportTest, LinesOfPlotsAreAllDifferent) {
+  std::vector<Row> rows;
+  for (int line = 0; line < 20; ++line) {
+    const std::string name = absl::StrCat("a name that is longer than the margin: ", line);
+    for (const int x : {1, 2}) rows.push_back({{"way", name}, {"x", x}, {"y", line + x}});
+  }
+  const std::string svg = PlotSvg(rows, {.x = "x", .y = "y", .series = "way"}, "lines");
+  std::set<std::string> looks;
+  for (size_t at = svg.find("<polyline"); at != std::string::npos;
+       at = svg.find("<polyline", at + 1)) {
+    const size_t look = svg.find("stroke=", at);
+    looks.insert(svg.substr(look, svg.find("/>", at) - look));
+  }
+  EXPECT_EQ(looks.size(), 20u);
+  double width = 0;
+  ASSERT_TRUE(absl::SimpleAtod(svg.substr(svg.find("width=\"") + 7, 3), &width));
+  EXPECT_GT(width, 700);  // 640 for names that fit.
 }
 
 TEST(PaperReportTest, ClaimsAreATableOfTheirOwn) {

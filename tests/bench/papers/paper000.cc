@@ -286,9 +286,9 @@ absl::Status SmallTrees(const TreePoint& best, const std::vector<RealVariant>& v
                                 "a triangle), which cells make that stay whole from so many "
                                 "triangles on; frame rates over its",
                                 best.nodes / triangles));
+  int whole = 16;
   for (const Size& size :
        {Size{20, "faster with culling", 1.0}, Size{60, "0.70 with culling, 0.25 without", 0.65}}) {
-    int whole = 16;
     double nodes = 0;
     do {
       whole *= 2;

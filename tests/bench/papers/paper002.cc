@@ -5,9 +5,10 @@
 //
 // Reconstruction. Its scenes are not published: the built-in room with seven of its views' nine
 // point lights, the office with its sixteen, and plants under a grid of sixteen, each through its
-// first view. Its packets of four rays are here the engine's packets on the kd-tree. Rays that RTT
-// walks are four corner rays a tile, which here are beside the tile's own, and all rays of tiles
-// that their lists do not answer.
+// first view. Its packets of four rays are the engine's packets of 2×2 on the kd-tree; packets of
+// 16×16, which are what these registers call for, stand beside. Rays that RTT walks are four corner
+// rays a tile, which here are beside the tile's own, and all rays of tiles that their lists do not
+// answer.
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -71,6 +72,9 @@ struct Way {
   QueryOptions options;
 };
 const Way kPackets = {"packets", {.strategy = Strategy::kPacket, .structure = Structure::kKdTree}};
+const Way kFours = {
+    "packets of four",
+    {.strategy = Strategy::kPacket, .structure = Structure::kKdTree, .packet_side = 2}};
 const Way kSingle = {"single rays",
                      {.strategy = Strategy::kSingle, .structure = Structure::kKdTree}};
 const Way kRtt = {"RTT", {.strategy = Strategy::kRtt}};
@@ -149,19 +153,21 @@ constexpr Published kPublished[] = {
 
 constexpr uint32_t kWidth = 640, kHeight = 480;
 constexpr char kReason[] =
-    "the packets are of 256 rays, not of four: what a tile's list saves them is little";
+    "a register holds sixteen rays, so that one packet walks what were four: what a tile's list "
+    "saves is less";
 
 absl::Status TableOne(const std::vector<RttScene>& scenes, const PaperOptions& options,
                       PaperReport* report) {
   report->Begin(
       "002", "Table 1",
       "640×480, one ray a pixel; milliseconds of one thread's own time. RTT and packets on the "
-      "kd-tree, shafts on the BVH; gains are over packets, the paper's (of four rays, "
-      "Pentium 4) beside");
+      "kd-tree, shafts on the BVH; gain_4 is over packets of four rays as the paper's (Pentium 4) "
+      "beside it, gain over packets of 256");
   for (size_t i = 0; i < scenes.size(); ++i) {
-    SL_ASSIGN_OR_RETURN(const std::vector<Frame> frames,
-                        ByTurns(scenes[i], {kPackets, kRtt, kSingle, kShafts}, kWidth, kHeight,
-                                /*shadows=*/true, options.repeats));
+    SL_ASSIGN_OR_RETURN(
+        const std::vector<Frame> frames,
+        ByTurns(scenes[i], {kPackets, kRtt, kSingle, kShafts, kFours}, kWidth, kHeight,
+                /*shadows=*/true, options.repeats));
     for (int kind = 0; kind < 2; ++kind) {
       const QueryStats& rtt = frames[1].stats[kind];
       const Published& paper = kPublished[i];
@@ -174,6 +180,8 @@ absl::Status TableOne(const std::vector<RttScene>& scenes, const PaperOptions& o
            {"rtt_ms", frames[1].milliseconds[kind]},
            {"single_ms", frames[2].milliseconds[kind]},
            {"shafts_ms", frames[3].milliseconds[kind]},
+           {"fours_ms", frames[4].milliseconds[kind]},
+           {"gain_4", frames[4].milliseconds[kind] / frames[1].milliseconds[kind]},
            {"gain", frames[0].milliseconds[kind] / frames[1].milliseconds[kind]},
            {"paper_gain", paper.packets[kind] / paper.rtt[kind]},
            {"fewer_rays", static_cast<double>(rtt.rays) / walked},
@@ -183,11 +191,13 @@ absl::Status TableOne(const std::vector<RttScene>& scenes, const PaperOptions& o
                             std::max(1.0, static_cast<double>(rtt.tiles_answered))},
            {"paper_relevant", paper.relevant[kind]}});
       const double gain = frames[0].milliseconds[kind] / frames[1].milliseconds[kind];
+      const double gain_of_four = frames[4].milliseconds[kind] / frames[1].milliseconds[kind];
       const double paper_gain = paper.packets[kind] / paper.rtt[kind];
       report->Claim({absl::StrCat(scenes[i].name, kind == 0 ? ", primary" : ", shadow",
-                                  " rays: RTT over packets at 640×480"),
-                     absl::StrFormat("%.2f", paper_gain), absl::StrFormat("%.2f", gain),
-                     gain > 1 || gain >= paper_gain, kReason});
+                                  " rays: RTT over packets of four at 640×480"),
+                     absl::StrFormat("%.2f", paper_gain),
+                     absl::StrFormat("%.2f (over packets of 256: %.2f)", gain_of_four, gain),
+                     gain_of_four > 1 || gain_of_four >= paper_gain, kReason});
     }
   }
   report->Conclude(
@@ -205,26 +215,32 @@ absl::Status Curves(const std::vector<RttScene>& scenes, const PaperOptions& opt
     Way rtt = kRtt;
     rtt.options.rtt_antialiasing = antialiasing;
     SL_ASSIGN_OR_RETURN(const std::vector<Frame> frames,
-                        ByTurns(scene, {kPackets, rtt, kShafts}, width, height, /*shadows=*/false,
-                                std::min<uint64_t>(options.repeats, 3)));
+                        ByTurns(scene, {kPackets, rtt, kShafts, kFours}, width, height,
+                                /*shadows=*/false, std::min<uint64_t>(options.repeats, 3)));
     const QueryStats& stats = frames[1].stats[0];
     Row row = {{"scene", scene.name}};
     row.update(x);
     const double gain = frames[0].milliseconds[0] / frames[1].milliseconds[0];
+    const double gain_of_four = frames[3].milliseconds[0] / frames[1].milliseconds[0];
+    row["gain_4"] = gain_of_four;
     row["gain"] = gain;
     if (antialiasing == kMaxRttAntialiasing) {
-      report->Claim({absl::StrCat(scene.name, ": RTT over packets, 6×6 rays a pixel"),
-                     "up to 2.43, at 2048×1560", absl::StrFormat("%.2f, at 640×480", gain),
-                     gain > 2, kReason});
+      report->Claim(
+          {absl::StrCat(scene.name, ": RTT over packets of four, 6×6 rays a pixel"),
+           "up to 2.43, at 2048×1560",
+           absl::StrFormat("%.2f, at 640×480 (over packets of 256: %.2f)", gain_of_four, gain),
+           gain_of_four > 2, kReason});
     }
     row["gain_of_shafts"] = frames[0].milliseconds[0] / frames[2].milliseconds[0];
     row["answered"] = static_cast<double>(stats.tiles_answered) / static_cast<double>(stats.tiles);
     report->Add(std::move(row));
     return absl::OkStatus();
   };
-  report->Begin("002", "Figure 7",
-                "gain over packets, primary rays, 640×480 with n×n rays a pixel (the paper: 1.1 to "
-                "1.3 without, up to 2.5 with antialiasing at high resolution)");
+  report->Begin(
+      "002", "Figure 7",
+      "gain over packets of 256 and of four (gain_4), primary rays, 640×480 with n×n rays "
+      "a pixel (the paper, over four: 1.1 to 1.3 without, up to 2.5 with antialiasing at "
+      "high resolution)");
   for (const RttScene& scene : scenes) {
     context.err << "paper 002: antialiasing, " << scene.name << std::endl;
     for (int n = 1; n <= kMaxRttAntialiasing; ++n) {
@@ -232,9 +248,11 @@ absl::Status Curves(const std::vector<RttScene>& scenes, const PaperOptions& opt
                              kHeight * static_cast<uint32_t>(n), n));
     }
   }
+  report->Plot({.x = "antialiasing", .y = "gain_4", .series = "scene"});
   report->Plot({.x = "antialiasing", .y = "gain", .series = "scene"});
   report->End();
-  report->Begin("002", "Figure 8", "gain over packets, primary rays, one ray a pixel");
+  report->Begin("002", "Figure 8",
+                "gain over packets of 256 and of four (gain_4), primary rays, one ray a pixel");
   for (const RttScene& scene : scenes) {
     context.err << "paper 002: resolution, " << scene.name << std::endl;
     for (const auto& [width, height] : {std::pair(320u, 240u), std::pair(640u, 480u),
@@ -242,6 +260,7 @@ absl::Status Curves(const std::vector<RttScene>& scenes, const PaperOptions& opt
       SL_RETURN_IF_ERROR(add(scene, {{"width", width}}, width, height, 1));
     }
   }
+  report->Plot({.x = "width", .y = "gain_4", .series = "scene"});
   report->Plot({.x = "width", .y = "gain", .series = "scene"});
   report->End();
   return absl::OkStatus();
