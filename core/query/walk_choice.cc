@@ -23,8 +23,9 @@ constexpr Weights kOfWalks[] = {
 constexpr float kTryPackets = 300;
 constexpr float kTrySingleRays = 700;
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
-// cheapest by chance is taken more often. 0.85 lost 14 % of the shadows of a forest at 1080p.
-constexpr float kClearlyCheaper = 0.75f;
+// cheapest by chance is taken more often. With 0.85 shadows over a forest at 1080p lost 7 %, with
+// 0.75 64 lights over a city's points 23 %.
+constexpr float kClearlyCheaper = 0.8f;
 // How long a walk that has lost is left alone, in blocks: doubled each time. As many as a tile has
 // at first, so that a trial that fails is not repeated there.
 constexpr uint32_t kFirstWait = 16, kLongestWait = 64;
