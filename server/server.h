@@ -100,7 +100,8 @@ class Server {
   CallTracker calls_;
   RayQueue ray_queue_;
   UploadSlots upload_slots_;
-  CallQuota streams_{"streams"}, uploads_{"uploads"};
+  CallQuota streams_{"streams"}, uploads_{"uploads"}, upload_bytes_{"upload-bytes"};
+  SceneOwners scene_owners_;
   ThreadPool query_pool_, build_pool_;
   Scheduler scheduler_;
   const std::unique_ptr<SceneRepository> repository_;  // Null without one.

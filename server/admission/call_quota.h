@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How many calls of one kind each client has under way, and no more than its role allows: what a
-// client opens on many connections is one client's still.
+// How much of one kind each client has, and no more than its role allows: calls under way, bytes of
+// its uploads, scenes that it made. What a client does on many connections is one client's still.
 //
 // Thread safety: every method of CallQuota from any thread; a share belongs to one owner at a time.
 // The quota outlives its shares.
 //
 //   absl::StatusOr<CallShare> share = quota.Take("token:nightly", /*most=*/8);
 //   // RESOURCE_EXHAUSTED (QUOTA_EXCEEDED)
+//   SL_RETURN_IF_ERROR(share->Add(message.ByteSizeLong(), /*most=*/1 << 20));
 #ifndef SIGHTLINE_SERVER_ADMISSION_CALL_QUOTA_H_
 #define SIGHTLINE_SERVER_ADMISSION_CALL_QUOTA_H_
 
@@ -16,10 +17,12 @@
 #include <string>
 #include <utility>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 #include "core/base/mutex.h"
+#include "core/base/status_macros.h"
 #include "server/base/error.h"
 
 namespace sightline {
@@ -30,61 +33,93 @@ class CallShare {
  public:
   CallShare() = default;
   CallShare(CallShare&& other) noexcept
-      : quota_(std::exchange(other.quota_, nullptr)), client_(std::move(other.client_)) {}
+      : quota_(std::exchange(other.quota_, nullptr)),
+        client_(std::move(other.client_)),
+        amount_(other.amount_) {}
   CallShare& operator=(CallShare&& other) noexcept {
     Release();
     quota_ = std::exchange(other.quota_, nullptr);
     client_ = std::move(other.client_);
+    amount_ = other.amount_;
     return *this;
   }
   ~CallShare() { Release(); }
   inline void Release();
+  bool held() const { return quota_ != nullptr; }
+  // Takes `more` into the same share, unless the client had more than `most` then; 0: any amount.
+  // REQUIRES: the share is one.
+  inline absl::Status Add(uint64_t more, uint64_t most);
 
  private:
   friend class CallQuota;
-  CallShare(CallQuota* quota, std::string client) : quota_(quota), client_(std::move(client)) {}
+  CallShare(CallQuota* quota, std::string client, uint64_t amount)
+      : quota_(quota), client_(std::move(client)), amount_(amount) {}
 
   CallQuota* quota_ = nullptr;
   std::string client_;
+  uint64_t amount_ = 0;
 };
 
 class CallQuota {
  public:
+  // Whether shares end by themselves, as calls do: what is refused may be had a little later.
+  enum class Shares { kPass, kLast };
+
   // `kind` is what an access file calls them: "streams", "uploads".
-  explicit CallQuota(std::string kind) : kind_(std::move(kind)) {}
+  explicit CallQuota(std::string kind, Shares shares = Shares::kPass)
+      : kind_(std::move(kind)), shares_(shares) {}
   CallQuota(const CallQuota&) = delete;
   CallQuota& operator=(const CallQuota&) = delete;
 
-  // `most`: how many the client may have at once; 0: any number.
-  absl::StatusOr<CallShare> Take(const std::string& client, uint64_t most) {
-    MutexLock lock(mutex_);
-    uint64_t& taken = taken_[client];
-    if (most > 0 && taken >= most) {
-      // When one of its own ends is in the client's hands.
-      return WithRetryDelay(OverLimit(absl::StrCat(kind_, " at once of ", client), taken + 1,
-                                      absl::StrCat("limit ", kind_, " of the access file"), most,
-                                      v1::ERROR_REASON_QUOTA_EXCEEDED),
-                            absl::Seconds(1));
-    }
-    ++taken;
-    return CallShare(this, client);
+  // `most`: how many the client may have at once; 0: any number. `amount` is what the share begins
+  // with.
+  absl::StatusOr<CallShare> Take(const std::string& client, uint64_t most, uint64_t amount = 1) {
+    SL_RETURN_IF_ERROR(Grow(client, /*has=*/0, amount, most));
+    return CallShare(this, client, amount);
   }
 
  private:
   friend class CallShare;
-  void Return(const std::string& client) {
+  // `has` of what the client has taken is the share's that grows.
+  absl::Status Grow(const std::string& client, uint64_t has, uint64_t more, uint64_t most) {
+    MutexLock lock(mutex_);
+    const auto found = taken_.find(client);
+    const uint64_t taken = found == taken_.end() ? 0 : found->second;
+    if (most > 0 && (more > most || taken > most - more)) {
+      // A share that is too large alone is so later, too. Otherwise, when one of its own ends is in
+      // the client's hands.
+      const bool later = shares_ == Shares::kPass && (more <= most && has <= most - more);
+      const absl::Status over =
+          OverLimit(absl::StrCat(kind_, " at once of ", client), taken + more,
+                    absl::StrCat("limit ", kind_, " of the access file"), most,
+                    later ? v1::ERROR_REASON_QUOTA_EXCEEDED : v1::ERROR_REASON_LIMIT_EXCEEDED);
+      return later ? WithRetryDelay(over, absl::Seconds(1)) : over;
+    }
+    if (more > 0) taken_[client] = taken + more;
+    return absl::OkStatus();
+  }
+  void Return(const std::string& client, uint64_t amount) {
+    if (amount == 0) return;
     MutexLock lock(mutex_);
     const auto taken = taken_.find(client);
-    if (--taken->second == 0) taken_.erase(taken);
+    taken->second -= amount;
+    if (taken->second == 0) taken_.erase(taken);
   }
 
   const std::string kind_;
+  const Shares shares_;
   Mutex mutex_;
   std::map<std::string, uint64_t> taken_ ABSL_GUARDED_BY(mutex_);  // By client.
 };
 
 inline void CallShare::Release() {
-  if (quota_ != nullptr) std::exchange(quota_, nullptr)->Return(client_);
+  if (quota_ != nullptr) std::exchange(quota_, nullptr)->Return(client_, amount_);
+}
+
+inline absl::Status CallShare::Add(uint64_t more, uint64_t most) {
+  SL_RETURN_IF_ERROR(quota_->Grow(client_, amount_, more, most));
+  amount_ += more;
+  return absl::OkStatus();
 }
 
 }  // namespace sightline

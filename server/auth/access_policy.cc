@@ -5,6 +5,7 @@
 #include <openssl/sha.h>
 
 #include <algorithm>
+#include <iterator>
 
 #include "absl/status/status.h"
 #include "absl/strings/ascii.h"
@@ -21,6 +22,16 @@ namespace sightline {
 namespace {
 
 constexpr size_t kLeastTokenLength = 16;
+
+struct LimitName {
+  absl::string_view name;
+  uint64_t CallerLimits::*limit;
+};
+constexpr LimitName kLimitNames[] = {{"rays", &CallerLimits::rays},
+                                     {"streams", &CallerLimits::streams},
+                                     {"uploads", &CallerLimits::uploads},
+                                     {"upload-bytes", &CallerLimits::upload_bytes},
+                                     {"scenes", &CallerLimits::scenes}};
 
 absl::Status Bad(absl::string_view what) { return absl::InvalidArgumentError(what); }
 
@@ -69,13 +80,11 @@ absl::Status AccessPolicy::AddToken(RoleSet roles, absl::string_view name,
 absl::Status AccessPolicy::AddLimit(absl::string_view role, absl::string_view what,
                                     absl::string_view number) {
   SL_ASSIGN_OR_RETURN(const RoleSet roles, ParseRoles(role));
-  uint64_t CallerLimits::*limit = nullptr;
-  if (what == "rays") limit = &CallerLimits::rays;
-  if (what == "streams") limit = &CallerLimits::streams;
-  if (what == "uploads") limit = &CallerLimits::uploads;
-  if (limit == nullptr) {
-    return Bad(absl::StrCat("limit ", role, ": there are limits of rays, streams and uploads, not ",
-                            "of \"", what, "\""));
+  const auto* const limit = std::find_if(std::begin(kLimitNames), std::end(kLimitNames),
+                                         [&](const LimitName& each) { return each.name == what; });
+  if (limit == std::end(kLimitNames)) {
+    return Bad(absl::StrCat("limit ", role, ": there are limits of rays, streams, uploads, ",
+                            "upload-bytes and scenes, not of \"", what, "\""));
   }
   uint64_t most = 0;
   if (!absl::SimpleAtoi(number, &most) || most == 0) {
@@ -83,7 +92,7 @@ absl::Status AccessPolicy::AddLimit(absl::string_view role, absl::string_view wh
                             ", 1 or more"));
   }
   for (const RoleSet each : {kQueryRole, kAdminRole, kMetricsRole}) {
-    if ((roles & each) != 0) limits_[each].*limit = most;
+    if ((roles & each) != 0) limits_[each].*limit->limit = most;
   }
   return absl::OkStatus();
 }
@@ -92,9 +101,9 @@ CallerLimits AccessPolicy::LimitsOf(RoleSet roles) const {
   CallerLimits most;
   for (const auto& [role, limits] : limits_) {
     if ((roles & role) == 0) continue;
-    most.rays = std::max(most.rays, limits.rays);
-    most.streams = std::max(most.streams, limits.streams);
-    most.uploads = std::max(most.uploads, limits.uploads);
+    for (const LimitName& each : kLimitNames) {
+      most.*each.limit = std::max(most.*each.limit, limits.*each.limit);
+    }
   }
   return most;
 }
@@ -102,7 +111,7 @@ CallerLimits AccessPolicy::LimitsOf(RoleSet roles) const {
 absl::Status AccessPolicy::AddLine(const std::vector<absl::string_view>& words) {
   constexpr absl::string_view kForm =
       "must be ROLES cert NAME, ROLES token NAME sha256:HEX|plain:TEXT, ROLES unix, or limit ROLE "
-      "rays|streams|uploads N";
+      "rays|streams|uploads|upload-bytes|scenes N";
   if (words.size() < 2) return Bad(kForm);
   if (words[0] == "limit") {
     return words.size() == 4 ? AddLimit(words[1], words[2], words[3]) : Bad(kForm);

@@ -11,12 +11,15 @@
 //   limit        query  rays 4000000
 //   limit        query  streams 8
 //   limit        admin  uploads 2
+//   limit        admin  upload-bytes 4000000000
+//   limit        admin  scenes 20
 //
 // A certificate is known by its subject alternative names or its common name; a leading "*." stands
 // for one label. A token is sent as "authorization: Bearer TOKEN" and kept here by its SHA-256, or
 // plain. "unix" is whoever may open a Unix socket of the server, by the file's permissions. A limit
 // is of each caller with that role: how many rays it may have unanswered in all its streams, how
-// many visibility streams and how many uploads at once; of several roles with limits the largest
+// many visibility streams and how many uploads at once, how many bytes these may be together, and
+// how many scenes it may have made that are not deleted; of several roles with limits the largest
 // counts, and without any the server's own.
 //
 // Invariants: a policy never changes; every token of the file is compared on every look, in time
@@ -51,7 +54,7 @@ struct Shown {
 
 // What one caller may have at once, by its roles; 0: the server's own limits alone.
 struct CallerLimits {
-  uint64_t rays = 0, streams = 0, uploads = 0;
+  uint64_t rays = 0, streams = 0, uploads = 0, upload_bytes = 0, scenes = 0;
 };
 
 struct Caller {

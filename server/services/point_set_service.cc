@@ -52,7 +52,7 @@ class CreateSteps {
   using Upload = PointUpload;
   using Header = PointSetHeader;
 
-  explicit CreateSteps(const QueryEnvironment& env) : env_(env) {}
+  CreateSteps(const QueryEnvironment& env, const Client&) : env_(env) {}
 
   RequestLog& requests() const { return env_.point_sets.requests(); }
 

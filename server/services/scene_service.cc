@@ -49,7 +49,7 @@ class SceneSteps {
  public:
   using Response = v1::Scene;
 
-  explicit SceneSteps(const QueryEnvironment& env) : env_(env) {}
+  SceneSteps(const QueryEnvironment& env, const Client& client) : env_(env), client_(client) {}
 
   RequestLog& requests() const { return env_.scenes.requests(); }
   absl::Status Find(const std::string& resource, v1::Scene* response) const {
@@ -58,6 +58,7 @@ class SceneSteps {
 
  protected:
   const QueryEnvironment env_;
+  const Client client_;
 };
 
 class CreateSteps : public SceneSteps {
@@ -68,7 +69,8 @@ class CreateSteps : public SceneSteps {
   using Header = SceneHeader;
   using SceneSteps::SceneSteps;
 
-  absl::Status CheckHeader(const Header& header) const {
+  absl::Status CheckHeader(const Header& header) {
+    SL_ASSIGN_OR_RETURN(share_, env_.scene_owners.Take(client_.name, client_.limits.scenes));
     // A file says what it needs when it is loaded, and one of the same name is no other scene.
     if (!header.file_id.empty() && header.create.scene_id == header.file_id) {
       return absl::OkStatus();
@@ -77,17 +79,14 @@ class CreateSteps : public SceneSteps {
                                  header.vertex_count);
   }
 
-  absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,
-                                   Response* response) const {
+  absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel, Response* response) {
     SceneCatalog::CreateOptions options;
     if (upload.header().has_value()) options = upload.header()->create;
     if (options.scene_id.empty()) options.scene_id = MakeId("scene");
     if (upload.header().has_value() && !upload.header()->file_id.empty()) {
       SL_ASSIGN_OR_RETURN(const SceneView view,
                           env_.scenes.CreateFromFile(options, upload.header()->file_id, &cancel));
-      LogScene("scene_loaded", view);
-      EncodeScene(view, response);
-      return SceneName(options.scene_id);
+      return Made("scene_loaded", view, response);
     }
     std::vector<ObjectInput> objects;
     if (upload.header().has_value() && !upload.header()->builtin.empty()) {
@@ -96,10 +95,18 @@ class CreateSteps : public SceneSteps {
       SL_ASSIGN_OR_RETURN(objects, upload.Finish());
     }
     SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Create(options, objects, &cancel));
-    LogScene("scene_created", view);
-    EncodeScene(view, response);
-    return SceneName(options.scene_id);
+    return Made("scene_created", view, response);
   }
+
+ private:
+  std::string Made(absl::string_view event, const SceneView& view, Response* response) {
+    LogScene(event, view);
+    EncodeScene(view, response);
+    env_.scene_owners.Keep(view.status.name, std::move(share_));
+    return SceneName(view.status.name);
+  }
+
+  CallShare share_;  // Of the client's scenes.
 };
 
 class UpdateSteps : public SceneSteps {
@@ -194,7 +201,12 @@ grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*
   return AnswerLater(
       env_, Operation::kDeleteScene, [this, request](const CancelToken&) -> absl::Status {
         SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-        SL_RETURN_IF_ERROR(env_.scenes.Delete(scene_id));
+        // Taken first: a scene that is made under the name at once has a share of its own.
+        CallShare share = env_.scene_owners.Remove(scene_id);
+        if (absl::Status status = env_.scenes.Delete(scene_id); !status.ok()) {
+          if (!absl::IsNotFound(status)) env_.scene_owners.Keep(scene_id, std::move(share));
+          return status;
+        }
         Log(LogLevel::kInfo, "scene_deleted", {{"scene", scene_id}});
         return absl::OkStatus();
       });

@@ -10,12 +10,12 @@
 #ifndef SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
 #define SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
 
-#include <memory>
 #include <string>
 
 #include "absl/status/status.h"
 #include "core/base/cancel.h"
 #include "core/base/status_macros.h"
+#include "server/admission/client_name.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/request_log.h"
 #include "server/services/upload_reactor.h"
@@ -23,7 +23,7 @@
 
 namespace sightline {
 
-// A Job of UploadReactor. Steps is made from a QueryEnvironment and must have:
+// A Job of UploadReactor. Steps is made from a QueryEnvironment and a Client and must have:
 //   using Request, Response;
 //   static constexpr Operation kOperation;
 //   using Upload, Header;         // Such as SceneUpload and SceneHeader.
@@ -39,7 +39,8 @@ class UploadJob {
   using Response = typename Steps::Response;
   static constexpr Operation kOperation = Steps::kOperation;
 
-  explicit UploadJob(const QueryEnvironment& env) : steps_(env), upload_(env.limits) {}
+  UploadJob(const QueryEnvironment& env, const Client& client)
+      : steps_(env, client), upload_(env.limits) {}
 
   absl::Status Add(const Request& message) {
     const bool first = !upload_.header().has_value();
@@ -70,8 +71,7 @@ template <typename Steps>
 UploadReactor<UploadJob<Steps>>* StartUpload(const grpc::CallbackServerContext& context,
                                              typename Steps::Response* response,
                                              const QueryEnvironment& env, UploadSlots& slots) {
-  return UploadReactor<UploadJob<Steps>>::Start(context, response, env, slots,
-                                                std::make_unique<UploadJob<Steps>>(env));
+  return UploadReactor<UploadJob<Steps>>::Start(context, response, env, slots);
 }
 
 }  // namespace sightline

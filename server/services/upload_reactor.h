@@ -6,7 +6,8 @@
 //
 // Invariants: reactions never compute, decoding and building are tasks of the build pool; one
 // message is in memory beside what the upload holds; Finish is called exactly once, with no task
-// running; the job's cancel token fires when the client goes away.
+// running; the job's cancel token fires when the client goes away; what has arrived counts against
+// its client's bytes until the call ends.
 //
 // Thread safety: as visibility_stream.h.
 #ifndef SIGHTLINE_SERVER_SERVICES_UPLOAD_REACTOR_H_
@@ -15,6 +16,7 @@
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
+#include <cstdint>
 #include <memory>
 #include <utility>
 
@@ -37,6 +39,7 @@ namespace sightline {
 // Job must have:
 //   using Request, Response;
 //   static constexpr Operation kOperation;
+//   Job(const QueryEnvironment&, const Client&);
 //   absl::Status Add(const Request&);           // One message, in order.
 //   bool answered() const;                      // The response is known before the upload's end.
 //   absl::Status Finish(const CancelToken&, Response*);
@@ -48,16 +51,20 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   using Response = typename Job::Response;
 
   static UploadReactor* Start(const grpc::CallbackServerContext& context, Response* response,
-                              const QueryEnvironment& env, UploadSlots& slots,
-                              std::unique_ptr<Job> job) {
-    std::shared_ptr<UploadReactor> reactor(new UploadReactor(response, env, std::move(job)));
-    reactor->Begin(context, env, slots);
+                              const QueryEnvironment& env, UploadSlots& slots) {
+    const Client client = ClientOf(context, env.access);
+    std::shared_ptr<UploadReactor> reactor(new UploadReactor(response, env, client));
+    reactor->Begin(client, env, slots);
     return reactor.get();
   }
 
   void OnReadDone(bool ok) override {
     MutexLock lock(mutex_);
     if (cancel_.cancelled()) return End(cancel_.ToStatus());
+    if (ok) {
+      const absl::Status room = bytes_.Add(request_.ByteSizeLong(), most_bytes_);
+      if (!room.ok()) return End(room);
+    }
     ++running_;
     if (ok) {
       pool_.Submit([self = this->shared_from_this()] { self->Receive(); });
@@ -79,28 +86,29 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     call_.Release();
     slot_.Release();
     share_.Release();
+    bytes_.Release();
   }
 
  private:
-  UploadReactor(Response* response, const QueryEnvironment& env, std::unique_ptr<Job> job)
+  UploadReactor(Response* response, const QueryEnvironment& env, const Client& client)
       : response_(response),
         pool_(env.build_pool),
         timer_(env.metrics, Job::kOperation),
-        job_(std::move(job)) {}
+        most_bytes_(client.limits.upload_bytes),
+        job_(std::make_unique<Job>(env, client)) {}
 
-  void Begin(const grpc::CallbackServerContext& context, const QueryEnvironment& env,
-             UploadSlots& slots) {
+  void Begin(const Client& client, const QueryEnvironment& env, UploadSlots& slots) {
     MutexLock lock(mutex_);
     self_ = this->shared_from_this();
-    const absl::Status admitted = Enter(context, env, slots);
+    const absl::Status admitted = Enter(client, env, slots);
     if (!admitted.ok()) return End(admitted);
     this->StartRead(&request_);
   }
-  absl::Status Enter(const grpc::CallbackServerContext& context, const QueryEnvironment& env,
-                     UploadSlots& slots) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  absl::Status Enter(const Client& client, const QueryEnvironment& env, UploadSlots& slots)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     SL_ASSIGN_OR_RETURN(call_, env.calls.Admit());
-    const Client client = ClientOf(context, env.access);
     SL_ASSIGN_OR_RETURN(share_, env.uploads.Take(client.name, client.limits.uploads));
+    SL_ASSIGN_OR_RETURN(bytes_, env.upload_bytes.Take(client.name, most_bytes_, /*amount=*/0));
     SL_ASSIGN_OR_RETURN(slot_, slots.Take());
     return absl::OkStatus();
   }
@@ -135,6 +143,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   Response* const response_;
   ThreadPool& pool_;
   const CallTimer timer_;
+  const uint64_t most_bytes_;       // Of the client's uploads together; 0: any number.
   const std::unique_ptr<Job> job_;  // Used by one task at a time.
   Request request_;
   CancelToken cancel_;
@@ -144,6 +153,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
   UploadSlot slot_ ABSL_GUARDED_BY(mutex_);
   CallShare share_ ABSL_GUARDED_BY(mutex_);
+  CallShare bytes_ ABSL_GUARDED_BY(mutex_);  // What has arrived.
   int running_ ABSL_GUARDED_BY(mutex_) = 0;
   bool finished_ ABSL_GUARDED_BY(mutex_) = false;
 };

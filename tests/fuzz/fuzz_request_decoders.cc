@@ -75,9 +75,10 @@ struct World {
   Scheduler scheduler{pool.threads(),
                       [this](absl::AnyInvocable<void()> work) { pool.Submit(std::move(work)); }};
   CallTracker calls;
-  CallQuota streams{"streams"}, uploads{"uploads"};
-  QueryEnvironment environment{limits,    scenes,    point_sets, pool,    pool,
-                               ray_queue, scheduler, calls,      streams, uploads};
+  CallQuota streams{"streams"}, uploads{"uploads"}, upload_bytes{"upload-bytes"};
+  SceneOwners scene_owners;
+  QueryEnvironment environment{limits,    scenes, point_sets, pool,    pool,         ray_queue,
+                               scheduler, calls,  streams,    uploads, upload_bytes, scene_owners};
 
   // A floor and a triangle above it.
   World() {

@@ -10,6 +10,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -273,6 +274,49 @@ TEST_F(SecurityTest, LimitsBelongToTheTokenAndNotToTheAddress) {
   EXPECT_THAT(std::string(second.message()), HasSubstr("uploads at once of token:a"));
   uploading.context.TryCancel();
   EXPECT_FALSE(writer->Finish().ok());
+}
+
+// What a caller may keep on the server: scenes until they are deleted, and bytes of uploads until
+// their calls end.
+TEST_F(SecurityTest, ScenesAndUploadBytesBelongToTheTokenToo) {
+  ServerOptions options;
+  constexpr char kOther[] = "other-0123456789abcdef";
+  options.access_file =
+      Write("access", absl::StrCat("query,admin token a plain:", kQueryToken,
+                                   "\nquery,admin token b plain:", kOther,
+                                   "\nlimit admin scenes 2\nlimit admin upload-bytes 20000\n"));
+  Start(options);
+  const client::Client a = ClientTo(Target(), {.token = kQueryToken});
+  const client::Client b = ClientTo(Target(), {.token = kOther});
+  const auto create = [](const client::Client& client, const char* id) {
+    return client.CreateScene({.scene_id = id, .builtin = "builtin:box:300"}).status();
+  };
+  EXPECT_EQ(create(a, "one"), absl::OkStatus());
+  EXPECT_EQ(create(a, "two"), absl::OkStatus());
+  const absl::Status third = create(a, "three");
+  EXPECT_TRUE(absl::IsResourceExhausted(third)) << third;
+  EXPECT_THAT(std::string(third.message()), HasSubstr("scenes at once of token:a"));
+  EXPECT_EQ(create(b, "three"), absl::OkStatus());
+  // One that could not be made takes nothing; whoever deletes one gives its place back.
+  EXPECT_TRUE(absl::IsAlreadyExists(create(b, "one")));
+  ASSERT_TRUE(b.DeleteScene("scenes/one").ok());
+  EXPECT_EQ(create(a, "four"), absl::OkStatus());
+  EXPECT_TRUE(absl::IsResourceExhausted(create(a, "five")));
+  EXPECT_TRUE(absl::IsNotFound(b.DeleteScene("scenes/one")));
+
+  // 1,000 points are 24,000 bytes, which are too many; 500 at a time are not.
+  const std::vector<double> positions(3000, 0.25);
+  const auto keep = [&](size_t points, const char* id) {
+    client::PointSetSource source;
+    source.scene = "scenes/two";
+    source.point_set_id = id;
+    source.points.positions = std::span(positions).first(3 * points);
+    return a.CreatePointSet(source).status();
+  };
+  const absl::Status large = keep(1000, "large");
+  EXPECT_TRUE(absl::IsResourceExhausted(large)) << large;
+  EXPECT_THAT(std::string(large.message()), HasSubstr("upload-bytes at once of token:a"));
+  for (const char* id : {"s1", "s2", "s3"}) EXPECT_EQ(keep(500, id), absl::OkStatus());
 }
 
 TEST_F(SecurityTest, UnixSocketsServeBesideTcp) {

@@ -9,6 +9,7 @@
 #include "server/admission/call_tracker.h"
 #include "server/admission/client_name.h"
 #include "server/admission/ray_queue.h"
+#include "server/admission/scene_owners.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/error.h"
 
@@ -131,6 +132,46 @@ TEST(CallQuotaTest, EachClientHasItsOwnAndGivesItBack) {
   EXPECT_TRUE(quota.Take("a", 0).ok());
   first->Release();
   EXPECT_TRUE(quota.Take("a", 2).ok());
+}
+
+// Amounts that grow: what does not fit beside others' may fit later, what is too much alone never.
+TEST(CallQuotaTest, SharesGrowAndAreGivenBackWhole) {
+  CallQuota quota("upload-bytes");
+  absl::StatusOr<CallShare> first = quota.Take("a", 100, 0), second = quota.Take("a", 100, 0);
+  ASSERT_TRUE(first.ok() && second.ok());
+  EXPECT_TRUE(first->Add(60, 100).ok());
+  EXPECT_TRUE(second->Add(40, 100).ok());
+  const absl::Status beside = second->Add(1, 100);
+  EXPECT_EQ(ReasonOf(beside), v1::ERROR_REASON_QUOTA_EXCEEDED) << beside;
+  const absl::Status alone = first->Add(41, 100);
+  EXPECT_EQ(ReasonOf(alone), v1::ERROR_REASON_LIMIT_EXCEEDED) << alone;
+  EXPECT_EQ(ReasonOf(first->Add(~uint64_t{0}, 100)), v1::ERROR_REASON_LIMIT_EXCEEDED);
+  EXPECT_TRUE(quota.Take("b", 100, 0)->Add(100, 100).ok());
+  CallShare moved = *std::move(first);
+  moved.Release();
+  EXPECT_TRUE(second->Add(60, 100).ok());
+  EXPECT_FALSE(second->Add(1, 100).ok());
+  EXPECT_TRUE(second->Add(1000, 0).ok());  // No limit any more.
+}
+
+TEST(SceneOwnersTest, AScenesShareLastsUntilItIsRemoved) {
+  SceneOwners owners;
+  absl::StatusOr<CallShare> share = owners.Take("a", 1);
+  ASSERT_TRUE(share.ok());
+  owners.Keep("hall", *std::move(share));
+  const absl::Status second = owners.Take("a", 1).status();
+  EXPECT_EQ(second.code(), absl::StatusCode::kResourceExhausted);
+  // Waiting does not help: a scene goes when somebody deletes it.
+  EXPECT_EQ(ReasonOf(second), v1::ERROR_REASON_LIMIT_EXCEEDED);
+  EXPECT_TRUE(owners.Take("b", 1).ok());
+  EXPECT_FALSE(owners.Remove("another").held());
+  owners.Keep("another", CallShare());
+  {
+    CallShare removed = owners.Remove("hall");
+    EXPECT_TRUE(removed.held());
+    EXPECT_FALSE(owners.Take("a", 1).ok());
+  }
+  EXPECT_TRUE(owners.Take("a", 1).ok());
 }
 
 TEST(UploadSlotsTest, AreGivenBack) {

@@ -81,7 +81,8 @@ TEST(AccessPolicyTest, RolesHaveLimits) {
   const absl::StatusOr<AccessPolicy> policy = AccessPolicy::Parse(
       "a",
       "query cert a\nquery,admin cert b\nmetrics cert c\nlimit query rays 1000\n"
-      "limit admin rays 5000\nlimit query streams 3\nlimit metrics,admin uploads 2\n");
+      "limit admin rays 5000\nlimit query streams 3\nlimit metrics,admin uploads 2\n"
+      "limit admin upload-bytes 5000000000\nlimit query scenes 4\n");
   ASSERT_TRUE(policy.ok()) << policy.status();
   const auto limit = [&](const char* name) {
     return policy->Identify({.certificate_names = {name}})->limits;
@@ -92,6 +93,10 @@ TEST(AccessPolicyTest, RolesHaveLimits) {
   EXPECT_EQ(limit("b").rays, 5000u);
   EXPECT_EQ(limit("b").streams, 3u);
   EXPECT_EQ(limit("b").uploads, 2u);
+  EXPECT_EQ(limit("b").upload_bytes, 5'000'000'000u);
+  EXPECT_EQ(limit("b").scenes, 4u);
+  EXPECT_EQ(limit("a").upload_bytes, 0u);
+  EXPECT_EQ(limit("c").scenes, 0u);
   EXPECT_EQ(limit("c").rays, 0u);
   EXPECT_EQ(limit("c").uploads, 2u);
   for (const char* wrong : {"limit query rays 0\n", "limit query rays many\n", "limit query 3\n",
