@@ -17,27 +17,45 @@ constexpr std::pair<absl::string_view, RoleSet> kRoles[] = {
     {"query", kQueryRole}, {"admin", kAdminRole}, {"metrics", kMetricsRole}};
 
 struct Entry {
-  absl::string_view prefix;  // Of the method's full name.
+  absl::string_view method;  // Its full name; gRPC's own services by what they begin with.
   RoleSet roles;
 };
-// The first that fits counts.
-constexpr Entry kMethods[] = {
+constexpr Entry kGrpcServices[] = {
     // Load balancers and probes ask without a name of their own.
     {"/grpc.health.v1.Health/", kNoRole},
     {"/grpc.reflection.", kAllRoles},
-    {"/sightline.v1.CapabilityService/", kAllRoles},
-    {"/sightline.v1.VisibilityService/", kQueryRole},
-    {"/sightline.v1.PointSetService/", kQueryRole},
+};
+// Each by its whole name: a method that is new is nobody's but the admins'.
+constexpr Entry kMethods[] = {
+    {"/sightline.v1.CapabilityService/GetCapabilities", kAllRoles},
+    {"/sightline.v1.VisibilityService/TraceTiles", kQueryRole},
+    {"/sightline.v1.VisibilityService/ComputeShadows", kQueryRole},
+    {"/sightline.v1.VisibilityService/TestSegments", kQueryRole},
+    {"/sightline.v1.PointSetService/CreatePointSet", kQueryRole},
+    {"/sightline.v1.PointSetService/GetPointSet", kQueryRole},
+    {"/sightline.v1.PointSetService/ListPointSets", kQueryRole},
+    {"/sightline.v1.PointSetService/DeletePointSet", kQueryRole},
+    {"/sightline.v1.PointSetService/RenewLease", kQueryRole},
     {"/sightline.v1.SceneService/GetScene", kQueryRole | kAdminRole},
-    {"/sightline.v1.SceneService/ListScene", kQueryRole | kAdminRole},
+    {"/sightline.v1.SceneService/ListScenes", kQueryRole | kAdminRole},
+    {"/sightline.v1.SceneService/ListSceneObjects", kQueryRole | kAdminRole},
     {"/sightline.v1.SceneService/WatchScene", kQueryRole | kAdminRole},
-    {"/sightline.v1.SceneService/", kAdminRole},
+    {"/sightline.v1.SceneService/CreateScene", kAdminRole},
+    {"/sightline.v1.SceneService/UpdateScene", kAdminRole},
+    {"/sightline.v1.SceneService/DeleteScene", kAdminRole},
+    {"/sightline.v1.SceneService/LoadScene", kAdminRole},
+    {"/sightline.v1.SceneService/UnloadScene", kAdminRole},
+    {"/sightline.v1.SceneService/ReloadScene", kAdminRole},
+    {"/sightline.v1.SceneService/ListStoredScenes", kAdminRole},
 };
 
 const Entry* Find(absl::string_view method) {
+  for (const Entry& entry : kGrpcServices) {
+    if (absl::StartsWith(method, entry.method)) return &entry;
+  }
   const auto* const found =
       std::find_if(std::begin(kMethods), std::end(kMethods),
-                   [&](const Entry& entry) { return absl::StartsWith(method, entry.prefix); });
+                   [&](const Entry& entry) { return method == entry.method; });
   return found == std::end(kMethods) ? nullptr : found;
 }
 

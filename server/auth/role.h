@@ -6,8 +6,10 @@
 //   admin     make, change and delete scenes; look at them
 //   metrics   read /metrics
 //
-// Invariant: a method that the table does not know wants admin, so that a new one is closed until
-// somebody says who may call it (a test holds the table against the services' descriptors).
+// Invariant: the table names each method of ours whole, and one that it does not name wants admin,
+// so that a new one is closed until somebody says who may call it (a test holds the table against
+// the services' descriptors). Of gRPC's own services, health is open and reflection is every
+// role's.
 //
 // Thread safety: values and functions.
 //
