@@ -21,6 +21,9 @@
 namespace sightline {
 namespace {
 
+// Names that the health service may come to know, for each scene that there may be at once: enough
+// for a few generations of names, and about a hundred bytes each.
+constexpr size_t kHealthNamesPerScene = 4;
 constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
 // Below what a prober waits (a second in Kubernetes, unless told otherwise, so tell it).
 constexpr absl::Duration kLivenessTimeout = absl::Seconds(2);
@@ -44,6 +47,7 @@ Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> re
                  [this](absl::AnyInvocable<void()> work) { query_pool_.Submit(std::move(work)); }),
       repository_(std::move(repository)),
       scenes_(options_.limits, build_pool_, repository_.get(), options.evict_least_used),
+      health_names_(kHealthNamesPerScene * options.limits.max_scenes),
       point_sets_(options_.limits, [] { return absl::Now(); }),
       metrics_([this] { return StateNow(); }),
       slow_queries_(options.slow_query_log),
@@ -224,16 +228,20 @@ absl::Status Server::ReloadSecurity() {
           absl::FormatTime(absl::RFC3339_sec, door_->CertificateEnd(), absl::UTCTimeZone())}});
   }
   absl::Status status = certificates.status();
-  status.Update(access_.Reload());
-  if (!status.ok()) {
+  const absl::Status access = access_.Reload();
+  // Each is said: a status keeps only the first.
+  for (const absl::Status& failed : {status, access}) {
+    if (failed.ok()) continue;
     Log(LogLevel::kError, "reload_failed",
-        {{"status", status.ToString()}, {"kept", "the last good one"}});
+        {{"status", failed.ToString()}, {"kept", "the last good one"}});
   }
+  status.Update(access);
   return status;
 }
 
 void Server::ReportHealth(const SceneView& view) {
   // A deleted scene stays known as NOT_SERVING: the health service cannot forget a name.
+  if (!health_names_.Take(view)) return;
   const bool serving = !view.deleted && view.status.latest != nullptr && !calls_.draining();
   server_->GetHealthCheckService()->SetServingStatus(SceneName(view.status.name), serving);
 }

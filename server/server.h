@@ -42,6 +42,7 @@
 #include "server/net/front_door.h"
 #include "server/options.h"
 #include "server/points/point_set_store.h"
+#include "server/scenes/health_names.h"
 #include "server/scenes/scene_catalog.h"
 #include "server/services/capability_service.h"
 #include "server/services/point_set_service.h"
@@ -69,7 +70,7 @@ class Server {
   std::shared_ptr<grpc::Channel> InProcessChannel(const grpc::ChannelArguments& arguments);
 
   // Reads certificates and the access file again, as happens every reload_interval. What was wrong
-  // with them, in which case the last good ones stay.
+  // with the first of them that was, in which case the last good one stays; the log names each.
   absl::Status ReloadSecurity();
 
   // Health goes to NOT_SERVING, new calls are refused, streams are told, and what is under way may
@@ -106,6 +107,7 @@ class Server {
   Scheduler scheduler_;
   const std::unique_ptr<SceneRepository> repository_;  // Null without one.
   SceneCatalog scenes_;
+  HealthNames health_names_;
   PointSetStore point_sets_;
   Metrics metrics_;
   const SlowQueryLog slow_queries_;

@@ -10,7 +10,6 @@
 #include "absl/strings/str_split.h"
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
-#include "server/base/error.h"
 
 namespace sightline {
 namespace {
@@ -62,6 +61,10 @@ std::string SceneName(absl::string_view scene_id) { return absl::StrCat("scenes/
 
 std::string PointSetNameOf(absl::string_view scene_id, absl::string_view point_set_id) {
   return absl::StrCat("scenes/", scene_id, "/pointSets/", point_set_id);
+}
+
+ErrorMetadata SceneResource(absl::string_view scene_id) {
+  return {{"resource", SceneName(scene_id)}};
 }
 
 std::string MakeId(absl::string_view prefix) {

@@ -15,6 +15,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "server/base/error.h"
 
 namespace sightline {
 
@@ -29,6 +30,9 @@ absl::StatusOr<PointSetName> ParsePointSetName(absl::string_view field, absl::st
 
 std::string SceneName(absl::string_view scene_id);
 std::string PointSetNameOf(absl::string_view scene_id, absl::string_view point_set_id);
+
+// What an error about the scene carries: `resource`.
+ErrorMetadata SceneResource(absl::string_view scene_id);
 
 // A fresh id such as "scene-5f0c2a9be1d34c77"; unique for all practical purposes.
 std::string MakeId(absl::string_view prefix);

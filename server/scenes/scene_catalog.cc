@@ -19,8 +19,6 @@ namespace {
 
 constexpr absl::string_view kBuiltinPrefix = "builtin:";
 
-ErrorMetadata Resource(const std::string& scene_id) { return {{"resource", SceneName(scene_id)}}; }
-
 // What the server calls a limit of the engine's.
 std::string PublishedLimit(const std::string& name) {
   return name == "max_scenes" ? name : absl::StrCat(name, "_per_scene");
@@ -42,13 +40,14 @@ absl::Status SceneCatalog::ExplainBuild(absl::Status status, const std::string& 
   const uint64_t budget = limits_.max_scene_bytes;
   switch (status.code()) {
     case absl::StatusCode::kAlreadyExists:
-      return WithReason(std::move(status), v1::ERROR_REASON_ALREADY_EXISTS, Resource(scene_id));
+      return WithReason(std::move(status), v1::ERROR_REASON_ALREADY_EXISTS,
+                        SceneResource(scene_id));
     case absl::StatusCode::kResourceExhausted:
       return ExhaustedError(std::move(status), budget);
     case absl::StatusCode::kInvalidArgument:
       return WithReason(std::move(status), v1::ERROR_REASON_UNUSABLE_UPLOAD);
     case absl::StatusCode::kAborted:
-      return WithReason(std::move(status), v1::ERROR_REASON_SCENE_BUSY, Resource(scene_id));
+      return WithReason(std::move(status), v1::ERROR_REASON_SCENE_BUSY, SceneResource(scene_id));
     default:
       return status;
   }
@@ -84,10 +83,11 @@ absl::Status SceneCatalog::NotThere(const std::string& scene_id) const {
   if (!note.empty()) {
     return MakeError(absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_SCENE_NOT_READY,
                      absl::StrCat(SceneName(scene_id), " is not loaded: ", note, ". Load it first"),
-                     Resource(scene_id));
+                     SceneResource(scene_id));
   }
   return MakeError(absl::StatusCode::kNotFound, v1::ERROR_REASON_SCENE_NOT_FOUND,
-                   absl::StrCat("there is no scene ", SceneName(scene_id)), Resource(scene_id));
+                   absl::StrCat("there is no scene ", SceneName(scene_id)),
+                   SceneResource(scene_id));
 }
 
 SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset,
@@ -109,13 +109,13 @@ absl::Status SceneCatalog::CheckRoom(const std::string& scene_id, uint64_t trian
                                      uint64_t vertices) const {
   if (registry_.GetStatus(scene_id).ok()) {
     return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
-                     absl::StrCat(SceneName(scene_id), " exists already"), Resource(scene_id));
+                     absl::StrCat(SceneName(scene_id), " exists already"), SceneResource(scene_id));
   }
   if (repository_ != nullptr && !scene_id.empty() && repository_->Has(scene_id)) {
     return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
                      absl::StrCat(SceneName(scene_id), " exists already: it is stored, but not ",
                                   "loaded; load or delete it, or take another name"),
-                     Resource(scene_id));
+                     SceneResource(scene_id));
   }
   const uint64_t scenes = registry_.List().size();
   if (scenes >= limits_.max_scenes && !registry_.options().evict_least_used) {
@@ -148,7 +148,7 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
     const absl::Time now = absl::Now();
     times_.try_emplace(options.scene_id,
                        Times{now, now, options.preset, options.temporary, options.kd_tree,
-                             options.binary_bvh, options.without_bvh});
+                             options.binary_bvh, options.without_bvh, options.anonymous});
   }
   // A scene that cannot be hit is taken away again: it is not worth storing.
   const SceneKeeper keeper = KeeperOf(options.scene_id, options.temporary);
@@ -234,7 +234,7 @@ absl::Status SceneCatalog::ExplainEdit(absl::Status status, const EditOptions& o
   if (absl::IsNotFound(status)) {
     if (!now.ok()) return NotThere(options.scene_id);
     return WithReason(std::move(status), v1::ERROR_REASON_OBJECT_NOT_FOUND,
-                      Resource(options.scene_id));
+                      SceneResource(options.scene_id));
   }
   if (absl::IsFailedPrecondition(status)) {
     const uint64_t current = now.ok() && now->latest != nullptr ? now->latest->revision : 0;
@@ -245,7 +245,7 @@ absl::Status SceneCatalog::ExplainEdit(absl::Status status, const EditOptions& o
                          {"current", absl::StrCat(current)}});
     }
     return WithReason(std::move(status), v1::ERROR_REASON_EDIT_NOT_POSSIBLE,
-                      Resource(options.scene_id));
+                      SceneResource(options.scene_id));
   }
   return ExplainBuild(std::move(status), options.scene_id);
 }
@@ -307,7 +307,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::Pin(const std::string
   if (now->latest == nullptr) {
     return MakeError(absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_SCENE_NOT_READY,
                      absl::StrCat(SceneName(scene_id), " is still being built"),
-                     Resource(scene_id));
+                     SceneResource(scene_id));
   }
   return WithReason(scene.status(), v1::ERROR_REASON_REVISION_MISMATCH,
                     {{"resource", SceneName(scene_id)},
@@ -322,6 +322,7 @@ SceneView SceneCatalog::View(SceneStatus status) const {
     if (const auto times = times_.find(status.name); times != times_.end()) {
       view.create_time = times->second.create_time;
       view.update_time = times->second.update_time;
+      view.anonymous = times->second.anonymous;
     }
   }
   view.status = std::move(status);

@@ -47,7 +47,8 @@ struct SceneView {
   absl::Time create_time = absl::InfinitePast();
   absl::Time update_time = absl::InfinitePast();
   bool deleted = false;
-  bool unloaded = false;  // Deleted from memory alone.
+  bool unloaded = false;   // Deleted from memory alone.
+  bool anonymous = false;  // The server made its name up.
 };
 
 // A scene of the repository.
@@ -71,6 +72,7 @@ class SceneCatalog {
     std::string scene_id;
     std::optional<Vec3d> origin;
     BvhPreset preset = BvhPreset::kStatic;
+    bool anonymous = false;                 // `scene_id` was made up.
     bool temporary = false;                 // Not stored.
     std::optional<KdBuildOptions> kd_tree;  // One beside the BVH.
     std::optional<BinaryBvhOptions> binary_bvh;
@@ -143,6 +145,7 @@ class SceneCatalog {
     std::optional<KdBuildOptions> kd_tree = std::nullopt;
     std::optional<BinaryBvhOptions> binary_bvh = std::nullopt;
     bool without_bvh = false;
+    bool anonymous = false;
   };
   // Of a scene that is not in memory, though it might be.
   struct Note {

@@ -15,15 +15,14 @@
 namespace sightline {
 namespace {
 
-ErrorMetadata Resource(const std::string& scene_id) { return {{"resource", SceneName(scene_id)}}; }
-
 // What reading a file says, with its reason.
 absl::Status ExplainLoad(absl::Status status, const std::string& scene_id) {
   switch (status.code()) {
     case absl::StatusCode::kDataLoss:
     case absl::StatusCode::kInvalidArgument:
     case absl::StatusCode::kUnimplemented:
-      return WithReason(std::move(status), v1::ERROR_REASON_BAD_SCENE_FILE, Resource(scene_id));
+      return WithReason(std::move(status), v1::ERROR_REASON_BAD_SCENE_FILE,
+                        SceneResource(scene_id));
     default:
       return status;
   }
@@ -69,7 +68,10 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
   {
     MutexLock lock(mutex_);
     const absl::Time now = absl::Now();
-    times_.try_emplace(id, Times{now, now, BvhPreset::kStatic, options.temporary});
+    times_.try_emplace(id, Times{.create_time = now,
+                                 .update_time = now,
+                                 .temporary = options.temporary,
+                                 .anonymous = options.anonymous});
   }
   const LoadOptions load = {.limits = BuildOptions(BvhPreset::kStatic).limits};
   const absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Load(
@@ -173,7 +175,7 @@ absl::Status SceneCatalog::Unload(const std::string& scene_id) {
         absl::StrCat(SceneName(scene_id), " is in memory alone",
                      view.status.keep_error.ok() ? "" : ": ", view.status.keep_error.message(),
                      ". Unloading would lose it; delete it if that is meant"),
-        Resource(scene_id));
+        SceneResource(scene_id));
   }
   SL_RETURN_IF_ERROR(ExplainBuild(registry_.Delete(scene_id), scene_id));
   SetNote(scene_id, Note{false, "it was unloaded"});

@@ -82,7 +82,8 @@ class CreateSteps : public SceneSteps {
   absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel, Response* response) {
     SceneCatalog::CreateOptions options;
     if (upload.header().has_value()) options = upload.header()->create;
-    if (options.scene_id.empty()) options.scene_id = MakeId("scene");
+    options.anonymous = options.scene_id.empty();
+    if (options.anonymous) options.scene_id = MakeId("scene");
     if (upload.header().has_value() && !upload.header()->file_id.empty()) {
       SL_ASSIGN_OR_RETURN(const SceneView view,
                           env_.scenes.CreateFromFile(options, upload.header()->file_id, &cancel));

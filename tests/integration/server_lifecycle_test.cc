@@ -70,6 +70,26 @@ TEST(LifecycleTest, HealthIsReportedPerScene) {
   EXPECT_EQ(Health(harness.channel, "scenes/wall"), 2);
 }
 
+// gRPC's health service forgets no name, so that it hears of no scene that nobody named, and of no
+// more names than there is room for.
+TEST(LifecycleTest, HealthDoesNotGrowWithTheScenesThatWere) {
+  ServerOptions options;
+  options.limits.max_scenes = 1;
+  ServerHarness harness(options);
+  v1::Scene scene;
+  ASSERT_TRUE(harness.CreateScene(WallUpload(""), &scene).ok());
+  EXPECT_EQ(Health(harness.channel, scene.name()), -1);
+  const std::string id = scene.name().substr(std::string("scenes/").size());
+  ASSERT_TRUE(harness.server->scenes().Delete(id).ok());
+  for (const auto& [name, health] :
+       {std::pair("a", 1), {"b", 1}, {"c", 1}, {"d", 1}, {"e", -1}, {"a", 1}}) {
+    ASSERT_TRUE(harness.CreateScene(WallUpload(name), &scene).ok());
+    EXPECT_EQ(Health(harness.channel, absl::StrCat("scenes/", name)), health) << name;
+    ASSERT_TRUE(harness.server->scenes().Delete(name).ok());
+  }
+  EXPECT_EQ(Health(harness.channel, "scenes/b"), 2);
+}
+
 TEST(LifecycleTest, ReflectionListsTheServices) {
   ServerHarness harness;
   grpc::GenericStub stub(harness.channel);
