@@ -21,9 +21,9 @@ constexpr size_t kMaxBytes = 1 << 20;
 absl::Status CheckOwnerAndMode(const std::string& path, const struct stat& file) {
   constexpr mode_t kForbidden = S_IWGRP | S_IXGRP | S_IRWXO;
   if ((file.st_mode & kForbidden) != 0) {
-    return absl::PermissionDeniedError(
-        absl::StrFormat("%s has mode %04o and holds a secret: chmod 600 it", path,
-                        static_cast<unsigned>(file.st_mode & 07777)));
+    return absl::PermissionDeniedError(absl::StrFormat(
+        "%s has mode %04o and holds a secret: chmod 600 it (or 640: a group may read it)", path,
+        static_cast<unsigned>(file.st_mode & 07777)));
   }
   if (file.st_uid != geteuid() && file.st_uid != 0) {
     return absl::PermissionDeniedError(

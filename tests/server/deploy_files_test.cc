@@ -118,7 +118,7 @@ TEST(DeployFilesTest, FlagsAndVariablesAreTheServers) {
       ++seen;
     }
   }
-  EXPECT_GE(seen, 4u);
+  EXPECT_GE(seen, 3u);
   for (const std::string& text : {unit, container}) {
     for (std::string name : Found(text, "SIGHTLINE_([A-Z_]+)=", 1)) {
       std::transform(name.begin(), name.end(), name.begin(),
@@ -163,6 +163,14 @@ TEST(DeployFilesTest, ProbesAskForPathsThatThereAre) {
   }
 }
 
+TEST(DeployFilesTest, TheUnitDoesNotRestartWhatStaysWrong) {
+  const std::string unit = Read("deploy/systemd/sightlined.service");
+  // It looks at the main process alone, so that nothing may fail before that.
+  EXPECT_TRUE(Found(unit, "\nExecStartPre=").empty());
+  EXPECT_EQ(Found(unit, "\nRestartPreventExitStatus=([^\n]*)", 1),
+            std::vector<std::string>{"64 78"});
+}
+
 // Whoever stops the server waits longer than it may take to drain.
 TEST(DeployFilesTest, StopsWaitForTheDrain) {
   const std::vector<NamedConfig> configs = Configs();
@@ -190,6 +198,12 @@ TEST(DeployFilesTest, ThePodsRightsAreFew) {
   for (const YAML::Node& claim : set["volumeClaimTemplates"]) {
     volumes.insert(claim["metadata"]["name"].as<std::string>());
   }
+  // A secret's mode is one that the server accepts, and one that its group can read.
+  for (const YAML::Node& volume : pod["volumes"]) {
+    if (!volume["secret"].IsDefined()) continue;
+    EXPECT_EQ(volume["secret"]["defaultMode"].as<std::string>(), "0440") << volume["name"];
+  }
+  EXPECT_TRUE(pod["securityContext"]["fsGroup"].IsDefined());
   EXPECT_TRUE(pod["securityContext"]["runAsNonRoot"].as<bool>());
   for (const char* kind : {"initContainers", "containers"}) {
     for (const YAML::Node& container : pod[kind]) {
