@@ -38,7 +38,7 @@ absl::Status FromItem(const v1::ItemStatus& status);
 std::optional<ErrorDetail> GetErrorDetail(const absl::Status& status);
 
 // Whether the same call may succeed later: UNAVAILABLE; RESOURCE_EXHAUSTED when the queue was full
-// or the server says when to try again. Passing a limit never heals.
+// or the server says when to try again. Any other limit passed never heals.
 bool IsRetryable(const absl::Status& status);
 
 // How long the server asked to wait, where it did.

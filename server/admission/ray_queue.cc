@@ -29,7 +29,8 @@ RayAccount RayQueue::Open(const std::string& client, uint64_t max_rays) {
     held = std::make_shared<RayAccount::Held>();
     entry = held;
   }
-  held->most = max_rays == 0 ? max_rays_per_client_ : max_rays;
+  held->by_role = max_rays != 0;
+  held->most = held->by_role ? max_rays : max_rays_per_client_;
   return RayAccount(std::move(held));
 }
 
@@ -38,7 +39,8 @@ absl::StatusOr<RayTicket> RayQueue::Admit(const RayAccount& account, uint64_t ra
   RayAccount::Held& held = *account.held_;
   if (held.tickets > 0 && !Fits(rays, held.rays, held.most)) {
     return OverLimit("the client's rays waiting for an answer", held.rays + rays,
-                     "max_queued_rays_per_client", held.most, v1::ERROR_REASON_QUOTA_EXCEEDED);
+                     held.by_role ? "limit rays of the access file" : "max_queued_rays_per_client",
+                     held.most, v1::ERROR_REASON_QUOTA_EXCEEDED);
   }
   if (tickets_ > 0 && !Fits(rays, queued_, max_rays_)) {
     return OverLimit("rays waiting for an answer", queued_ + rays, "max_queued_rays", max_rays_,

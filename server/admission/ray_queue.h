@@ -39,7 +39,9 @@ class RayAccount {
   friend class RayQueue;
   friend class RayTicket;
   struct Held {
-    uint64_t rays = 0, tickets = 0, most = 0;  // Guarded by the queue's lock.
+    // All guarded by the queue's lock.
+    uint64_t rays = 0, tickets = 0, most = 0;
+    bool by_role = false;  // Whether `most` is the access file's.
   };
   explicit RayAccount(std::shared_ptr<Held> held) : held_(std::move(held)) {}
 

@@ -5,7 +5,8 @@
 // Thread safety: every method of UploadSlots from any thread; a slot belongs to one owner at a
 // time. The slots' pool outlives them.
 //
-//   absl::StatusOr<UploadSlot> slot = slots.Take();   // RESOURCE_EXHAUSTED (LIMIT_EXCEEDED)
+//   absl::StatusOr<UploadSlot> slot = slots.Take();
+//   // RESOURCE_EXHAUSTED (LIMIT_EXCEEDED), with the delay after which to try again
 #ifndef SIGHTLINE_SERVER_ADMISSION_UPLOAD_SLOTS_H_
 #define SIGHTLINE_SERVER_ADMISSION_UPLOAD_SLOTS_H_
 
@@ -13,6 +14,7 @@
 #include <utility>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "core/base/mutex.h"
 #include "server/base/error.h"
 
@@ -45,7 +47,10 @@ class UploadSlots {
   absl::StatusOr<UploadSlot> Take() {
     MutexLock lock(mutex_);
     if (taken_ >= count_) {
-      return OverLimit("uploads at once", taken_ + 1, "max_concurrent_uploads", count_);
+      // When an upload ends is its client's affair: a try a second costs nobody anything.
+      return WithRetryDelay(
+          OverLimit("uploads at once", taken_ + 1, "max_concurrent_uploads", count_),
+          absl::Seconds(1));
     }
     ++taken_;
     return UploadSlot(this);

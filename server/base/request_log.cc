@@ -52,9 +52,9 @@ absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id,
                         v1::ERROR_REASON_REQUEST_ID_REUSED);
   }
   if (!entry.complete) {
-    return MakeError(
-        absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
-        absl::StrCat("the first call with request_id \"", id, "\" is still under way"));
+    return MakeError(absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
+                     absl::StrCat("the first call with request_id \"", id, "\" is still under way"),
+                     {{"field", "request_id"}, {"value", std::string(id)}});
   }
   claim.repeated_ = true;
   claim.resource_ = entry.resource;

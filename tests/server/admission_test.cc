@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <chrono>
 #include <memory>
+#include <string>
 #include <thread>
 #include <utility>
 
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
@@ -15,6 +17,8 @@
 
 namespace sightline {
 namespace {
+
+using ::testing::HasSubstr;
 
 TEST(RayQueueTest, RefusesWhatDoesNotFitAndTakesItOnceThereIsRoom) {
   RayQueue queue(100, 1000);
@@ -54,9 +58,13 @@ TEST(RayQueueTest, AClientMayHaveAQuotaOfItsOwn) {
   const RayAccount small = queue.Open("small", 20), usual = queue.Open("usual");
   const absl::StatusOr<RayTicket> first = queue.Admit(small, 15);
   EXPECT_TRUE(first.ok());
-  EXPECT_EQ(ReasonOf(queue.Admit(small, 15).status()), v1::ERROR_REASON_QUOTA_EXCEEDED);
+  const absl::Status refused = queue.Admit(small, 15).status();
+  EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_QUOTA_EXCEEDED);
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("limit rays of the access file = 20"));
   const absl::StatusOr<RayTicket> second = queue.Admit(usual, 15);
   EXPECT_TRUE(second.ok());
+  EXPECT_THAT(std::string(queue.Admit(usual, 86).status().message()),
+              HasSubstr("max_queued_rays_per_client = 100"));
   EXPECT_TRUE(queue.Admit(usual, 85).ok());
 }
 
@@ -179,7 +187,11 @@ TEST(UploadSlotsTest, AreGivenBack) {
   {
     const absl::StatusOr<UploadSlot> slot = slots.Take();
     ASSERT_TRUE(slot.ok());
-    EXPECT_EQ(slots.Take().status().code(), absl::StatusCode::kResourceExhausted);
+    const absl::Status refused = slots.Take().status();
+    EXPECT_EQ(refused.code(), absl::StatusCode::kResourceExhausted);
+    EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_LIMIT_EXCEEDED);
+    // It passes, and says so.
+    EXPECT_TRUE(refused.GetPayload(kRetryInfoUrl).has_value());
   }
   EXPECT_TRUE(slots.Take().ok());
 }

@@ -16,7 +16,12 @@ TEST(RequestLogTest, ARepeatedIdReturnsWhatTheFirstMade) {
     absl::StatusOr<RequestClaim> first = log.Claim("r", "print");
     ASSERT_TRUE(first.ok());
     EXPECT_FALSE(first->repeated());
-    EXPECT_EQ(ReasonOf(log.Claim("r", "print").status()), v1::ERROR_REASON_SCENE_BUSY);
+    const absl::Status busy = log.Claim("r", "print").status();
+    EXPECT_EQ(ReasonOf(busy), v1::ERROR_REASON_SCENE_BUSY);
+    v1::ItemStatus item;
+    ToItemStatus(busy, &item);
+    EXPECT_EQ(item.metadata().at("field"), "request_id");
+    EXPECT_EQ(item.metadata().at("value"), "r");
     first->Complete("scenes/a");
   }
   const absl::StatusOr<RequestClaim> second = log.Claim("r", "print");

@@ -60,6 +60,9 @@ TEST(StatusTest, ItemsLikeCalls) {
   EXPECT_TRUE(IsRetryable(status));
   item.set_reason(v1::ERROR_REASON_LIMIT_EXCEEDED);
   EXPECT_FALSE(IsRetryable(FromItem(item)));
+  // A limit that others' uploads take up passes: the server says when to ask again.
+  item.mutable_retry_delay()->set_seconds(1);
+  EXPECT_TRUE(IsRetryable(FromItem(item)));
   item.set_code(99);
   EXPECT_EQ(FromItem(item).code(), absl::StatusCode::kUnknown);
 }
