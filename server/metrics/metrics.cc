@@ -22,7 +22,7 @@ constexpr absl::string_view kOperationNames[] = {
     "TraceTiles",     "ComputeShadows", "TestSegments", "CreateScene",      "UpdateScene",
     "CreatePointSet", "GetScene",       "ListScenes",   "ListSceneObjects", "DeleteScene",
     "LoadScene",      "ReloadScene",    "UnloadScene",  "ListStoredScenes", "GetPointSet",
-    "ListPointSets",  "DeletePointSet", "RenewLease",   "GetCapabilities"};
+    "ListPointSets",  "DeletePointSet", "RenewLease",   "GetCapabilities",  "WatchScene"};
 static_assert(std::size(kOperationNames) == kOperations);
 
 // By AnsweredBy.

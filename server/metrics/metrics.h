@@ -51,8 +51,9 @@ enum class Operation {
   kDeletePointSet,
   kRenewLease,
   kGetCapabilities,
+  kWatchScene,  // Counted when the watch ends; its time is how long it lasted.
 };
-inline constexpr int kOperations = 19;
+inline constexpr int kOperations = 20;
 absl::string_view OperationName(Operation operation);
 
 // How a request ended: "ok"; "rejected" (no room, no right, draining); "cancelled"; "expired" (its

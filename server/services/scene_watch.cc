@@ -105,6 +105,7 @@ void SceneWatch::Advance() {
     StartWrite(&writing_response_);
   } else if (end_.has_value()) {
     finished_ = true;
+    timer_.Record(end_->code());
     Finish(ToGrpcStatus(*end_));
   }
 }

@@ -17,6 +17,7 @@
 
 #include "absl/status/status.h"
 #include "core/base/mutex.h"
+#include "server/metrics/metrics.h"
 #include "server/scenes/scene_catalog.h"
 #include "server/stream/query_environment.h"
 #include "sightline/v1/scene_service.pb.h"
@@ -37,7 +38,8 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   void OnDrain() override;
 
  private:
-  explicit SceneWatch(const QueryEnvironment& env) : env_(env) {}
+  explicit SceneWatch(const QueryEnvironment& env)
+      : env_(env), timer_(env.metrics, Operation::kWatchScene) {}
 
   void Begin(const v1::WatchSceneRequest& request);
   void Push(const SceneView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -45,6 +47,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   void Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const QueryEnvironment env_;
+  const CallTimer timer_;
   Mutex mutex_;
   std::shared_ptr<SceneWatch> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
