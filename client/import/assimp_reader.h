@@ -7,12 +7,10 @@
 // file.
 //
 // - assimp keeps 32-bit floats, also in nodes: the report says so, with the rounding that the
-// largest
-//   coordinate may have undergone.
+//   largest coordinate may have undergone.
 // - Each node with meshes is an object, named after the node; its transform, composed in doubles
-// from
-//   assimp's floats, is the object's. Axes are as assimp gives them (it turns some formats to y
-//   up).
+//   from assimp's floats, is the object's. Axes are as assimp gives them (it turns some formats to
+//   y up).
 // - Points and lines are counted and skipped; polygons are cut as a fan, as everywhere.
 //
 // Thread safety: free functions.

@@ -4,15 +4,13 @@
 // gltf_accessor.h.
 //
 // - Each node with a mesh is an object, named after the node, else its mesh, else "node-<i>".
-// Vertices stay
-//   local; the node's place in the world, composed in doubles, is the object's transform. A
-//   mirrored node's triangles are turned, so that their fronts stay fronts.
+//   Vertices stay local; the node's place in the world, composed in doubles, is the object's
+//   transform. A mirrored node's triangles are turned, so that their fronts stay fronts.
 // - The default scene, else the first; without scenes every root node; without nodes every mesh.
 // - Triangles, strips and fans. Points and lines are counted and skipped.
 // - Positions of any type that KHR_mesh_quantization allows, sparse accessors, data URIs, buffers
-// in files
-//   below the file's folder. Skins, morph targets and gpu instancing are not applied, with a
-//   warning.
+//   in files below the file's folder. Skins, morph targets and gpu instancing are not applied, with
+//   a warning.
 // - A node that is its own ancestor, or has two parents, is an error.
 //
 // Thread safety: free function.

@@ -3,8 +3,8 @@
 // Reads mesh files into validated arrays of doubles, with a report of what was found and what was
 // wrong.
 //
-//   OBJ, PLY, STL, OFF, glTF, GLB   in doubles: every decimal is rounded once, to the nearest
-//   double 3DS, DAE, FBX and the rest      through assimp, with a warning: it keeps 32-bit floats
+//   OBJ, PLY, STL, OFF, glTF, GLB   in doubles: every decimal rounded once, to the nearest double
+//   3DS, DAE, FBX and the rest      through assimp, with a warning: it keeps 32-bit floats
 //   FILE.xz, FILE.gz                any of them, decompressed in memory
 //
 // Polygons are cut as a fan from their first corner. Extensions count in either case. Materials are

@@ -7,7 +7,7 @@
 //  1. At least one object has a triangle, and an object without triangles is not listed.
 //  2. Every index is below its object's vertex count.
 //  3. A vertex is finite, or all three of its coordinates are the same quiet NaN (counted in the
-//  report).
+//     report).
 //  4. Names are valid UTF-8 without control characters, not empty, and unique.
 //  5. The same bytes, name and options give the same scene, bit for bit.
 //

@@ -9,13 +9,12 @@
 // each rounded once.
 //
 // - `o` and `g` start an object named "o", "g" or "o/g" (groups joined by blanks; `o` ends a
-// group). Faces
-//   under the same name make one object. Its vertices are those it uses, in the order of first use.
+//   group). Faces under the same name make one object. Its vertices are those it uses, in the order
+//   of first use.
 // - A face with an index that is 0, out of range at the end of the file, or unreadable is dropped
-// whole.
+//   whole.
 // - `p` and `l` elements and free-form curves and surfaces are counted and skipped. Texture
-// coordinates,
-//   normals, colours, weights and materials are not read.
+//   coordinates, normals, colours, weights and materials are not read.
 //
 // Thread safety: free function.
 #ifndef SIGHTLINE_CLIENT_IMPORT_OBJ_READER_H_

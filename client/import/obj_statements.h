@@ -6,8 +6,7 @@
 // - A line that ends in a backslash goes on in the next one.
 // - `v` becomes "v 0": tinyobjloader only has to count it. Its exact coordinates are in vertices().
 // - Of a face's corner only the vertex index is handed on, and 0, which is no index, in place of
-// one that
-//   is no number or does not fit in 31 bits.
+//   one that is no number or does not fit in 31 bits.
 // - A bare `g` becomes "g " (the default group), which tinyobjloader otherwise ignores.
 // - Points, lines and free-form elements are counted; every other statement ends here.
 //

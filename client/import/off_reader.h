@@ -3,12 +3,10 @@
 // OFF (Geomview, ASCII): one object with the file's vertices in their order.
 //
 // - The keyword may bear ST, C and N (texture coordinates, colours, normals), stand before the
-// counts without
-//   a blank (`OFF8 6 12`), or be missing. `#` begins a comment. Dimensions other than three (4OFF,
-//   nOFF) and the binary form are Unimplemented.
+//   counts without a blank (`OFF8 6 12`), or be missing. `#` begins a comment. Dimensions other
+//   than three (4OFF, nOFF) and the binary form are Unimplemented.
 // - A line a vertex, its first three numbers; a line a face, its corner count, its indices, and
-// perhaps
-//   a colour, which is not read.
+//   perhaps a colour, which is not read.
 //
 // Thread safety: free function.
 #ifndef SIGHTLINE_CLIENT_IMPORT_OFF_READER_H_

@@ -4,8 +4,7 @@
 // what is not geometry is read past. One object with the file's vertices in their order.
 //
 // - Vertices: element `vertex` with scalar properties x, y, z. In ASCII files decimals are read as
-// doubles
-//   whatever type is declared.
+//   doubles whatever type is declared.
 // - Faces: list property `vertex_indices` or `vertex_index` of element `face`; strips in element
 //   `tristrips` (-1 starts anew). Edges are counted and skipped.
 // - A count in the header is held against the bytes that are there before anything is allocated.

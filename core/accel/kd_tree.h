@@ -7,20 +7,20 @@
 // deep ones (papers 000 and 001).
 //
 // Layout
-//  * KdNode: eight bytes. An inner node has a split position, an axis and a pair of children side
-//  by
-//    side, the lower one first. A leaf refers to a KdLeaf, or to nothing where its cell is empty.
-//    nodes[0] is the root; no node is reached twice.
-//  * KdLeaf: a box, and a range of `ids`, which ascend within it. Leaves stand in depth-first
-//  order,
-//    the lower child before the upper one, and so do their ranges.
+//  * KdNode: eight bytes. An inner node has a split position, an
+//    axis and a pair of children side by side, the lower one first.
+//    A leaf refers to a KdLeaf, or to nothing where its cell is
+//    empty. nodes[0] is the root; no node is reached twice.
+//  * KdLeaf: a box, and a range of `ids`, which ascend
+//    within it. Leaves stand in depth-first order, the lower
+//    child before the upper one, and so do their ranges.
 //  * A triangle stands in each leaf whose cell its reference reaches into: with an extent along the
 //    split axis on both sides, in both; one that merely touches the plane, on the side where it
 //    lies; one that lies in the plane, on one of the two.
 //  * A reference is the triangle's box cut to the cell, or with perfect splits the box of the
 //    triangle cut to the cell, rounded outward. A leaf's box is the hull of its references.
-//  * `reach`, with perfect splits only: by node, the hull of the whole boxes of the triangles
-//  below.
+//  * `reach`, with perfect splits only: by node, the hull of
+//    the whole boxes of the triangles below.
 //
 // What walks may rely on, with the slab test of core/geometry/box_ray.h. A cell's interval along a
 // ray, [entry, exit], is made of the same monotone products fl(fl(split - o)·inv) as a box's.
@@ -41,10 +41,10 @@
 //     one names it, or X <= T, against the hit. So a walk that leaves out what is entered after the
 //     nearest distance found, without a margin, still tests every triangle with a distance that is
 //     less, or equal: ties are found.
-//  3. Closest hit, perfect splits. A cell may hold none of a triangle's box's contents where 2
-//  needs
-//     it, so its entry says nothing about distances; that of `reach` never exceeds them. Below a
-//     node whose reach is entered after the nearest distance nothing is closer.
+//  3. Closest hit, perfect splits. A cell may hold none of a triangle's
+//     box's contents where 2 needs it, so its entry says nothing about
+//     distances; that of `reach` never exceeds them. Below a node whose
+//     reach is entered after the nearest distance nothing is closer.
 //
 // Thread safety: immutable after construction.
 //

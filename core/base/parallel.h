@@ -6,16 +6,16 @@
 // - A loop is cut into fixed blocks: body(begin, end) is called once for each
 //   [k·grain, min(n, (k+1)·grain)), whatever the number of threads. Reductions over blocks in their
 //   order are therefore the same on every machine.
-// - What happened before a call is seen by its bodies, and what they did is seen after it; the
-// thread
-//   sanitizer is told so, since Debian's TBB is not built for it. Bodies of one loop are not
-//   ordered.
-// - Loops nest. A thread that waits for a loop may run other blocks of the same pool meanwhile:
-// hold no
-//   mutex across ParallelFor or ParallelInvoke.
-// - Bodies and tasks return their errors through what they capture. An exception out of a loop's
-// body
-//   ends the loop and reaches its caller; one out of a submitted task ends the process.
+// - What happened before a call is seen by its bodies, and
+//   what they did is seen after it; the thread sanitizer is
+//   told so, since Debian's TBB is not built for it. Bodies
+//   of one loop are not ordered.
+// - Loops nest. A thread that waits for a loop may run other
+//   blocks of the same pool meanwhile: hold no mutex across
+//   ParallelFor or ParallelInvoke.
+// - Bodies and tasks return their errors through what they capture.
+//   An exception out of a loop's body ends the loop and reaches its
+//   caller; one out of a submitted task ends the process.
 //
 // Thread safety: every method may be called from any thread. ~ThreadPool must not run on one of the
 // pool's own threads, nor while another thread still calls a method.

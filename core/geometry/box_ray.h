@@ -6,19 +6,19 @@
 //
 // Per axis k with face coordinate f: t = fl(fl(f - o) · inv), inv = fl(1 / d).
 //
-// 1. Monotone: for a fixed ray, subtraction and multiplication round monotonically, so a box inside
-// another one has
-//    no smaller entry and no larger exit, bit for bit. A node's entry never exceeds that of a
-//    triangle in it.
-// 2. Conservative: t carries at most four relative roundings (d of a segment, inv, difference,
-// product), so
-//    |t - exact| <= 4.1·2^-24·|exact| + 2^-149. Entry <= exit in exact arithmetic, with exit >= 0,
-//    therefore implies entry <= exit·kBoxExitScale + kBoxExitShift; entry <= 1 implies entry <=
-//    kSegmentEnd.
-// 3. d = 0: inv is infinite. A face on the ray's line gives 0·inf = NaN, which minimum and maximum
-// ignore (x86's
-//    minps and maxps return their second operand then; all code here keeps the running value
-//    second). Elsewhere ±inf says truthfully that the slab never or always holds the ray.
+// 1. Monotone: for a fixed ray, subtraction and multiplication
+//    round monotonically, so a box inside another one has no
+//    smaller entry and no larger exit, bit for bit. A node's
+//    entry never exceeds that of a triangle in it.
+// 2. Conservative: t carries at most four relative roundings (d of
+//    a segment, inv, difference, product), so |t - exact| <=
+//    4.1·2^-24·|exact| + 2^-149. Entry <= exit in exact arithmetic,
+//    with exit >= 0, therefore implies entry <= exit·kBoxExitScale
+//    + kBoxExitShift; entry <= 1 implies entry <= kSegmentEnd.
+// 3. d = 0: inv is infinite. A face on the ray's line gives 0·inf = NaN, which
+//    minimum and maximum ignore (x86's minps and maxps return their second
+//    operand then; all code here keeps the running value second). Elsewhere
+//    ±inf says truthfully that the slab never or always holds the ray.
 // 4. d subnormal: 1/d may overflow; inv is NaN, and the axis never culls.
 //
 // Thread safety: plain values.

@@ -6,15 +6,15 @@
 //
 // Sides. The point's side of its source is given. The side of another touched triangle follows from
 // it:
-//  * over shared edges (two bit-equal corners), step by step: the side that is contiguous with it
-//  on the sheet, whether
-//    the edge is convex or concave, and whichever way the triangles are wound;
-//  * of a triangle that is not so connected and rises above the source's plane (a wall on a floor):
-//  the source's own
-//    side of it, if the source lies on one, else that of `reference`;
-//  * any other touched triangle lies behind the source or in its plane: it needs no side. No
-//  segment between two points
-//    strictly in front of the source's plane meets it.
+//  * over shared edges (two bit-equal corners), step by step: the
+//    side that is contiguous with it on the sheet, whether the edge
+//    is convex or concave, and whichever way the triangles are wound;
+//  * of a triangle that is not so connected and rises above the
+//    source's plane (a wall on a floor): the source's own side
+//    of it, if the source lies on one, else that of `reference`;
+//  * any other touched triangle lies behind the source or in
+//    its plane: it needs no side. No segment between two
+//    points strictly in front of the source's plane meets it.
 //
 // Three tries, each verified exactly on the rounded point: all sides; the sides of triangles that
 // rise above the source's plane; the source alone, which always succeeds. The first two also must

@@ -61,10 +61,10 @@ uint32_t TouchCandidates::Meeting(uint32_t first, const Box3f& within) const {
 //  * s and the offsets lose less than 2^-49·D, where D = |x|₁ + max|V|₁ >= |x - A|.
 //  * A closest point on an edge lies on it but for 2^-50·D.
 //  * One within the triangle is the foot on its plane, which the tests for being inside may let
-//  through though it lies outside: by 2^-49·D·κ from an edge's line, where κ = L²/|N| (the longest
-//  edge squared by twice the area) tells how much worse than one rounding N is; where two edges
-//  meet at an angle whose sine is at least 1/κ, by 2·κ times that from the triangle. And it lies
-//  off the plane by 2^-49·D·κ.
+//    through though it lies outside: by 2^-49·D·κ from an edge's line, where κ = L²/|N| (the
+//    longest edge squared by twice the area) tells how much worse than one rounding N is; where two
+//    edges meet at an angle whose sine is at least 1/κ, by 2·κ times that from the triangle. And it
+//    lies off the plane by 2^-49·D·κ.
 // Together below 2^-46·D·κ², as κ >= 1. Four times that is added to the radius, and the radius
 // itself is doubled.
 TouchPlanes TouchCandidates::PlanesOf(uint32_t k, double per_vertex) const {
