@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The file by which a script learns the port of a server that took a free one. It appears whole or
-// not at all.
+// not at all. It is not synced: a port means nothing after the machine was off.
 //
 // Thread safety: functions only.
 //

@@ -228,10 +228,10 @@ enum class Intersector {
   kMoellerTrumbore
 };
 
-// What single rays and packets leave out within leaves: LeafCulling of query_options.proto, which
-// says more. As made, nothing.
 enum class FrustumRays { kAll, kRows, kMasked };
 enum class NodeTest { kFirstActive, kCorners, kAllRays };
+// What single rays and packets leave out within leaves: LeafCulling of query_options.proto, which
+// says more. As made, nothing.
 struct LeafCulling {
   bool side_planes = false, near_far_planes = false, aperture = false, aperture_first = false;
   bool skip_edges = false, first_axis = false, ray_mask = false, split_to_rays = false;

@@ -5,9 +5,10 @@
 //
 // Thread safety: one thread.
 //
-//   LoadTest test(options, err, is_terminal, interrupted);
+//   LoadTest test(options, err, is_terminal, &interrupted);
 //   SL_RETURN_IF_ERROR(test.Prepare());
-//   SL_ASSIGN_OR_RETURN(LoadReport report, test.Run());
+//   LoadReport report;
+//   SL_RETURN_IF_ERROR(test.Run(&report));
 #ifndef SIGHTLINE_CLIENT_LOAD_LOAD_TEST_H_
 #define SIGHTLINE_CLIENT_LOAD_LOAD_TEST_H_
 

@@ -4,7 +4,7 @@
 //
 // Thread safety: plain values; ParseOptions is a free function.
 //
-//   SL_ASSIGN_OR_RETURN(std::optional<LoadOptions> options, ParseOptions(args, out));
+//   SL_ASSIGN_OR_RETURN(std::unique_ptr<LoadOptions> options, ParseOptions(args, out));
 #ifndef SIGHTLINE_CLIENT_LOAD_OPTIONS_H_
 #define SIGHTLINE_CLIENT_LOAD_OPTIONS_H_
 

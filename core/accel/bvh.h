@@ -1,23 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The bounding volume hierarchy: eight-wide nodes in structure-of-arrays order over leaves of at
-// most sixteen triangles, whose corners are stored in structure-of-arrays order too (findings: full
-// leaves keep SIMD lanes busy and make the build faster; papers 000 and 004 say the same).
+// most sixteen triangles, whose corners are stored in structure-of-arrays order too (full leaves
+// keep SIMD lanes busy and make the build faster, as papers 000 and 004 found too).
 //
 // Layout
-//  * BvhNode: eight child boxes; a child is empty, an inner node or a leaf (ChildRef). Empty slots
-//  come
-//    last and have an inverted box (lo = +inf, hi = -inf), so no test accepts them.
-//  * A leaf is 1..4 consecutive units of `leaves`, one unit for each four triangles (count rounded
-//  up).
-//    With n units, row r (0..9) of the leaf is `4n` floats at leaves[unit·kUnitFloats + r·4n]:
-//    rows 0-2 corner A's x, y, z; 3-5 B; 6-8 C; row 9 the triangle ids as uint32 bits. Unused lanes
-//    repeat nothing: their corners are 0 and their id is kNoTriangle. The array ends with
-//    kLeafPadding floats, so that sixteen lanes may be loaded from any row.
+//  * BvhNode: eight child boxes; a child is empty, an inner node
+//    or a leaf (ChildRef). Empty slots come last and have an
+//    inverted box (lo = +inf, hi = -inf), so no test accepts them.
+//  * A leaf is 1..4 consecutive units of `leaves`, one unit for each four
+//    triangles (count rounded up). With n units, row r (0..9) of the leaf is
+//    `4n` floats at leaves[unit·kUnitFloats + r·4n]: rows 0-2 corner A's x, y,
+//    z; 3-5 B; 6-8 C; row 9 the triangle ids as uint32 bits. Unused lanes repeat
+//    nothing: their corners are 0 and their id is kNoTriangle. The array ends
+//    with kLeafPadding floats, so that sixteen lanes may be loaded from any row.
 //  * A compact BVH has no `leaves`: a unit is four ids in `leaf_ids`, kNoTriangle where there is
 //    none, and walks fetch the corners from the scene (core/traverse/leaf_view.h).
-//  * Boxes hold the stored floats of their triangles exactly: they are minima and maxima, never
-//  rounded.
+//  * Boxes hold the stored floats of their triangles
+//    exactly: they are minima and maxima, never rounded.
 //  * Within a leaf, triangle ids ascend.
 //
 // Thread safety: immutable after construction.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Builds a Bvh with the binned surface area heuristic over centroid bounds (paper 004, section 3),
-// in parallel with TBB, and gathers the binary tree into eight-wide nodes.
+// Builds a Bvh with the binned surface area heuristic over centroid bounds (paper 004, section
+// 2.1), in parallel with TBB, and gathers the binary tree into eight-wide nodes.
 //
 // The result depends on the geometry and the options alone: not on the number of threads.
 //

@@ -22,7 +22,7 @@ struct IndexedGeometry {
   std::optional<KdTree> kd_tree;           // Where it was asked for, as the next two.
   std::optional<LeafTriangles> kd_leaves;  // Of kd_tree's ids, for walks that cull in leaves.
   std::optional<BinaryBvh> binary_bvh;
-  std::optional<PreparedGeometry> prepared;  // For one of the papers' ray-triangle tests.
+  std::optional<PreparedGeometry> prepared;  // For a paper's test; by tests and benchmarks alone.
 
   // Whether there is something to hit, but no BVH: whatever leaves it open walks the kd-tree then.
   bool kd_tree_alone() const { return bvh.empty() && kd_tree && !kd_tree->empty(); }

@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The predicate: does triangle ABC block this segment or ray? (design, section 4)
+// The predicate: does triangle ABC block this segment or ray?
 //
 // A segment runs from O to P, a ray from O along D; write D = P - O, unrounded, for a segment. ABC
 // blocks when
-//   1. e0 = det(A-O, B-O, D), e1 = det(B-O, C-O, D), e2 = det(C-O, A-O, D) are all >= 0 or all <=
-//   0, not all zero;
-//   2. O and P lie strictly on opposite sides of the plane of ABC (a ray: O off the plane, D toward
-//   it).
+//   1. e0 = det(A-O, B-O, D), e1 = det(B-O, C-O, D), e2 = det(C-O, A-O, D)
+//      are all >= 0 or all <= 0, not all zero;
+//   2. O and P lie strictly on opposite sides of the plane of ABC
+//      (a ray: O off the plane, D toward it).
 // All are signs of determinants of stored floats. They are evaluated exactly, so every correct
 // evaluation agrees.
 //
 // Properties that follow and that the walks use:
-//  a. e0 + e1 + e2 = N·D with N = (B-A)×(C-A): the ray crosses the plane toward N exactly when the
-//  sum is > 0. b. The answer does not depend on the order of A, B and C. c. A triangle of zero area
-//  blocks nothing, nor does one whose plane holds O or P. d. Two triangles with a bit-equal edge
-//  compute the same determinant (up to sign) for it: no segment that crosses
-//     a closed surface of such triangles slips through.
+//  a. e0 + e1 + e2 = N·D with N = (B-A)×(C-A): the ray goes toward N exactly when the sum is > 0.
+//  b. The answer does not depend on the order of A, B and C.
+//  c. A triangle of zero area blocks nothing, nor does one whose plane holds O or P.
+//  d. Two triangles with a bit-equal edge compute the same determinant (up to sign) for it: no
+//     segment that crosses a closed surface of such triangles slips through.
 //
 // Blocks decides in doubles where its error bound allows it and in exact expansions otherwise. The
 // float stage before it lives in predicate-inl.h.

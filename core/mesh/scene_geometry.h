@@ -5,16 +5,16 @@
 // statements about these floats.
 //
 // Invariants of a SceneGeometry made by CompileScene:
-//  1. Triangles are numbered object by object, in input order; ids are stable: a triangle that
-//  cannot
-//     block (non-finite corner, zero area) keeps its id and is listed in `inert` instead of being
-//     dropped. So the order of ids is the order of (object, triangle), and ties go to the lowest
-//     id.
+//  1. Triangles are numbered object by object, in input order;
+//     ids are stable: a triangle that cannot block (non-finite
+//     corner, zero area) keeps its id and is listed in `inert`
+//     instead of being dropped. So the order of ids is the order
+//     of (object, triangle), and ties go to the lowest id.
 //  2. Every index is in range; every coordinate of a triangle that is not inert has |x| <= 2^40.
 //  3. Equal input doubles under equal transforms give equal floats: shared vertices stay shared.
-//  4. No stored coordinate is -0, so equal positions have equal bits. A vertex that was not finite
-//  is stored
-//     as three NaNs, and no finite one is.
+//  4. No stored coordinate is -0, so equal positions have
+//     equal bits. A vertex that was not finite is stored as
+//     three NaNs, and no finite one is.
 //
 // Thread safety: immutable after construction, shared freely.
 //
@@ -41,7 +41,7 @@
 namespace sightline {
 
 inline constexpr uint32_t kNoTriangle = 0xFFFFFFFFu;
-// The largest |coordinate|, stored or in the world (design, section 2 "Bounded").
+// The largest |coordinate|, stored or in the world: what the predicate's float stage can take.
 inline constexpr double kMaxCoordinate = 1099511627776.0;  // 2^40
 
 struct ObjectRecord {
@@ -98,12 +98,12 @@ struct MeshLimits {
 
 // Checks and compiles `objects`. `origin` is given, or else the first finite vertex of the first
 // object that has one, placed in the world (the zero vector for a scene without vertices).
-//  - An index out of range, a number of indices that 3 does not divide, a doubled name, a
-//  non-finite
-//    transform or origin, a finite coordinate beyond kMaxCoordinate: InvalidArgument naming object,
-//    position and value.
-//  - More triangles, vertices or objects than the limits: ResourceExhausted naming the limit and
-//  its value.
+//  - An index out of range, a number of indices that 3 does
+//    not divide, a doubled name, a non-finite transform or
+//    origin, a finite coordinate beyond kMaxCoordinate:
+//    InvalidArgument naming object, position and value.
+//  - More triangles, vertices or objects than the limits:
+//    ResourceExhausted naming the limit and its value.
 //  - Non-finite vertices, zero-area and duplicate triangles: counted in the report.
 //  - Cancelled or DeadlineExceeded once `cancel` has fired.
 // A stored vertex is fl32(world − origin), the subtraction in double. An object without a name is

@@ -3,20 +3,20 @@
 // Points to be shaded, made ready: rebased to the scene's origin in double, rounded once, and
 // placed. What comes out are stored floats; every answer is about them, and they can be read back.
 //
-// Placement (design, section 2 "Exact ends, no epsilon knob"; how it is done is told in
-// placement.h)
-//  * A camera hit lies on its source triangle only up to rounding. It is moved along the triangle's
-//  normal
-//    to the eye's side by PlacementOffset, a bound on that rounding, and further until the exact
-//    predicate says that the stored point is strictly on that side, and on the right side of the
-//    triangles it touches there.
-//  * `attach_distance`: the nearest triangle within it becomes the source (the lowest id among
-//  equals) of a point
-//    that names none, and the point is placed likewise, clear of every other triangle it touches
-//    within rounding where one direction does that for all. Its side is the one it is on already;
-//    in the plane within rounding, where the side would be chance, the one that its normal points
-//    to if it has one, else the front. So sensors on the inside of a room whose fronts face outward
-//    need normals or an offset.
+// Placement: ends are exact, and there is no epsilon to choose. How it is done is told in
+// placement.h.
+//  * A camera hit lies on its source triangle only up to rounding. It
+//    is moved along the triangle's normal to the eye's side by
+//    PlacementOffset, a bound on that rounding, and further until the
+//    exact predicate says that the stored point is strictly on that
+//    side, and on the right side of the triangles it touches there.
+//  * `attach_distance`: the nearest triangle within it becomes the source (the
+//    lowest id among equals) of a point that names none, and the point is
+//    placed likewise, clear of every other triangle it touches within rounding
+//    where one direction does that for all. Its side is the one it is on
+//    already; in the plane within rounding, where the side would be chance, the
+//    one that its normal points to if it has one, else the front. So sensors on
+//    the inside of a room whose fronts face outward need normals or an offset.
 //  * `offset`: the point is moved by that much along its given normal first, in world coordinates.
 //  * `t_min`: a segment ends at that share of its length before the point: see ShadowOptions.
 // A point that names its source stays where it is.

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Pictures whose lights move: the hits of a camera's rays are kept as packets, and only the shadows
-// of the light that moves are asked about again (paper 004, section 5).
+// of the light that moves are asked about again (paper 004, section 5). For programs that hold the
+// engine themselves, and what sightline-bench measures the paper by; client/lib/relighting.h is the
+// same over the service, where hits, shadows and sums are apart: it sums by the same rules.
 //
 // Packets: the hits of side × side pixels follow one another, so that shadow packets from a light
 // are those of the picture. A pixel that hit nothing stands there with the packet's first hit,

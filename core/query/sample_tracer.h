@@ -6,9 +6,9 @@
 //
 // Thread safety: belongs to one thread.
 //
-//   SampleTracer tracer(scene, run, HitKind::kAny, /*t_min=*/0, &stats);
+//   SampleTracer tracer(scene, run, HitKind::kAny, /*t_min=*/0, samples, &stats);
 //   tracer.SetPoints(positions, sources);
-//   SL_RETURN_IF_ERROR(tracer.Trace(sample, ordinal));
+//   SL_RETURN_IF_ERROR(tracer.Trace(/*s=*/0));
 //   ... tracer.triangle(i) == kNoTriangle: point i is lit.
 #ifndef SIGHTLINE_CORE_QUERY_SAMPLE_TRACER_H_
 #define SIGHTLINE_CORE_QUERY_SAMPLE_TRACER_H_

@@ -19,8 +19,8 @@ struct ShaftFrame {
   Vec3f u, v, w;  // As stored these define the frame; orthonormal up to 2^-22.
 };
 
-// The least w·D / |D| a shaft's rays may have: cos 66.4°. Slopes then stay below 2.3 (findings:
-// wider sets are cut).
+// The least w·D / |D| a shaft's rays may have: cos 66.4°. Slopes then stay below 2.3; wider
+// sets are cut.
 inline constexpr float kMinDepthShare = 0.4f;
 inline constexpr float kMaxSlope = 2.3f;
 

@@ -8,6 +8,8 @@
 // products as a box's (core/accel/kd_tree.h), so what that header promises to walks holds here. It
 // costs six products a node instead of one; kd_single-inl.h and kd_packet-inl.h go the usual way,
 // without culling in their leaves.
+//
+// Thread safety: a walk is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_CULLED_WALKS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_CULLED_WALKS_INL_H_

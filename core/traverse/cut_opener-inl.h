@@ -2,6 +2,8 @@
 //
 // What all cuts have in common: opens the largest boxes that a convex set meets until there are as
 // many as a ShaftCut holds.
+//
+// Thread safety: an opener is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_CUT_OPENER_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_CUT_OPENER_INL_H_

@@ -7,6 +7,8 @@
 // The hull is held by planes: four lateral ones that lean as the light's and the points' extents do
 // (shaft culling between two boxes), both ends, and the receivers' cap of shaft_rays-inl.h. Each is
 // put at the outermost of all origins and points, so any lean is right and a good one is tight.
+//
+// Thread safety: pure functions.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_HULL_CUT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_HULL_CUT_INL_H_

@@ -12,6 +12,8 @@
 // a ray. Where they are small, or rays end on points all over a scene, every lane is put to every
 // leaf's box; so a packet that has come to more than its budget leaves off, and its vectors of rays
 // walk by themselves (kd_vector-inl.h), no further than the hits found so far.
+//
+// Thread safety: a walk is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_KD_PACKET_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_KD_PACKET_INL_H_

@@ -4,6 +4,8 @@
 //
 // Which cells are entered, and what may be left out behind a hit, is core/accel/kd_tree.h's "what
 // walks may rely on": cells' intervals are slab intervals, and the margins are those of boxes.
+//
+// Thread safety: a walk is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_KD_SINGLE_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_KD_SINGLE_INL_H_

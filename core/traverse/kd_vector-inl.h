@@ -8,6 +8,8 @@
 // margins, cut short by its own nearest hit. A lane's interval becomes empty where it does not go,
 // and stays so below, since entries only grow and exits only shrink: no mask is kept beside it.
 // Rays have one origin, so that the child on its side comes first for all of them.
+//
+// Thread safety: a walk is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_KD_VECTOR_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_KD_VECTOR_INL_H_

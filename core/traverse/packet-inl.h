@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Rays with one origin walk together (paper 004, section 5; paper 000 for the shared origin's
+// Rays with one origin walk together (paper 004, section 3; paper 000 for the shared origin's
 // gains).
 //
 // A node's eight boxes are first put to the whole packet by interval arithmetic; a box that
@@ -11,6 +11,8 @@
 // The interval test is exact about floats: a lane's slab parameter is fl(x·inv) with x common and
 // inv between the packet's extremes, and rounding is monotone, so the lane's value lies between the
 // two end products.
+//
+// Thread safety: a walk is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_PACKET_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_PACKET_INL_H_

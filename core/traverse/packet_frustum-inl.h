@@ -28,6 +28,8 @@
 //    predicate's forms). They are linear in D, and D is a positive combination of the four corner
 //    directions: negative at all four says negative for all rays, positive says positive. The
 //    float stage's own bound (predicate-inl.h) decides what is certain.
+//
+// Thread safety: plain values.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_PACKET_FRUSTUM_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_PACKET_FRUSTUM_INL_H_

@@ -6,6 +6,8 @@
 //
 // A leaf's triangles are turned once so that the origin lies behind them; their edge normals
 // relative to the origin then serve every lane. Lanes that floats leave in doubt go to Blocks().
+//
+// Thread safety: a packet's lanes are one walk's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_PACKET_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_PACKET_LANES_INL_H_

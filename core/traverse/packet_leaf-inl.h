@@ -3,6 +3,8 @@
 // What the packet walks do in a leaf that may be large: vertex culling (packet_frustum-inl.h), then
 // the tests that are left, by the predicate or by one of the papers' (leaf_culling.h). One routine
 // for the binary BVH and the kd-tree, whose leaves are ranges of ids with a box.
+//
+// Thread safety: pure functions.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_PACKET_LEAF_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_PACKET_LEAF_INL_H_

@@ -16,6 +16,8 @@
 // and its distance is not below its entry (core/intersect/hit.h). So what is culled is farther.
 //
 // The hit point that the paper reuses is t·D here, three products: the box is relative to O.
+//
+// Thread safety: pure functions.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_RAY_BOX_LEAF_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_RAY_BOX_LEAF_INL_H_

@@ -4,6 +4,8 @@
 // walk together, and gather the triangles that a ray between them may meet. As long as they go
 // through the same cells, no ray between them can go through another; its answer is the list's
 // (rtt_walk-inl.h). The rays of tiles whose corners part walk as a packet does (kd_packet-inl.h).
+//
+// Thread safety: a walk is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_RTT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_RTT_INL_H_

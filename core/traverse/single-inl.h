@@ -3,6 +3,8 @@
 // One ray at a time: eight boxes of a node, and sixteen triangles of a leaf, at once. Also brute
 // force, which is the same leaf test over every triangle of the geometry in turn, without a
 // structure.
+//
+// Thread safety: a walk is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SINGLE_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SINGLE_INL_H_

@@ -8,8 +8,8 @@
 //
 // Thread safety: constant after construction, but for Close.
 //
-//   SL_ASSIGN_OR_RETURN(ListenSocket socket, ListenSocket::Bind(address, options));
-//   const int fd = accept4(socket.fd(), ...);
+//   SL_ASSIGN_OR_RETURN(ListenSocket socket, ListenSocket::Bind(address, 0600));
+//   const int fd = accept4(socket.fd(), nullptr, nullptr, SOCK_CLOEXEC);
 #ifndef SIGHTLINE_SERVER_NET_LISTEN_SOCKET_H_
 #define SIGHTLINE_SERVER_NET_LISTEN_SOCKET_H_
 

@@ -8,7 +8,7 @@
 //
 // Thread safety: free functions.
 //
-//   ASSIGN_OR_RETURN(CsvTable points, ReadCsv("P.csv"));   // points.columns == 3
+//   SL_ASSIGN_OR_RETURN(CsvTable points, ReadCsv("P.csv"));   // points.columns == 3
 #ifndef SIGHTLINE_CLIENT_CLI_FORMATS_CSV_H_
 #define SIGHTLINE_CLIENT_CLI_FORMATS_CSV_H_
 

@@ -2,11 +2,13 @@
 //
 // Whole files in and out. What is written appears at its path complete or not at all: the bytes go
 // to a temporary file beside the target, which is then renamed. A target that exists and is no
-// regular file (/dev/null, a pipe) is written to as it is.
+// regular file (/dev/null, a pipe) is written to as it is. Nothing is synced: a file is there when
+// its command has ended, not when the power failed right after. What must outlive that is a scene's
+// file, written by core/base/file_replacement.h.
 //
 // Thread safety: free functions; two writers of one path race for the rename, and one of them wins.
 //
-//   RETURN_IF_ERROR(WriteFile("lit.npy", bytes));
+//   SL_RETURN_IF_ERROR(WriteFile("lit.npy", bytes));
 #ifndef SIGHTLINE_CLIENT_CLI_FORMATS_FILE_H_
 #define SIGHTLINE_CLIENT_CLI_FORMATS_FILE_H_
 

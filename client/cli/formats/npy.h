@@ -10,8 +10,8 @@
 //
 // Thread safety: free functions.
 //
-//   ASSIGN_OR_RETURN(NpyArray points, ReadNpy("P.npy"));   // points.shape == {n, 3}
-//   RETURN_IF_ERROR(WriteNpy<uint8_t>("lit.npy", {lights, n}, lit));
+//   SL_ASSIGN_OR_RETURN(NpyArray points, ReadNpy("P.npy"));   // points.shape == {n, 3}
+//   SL_RETURN_IF_ERROR(WriteNpy<uint8_t>("lit.npy", std::array{lights, n}, lit));
 #ifndef SIGHTLINE_CLIENT_CLI_FORMATS_NPY_H_
 #define SIGHTLINE_CLIENT_CLI_FORMATS_NPY_H_
 

@@ -8,7 +8,7 @@
 //
 //   Image image(1920, 1080);
 //   image.at(x, y) = {0.2f, 0.4f, 0.1f};
-//   RETURN_IF_ERROR(WritePng("view.png", image));
+//   SL_RETURN_IF_ERROR(WritePng("view.png", image));
 #ifndef SIGHTLINE_CLIENT_CLI_FORMATS_PNG_H_
 #define SIGHTLINE_CLIENT_CLI_FORMATS_PNG_H_
 

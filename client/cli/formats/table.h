@@ -6,7 +6,7 @@
 //
 // Thread safety: free functions.
 //
-//   ASSIGN_OR_RETURN(std::vector<double> xyz, ReadRows("P.npy", 3, "points"));
+//   SL_ASSIGN_OR_RETURN(std::vector<double> xyz, ReadRows("P.npy", 3, "points"));
 #ifndef SIGHTLINE_CLIENT_CLI_FORMATS_TABLE_H_
 #define SIGHTLINE_CLIENT_CLI_FORMATS_TABLE_H_
 

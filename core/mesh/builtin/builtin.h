@@ -4,22 +4,22 @@
 // sized by a number of triangles up to ten million and comes with three views of the kind the
 // benchmark uses.
 //
-// - Deterministic: the same spec gives the same bits on every machine and compiler (no libm
-// function whose last
-//   digit is open, our own random numbers, one order of operations).
-// - Sized by finer tessellation and more furniture, leaves and windows, not by copies: within 10 %
-// of the target.
+// - Deterministic: the same spec gives the same bits on every
+//   machine and compiler (no libm function whose last digit is
+//   open, our own random numbers, one order of operations).
+// - Sized by finer tessellation and more furniture, leaves
+//   and windows, not by copies: within 10 % of the target.
 //   What a view looks at stays where it is at every size.
 // - Metres, z up, x east and y north, in every scene.
-// - Vertices are shared by index within an object; columns, balls, blocks, pots, branches and
-// buildings are closed
-//   solids (every directed edge has its reverse once) with fronts outward. Grounds, leaves and rugs
-//   are sheets.
+// - Vertices are shared by index within an object; columns,
+//   balls, blocks, pots, branches and buildings are closed
+//   solids (every directed edge has its reverse once) with
+//   fronts outward. Grounds, leaves and rugs are sheets.
 //
 // Thread safety: pure functions; a scene is plain data.
 //
-//   ASSIGN spec = ParseBuiltin("forest:2M,seed=7");
-//   ASSIGN scene = MakeBuiltin(spec);   // scene.objects, scene.views[0].eye, ...
+//   SL_ASSIGN_OR_RETURN(BuiltinSpec spec, ParseBuiltin("forest:2M,seed=7"));
+//   SL_ASSIGN_OR_RETURN(BuiltinScene scene, MakeBuiltin(spec));  // scene.views[0].eye, ...
 #ifndef SIGHTLINE_CORE_MESH_BUILTIN_BUILTIN_H_
 #define SIGHTLINE_CORE_MESH_BUILTIN_BUILTIN_H_
 

@@ -53,7 +53,6 @@ void AddPot(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place,
             double height);
 
 enum class PlantKind { kTree, kFern, kRosette, kBlades, kCactus, kBroadLeaves, kTrailing };
-inline constexpr int kPlantKinds = 7;
 // A plant `height` high, rooted at the placement's origin.
 void AddPlant(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, PlantKind kind,
               double height, Prng& rng);
