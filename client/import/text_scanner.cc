@@ -106,15 +106,6 @@ std::string_view TextScanner::ContentLine(char comment) {
   return {};
 }
 
-size_t TextScanner::LineNumber() const {
-  const std::string_view before = text_.substr(0, position_);
-  size_t lines = 1 + std::count(before.begin(), before.end(), '\n');
-  for (size_t i = 0; i < before.size(); ++i) {  // Lone carriage returns end lines too.
-    if (before[i] == '\r' && (i + 1 >= text_.size() || text_[i + 1] != '\n')) ++lines;
-  }
-  return lines;
-}
-
 bool StartsWithIgnoreCase(std::string_view text, std::string_view start) {
   return EqualsIgnoreCase(text.substr(0, start.size()), start);
 }

@@ -61,8 +61,6 @@ class TextScanner {
   bool AtEnd() const { return position_ >= text_.size(); }
   size_t position() const { return position_; }
   size_t remaining() const { return text_.size() - position_; }
-  // 1-based number of the line at the current position: linear time, for messages.
-  size_t LineNumber() const;
 
  private:
   std::string_view text_;

@@ -27,11 +27,6 @@ using Int4 = int32_t __attribute__((vector_size(16)));
 using Float8 = float __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
 
-inline Float4 LoadFloat4(const void* p) {
-  Float4 v;
-  std::memcpy(&v, p, sizeof(v));
-  return v;
-}
 inline Float8 LoadFloat8(const void* p) {
   Float8 v;
   std::memcpy(&v, p, sizeof(v));
@@ -110,7 +105,6 @@ struct BuildBox {
     const Float4 products = e * __builtin_shufflevector(e, e, 1, 2, 0, 3);
     return (products[0] + products[1]) + products[2];
   }
-  Box3f ToBox3() const { return {{lo(0), lo(1), lo(2)}, {hi(0), hi(1), hi(2)}}; }
 };
 
 }  // namespace sightline::bvh_build

@@ -41,6 +41,7 @@ struct KdEvent {
   }
 };
 inline constexpr uint64_t kMaxCellRefs = uint64_t{1} << 30;
+static_assert((kMaxCellRefs - 1) << 2 <= std::numeric_limits<uint32_t>::max());
 
 using KdEvents = std::array<std::vector<KdEvent>, 3>;  // By axis, sorted.
 

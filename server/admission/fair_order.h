@@ -41,8 +41,6 @@ class FairNode {
   FairNode(const FairNode&) = delete;
   FairNode& operator=(const FairNode&) = delete;
 
-  bool waits() const { return waits_; }
-
  private:
   friend class FairOrder;
   uint64_t start_ = 0;   // Tag of its next piece.

@@ -171,8 +171,6 @@ absl::string_view OperationName(Operation operation) {
   return kOperationNames[static_cast<size_t>(operation)];
 }
 
-absl::string_view ResultName(absl::StatusCode code) { return kResultNames[ResultOf(code)]; }
-
 class Metrics::Impl {
  public:
   explicit Impl(std::function<ServerState()> state) : state_(std::move(state)) {

@@ -56,10 +56,6 @@ enum class Operation {
 inline constexpr int kOperations = 20;
 absl::string_view OperationName(Operation operation);
 
-// How a request ended: "ok"; "rejected" (no room, no right, draining); "cancelled"; "expired" (its
-// deadline passed); "failed" (everything else, the client's mistakes among it).
-absl::string_view ResultName(absl::StatusCode code);
-
 struct ItemRecord {
   Operation operation = Operation::kTraceTiles;
   absl::StatusCode code = absl::StatusCode::kOk;
@@ -93,6 +89,8 @@ class Metrics {
   Metrics(const Metrics&) = delete;
   Metrics& operator=(const Metrics&) = delete;
 
+  // Each is counted by how it ended: "ok"; "rejected" (no room, no right, draining); "cancelled";
+  // "expired" (its deadline passed); "failed" (everything else, the client's mistakes among it).
   void RecordItem(const ItemRecord& record);
   // A call that is no item: an upload and what it built, a plain call, a stream that did not open.
   void RecordCall(Operation operation, absl::StatusCode code, std::chrono::nanoseconds total);

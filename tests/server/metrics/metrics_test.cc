@@ -4,6 +4,7 @@
 #include <chrono>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -88,12 +89,17 @@ TEST(MetricsTest, TheStateIsThatOfTheMoment) {
 }
 
 TEST(MetricsTest, EveryCodeHasAResult) {
-  EXPECT_EQ(ResultName(absl::StatusCode::kOk), "ok");
-  EXPECT_EQ(ResultName(absl::StatusCode::kUnavailable), "rejected");
-  EXPECT_EQ(ResultName(absl::StatusCode::kPermissionDenied), "rejected");
-  EXPECT_EQ(ResultName(absl::StatusCode::kCancelled), "cancelled");
-  EXPECT_EQ(ResultName(absl::StatusCode::kInternal), "failed");
-  EXPECT_EQ(ResultName(absl::StatusCode::kInvalidArgument), "failed");
+  Metrics metrics([] { return ServerState(); });
+  for (int code = 0; code <= 16; ++code) {
+    metrics.RecordCall(Operation::kWatchScene, static_cast<absl::StatusCode>(code),
+                       milliseconds(1));
+  }
+  const std::string text = metrics.Text();
+  for (const char* result :
+       {"ok\"} 1", "rejected\"} 4", "cancelled\"} 1", "expired\"} 1", "failed\"} 10"}) {
+    EXPECT_THAT(text, HasSubstr(absl::StrCat(
+                          "sightline_requests_total{method=\"WatchScene\",result=\"", result)));
+  }
 }
 
 }  // namespace
