@@ -12,7 +12,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-deploy/install_packages.sh build test lint
+deploy/install_packages.sh build test bench lint
 
 mapfile -t sources < <(find client core server tests -name '*.h' -o -name '*.cc' | sort)
 mode="${1:-all}"

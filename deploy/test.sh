@@ -1,13 +1,15 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 #
-# Installs what is missing, builds and runs every test, in three lanes:
+# Installs what is missing, builds and runs every test, in three lanes, and two that must be asked for:
 #
 #   release     the whole tree in Release, all tests
 #   core-asan   core and its tests under the address and undefined-behaviour sanitizers
 #   fuzz        every libFuzzer target for SIGHTLINE_FUZZ_SECONDS (60), with both sanitizers
+#   asan        the whole tree under the address and undefined-behaviour sanitizers: several times as long
+#   tsan        the whole tree under the thread sanitizer: likewise
 #
-#   deploy/test.sh                all of them
+#   deploy/test.sh                the three
 #   deploy/test.sh core-asan      one of them
 #
 # Ends with the time per step, the tests that were skipped and why, what failed, and one line
@@ -20,9 +22,9 @@ lanes=("$@")
 [ ${#lanes[@]} -gt 0 ] || lanes=(release core-asan fuzz)
 for lane in "${lanes[@]}"; do
   case "$lane" in
-    release | core-asan | fuzz) ;;
+    release | core-asan | fuzz | asan | tsan) ;;
     *)
-      echo "usage: $0 [release] [core-asan] [fuzz]" >&2
+      echo "usage: $0 [release] [core-asan] [fuzz] [asan] [tsan]" >&2
       exit 2
       ;;
   esac
