@@ -106,7 +106,7 @@ std::vector<Option> MakeTable() {
          out->options.port_file = std::string(value);
          return absl::OkStatus();
        }},
-      {"scene", "[ID=]builtin:NAME[:TRIANGLES]",
+      {"scene", "[ID=]builtin:NAME[:TRIANGLES][,seed=N]",
        "a scene to make before listening; may be given more than once", "none",
        [](absl::string_view value, ParsedOptions* out) {
          out->options.scenes.emplace_back(value);
@@ -236,7 +236,7 @@ absl::StatusOr<SceneOption> ParseSceneOption(absl::string_view text) {
   scene.spec = std::string(spec);
   if (!absl::ConsumePrefix(&spec, "builtin:")) {
     return absl::InvalidArgumentError(
-        absl::StrCat("--scene = \"", text, "\": must be [ID=]builtin:NAME[:TRIANGLES]"));
+        absl::StrCat("--scene = \"", text, "\": must be [ID=]builtin:NAME[:TRIANGLES][,seed=N]"));
   }
   SL_RETURN_IF_ERROR(ParseBuiltin(std::string(spec)).status());
   // Without an id: the built-in's own name.
@@ -271,7 +271,7 @@ std::string HelpText() {
       "  sightlined [--listen HOST:PORT] [--scene builtin:hall:1000000] [FLAGS]\n\n"
       "Runs until SIGTERM or SIGINT, then finishes what is under way.\n"
       "Exit codes: 0 done, 64 wrong flags, 69 the server could not start, 70 the drain ran out of "
-      "time.\n\n"
+      "time,\n78 this processor cannot run it.\n\n"
       "An option is taken from its flag, else from the environment (--max-scenes is\n"
       "SIGHTLINE_MAX_SCENES; several values are separated by blanks), else from the file of\n"
       "--config (max-scenes: 10; several values are a list), else it has its default.\n\n"

@@ -34,8 +34,9 @@ struct ServerOptions {
   bool client_certificate_optional = false;  // With tls.client_ca.
   std::string access_file;                   // Who may do what; empty: everybody everything.
   absl::Duration reload_interval = absl::Seconds(10);  // Of certificates and the access file.
-  std::string port_file;            // Gets the bound port when it is bound; empty: none.
-  std::vector<std::string> scenes;  // [ID=]builtin:NAME[:TRIANGLES], made before the port is bound.
+  std::string port_file;  // Gets the bound port when it is bound; empty: none.
+  std::vector<std::string>
+      scenes;  // [ID=]builtin:NAME[:TRIANGLES][,seed=N], made before the port is bound.
   // A folder of native scene files, where scenes are stored; empty: none.
   std::string repository;
   bool load_repository = true;    // Whether all of them are loaded before the port is bound.

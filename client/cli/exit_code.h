@@ -20,6 +20,7 @@ enum ExitCode : int {
   kExitInternal = 70,      // A bug of ours.
   kExitCannotCreate = 73,  // An output file cannot be written.
   kExitTemporary = 75,     // The server was busy, or time ran out; trying again may help.
+  // 78 is core/base/cpu_check.h's: the processor cannot run the program. No code of ours ran then.
 };
 
 // The table of exit codes, for --help.

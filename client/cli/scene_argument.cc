@@ -42,25 +42,30 @@ std::string TemporaryId() {
   return absl::StrFormat("cli-%016x", absl::Uniform<uint64_t>(random));
 }
 
-}  // namespace
-
-std::string SceneHelp() {
-  std::string help =
-      "SCENE is one of\n"
+std::string ArgumentHelp(absl::string_view name, bool at_server) {
+  std::string help = absl::StrCat(
+      name,
+      " is one of\n"
       "  FILE                       a mesh: .obj .ply .stl .off .gltf .glb, .3ds and what else "
       "assimp\n"
       "                             reads; also with .xz or .gz behind it\n"
-      "  FILE.slscene               a native scene file (sightline import), mapped instead of "
-      "built\n"
-      "  builtin:NAME[:TRIANGLES]   a scene that is generated, such as builtin:hall:1M\n"
-      "  scenes/NAME                a scene that the server at --server holds\n"
-      "Built-in scenes:\n";
+      "  FILE.slscene               a native scene file (sightline import)",
+      at_server ? ", mapped instead of built\n" : "\n",
+      "  builtin:NAME[:TRIANGLES]   a scene that is generated, such as builtin:hall:1M; with\n"
+      "                             ,seed=N behind it another one of its kind\n",
+      at_server ? "  scenes/NAME                a scene that the server at --server holds\n" : "",
+      "Built-in scenes:\n");
   for (const BuiltinInfo& info : BuiltinScenes()) {
     absl::StrAppend(&help, absl::StrFormat("  %-10s %s\n", std::string(info.name),
                                            std::string(info.description)));
   }
   return help;
 }
+
+}  // namespace
+
+std::string SceneHelp() { return ArgumentHelp("SCENE", /*at_server=*/true); }
+std::string SceneFileHelp() { return ArgumentHelp("FILE", /*at_server=*/false); }
 
 SceneKind KindOf(const std::string& argument) {
   if (absl::StartsWith(argument, kBuiltinPrefix)) return SceneKind::kBuiltin;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The SCENE of a command line: a mesh file, a native scene file, `builtin:NAME[:TRIANGLES]`, or
+// The SCENE of a command line: a mesh file, a native scene file, `builtin:NAME`, or
 // `scenes/NAME` that a server already holds. Files and built-in scenes become a scene of the
 // session's server for the time of the command; on a server at --server that scene is deleted again
 // afterwards.
@@ -27,8 +27,9 @@
 
 namespace sightline::cli {
 
-// The paragraph on SCENE for --help.
+// The paragraph on SCENE for --help, and that on FILE, of commands that ask no server.
 std::string SceneHelp();
+std::string SceneFileHelp();
 
 enum class SceneKind { kFile, kNative, kBuiltin, kServer };
 SceneKind KindOf(const std::string& argument);

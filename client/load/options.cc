@@ -27,7 +27,8 @@ constexpr uint32_t kLargestSide = 8192;
 
 constexpr char kExitCodes[] =
     "Exit codes beside those of sightline (64 usage, 65 bad values, 66 no such file or scene,\n"
-    "69 no connection, 70 internal error, 73 no output, 75 busy or out of time):\n"
+    "69 no connection, 70 internal error, 73 no output, 75 busy or out of time, 78 wrong "
+    "processor):\n"
     "  0   the run was measured; the objective of --slo held, if there was one\n"
     "  1   the objective was missed, or --find-knee found no rate that meets it\n"
     "  76  answers were wrong\n";

@@ -270,7 +270,7 @@ absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
                       {{"field", "builtin.spec"}, {"value", spec}});
   };
   if (!absl::StartsWith(spec, kBuiltinPrefix)) {
-    return InvalidField("builtin.spec", spec, "must be builtin:NAME or builtin:NAME:TRIANGLES");
+    return InvalidField("builtin.spec", spec, "must be builtin:NAME[:TRIANGLES][,seed=N]");
   }
   absl::StatusOr<BuiltinSpec> parsed = ParseBuiltin(spec.substr(kBuiltinPrefix.size()));
   if (!parsed.ok()) return explain(parsed.status());

@@ -54,7 +54,8 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
   flags.Switch("objects", "list its objects too", &with_objects);
   RegisterOutput(&flags, &output);
   std::vector<std::string> words;
-  SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"FILE"}, SceneHelp(), context, &words));
+  SL_ASSIGN_OR_RETURN(bool go,
+                      ParseOrHelp(&flags, args, {"FILE"}, SceneFileHelp(), context, &words));
   if (!go) return absl::OkStatus();
   const std::string& name = words[0];
 

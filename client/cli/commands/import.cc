@@ -73,7 +73,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
   }
   std::vector<std::string> words;
   SL_ASSIGN_OR_RETURN(bool go,
-                      ParseOrHelp(&flags, long_args, {"FILE"}, SceneHelp(), context, &words));
+                      ParseOrHelp(&flags, long_args, {"FILE"}, SceneFileHelp(), context, &words));
   if (!go) return absl::OkStatus();
   if (!IsSceneFileName(out)) {
     return UsageError(absl::StrCat("wants -o FILE", kSceneFileEnding, "; got '", out, "'"));
