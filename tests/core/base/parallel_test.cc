@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <set>
 #include <stdexcept>
@@ -21,9 +22,17 @@ namespace {
 
 using Blocks = std::set<std::pair<size_t, size_t>>;
 
-// Waits without a clock until `count` has reached `n`, and sees what was done before it was raised.
+// Waits until `count` has reached `n`, and sees what was done before it was raised. What never
+// comes is a failure, not a test that hangs: no machine is so slow.
 void SpinUntil(const std::atomic<int>& count, int n) {
-  while (count.load(std::memory_order_acquire) < n) std::this_thread::yield();
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(2);
+  while (count.load(std::memory_order_acquire) < n) {
+    if (std::chrono::steady_clock::now() > deadline) {
+      ADD_FAILURE() << count << " of " << n << " came within two minutes";
+      return;
+    }
+    std::this_thread::yield();
+  }
 }
 
 class ParallelForTest : public testing::TestWithParam<int> {};
