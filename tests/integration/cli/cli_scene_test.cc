@@ -235,6 +235,13 @@ TEST_F(CliTest, HelpListsCommandsAndFlags) {
         "--streams", "--auto-lights"}) {
     EXPECT_THAT(view, HasSubstr(absl::StrCat("\n  ", flag)));
   }
+  // These ask no server, so that they know no scene of one.
+  for (const char* command : {"check", "import"}) {
+    const std::string own = Good({command, "--help"}).out;
+    EXPECT_THAT(own, HasSubstr("builtin:NAME[:TRIANGLES]"));
+    EXPECT_THAT(own, testing::Not(HasSubstr("scenes/NAME")));
+  }
+  EXPECT_THAT(view, HasSubstr("scenes/NAME"));
   EXPECT_THAT(Good({"--version"}).out, testing::StartsWith("sightline "));
 }
 
