@@ -111,10 +111,12 @@ absl::StatusOr<std::vector<Choice>> Choices(SimdTarget simd, const std::vector<s
 struct Trial {
   std::vector<double> seconds;
   std::vector<uint64_t> wrong_units;
+  std::vector<QueryStats> stats;
 };
 
 Trial TryAll(Workload& workload, const std::vector<Choice>& choices) {
-  Trial trial{std::vector<double>(choices.size()), std::vector<uint64_t>(choices.size())};
+  Trial trial{std::vector<double>(choices.size()), std::vector<uint64_t>(choices.size()),
+              std::vector<QueryStats>(choices.size())};
   for (size_t unit = 0; unit < workload.units(); ++unit) {
     uint64_t truth = 0;
     workload.RunOurs(unit);  // So that AUTO is not the one to find everything cold.
@@ -123,6 +125,7 @@ Trial TryAll(Workload& workload, const std::vector<Choice>& choices) {
       const double begin = Now();
       workload.RunOurs(unit);
       trial.seconds[c] += Now() - begin;
+      trial.stats[c].Add(workload.OurStats());
       const uint64_t digest = workload.OurDigest();
       if (c == 0) truth = digest;
       if (digest != truth) ++trial.wrong_units[c];
@@ -196,7 +199,13 @@ absl::Status RunWorkload(const Options& options, const SceneSource& source,
                {"queries", queries},
                {"threads", pool.threads()},
                {"isa", std::string(SimdTargetName(spec.options.simd))},
+               {"strategy", std::string(StrategyName(trial.stats[c].strategy))},
                {"choice", choices[c].name},
+               {"peer", "the best choice"},
+               {"peer_mode", choices[timed[best]].name},
+               {"peer_rate_per_s", rate_of(timed[best])},
+               {"disagreements", wrong_units},
+               {"disagreements_beyond_rounding", wrong_units},
                {"rate_per_s", rate_of(c)},
                {"best_choice", choices[timed[best]].name},
                {"best_rate_per_s", rate_of(timed[best])},
@@ -209,7 +218,7 @@ absl::Status RunWorkload(const Options& options, const SceneSource& source,
       row["width"] = spec.width;
       row["height"] = spec.height;
     }
-    return row;
+    return WithCommonKeys(row);
   };
   Row row = row_of(0, timings.Ratio(0, best), wrong);
   row["rates_per_s"] = std::move(rates);
@@ -234,7 +243,7 @@ absl::Status RunScene(const Options& options, const std::string& name, Context& 
       const IndexedGeometry scene,
       IndexScene(source, {.kd_tree = options.work.kd_tree, .binary_bvh = BinaryBvhOptions{}},
                  pool));
-  for (const std::string& workload : options.work.workloads) {
+  for (const std::string& workload : options.work.Workloads()) {
     for (const ImageSize& size : options.work.Sizes(workload)) {
       SL_RETURN_IF_ERROR(
           RunWorkload(options, source, scene, workload, size, pool, context, report));
@@ -252,14 +261,15 @@ absl::StatusOr<bool> AutoCommand(std::span<const std::string> args, Context& con
   if (!go_on) return true;
   SL_RETURN_IF_ERROR(options.work.Check());
   Report report(Columns(), options.work.json, context.out);
-  SL_RETURN_IF_ERROR(RunScenes(options.work.scenes, &report, [&](const std::string& scene) {
-    return RunScene(options, scene, context, &report);
-  }));
+  const absl::Status status = RunScenes(
+      options.work.scenes, &report, context.err,
+      [&](const std::string& scene) { return RunScene(options, scene, context, &report); });
   std::vector<Row> of_auto;
   for (const Row& row : report.rows()) {
     if (row.at("choice") == "AUTO") of_auto.push_back(row);
   }
   PrintOverScenes(of_auto, "ratio", options.work.json, context.out);
+  SL_RETURN_IF_ERROR(status);
   return std::none_of(of_auto.begin(), of_auto.end(),
                       [](const Row& row) { return row.at("wrong_units").get<uint64_t>() > 0; });
 }

@@ -3,9 +3,14 @@
 // sightline-bench build: how long a scene takes to be ready, how long build and one picture take
 // together, and what a triangle costs in memory, against Embree's builders.
 //
-// A build runs from stored floats and indices to ready-to-trace, on both sides: BuildBvh from a
-// compiled geometry, Embree from shared buffers. What comes before it on our side, CompileScene
-// (doubles to floats, checks, duplicates), has no counterpart in Embree; its time is given beside.
+// Builds are timed from either kind of arrays to ready-to-trace, in rows of their own:
+//  * build-*: from stored floats and indices. Ours is BuildBvh of a compiled geometry; Embree's is
+//  a
+//    scene with one geometry on shared buffers, committed.
+//  * load-*: from the arrays as they were read, doubles by object. Ours is CompileScene (placing,
+//    rounding, checks of every vertex and index, search for triangles without area) and BuildBvh;
+//    Embree's places and rounds as well, and puts the indices together, but checks nothing.
+// A picture's build is that from stored floats, on both sides.
 #include <algorithm>
 #include <array>
 #include <memory>
@@ -136,6 +141,18 @@ std::function<void(size_t)> SayRepetition(const Bench& bench, const std::string&
 
 // ---- Builds
 
+// Seconds that the peer's mesh takes from the arrays as they were read.
+Spread TimeConversions(const Bench& bench) {
+  constexpr int kTimes = 5;
+  std::vector<double> seconds;
+  for (int i = 0; i < kTimes; ++i) {
+    const double begin = Now();
+    const PeerMesh mesh(bench.source.objects, bench.scene.geometry.origin, bench.pool);
+    seconds.push_back(Now() - begin);
+  }
+  return SpreadOf(std::move(seconds));
+}
+
 void TimeBuilds(const Bench& bench, Report* report) {
   Bvh ours;
   absl::StatusOr<SceneGeometry> compiled = absl::UnknownError("not compiled");
@@ -167,43 +184,68 @@ void TimeBuilds(const Bench& bench, Report* report) {
   const size_t triangles = bench.scene.geometry.triangles.size();
   const Timings timings = TimeByTurns({1, [&](size_t) { return triangles; }}, sides,
                                       bench.options.repeats, SayRepetition(bench, "builds"));
-  const auto add = [&](const std::string& workload, const std::string& preset, size_t our_side,
-                       size_t peer_side) {
-    Row row = CommonRow(bench, workload, preset);
-    AddTimes(timings, our_side, peer_side, "triangles/s", QualityName(qualities[peer_side - 2]),
-             &row);
-    row["compile_seconds"] = static_cast<double>(triangles) / timings.Rate(compile).median;
-    row["seconds"] = static_cast<double>(triangles) / timings.Rate(our_side).median;
-    row["peer_seconds"] = static_cast<double>(triangles) / timings.Rate(peer_side).median;
-    report->Add(std::move(row));
+  // The peer's mesh takes so little that turns of its own would be too short to time.
+  const Spread convert = TimeConversions(bench);
+  const auto seconds = [&](const Timings& of, size_t side) {
+    return static_cast<double>(triangles) / of.Rate(side).median;
   };
-  add("build-static", "STATIC", 0, 2);
-  add("build-dynamic", "DYNAMIC", 1, 3);
-  if (bench.options.high) add("build-static", "STATIC", 0, 4);
+  const auto add = [&](const std::string& kind, BvhPreset preset, size_t peer_side) {
+    const bool is_static = preset == BvhPreset::kStatic;
+    const size_t our_side = is_static ? 0 : 1;
+    const std::string name = is_static ? "static" : "dynamic";
+    // One run after the other, as they follow each other in use.
+    Timings both = timings;
+    const bool loads = kind == "load";
+    for (size_t r = 0; loads && r < bench.options.repeats; ++r) {
+      both.seconds[our_side][r] += timings.seconds[compile][r];
+      const double passes = timings.queries[r] / static_cast<double>(triangles);
+      both.seconds[peer_side][r] += passes * convert.median;
+    }
+    Row row = CommonRow(bench, absl::StrCat(kind, "-", name), is_static ? "STATIC" : "DYNAMIC");
+    AddTimes(both, our_side, peer_side, "triangles/s", QualityName(qualities[peer_side - 2]), &row);
+    row["compile_seconds"] = loads ? Row(seconds(timings, compile)) : Row();
+    row["peer_convert_seconds"] = loads ? Row(convert.median) : Row();
+    row["seconds"] = seconds(both, our_side);
+    row["peer_seconds"] = seconds(both, peer_side);
+    report->Add(WithCommonKeys(row));
+  };
+  for (const char* kind : {"build", "load"}) {
+    add(kind, BvhPreset::kStatic, 2);
+    add(kind, BvhPreset::kDynamic, 3);
+    if (bench.options.high) add(kind, BvhPreset::kStatic, 4);
+  }
 }
 
 // ---- Build and one picture
 
-// The peer's best modes for the view's camera rays and shadows.
-absl::StatusOr<std::array<PeerMode, 2>> PickFrameModes(const Bench& bench) {
-  const auto peer = BuildPeer(bench, {.quality = Quality::kMedium});
-  std::array<PeerMode, 2> modes;
-  size_t next = 0;
-  for (const char* name : {"primary", "shadow"}) {
-    WorkloadSpec spec;
-    spec.name = name;
-    spec.width = static_cast<uint32_t>(bench.options.width);
-    spec.height = static_cast<uint32_t>(bench.options.height);
-    SL_ASSIGN_OR_RETURN(const auto workload,
-                        MakeWorkload(spec, bench.source, bench.scene, bench.pool));
-    modes[next++] = PickMode(*workload, *peer);
-  }
-  return modes;
+// The peer's best modes for the views' camera rays and shadows, on a tree of this kind.
+using FrameModes = std::array<PeerMode, 2>;
+FrameModes PickFrameModes(const Bench& bench, Workload& primary, Workload& shadow,
+                          Quality quality) {
+  Say(bench, absl::StrCat("Embree's best modes on ", QualityName(quality)));
+  const auto peer = BuildPeer(bench, {.quality = quality});
+  return {PickMode(primary, *peer), PickMode(shadow, *peer)};
+}
+
+absl::StatusOr<std::unique_ptr<Workload>> FrameWorkload(const Bench& bench, const char* name) {
+  WorkloadSpec spec;
+  spec.name = name;
+  spec.width = static_cast<uint32_t>(bench.options.width);
+  spec.height = static_cast<uint32_t>(bench.options.height);
+  return MakeWorkload(spec, bench.source, bench.scene, bench.pool);
 }
 
 absl::Status TimeFrames(const Bench& bench, Report* report) {
-  Say(bench, "Embree's best modes");
-  SL_ASSIGN_OR_RETURN(const auto modes, PickFrameModes(bench));
+  // As sides 1 .. 3 below; side 0 is ours.
+  constexpr std::array kQualities = {Quality::kLow, Quality::kMedium, Quality::kRefit};
+  std::array<FrameModes, kQualities.size()> modes;
+  {
+    SL_ASSIGN_OR_RETURN(const auto primary, FrameWorkload(bench, "primary"));
+    SL_ASSIGN_OR_RETURN(const auto shadow, FrameWorkload(bench, "shadow"));
+    for (size_t q = 0; q < kQualities.size(); ++q) {
+      modes[q] = PickFrameModes(bench, *primary, *shadow, kQualities[q]);
+    }
+  }
   std::vector<Frame> frames;
   for (const BuiltinView& view : bench.source.views) {
     SL_ASSIGN_OR_RETURN(Frame frame, Frame::Make(view, static_cast<uint32_t>(bench.options.width),
@@ -222,17 +264,17 @@ absl::Status TimeFrames(const Bench& bench, Report* report) {
                      frames[view].DrawOurs(ours, options);
                    },
                    [&] { ours.bvh = Bvh(); }});
-  for (const Quality quality : {Quality::kLow, Quality::kMedium}) {
-    sides.push_back({[&, quality](size_t view) {
-                       peer = BuildPeer(bench, {.quality = quality});
-                       frames[view].DrawPeer(*peer, modes[0], modes[1]);
+  for (const size_t q : {0, 1}) {
+    sides.push_back({[&, q](size_t view) {
+                       peer = BuildPeer(bench, {.quality = kQualities[q]});
+                       frames[view].DrawPeer(*peer, modes[q][0], modes[q][1]);
                      },
                      [&] { peer.reset(); }});
   }
   // The vertices have not moved, so the refitted structure is as good as a built one.
   sides.push_back({[&](size_t view) {
     refitted->CommitMovedVertices();
-    frames[view].DrawPeer(*refitted, modes[0], modes[1]);
+    frames[view].DrawPeer(*refitted, modes[2][0], modes[2][1]);
   }});
   uint64_t our_lit = 0, peer_lit = 0;
   for (size_t view = 0; view < frames.size(); ++view) {  // A round to warm up.
@@ -249,20 +291,24 @@ absl::Status TimeFrames(const Bench& bench, Report* report) {
   for (size_t side = 2; side < sides.size(); ++side) {
     if (timings.Rate(side).median > timings.Rate(best).median) best = side;
   }
-  constexpr const char* kNames[] = {"", "LOW", "MEDIUM", "REFIT"};
   Row row = CommonRow(bench, "build-and-picture", "DYNAMIC");
   row["views"] = frames.size();
   row["queries"] = frames.size();
   AddTimes(timings, 0, best, "pictures/s",
-           absl::StrCat(kNames[best], ", ", modes[0].Name(), ", ", modes[1].Name()), &row);
+           absl::StrCat(QualityName(kQualities[best - 1]), ", ", modes[best - 1][0].Name(), ", ",
+                        modes[best - 1][1].Name()),
+           &row);
   for (size_t side = 1; side < sides.size(); ++side) {
-    row[absl::StrCat("ratio_to_", kNames[side])] = timings.Ratio(0, side).median;
+    const std::string name = QualityName(kQualities[side - 1]);
+    row[absl::StrCat("ratio_to_", name)] = timings.Ratio(0, side).median;
+    row[absl::StrCat("peer_modes_", name)] =
+        absl::StrCat(modes[side - 1][0].Name(), ", ", modes[side - 1][1].Name());
   }
   row["lit"] = our_lit;
   row["peer_lit"] = peer_lit;
   row["width"] = bench.options.width;
   row["height"] = bench.options.height;
-  report->Add(std::move(row));
+  report->Add(WithCommonKeys(row));
   return absl::OkStatus();
 }
 
@@ -293,7 +339,7 @@ void CountBytes(const Bench& bench, Report* report) {
     row["ratio_max"] = ours / theirs;
     row["disagreements"] = nullptr;
     row["disagreements_beyond_rounding"] = nullptr;
-    report->Add(std::move(row));
+    report->Add(WithCommonKeys(row));
   }
 }
 
@@ -357,7 +403,7 @@ absl::StatusOr<bool> BuildCommand(std::span<const std::string> args, Context& co
   if (!go_on) return true;
   if (options.scenes.empty()) return cli::UsageError("wants --scene");
   Report report(Columns(), options.json, context.out);
-  SL_RETURN_IF_ERROR(RunScenes(options.scenes, &report, [&](const std::string& scene) {
+  SL_RETURN_IF_ERROR(RunScenes(options.scenes, &report, context.err, [&](const std::string& scene) {
     return RunScene(options, scene, context, &report);
   }));
   return true;

@@ -66,10 +66,11 @@ size_t ViewOf(const Workload& workload, size_t unit) {
 
 // Runs every unit once on both sides and compares, by view; warms up as it goes.
 std::vector<Agreement> CompareAll(Workload& workload, const EmbreeScene& peer, PeerMode mode,
-                                  bool settle) {
+                                  bool settle, QueryStats* stats) {
   std::vector<Agreement> by_view;
   for (size_t unit = 0; unit < workload.units(); ++unit) {
     workload.RunOurs(unit);
+    stats->Add(workload.OurStats());
     workload.RunPeer(peer, mode, unit, Share::kAll);
     const size_t view = ViewOf(workload, unit);
     if (view >= by_view.size()) by_view.resize(view + 1, Agreement{.settle = settle});
@@ -89,6 +90,7 @@ struct Run {
   const WorkloadSpec& spec;
   const Workload& workload;
   PeerMode mode, fast_mode;
+  Strategy strategy;  // What answered; kAuto where more than one did.
 };
 
 // Sides 0, 1 and, if it was asked for, 2 of `timings`: ours, the peer, the peer's fast mode.
@@ -102,7 +104,8 @@ Row MakeRow(const Bench& bench, const Run& run, const Timings& timings, const Ag
              {"queries", agreement.queries},
              {"threads", bench.threads},
              {"isa", std::string(SimdTargetName(run.spec.options.simd))},
-             {"strategy", bench.options.work.strategy},
+             {"strategy", std::string(StrategyName(run.strategy))},
+             {"strategy_asked", bench.options.work.strategy},
              {"structure", bench.options.work.structure},
              {"rate_per_s", timings.Rate(0).median},
              {"peer", absl::StrCat(EmbreeDevice::Name(), " robust")},
@@ -131,7 +134,7 @@ Row MakeRow(const Bench& bench, const Run& run, const Timings& timings, const Ag
     row["fast_ratio_max"] = fast.max;
     row["fast_disagreements"] = fast_agreement.disagreements;
   }
-  return row;
+  return WithCommonKeys(row);
 }
 
 absl::Status RunWorkload(const Bench& bench, const std::string& name, const ImageSize& size,
@@ -145,7 +148,9 @@ absl::Status RunWorkload(const Bench& bench, const std::string& name, const Imag
   const PeerMode mode = PickMode(*workload, bench.robust);
   const PeerMode fast_mode = bench.fast == nullptr ? mode : PickMode(*workload, *bench.fast);
   context.err << title << ": comparing answers" << std::endl;
-  const std::vector<Agreement> by_view = CompareAll(*workload, bench.robust, mode, /*settle=*/true);
+  QueryStats stats;
+  const std::vector<Agreement> by_view =
+      CompareAll(*workload, bench.robust, mode, /*settle=*/true, &stats);
   const Agreement agreement = Sum(by_view);
   for (const std::string& example : agreement.examples) {
     context.err << title << ": WRONG: " << example << std::endl;
@@ -155,7 +160,7 @@ absl::Status RunWorkload(const Bench& bench, const std::string& name, const Imag
   sides.push_back({[&](size_t unit) { workload->RunPeer(bench.robust, mode, unit, Share::kAll); }});
   std::vector<Agreement> fast_by_view(by_view.size());
   if (bench.fast != nullptr) {
-    fast_by_view = CompareAll(*workload, *bench.fast, fast_mode, /*settle=*/false);
+    fast_by_view = CompareAll(*workload, *bench.fast, fast_mode, /*settle=*/false, &stats);
     sides.push_back(
         {[&](size_t unit) { workload->RunPeer(*bench.fast, fast_mode, unit, Share::kAll); }});
   }
@@ -166,7 +171,7 @@ absl::Status RunWorkload(const Bench& bench, const std::string& name, const Imag
         context.err << title << ": repetition " << repetition + 1 << " of "
                     << bench.options.work.repeats << std::endl;
       });
-  const Run run{spec, *workload, mode, fast_mode};
+  const Run run{spec, *workload, mode, fast_mode, stats.strategy};
   report->Add(MakeRow(bench, run, timings, agreement, Sum(fast_by_view)));
   if (!bench.options.per_view || workload->views() == 0) return absl::OkStatus();
   for (size_t view = 0; view < by_view.size(); ++view) {
@@ -195,7 +200,7 @@ absl::Status RunScene(const Options& options, const std::string& name, Context& 
     SL_ASSIGN_OR_RETURN(fast, EmbreeScene::Build(*device, mesh, {.robust = false}));
   }
   const Bench bench{options, source, scene, *robust, fast.get(), threads, pool};
-  for (const std::string& workload : options.work.workloads) {
+  for (const std::string& workload : options.work.Workloads()) {
     for (const ImageSize& size : options.work.Sizes(workload)) {
       SL_RETURN_IF_ERROR(RunWorkload(bench, workload, size, context, report));
     }
@@ -214,10 +219,11 @@ absl::StatusOr<bool> EmbreeCommand(std::span<const std::string> args, Context& c
   std::vector<Column> columns = Columns();
   if (options.fast_peer) columns.push_back(NumberColumn("to fast Embree", "fast_ratio", 2));
   Report report(std::move(columns), options.work.json, context.out);
-  SL_RETURN_IF_ERROR(RunScenes(options.work.scenes, &report, [&](const std::string& scene) {
-    return RunScene(options, scene, context, &report);
-  }));
+  const absl::Status status = RunScenes(
+      options.work.scenes, &report, context.err,
+      [&](const std::string& scene) { return RunScene(options, scene, context, &report); });
   PrintOverScenes(report.rows(), "ratio", options.work.json, context.out);
+  SL_RETURN_IF_ERROR(status);
   return std::none_of(report.rows().begin(), report.rows().end(), [](const Row& row) {
     return row.at("disagreements_beyond_rounding").get<uint64_t>() > 0;
   });

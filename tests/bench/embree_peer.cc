@@ -68,6 +68,35 @@ PeerMesh::PeerMesh(const SceneGeometry& geometry)
   triangles_.push_back({});
 }
 
+PeerMesh::PeerMesh(std::span<const ObjectInput> objects, Vec3d origin, ThreadPool& pool) {
+  constexpr size_t kGrain = 1 << 14;
+  size_t vertices = 0, triangles = 0;
+  for (const ObjectInput& object : objects) {
+    vertices += object.vertices.size();
+    triangles += object.indices.size() / 3;
+  }
+  vertices_.resize(vertices + 1);
+  triangles_.resize(triangles + 1);
+  size_t first_vertex = 0, first_triangle = 0;
+  for (const ObjectInput& object : objects) {
+    pool.ParallelFor(object.vertices.size(), kGrain, [&](size_t begin, size_t end) {
+      for (size_t i = begin; i < end; ++i) {
+        vertices_[first_vertex + i] = ToFloat(object.transform.Apply(object.vertices[i]) - origin);
+      }
+    });
+    pool.ParallelFor(object.indices.size() / 3, kGrain, [&](size_t begin, size_t end) {
+      for (size_t i = begin; i < end; ++i) {
+        for (size_t k = 0; k < 3; ++k) {
+          triangles_[first_triangle + i][k] =
+              static_cast<uint32_t>(first_vertex) + object.indices[3 * i + k];
+        }
+      }
+    });
+    first_vertex += object.vertices.size();
+    first_triangle += object.indices.size() / 3;
+  }
+}
+
 size_t PeerMesh::bytes() const {
   return vertex_count() * sizeof(vertices_[0]) + triangle_count() * sizeof(triangles_[0]);
 }

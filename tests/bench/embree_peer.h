@@ -41,8 +41,10 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/base/parallel.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
+#include "core/mesh/object.h"
 #include "core/mesh/scene_geometry.h"
 #include "core/query/tiles.h"
 #include "core/traverse/simd_target.h"
@@ -84,6 +86,10 @@ struct EmbreeOptions {
 class PeerMesh {
  public:
   explicit PeerMesh(const SceneGeometry& geometry);
+  // The same of objects as they were read: doubles placed in the world, relative to `origin`,
+  // rounded, and the objects' indices put together; on the pool. What a user of Embree has to do,
+  // without the checks that CompileScene makes.
+  PeerMesh(std::span<const ObjectInput> objects, Vec3d origin, ThreadPool& pool);
   const std::vector<Vec3f>& vertices() const { return vertices_; }
   const std::vector<std::array<uint32_t, 3>>& triangles() const { return triangles_; }
   size_t vertex_count() const { return vertices_.size() - 1; }

@@ -89,8 +89,19 @@ void Frame::DrawPeerTile(const EmbreeScene& peer, PeerMode camera_mode, PeerMode
   }
   const size_t row = (out.points.size() + 7) / 8;
   out.lit_bits.resize(samples_.size() * row);
+  if (shadow_mode.sorted) {
+    out.order.Sort(out.points);
+    out.sorted_bits.resize(row);
+    std::fill(out.lit_bits.begin(), out.lit_bits.end(), uint8_t{0});
+  }
   for (size_t s = 0; s < samples_.size(); ++s) {
-    TracePoints(peer, shadow_mode, out.points, samples_[s], out.lit_bits.data() + s * row);
+    uint8_t* const bits = out.lit_bits.data() + s * row;
+    if (!shadow_mode.sorted) {
+      TracePoints(peer, shadow_mode, out.points, samples_[s], bits);
+      continue;
+    }
+    TracePoints(peer, shadow_mode, out.order.positions(), samples_[s], out.sorted_bits.data());
+    out.order.PutBack(out.sorted_bits.data(), 0, out.points.size(), bits);
   }
 }
 

@@ -24,6 +24,7 @@
 #include "core/query/tiles.h"
 #include "tests/bench/bench_scene.h"
 #include "tests/bench/embree_peer.h"
+#include "tests/bench/peer_order.h"
 
 namespace sightline::bench {
 
@@ -45,6 +46,8 @@ class Frame {
   struct PeerTile {
     std::vector<Vec3f> points;
     std::vector<uint8_t> lit_bits;  // A row per light, a bit per point.
+    PeerOrder order;                // Where the mode sorts.
+    std::vector<uint8_t> sorted_bits;
   };
   Frame(const Camera& camera, std::vector<LightSample> samples, Vec3d origin, ThreadPool& pool);
   void DrawPeerTile(const EmbreeScene& peer, PeerMode camera_mode, PeerMode shadow_mode, size_t t);

@@ -5,7 +5,10 @@
 // A pass takes the units of a workload (views, lights, shares of points) in turn, and each unit
 // each side in turn, so that no cache stays warm for one of them; the side that begins changes from
 // unit to unit and from pass to pass. A repetition is as many passes as bring every side to
-// kMinSeconds. The figure is the median over the repetitions of the ratio of the sides' times.
+// kMinSeconds. Where a single pass would take any side longer than kMaxSeconds, a repetition is a
+// share of the units, and the next one goes on where it ended: as many as fit, but at least so many
+// that all have their turn within the repetitions. (A unit is never cut: it may take longer.) The
+// figure is the median over the repetitions of the ratio of the sides' times.
 //
 // Thread safety: functions only; nothing else should run on the machine meanwhile.
 //
@@ -37,8 +40,9 @@ struct Spread {
 Spread SpreadOf(std::vector<double> values);
 
 // The fastest of the workload's modes on a sample of the work. Modes are tried by turns, several
-// times, and each is judged by its best time.
-PeerMode PickMode(Workload& workload, const EmbreeScene& peer);
+// times, and each is judged by its best time. `now`: the clock, for tests.
+PeerMode PickMode(Workload& workload, const EmbreeScene& peer,
+                  const std::function<double()>& now = Now);
 
 // One of the things that are timed by turns.
 struct Side {
@@ -61,15 +65,17 @@ struct Timings {
   std::vector<std::vector<double>> seconds;  // By side, then by repetition.
   std::vector<Timings> groups;               // Each group's share of the above.
 
-  // Queries per second of a side, and how many times side `a` is as fast as side `b`.
+  // Queries per second of a side, and how many times side `a` is as fast as side `b`: over the
+  // repetitions that had any of these units.
   Spread Rate(size_t side) const;
   Spread Ratio(size_t a, size_t b) const;
 };
 
-// Nothing is warmed up here: what is to be warm must have run before.
-inline constexpr double kMinSeconds = 0.3;
+// Nothing is warmed up here: what is to be warm must have run before. `now`: the clock, for tests.
+inline constexpr double kMinSeconds = 0.3, kMaxSeconds = 3;
 Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
-                    const std::function<void(size_t repetition)>& progress);
+                    const std::function<void(size_t repetition)>& progress,
+                    const std::function<double()>& now = Now);
 
 }  // namespace sightline::bench
 

@@ -30,8 +30,8 @@ struct PointSet {
   };
   std::vector<Vec3f> positions;
   std::vector<uint32_t> sources;  // Empty unless asked for.
-  std::vector<uint8_t> valid;  // All 1: the others were left out.
-  std::vector<Range> ranges;   // They cover the points in order; none is empty.
+  std::vector<uint8_t> valid;     // All 1: the others were left out.
+  std::vector<Range> ranges;      // They cover the points in order; none is empty.
 
   size_t size() const { return positions.size(); }
   std::span<const Vec3f> Positions(const Range& range) const {

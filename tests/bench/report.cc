@@ -57,6 +57,31 @@ Column SpreadColumn(std::string heading, std::string key) {
           }};
 }
 
+const std::vector<std::string> kCommonKeys = {"workload",
+                                              "scene",
+                                              "triangles",
+                                              "views",
+                                              "queries",
+                                              "threads",
+                                              "isa",
+                                              "strategy",
+                                              "rate_per_s",
+                                              "peer",
+                                              "peer_mode",
+                                              "peer_rate_per_s",
+                                              "ratio",
+                                              "ratio_min",
+                                              "ratio_max",
+                                              "disagreements",
+                                              "disagreements_beyond_rounding"};
+
+Row WithCommonKeys(const Row& row) {
+  Row whole = Row::object();
+  for (const std::string& key : kCommonKeys) whole[key] = row.contains(key) ? row.at(key) : Row();
+  for (const auto& [key, value] : row.items()) whole[key] = value;
+  return whole;
+}
+
 void Report::Add(Row row) {
   if (json_) out_ << row.dump() << std::endl;
   rows_.push_back(std::move(row));
@@ -87,15 +112,17 @@ void Report::Finish() {
   out_.flush();
 }
 
-absl::Status RunScenes(const std::vector<std::string>& scenes, Report* report,
+absl::Status RunScenes(const std::vector<std::string>& scenes, Report* report, std::ostream& err,
                        const std::function<absl::Status(const std::string& scene)>& run) {
-  absl::Status status;
+  absl::Status first;
   for (const std::string& scene : scenes) {
-    status = run(scene);
-    if (!status.ok()) break;
+    const absl::Status status = run(scene);
+    if (status.ok()) continue;
+    err << scene << ": " << status.message() << std::endl;
+    first.Update(status);
   }
   report->Finish();
-  return status;
+  return first;
 }
 
 Column SizeColumn(std::string heading) {

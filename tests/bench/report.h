@@ -39,6 +39,14 @@ Column MegaColumn(std::string heading, std::string key);                  // 12.
 // "3.21 (3.05..3.30)" of key, key_min and key_max.
 Column SpreadColumn(std::string heading, std::string key);
 
+// The row with every key that rows of all commands have (section 8 of the design), in that order,
+// before its others: null where it means nothing of this row.
+//   workload, scene, triangles, views, queries, threads, isa, strategy, rate_per_s, peer,
+//   peer_mode, peer_rate_per_s, ratio, ratio_min, ratio_max, disagreements,
+//   disagreements_beyond_rounding
+extern const std::vector<std::string> kCommonKeys;
+Row WithCommonKeys(const Row& row);
+
 class Report {
  public:
   Report(std::vector<Column> columns, bool json, std::ostream& out)
@@ -57,8 +65,9 @@ class Report {
   std::vector<Row> rows_;
 };
 
-// Runs `run` for each scene, which adds rows, and finishes the report, also where an error ends it.
-absl::Status RunScenes(const std::vector<std::string>& scenes, Report* report,
+// Runs `run` for each scene, which adds rows, and finishes the report. A scene's error is told to
+// `err` and does not keep the next ones from their turn; the first one is returned.
+absl::Status RunScenes(const std::vector<std::string>& scenes, Report* report, std::ostream& err,
                        const std::function<absl::Status(const std::string& scene)>& run);
 
 // "1920x1080" of a row's width and height, "-" where it has none.

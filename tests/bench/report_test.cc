@@ -64,20 +64,33 @@ TEST(ReportTest, TablesSayViewsAndSizes) {
             "a                -    0.5\n");
 }
 
-TEST(ReportTest, AnErrorEndsTheScenesAfterTheTable) {
-  std::ostringstream out;
+TEST(ReportTest, AnErrorOfOneSceneKeepsNoOtherFromItsTurn) {
+  std::ostringstream out, err;
   Report report({SceneColumn("scene")}, /*json=*/false, out);
   std::vector<std::string> seen;
   const absl::Status status =
-      RunScenes({"a", "b", "c"}, &report, [&](const std::string& scene) -> absl::Status {
+      RunScenes({"a", "b", "c"}, &report, err, [&](const std::string& scene) -> absl::Status {
         seen.push_back(scene);
         if (scene == "b") return absl::NotFoundError("no b");
         report.Add({{"scene", scene}});
         return absl::OkStatus();
       });
   EXPECT_EQ(status, absl::NotFoundError("no b"));
-  EXPECT_THAT(seen, ElementsAre("a", "b"));
-  EXPECT_THAT(out.str(), HasSubstr("\na\n"));
+  EXPECT_THAT(seen, ElementsAre("a", "b", "c"));
+  EXPECT_THAT(out.str(), HasSubstr("\na\nc\n"));
+  EXPECT_EQ(err.str(), "b: no b\n");
+}
+
+TEST(ReportTest, CommonKeysComeFirstAndAreThere) {
+  const Row row = WithCommonKeys({{"unit", "s"}, {"ratio", 2.5}, {"workload", "segments"}});
+  std::vector<std::string> keys;
+  for (const auto& [key, value] : row.items()) keys.push_back(key);
+  std::vector<std::string> expected = kCommonKeys;
+  expected.push_back("unit");
+  EXPECT_EQ(keys, expected);
+  EXPECT_EQ(row["workload"], "segments");
+  EXPECT_EQ(row["ratio"], 2.5);
+  EXPECT_TRUE(row["isa"].is_null());
 }
 
 }  // namespace

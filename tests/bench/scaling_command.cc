@@ -97,9 +97,13 @@ absl::Status RunWorkload(const WorkloadFlags& work, const SceneSource& source,
   SL_ASSIGN_OR_RETURN(const auto alone, MakeWorkload(spec, source, scene, one));
   SL_ASSIGN_OR_RETURN(const auto together, MakeWorkload(spec, source, scene, all));
   uint64_t queries = 0;
+  uint64_t disagreements = 0;  // Units that threads answered otherwise than one.
+  QueryStats stats;
   for (size_t unit = 0; unit < alone->units(); ++unit) {  // Warms up.
     alone->RunOurs(unit);
     together->RunOurs(unit);
+    stats.Add(alone->OurStats());
+    disagreements += alone->OurDigest() != together->OurDigest();
     queries += alone->queries(unit);
   }
   const double begin = Now();
@@ -131,13 +135,18 @@ absl::Status RunWorkload(const WorkloadFlags& work, const SceneSource& source,
              {"queries", queries},
              {"threads", all.threads()},
              {"isa", std::string(SimdTargetName(spec.options.simd))},
-             {"strategy", work.strategy},
+             {"strategy", std::string(StrategyName(stats.strategy))},
+             {"strategy_asked", work.strategy},
              {"structure", work.structure},
              {"rate_per_s", timings.Rate(kAll).median},
              {"rate_1_per_s", timings.Rate(kOne).median},
              {"peer", "arithmetic loop"},
-             {"peer_mode", nullptr},
-             {"peer_rate_per_s", nullptr},
+             {"peer_mode", absl::StrCat("gain of ", all.threads(), " threads over one")},
+             {"ratio", share.median},
+             {"ratio_min", share.min},
+             {"ratio_max", share.max},
+             {"disagreements", disagreements},
+             {"disagreements_beyond_rounding", disagreements},
              {"gain", timings.Ratio(kAll, kOne).median},
              {"gain_arithmetic", timings.Ratio(kLoopAll, kLoopOne).median},
              {"share", share.median},
@@ -148,7 +157,7 @@ absl::Status RunWorkload(const WorkloadFlags& work, const SceneSource& source,
     row["width"] = spec.width;
     row["height"] = spec.height;
   }
-  report->Add(std::move(row));
+  report->Add(WithCommonKeys(row));
   return absl::OkStatus();
 }
 
@@ -158,7 +167,7 @@ absl::Status RunScene(const WorkloadFlags& work, const std::string& name, Contex
   SL_ASSIGN_OR_RETURN(const SceneSource source, ReadScene(name, work.views));
   ThreadPool one(1), all(ResolveThreads(work.threads));
   SL_ASSIGN_OR_RETURN(const IndexedGeometry scene, IndexScene(source, work.Index(), all));
-  for (const std::string& workload : work.workloads) {
+  for (const std::string& workload : work.Workloads()) {
     for (const ImageSize& size : work.Sizes(workload)) {
       SL_RETURN_IF_ERROR(
           RunWorkload(work, source, scene, workload, size, one, all, context, report));
@@ -179,11 +188,13 @@ absl::StatusOr<bool> ScalingCommand(std::span<const std::string> args, Context& 
     return cli::UsageError("--threads wants 2 or more, since it is held against one");
   }
   Report report(Columns(), work.json, context.out);
-  SL_RETURN_IF_ERROR(RunScenes(work.scenes, &report, [&](const std::string& scene) {
-    return RunScene(work, scene, context, &report);
-  }));
+  const absl::Status status =
+      RunScenes(work.scenes, &report, context.err,
+                [&](const std::string& scene) { return RunScene(work, scene, context, &report); });
   PrintOverScenes(report.rows(), "share", work.json, context.out);
-  return true;
+  SL_RETURN_IF_ERROR(status);
+  return std::none_of(report.rows().begin(), report.rows().end(),
+                      [](const Row& row) { return row.at("disagreements").get<uint64_t>() > 0; });
 }
 
 }  // namespace sightline::bench

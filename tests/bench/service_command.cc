@@ -18,6 +18,7 @@
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -249,31 +250,33 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
   const double bytes = passes_all * static_cast<double>(ours.bytes);
   for (size_t side = 0; side < sides; ++side) {
     const Spread ratio = SpreadOf(ratios[side]);
-    report_->Add({{"workload", absl::StrCat("service-", workload.name)},
-                  {"scene", source.name},
-                  {"triangles", scene_->geometry.triangles.size()},
-                  {"views", 1},
-                  {"queries", workload.rays},
-                  {"threads", pool.threads()},
-                  {"isa", std::string(SimdTargetName(BestSimdTarget()))},
-                  {"strategy", "auto"},
-                  {"through", endpoints[side].name},
-                  {"rate_per_s", rays / service_all[side].cpu},
-                  {"peer", workload.moves_arrays ? "in process and raw gRPC" : "in process"},
-                  {"peer_mode", "per CPU second"},
-                  {"peer_rate_per_s", rays / engine_all.cpu},
-                  {"bytes_per_s", bytes / service_all[side].wall},
-                  {"raw_bytes_per_s", bytes / raw_all[side].wall},
-                  {"service_cpu_s", service_all[side].cpu / passes_all},
-                  {"engine_cpu_s", engine_all.cpu / passes_all},
-                  {"raw_cpu_s", raw_all[side].cpu / passes_all},
-                  {"replies", theirs[side].replies},
-                  {"ratio", ratio.median},
-                  {"ratio_min", ratio.min},
-                  {"ratio_max", ratio.max},
-                  {"bound", SpreadOf(bounds[side]).median},
-                  {"disagreements", theirs[side].digest == ours.digest ? 0 : 1},
-                  {"repeats", flags_.repeats}});
+    report_->Add(WithCommonKeys(
+        {{"workload", absl::StrCat("service-", workload.name)},
+         {"scene", source.name},
+         {"triangles", scene_->geometry.triangles.size()},
+         {"views", 1},
+         {"queries", workload.rays},
+         {"threads", pool.threads()},
+         {"isa", std::string(SimdTargetName(BestSimdTarget()))},
+         {"strategy", std::string(StrategyName(Strategy::kAuto))},
+         {"through", endpoints[side].name},
+         {"rate_per_s", rays / service_all[side].cpu},
+         {"peer", workload.moves_arrays ? "in process and raw gRPC" : "in process"},
+         {"peer_mode", "per CPU second"},
+         {"peer_rate_per_s", rays / engine_all.cpu},
+         {"bytes_per_s", bytes / service_all[side].wall},
+         {"raw_bytes_per_s", bytes / raw_all[side].wall},
+         {"service_cpu_s", service_all[side].cpu / passes_all},
+         {"engine_cpu_s", engine_all.cpu / passes_all},
+         {"raw_cpu_s", raw_all[side].cpu / passes_all},
+         {"replies", theirs[side].replies},
+         {"ratio", ratio.median},
+         {"ratio_min", ratio.min},
+         {"ratio_max", ratio.max},
+         {"bound", SpreadOf(bounds[side]).median},
+         {"disagreements", theirs[side].digest == ours.digest ? 0 : 1},
+         {"disagreements_beyond_rounding", theirs[side].digest == ours.digest ? 0 : 1},
+         {"repeats", flags_.repeats}}));
   }
   return absl::OkStatus();
 }
@@ -301,6 +304,7 @@ absl::Status ServiceRun::RunLatency(const SceneSource& source, const Endpoint& e
     return absl::InternalError(stream->Finish().error_message());
   }
   std::vector<double> took, engine;
+  uint64_t differing = 0;
   const uint32_t across = camera.width / kLatencyTile, down = camera.height / kLatencyTile;
   for (uint64_t call = 0; call < flags_.calls * flags_.repeats; ++call) {
     const auto tile = static_cast<uint32_t>(call * 7919 % (uint64_t{across} * down));
@@ -323,24 +327,44 @@ absl::Status ServiceRun::RunLatency(const SceneSource& source, const Endpoint& e
     const std::string& depths = response.reply().tile().depths();
     if (depths.size() != 4 * result.depth.size() ||
         std::memcmp(depths.data(), result.depth.data(), depths.size()) != 0) {
-      ++disagreements_;
+      ++differing;
     }
   }
+  disagreements_ += differing;
   stream->WritesDone();
   while (stream->Read(&response)) {
   }
   SL_RETURN_IF_ERROR(absl::Status(static_cast<absl::StatusCode>(stream->Finish().error_code()),
                                   "the stream of latency"));
-  latencies_->Add({{"workload", "service-latency"},
-                   {"scene", source.name},
-                   {"triangles", scene_->geometry.triangles.size()},
-                   {"queries", took.size()},
-                   {"threads", ResolveThreads(flags_.threads)},
-                   {"through", endpoint.name},
-                   {"median_us", Percentile(took, 0.5)},
-                   {"p90_us", Percentile(took, 0.9)},
-                   {"p99_us", Percentile(took, 0.99)},
-                   {"engine_median_us", Percentile(engine, 0.5)}});
+  const auto sum_of = [](const std::vector<double>& all) {
+    return std::accumulate(all.begin(), all.end(), 0.0);
+  };
+  const auto calls = static_cast<double>(took.size());
+  std::vector<double> ratios;
+  for (size_t i = 0; i < took.size(); ++i) ratios.push_back(engine[i] / took[i]);
+  const Spread ratio = SpreadOf(std::move(ratios));
+  latencies_->Add(WithCommonKeys({{"workload", "service-latency"},
+                                  {"views", 1},
+                                  {"isa", std::string(SimdTargetName(BestSimdTarget()))},
+                                  {"strategy", std::string(StrategyName(Strategy::kAuto))},
+                                  {"rate_per_s", 1e6 * calls / sum_of(took)},
+                                  {"peer", "in process"},
+                                  {"peer_mode", "one tile at a time"},
+                                  {"peer_rate_per_s", 1e6 * calls / sum_of(engine)},
+                                  {"ratio", ratio.median},
+                                  {"ratio_min", ratio.min},
+                                  {"ratio_max", ratio.max},
+                                  {"disagreements", differing},
+                                  {"disagreements_beyond_rounding", differing},
+                                  {"scene", source.name},
+                                  {"triangles", scene_->geometry.triangles.size()},
+                                  {"queries", took.size()},
+                                  {"threads", ResolveThreads(flags_.threads)},
+                                  {"through", endpoint.name},
+                                  {"median_us", Percentile(took, 0.5)},
+                                  {"p90_us", Percentile(took, 0.9)},
+                                  {"p99_us", Percentile(took, 0.99)},
+                                  {"engine_median_us", Percentile(engine, 0.5)}}));
   return absl::OkStatus();
 }
 
@@ -394,8 +418,9 @@ absl::StatusOr<bool> ServiceCommand(std::span<const std::string> args, Context& 
        NumberColumn("p99 us", "p99_us", 0), NumberColumn("engine us", "engine_median_us", 0)},
       options.json, context.out);
   ServiceRun run(options, context, &report, &latencies);
-  const absl::Status status = RunScenes(
-      options.scenes, &report, [&](const std::string& scene) { return run.RunScene(scene); });
+  const absl::Status status =
+      RunScenes(options.scenes, &report, context.err,
+                [&](const std::string& scene) { return run.RunScene(scene); });
   latencies.Finish();
   SL_RETURN_IF_ERROR(status);
   return run.disagreements() == 0;

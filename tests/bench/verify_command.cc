@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // sightline-bench verify: the soak of verify.h, bounded by time, over given and random scenes.
+#include <algorithm>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -8,6 +9,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/exit_code.h"
+#include "core/accel/binary_bvh_builder.h"
+#include "core/accel/kd_builder.h"
 #include "core/base/status_macros.h"
 #include "tests/bench/bench_scene.h"
 #include "tests/bench/command.h"
@@ -17,6 +20,10 @@
 
 namespace sightline::bench {
 namespace {
+
+// Triangles of given scenes that get a kd-tree and a binary BVH, too: half a gigabyte, half a
+// minute.
+constexpr uint64_t kMostForMoreTrees = 2'000'000;
 
 struct Options {
   double seconds = 0;
@@ -53,39 +60,72 @@ absl::StatusOr<std::vector<VerifyScene>> ReadScenes(const Options& options, Cont
     context.err << name << ": reading and building" << std::endl;
     SL_ASSIGN_OR_RETURN(const SceneSource source, ReadScene(name, /*views_file=*/""));
     SL_ASSIGN_OR_RETURN(IndexedGeometry scene, IndexScene(source, {}, pool));
+    if (scene.geometry.triangles.size() <= kMostForMoreTrees) {
+      SL_ASSIGN_OR_RETURN(scene.kd_tree, BuildKdTree(scene.geometry, {}, pool));
+      SL_ASSIGN_OR_RETURN(scene.binary_bvh, BuildBinaryBvh(scene.geometry, {}, pool));
+    }
     if (scene.bvh.empty()) {
       return absl::InvalidArgumentError(
           absl::StrCat("'", source.name, "' has no triangle that can be hit"));
     }
-    scenes.push_back({source.name, std::move(scene)});
+    scenes.emplace_back(source.name, std::move(scene));
   }
   return scenes;
 }
 
 void Print(const VerifyReport& verified, const Options& options, double seconds, Context& context) {
-  Report table({TextColumn("asked", "kind"), TextColumn("way", "strategy"),
-                TextColumn("held against", "peer"), CountColumn("rays", "queries"),
-                CountColumn("different", "disagreements")},
-               options.json, context.out);
+  const std::string scenes = options.scenes.empty()
+                                 ? "random"
+                                 : absl::StrCat("random and ", options.scenes.size(), " given");
+  Report table(
+      {TextColumn("asked", "kind"), TextColumn("way", "way"), TextColumn("held against", "peer"),
+       CountColumn("rays", "queries"), CountColumn("different", "disagreements")},
+      options.json, context.out);
   for (const auto& [key, tally] : verified.tallies) {
     const auto& [kind, way, reference] = key;
-    table.Add({{"workload", "verify"},
-               {"kind", kind},
-               {"strategy", way},
-               {"peer", reference},
-               {"queries", tally.compared},
-               {"disagreements", tally.different}});
+    // A way is named "STRATEGY on ISA, ...".
+    const std::string strategy = way.substr(0, way.find(' '));
+    const std::string rest = way.substr(std::min(way.size(), strategy.size() + 4));
+    table.Add(WithCommonKeys({{"workload", "verify"},
+                              {"scene", scenes},
+                              {"triangles", nullptr},  // Of as many scenes as there were batches.
+                              {"views", 0},
+                              {"queries", tally.compared},
+                              {"threads", ResolveThreads(options.threads)},
+                              {"isa", rest.substr(0, rest.find(','))},
+                              {"strategy", strategy},
+                              {"rate_per_s", static_cast<double>(tally.compared) / seconds},
+                              {"peer", reference},
+                              {"disagreements", tally.different},
+                              {"disagreements_beyond_rounding", tally.different},
+                              {"kind", kind},
+                              {"way", way}}));
   }
   table.Finish();
   Report places({TextColumn("eye or light", "place"), CountColumn("rays of AUTO", "queries")},
                 options.json, context.out);
   if (!options.json) context.out << '\n';
   for (const auto& [place, rays] : verified.places) {
-    places.Add({{"workload", "verify-places"}, {"place", place}, {"queries", rays}});
+    places.Add(WithCommonKeys({{"workload", "verify-places"},
+                               {"scene", scenes},
+                               {"views", 0},
+                               {"queries", rays},
+                               {"threads", ResolveThreads(options.threads)},
+                               {"isa", std::string(SimdTargetName(BestSimdTarget()))},
+                               {"strategy", std::string(StrategyName(Strategy::kAuto))},
+                               {"rate_per_s", static_cast<double>(rays) / seconds},
+                               {"place", place}}));
   }
   places.Finish();
   if (options.json) {
     const Row summary = {{"workload", "verify-summary"},
+                         {"scene", scenes},
+                         {"views", 0},
+                         {"queries", verified.auto_rays + verified.brute_force_rays},
+                         {"isa", std::string(SimdTargetName(BestSimdTarget()))},
+                         {"strategy", std::string(StrategyName(Strategy::kAuto))},
+                         {"rate_per_s", static_cast<double>(verified.auto_rays) / seconds},
+                         {"peer", "SINGLE and brute force"},
                          {"seed", options.seed},
                          {"seconds", seconds},
                          {"threads", ResolveThreads(options.threads)},
@@ -94,8 +134,9 @@ void Print(const VerifyReport& verified, const Options& options, double seconds,
                          {"rounds", verified.rounds},
                          {"auto_against_single", verified.auto_rays},
                          {"auto_against_brute_force", verified.brute_force_rays},
-                         {"disagreements", verified.different}};
-    context.out << summary.dump() << std::endl;
+                         {"disagreements", verified.different},
+                         {"disagreements_beyond_rounding", verified.different}};
+    context.out << WithCommonKeys(summary).dump() << std::endl;
     return;
   }
   context.out << absl::StrFormat(

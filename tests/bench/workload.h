@@ -70,6 +70,8 @@ class Workload {
   virtual void Compare(size_t unit, Agreement* agreement) = 0;
   // Of the results of our last run, bit for bit: the same numbers for the same answers.
   virtual uint64_t OurDigest() const = 0;
+  // Of our last run.
+  virtual QueryStats OurStats() const = 0;
 
  protected:
   const QueryOptions& options() const { return options_; }

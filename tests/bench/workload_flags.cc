@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <iterator>
 
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -17,9 +18,17 @@ namespace sightline::bench {
 namespace {
 
 constexpr const char* kWorkloads[] = {"primary", "shadow", "sun", "area", "points", "segments"};
+// Points by what Describe calls them, whatever --lights and --shuffled say.
+constexpr const char* kPoints[] = {"points-sky", "points-lights", "points-sky-shuffled",
+                                   "points-lights-shuffled"};
+constexpr char kAll[] = "all";
+
+bool IsPoints(const std::string& workload) {
+  return std::find(std::begin(kPoints), std::end(kPoints), workload) != std::end(kPoints);
+}
 
 bool HasPicture(const std::string& workload) {
-  return workload != "points" && workload != "segments";
+  return workload != "points" && workload != "segments" && !IsPoints(workload);
 }
 
 }  // namespace
@@ -46,7 +55,10 @@ absl::StatusOr<std::vector<ImageSize>> ParseSizes(const std::string& text) {
 void WorkloadFlags::Register(cli::FlagSet* flags, Choices choices) {
   flags->Heading("What");
   flags->Texts("scene", "SCENE", "a mesh file or a built-in scene", &scenes);
-  flags->Texts("workload", "WORKLOAD", absl::StrJoin(kWorkloads, ", "), &workloads);
+  flags->Texts("workload", "WORKLOAD",
+               absl::StrCat(absl::StrJoin(kWorkloads, ", "), "; of points also ",
+                            absl::StrJoin(kPoints, ", "), "; all: each of them"),
+               &workloads);
   flags->Text("views", "FILE", "views by scene, instead of views.json beside the scene file",
               &views);
   flags->Count("width", "PIXELS", "of the views", &width, 1, kMaxImageSide);
@@ -108,12 +120,32 @@ absl::Status WorkloadFlags::Check() const {
   if (scenes.empty()) return cli::UsageError("wants --scene");
   if (workloads.empty()) return cli::UsageError("wants --workload");
   for (const std::string& workload : workloads) {
+    if (workload == kAll || IsPoints(workload)) continue;
     if (std::find(std::begin(kWorkloads), std::end(kWorkloads), workload) == std::end(kWorkloads)) {
-      return cli::UsageError(absl::StrCat(
-          "--workload wants one of ", absl::StrJoin(kWorkloads, ", "), "; got '", workload, "'"));
+      return cli::UsageError(
+          absl::StrCat("--workload wants one of ", absl::StrJoin(kWorkloads, ", "), ", ",
+                       absl::StrJoin(kPoints, ", "), ", ", kAll, "; got '", workload, "'"));
     }
   }
   return absl::OkStatus();
+}
+
+std::vector<std::string> WorkloadFlags::Workloads() const {
+  std::vector<std::string> names;
+  for (const std::string& workload : workloads) {
+    if (workload != kAll) {
+      names.push_back(workload);
+      continue;
+    }
+    for (const char* one : kWorkloads) {
+      if (std::string(one) == "points") {
+        names.insert(names.end(), std::begin(kPoints), std::end(kPoints));
+      } else {
+        names.emplace_back(one);
+      }
+    }
+  }
+  return names;
 }
 
 IndexOptions WorkloadFlags::Index() const {
@@ -133,12 +165,16 @@ std::vector<ImageSize> WorkloadFlags::Sizes(const std::string& workload) const {
 absl::StatusOr<WorkloadSpec> WorkloadFlags::Spec(const std::string& workload,
                                                  const ImageSize& size) const {
   WorkloadSpec spec;
-  spec.name = workload;
+  spec.name = IsPoints(workload) ? "points" : workload;
   spec.width = size.width;
   spec.height = size.height;
   spec.points = points;
   spec.lights = lights;
   spec.shuffled = shuffled;
+  if (IsPoints(workload)) {
+    spec.lights = absl::StrContains(workload, "-sky") ? "sky" : "lights";
+    spec.shuffled = absl::EndsWith(workload, "-shuffled");
+  }
   spec.sources = sources;
   spec.range = range;
   SL_ASSIGN_OR_RETURN(spec.options.strategy, ParseStrategy(strategy));

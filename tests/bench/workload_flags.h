@@ -50,6 +50,9 @@ struct WorkloadFlags {
   // Usage errors: no scene, no workload, or one that is none.
   absl::Status Check() const;
 
+  // Those to time, in turn: `all` is every one, of points with either kind of lights, as they come
+  // and shuffled.
+  std::vector<std::string> Workloads() const;
   // The BVH, and what the strategy and the structure want beside it.
   IndexOptions Index() const;
   // The sizes to time a workload at: those of the sweep, or the one of --width and --height; one

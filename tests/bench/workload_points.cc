@@ -86,6 +86,7 @@ class PointWorkload : public Workload {
   }
 
   void RunOurs(size_t unit) override {
+    ran_ = units_[unit].ranges;
     pool_.ParallelFor(units_[unit].ranges, 1, [&](size_t begin, size_t end) {
       for (size_t r = begin; r < end; ++r) {
         const absl::Status status =
@@ -128,6 +129,12 @@ class PointWorkload : public Workload {
       }
     }
     agreement->queries += queries(unit);
+  }
+
+  QueryStats OurStats() const override {
+    QueryStats stats;
+    for (size_t r = 0; r < ran_; ++r) stats.Add(ours_[r].stats);
+    return stats;
   }
 
   uint64_t OurDigest() const override {
@@ -233,6 +240,7 @@ class PointWorkload : public Workload {
   const std::vector<PointSet> sets_;
   const std::vector<Unit> units_;
   const size_t views_;
+  size_t ran_ = 0;                  // Ranges of that unit.
   std::vector<ShadowResult> ours_;  // One per range of the unit that ran last.
   std::vector<PeerOutput> theirs_;  // Likewise.
 };

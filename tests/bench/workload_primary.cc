@@ -71,6 +71,12 @@ class PrimaryWorkload : public Workload {
     agreement->queries += queries(unit);
   }
 
+  QueryStats OurStats() const override {
+    QueryStats stats;
+    for (const TileResult& tile : ours_) stats.Add(tile.primary);
+    return stats;
+  }
+
   uint64_t OurDigest() const override {
     uint64_t digest = 0;
     for (const TileResult& tile : ours_) {

@@ -110,6 +110,12 @@ class SegmentWorkload : public Workload {
     agreement->queries += queries_;
   }
 
+  QueryStats OurStats() const override {
+    QueryStats stats;
+    for (const SegmentResult& range : ours_) stats.Add(range.stats);
+    return stats;
+  }
+
   uint64_t OurDigest() const override {
     uint64_t digest = 0;
     for (const SegmentResult& range : ours_) digest = AddToDigest(digest, range.blocked_bits);
