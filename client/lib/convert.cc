@@ -334,6 +334,12 @@ Statistics FromProto(const v1::Statistics& statistics) {
   out.tiles_answered = statistics.answered_tile_count();
   out.relevant_triangles = statistics.relevant_triangle_count();
   out.culled_tests = statistics.culled_test_count();
+  out.shaft_triangles = statistics.shaft_triangle_count();
+  out.shaft_relevant = statistics.shaft_relevant_count();
+  out.shaft_pairs = statistics.shaft_pair_count();
+  out.shaft_covers = statistics.shaft_cover_count();
+  out.shaft_splits = statistics.shaft_split_count();
+  out.shaft_singles = statistics.shaft_single_count();
   return out;
 }
 

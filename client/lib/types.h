@@ -189,6 +189,10 @@ struct Statistics {
   // RTT: tiles, those answered without rays, and the triangles on their lists.
   uint64_t tiles = 0, tiles_answered = 0, relevant_triangles = 0;
   uint64_t culled_tests = 0;  // Within leaves, by leaf_culling.
+  // SHAFT: triangles of its leaves, those relevant to it, pairs of one and a block of 16 rays,
+  // those of a block that is covered; sets of rays parted, and rays left to walk by themselves.
+  uint64_t shaft_triangles = 0, shaft_relevant = 0, shaft_pairs = 0, shaft_covers = 0;
+  uint64_t shaft_splits = 0, shaft_singles = 0;
   // Rays by what answered them: whole shafts, a shaft's relevant triangles, packets, themselves.
   uint64_t answered_by_shaft = 0, answered_by_triangles = 0;
   uint64_t answered_by_packet = 0, answered_by_ray = 0;
@@ -208,6 +212,12 @@ struct Statistics {
     tiles_answered += other.tiles_answered;
     relevant_triangles += other.relevant_triangles;
     culled_tests += other.culled_tests;
+    shaft_triangles += other.shaft_triangles;
+    shaft_relevant += other.shaft_relevant;
+    shaft_pairs += other.shaft_pairs;
+    shaft_covers += other.shaft_covers;
+    shaft_splits += other.shaft_splits;
+    shaft_singles += other.shaft_singles;
     answered_by_shaft += other.answered_by_shaft;
     answered_by_triangles += other.answered_by_triangles;
     answered_by_packet += other.answered_by_packet;

@@ -169,6 +169,7 @@ void QueryStats::Add(const QueryStats& other) {
   tiles_answered += other.tiles_answered;
   relevant_triangles += other.relevant_triangles;
   culled_tests += other.culled_tests;
+  shaft.Add(other.shaft);
   for (size_t by = 0; by < answered_by.size(); ++by) answered_by[by] += other.answered_by[by];
   compute_nanoseconds += other.compute_nanoseconds;
 }

@@ -23,6 +23,7 @@
 #include "core/intersect/intersector.h"
 #include "core/traverse/answered_by.h"
 #include "core/traverse/leaf_culling.h"
+#include "core/traverse/shaft_stats.h"
 #include "core/traverse/simd_target.h"
 
 namespace sightline {
@@ -103,6 +104,7 @@ struct QueryStats {
   uint64_t tiles_answered = 0;      // those that needed no rays,
   uint64_t relevant_triangles = 0;  // and the triangles on the lists of these.
   uint64_t culled_tests = 0;        // leaf_culling: pairs that never came to a test.
+  ShaftStats shaft;                 // kShaft: what its stages culled.
   // Rays by what answered them (AnsweredBy); all 0 unless QueryOptions::count_answers.
   std::array<uint64_t, kAnsweredByCount> answered_by{};
   uint64_t compute_nanoseconds = 0;     // Summed over threads.

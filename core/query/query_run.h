@@ -50,6 +50,11 @@ class QueryRun {
   bool by_intersector() const { return options_.intersector != Intersector::kExact; }
   const CulledKernels& culled_kernels() const { return CulledKernelsFor(options_.simd); }
 
+  // Once a group of blocks: a walk polls too, but only a long one.
+  absl::Status Poll() const {
+    return options_.cancel == nullptr ? absl::OkStatus() : options_.cancel->ToStatus();
+  }
+
   // The status of a walk that left off. REQUIRES: the token has fired.
   absl::Status Stopped() const {
     SIGHTLINE_CHECK(options_.cancel != nullptr) << "a walk stopped that nobody cancelled";
@@ -81,6 +86,7 @@ class StatsScope {
     now.tiles_answered = walk_.tiles_answered;
     now.relevant_triangles = walk_.relevant_triangles;
     now.culled_tests = walk_.culled_tests;
+    now.shaft = walk_.shaft;
     now.compute_nanoseconds = static_cast<uint64_t>(
         std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now() - start_).count());
     stats_->Add(now);

@@ -78,6 +78,7 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
 absl::Status SampleTracer::Trace(size_t s) {
   const LightSample& sample = samples_[s];
   SIGHTLINE_CHECK(sample.valid);
+  SL_RETURN_IF_ERROR(run_.Poll());
   const uint32_t mask = run_.options().mask & sample.mask;
   const Strategy strategy =
       ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,

@@ -128,6 +128,7 @@ class TileTrace {
 
   // The blocks of a group, from a common cut. `group` is in pixels of the tile.
   absl::Status TraceGroup(const TileRect& group) {
+    SL_RETURN_IF_ERROR(run_.Poll());
     for (uint32_t x = 0; x < group.width; ++x) {
       const Vec3d column = PixelColumn(camera_, tile_.x + group.x + x);
       for (int axis = 0; axis < 3; ++axis) columns_[axis][x] = column[axis];

@@ -9,7 +9,7 @@
 //     the whole shaft (shaft_leaf-inl.h); those left are relevant.
 //  3. A relevant triangle is put to sixteen blocks of sixteen rays at once, each with its own
 //     rectangle and range of depths, one block per SIMD lane: blocks it misses drop out; blocks it
-//     covers whole and stands before are blocked without a ray tested; the rest take the exact
+//     covers whole and stands before are blocked whatever a test would say; the rest take the exact
 //     test, ray by ray (shaft_test-inl.h).
 //  4. When any hit will do and a walk has cost too much, its rays are split at the middle of their
 //     widest extent, and both halves go on with what is left on the stack.
@@ -123,11 +123,10 @@ class ShaftWalk {
       }
     }
     uint32_t work = 0, limit = kSplitBudget;
-    uint64_t visited = 0;
     while (depth > 0) {
       const Pending pending = stack[--depth];
       if (pending.after(bounds_.all_far)) continue;
-      if (++visited % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
+      if (++visited_ % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
         return false;
       if (depth > 0) PrefetchChild(scene_.bvh, stack[depth - 1].ref());
       const ChildRef ref = pending.ref();
@@ -162,6 +161,7 @@ class ShaftWalk {
           }
           return TraceOneByOne();
         }
+        ++stats_->shaft.splits;
         Pending copy[kStackSize];
         std::copy_n(stack, depth, copy);
         if (!Walk(halves[0], nullptr, copy, depth)) return false;
@@ -179,6 +179,7 @@ class ShaftWalk {
     for (uint32_t b = 0; b < kShaftBlocks; ++b) {
       for (uint32_t rest = bounds_.open[b]; rest != 0; rest &= rest - 1) {
         const uint32_t r = std::countr_zero(rest), lane = b * kShaftBlockRays + r;
+        ++stats_->shaft.singles;
         packet_.triangle[lane] =
             WalkSingle<kAny>(
                 scene_,
@@ -245,7 +246,11 @@ class ShaftWalk {
     if constexpr (!kAny) {
       if (found_) UpdateFar();
     }
-    return static_cast<uint32_t>(std::popcount(relevant));
+    const auto relevant_count = static_cast<uint32_t>(std::popcount(relevant));
+    stats_->shaft.triangles += leaf.count;
+    stats_->shaft.relevant += relevant_count;
+    stats_->shaft.pairs += count;
+    return relevant_count;
   }
 
   // Range of a form over the blocks first .. first + kLanes: middle ± (radius + `margin`).
@@ -337,6 +342,7 @@ class ShaftWalk {
     const Test test(rays_, leaf, leaf_->forms());
     const bool covered = (pair & kCovered) != 0;
     const M covers = hn::FirstN(d, covered ? kLanes : 0);
+    stats_->shaft.covers += covered ? 1 : 0;
     uint32_t doubt = 0;
     for (size_t at = size_t{b} * kShaftBlockRays; at < (size_t{b} + 1) * kShaftBlockRays;
          at += kLanes) {
@@ -344,7 +350,7 @@ class ShaftWalk {
       M hit = asked;
       // Where any hit will do, covers are too few to be foretold: they pay for the test.
       if (kAny || !covered) {
-        stats_->triangle_tests += hn::CountTrue(d, asked);
+        stats_->triangle_tests += covered ? 0 : hn::CountTrue(d, asked);
         const typename Test::Floats said = test.InFloats(i, at);
         const M certain = kAny ? hn::Or(said.hit, covers) : said.hit;
         hit = hn::And(asked, certain);
@@ -502,6 +508,7 @@ class ShaftWalk {
   [[no_unique_address]] Ready ready_;
   ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
   const CancelToken* cancel_ = nullptr;
+  uint64_t visited_ = 0;     // By all sets of rays: parts of a packet alone are too short to poll.
   ShaftBounds bounds_;       // Of the set being walked.
   float depth_of_apex_ = 0;  // w·O, with the margin of a node's depth.
   bool found_ = false;       // A hit in the leaf being visited.

@@ -31,7 +31,7 @@ void MarkAll(const Packet& packet, AnsweredBy by) {
   if (packet.answered_by != nullptr) std::fill_n(packet.answered_by, packet.count, by);
 }
 
-// Marks the rays that will be put to the exact test when the leaf's pairs are worked off: those of
+// Marks the rays that the exact test will decide on when the leaf's pairs are worked off: those of
 // blocks that are covered neither by the pair's triangle nor, for any hit, by one before.
 template <bool kAny, bool kParallel>
 HWY_NOINLINE void MarkTestedIn(const ShaftRays<kAny, kParallel>& rays, const ShaftBounds& bounds,

@@ -80,6 +80,7 @@ class ShaftTest {
     const ShaftD d;
     const Floats said = InFloats(i, at);
     M open = hn::And(asked, said.open), hit = hn::And(open, said.hit), beyond = open;
+    stats->doubt_double += hn::CountTrue(d, hn::AndNot(hit, open));
     if (HasPlane() && !hn::AllFalse(d, hn::AndNot(hit, open))) {
       const V plane = PlaneInDoubles(i, at);
       open = hn::And(open, hn::Ge(plane, hn::Zero(d)));
@@ -87,7 +88,6 @@ class ShaftTest {
       hit = hn::And(open, hn::And(said.inside, beyond));
     }
     M in_doubt = hn::AndNot(hit, open);
-    stats->doubt_double += hn::CountTrue(d, in_doubt);
     if (!hn::AllFalse(d, hn::AndNot(said.inside, in_doubt))) {
       const V inner = EdgesInDoubles(i, at);
       open = hn::And(open, hn::Or(said.inside, hn::Ge(inner, hn::Zero(d))));

@@ -14,6 +14,7 @@
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate.h"
 #include "core/traverse/answered_by.h"
+#include "core/traverse/shaft_stats.h"
 
 namespace sightline {
 
@@ -120,8 +121,8 @@ struct WalkStats {
   uint64_t nodes = 0;
   uint64_t leaves = 0;
   uint64_t triangle_tests = 0;
-  uint64_t doubt_double = 0;
-  uint64_t doubt_exact = 0;
+  uint64_t doubt_double = 0;  // Pairs of triangle and ray that floats left open,
+  uint64_t doubt_exact = 0;   // and that doubles did.
   // Of the walks that cull within leaves (leaf_culling.h).
   uint64_t culled_tests = 0;  // Pairs of triangle and ray that never came to a test.
   uint64_t ray_boxes = 0;     // Boxes made of a ray within a leaf, and made smaller after a hit.
@@ -131,6 +132,7 @@ struct WalkStats {
   uint64_t tiles = 0;
   uint64_t tiles_answered = 0;
   uint64_t relevant_triangles = 0;
+  ShaftStats shaft;
 };
 
 }  // namespace sightline

@@ -217,6 +217,12 @@ void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statist
   out->set_answered_tile_count(stats.tiles_answered);
   out->set_relevant_triangle_count(stats.relevant_triangles);
   out->set_culled_test_count(stats.culled_tests);
+  out->set_shaft_triangle_count(stats.shaft.triangles);
+  out->set_shaft_relevant_count(stats.shaft.relevant);
+  out->set_shaft_pair_count(stats.shaft.pairs);
+  out->set_shaft_cover_count(stats.shaft.covers);
+  out->set_shaft_split_count(stats.shaft.splits);
+  out->set_shaft_single_count(stats.shaft.singles);
   const auto answered = [&](AnsweredBy by) { return stats.answered_by[static_cast<size_t>(by)]; };
   out->set_shaft_answered_count(answered(AnsweredBy::kShaft));
   out->set_triangles_answered_count(answered(AnsweredBy::kTriangles));

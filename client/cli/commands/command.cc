@@ -357,6 +357,14 @@ void AddSummaryJson(const client::StreamSummary& summary, uint32_t threads, Json
     j["relevant_triangles"] = summary.statistics.relevant_triangles;
   }
   if (summary.statistics.culled_tests > 0) j["culled_tests"] = summary.statistics.culled_tests;
+  if (summary.statistics.shaft_triangles > 0) {
+    j["shaft"] = {{"triangles", summary.statistics.shaft_triangles},
+                  {"relevant", summary.statistics.shaft_relevant},
+                  {"pairs", summary.statistics.shaft_pairs},
+                  {"covers", summary.statistics.shaft_covers},
+                  {"splits", summary.statistics.shaft_splits},
+                  {"singles", summary.statistics.shaft_singles}};
+  }
   j["bytes_received"] = summary.bytes_received;
   j["bytes_sent"] = summary.bytes_sent;
 }

@@ -64,12 +64,16 @@ TEST(AnsweredByTest, ShaftsAnswerWhatIsEmptyOrCovered) {
   const TileResult covered = Trace(scene, Down(), Strategy::kShaft);
   EXPECT_THAT(covered.triangle, Each(0u));
   EXPECT_THAT(covered.answered_by, Each(AnsweredBy::kShaft));
+  EXPECT_EQ(covered.primary.triangle_tests, 0u);
+  EXPECT_GT(covered.primary.shaft.covers, 0u);
+  EXPECT_EQ(covered.primary.shaft.covers, covered.primary.shaft.pairs);
   Camera away = Down();
   away.forward = {0, 0, 1};
   away.right = {-1, 0, 0};
   const TileResult empty = Trace(scene, away, Strategy::kShaft);
   EXPECT_THAT(empty.triangle, Each(kNoTriangle));
   EXPECT_THAT(empty.answered_by, Each(AnsweredBy::kShaft));
+  EXPECT_EQ(empty.primary.triangle_tests, 0u);
 }
 
 // Where an edge crosses a block of sixteen rays they are tested; farther from it none is.

@@ -291,6 +291,31 @@ TEST_P(KernelsTest, EveryWalkPollsItsToken) {
     packet->target_z[lane] = static_cast<float>(rng.Uniform(-1, 1));
   }
   EXPECT_FALSE(kernels().closest_packet(scene, *packet, &cancel, &stats));
+  packet->segments = true;
+  EXPECT_FALSE(kernels().occluded_packet(scene, *packet, &cancel, &stats));
+
+  // Wide enough to have to visit much, narrow enough to be a shaft: past the sphere's rim.
+  for (int lane = 0; lane < packet->count; ++lane) {
+    packet->target_x[lane] = static_cast<float>(rng.Uniform(-1.5, 1.5));
+    packet->target_y[lane] = static_cast<float>(rng.Uniform(-1.5, 1.5));
+    packet->target_z[lane] = 0;
+    packet->target_source[lane] = kNoTriangle;
+  }
+  packet->origin = {0, 0, -4};
+  EXPECT_FALSE(kernels().occluded_shaft(scene, *packet, nullptr, &cancel, &stats));
+  const auto parallel = std::make_unique<ParallelPacket>();
+  parallel->direction = {0, 0, 1};
+  parallel->count = packet->count;
+  for (int lane = 0; lane < packet->count; ++lane) {
+    parallel->origin_x[lane] = packet->target_x[lane];
+    parallel->origin_y[lane] = packet->target_y[lane];
+    parallel->origin_z[lane] = -4;
+    parallel->origin_source[lane] = kNoTriangle;
+  }
+  EXPECT_FALSE(kernels().occluded_parallel_shaft(scene, *parallel, nullptr, &cancel, &stats));
+  packet->segments = false;
+  for (int lane = 0; lane < packet->count; ++lane) packet->target_z[lane] = 4;
+  EXPECT_FALSE(kernels().closest_shaft(scene, *packet, nullptr, &cancel, &stats));
 }
 
 }  // namespace
