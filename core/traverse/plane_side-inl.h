@@ -24,7 +24,9 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 // The signs of sign·(v×w)·q for the vectors q = P - base, or q = P where `base` is null: 1, -1, or
 // 0 where doubles cannot tell. v and w are floats or differences of floats, `sign` is 1 or -1. The
-// bound is the float stage's (predicate-inl.h) with u = 2^-53.
+// bound is the float stage's (predicate-inl.h) with u = 2^-53: v and w err by u each, v×w by 3u of
+// |v|_1|w|_1 more, the dot product by 3u and q by u.
+constexpr double kDoubleUnits = 9 * 0x1p-53;
 inline ShaftV SideInDoubles(Vec3d v, Vec3d w, float sign, const Vec3f* base,
                             const Vec3V<ShaftV>& points) {
   const ShaftD d;
@@ -32,7 +34,7 @@ inline ShaftV SideInDoubles(Vec3d v, Vec3d w, float sign, const Vec3f* base,
   const hn::Rebind<double, decltype(half)> dd;
   const Vec3d n = Cross(v, w) * static_cast<double>(sign);
   const auto norm_1 = [](Vec3d x) { return std::abs(x.x) + std::abs(x.y) + std::abs(x.z); };
-  const auto bound = hn::Set(dd, 9 * 0x1p-53 * norm_1(v) * norm_1(w));
+  const auto bound = hn::Set(dd, kDoubleUnits * norm_1(v) * norm_1(w));
   const Vec3f from = base == nullptr ? Vec3f{0, 0, 0} : *base;
   const auto side = [&](auto x, auto y, auto z) HWY_ATTR {
     const auto q = DirectionInDoubles(half, from, /*segments=*/base != nullptr, x, y, z);

@@ -52,6 +52,7 @@ constexpr uint32_t kSingleWork = 16;
 constexpr float kLargestInverse = 0x1p100f;
 // A segment's hit is not beyond its end: the inverse of kSegmentEnd, rounding included.
 constexpr float kEndInverse = 1.0f - 0x1p-19f;
+static_assert(double{kEndInverse} * double{kSegmentEnd} < 1);
 
 // hn::Iota of a value known at run time goes through memory, a number at a time.
 alignas(64) constexpr uint32_t kCountUp[kShaftBlocks] = {0, 1, 2,  3,  4,  5,  6,  7,
