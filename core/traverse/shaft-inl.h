@@ -18,6 +18,8 @@
 //
 // All culls carry the margins of core/shaft/margins.h; what a cull keeps is decided by the exact
 // predicate.
+//
+// Thread safety: a walk is one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_INL_H_

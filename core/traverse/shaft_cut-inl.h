@@ -2,6 +2,8 @@
 //
 // Makes a ShaftCut for packets with one origin, or one direction, together, and for all rays
 // between theirs.
+//
+// Thread safety: pure functions.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_INL_H_

@@ -3,6 +3,8 @@
 // A leaf's triangles as a shaft sees them: put to its sides by their vertices (paper 000's vertex
 // culling), sixteen at a time; those left are relevant (paper 002), and their forms are kept, in
 // rows, for the tests of blocks and rays.
+//
+// Thread safety: a leaf's forms are one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_LEAF_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_LEAF_INL_H_

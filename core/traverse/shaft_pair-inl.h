@@ -3,6 +3,8 @@
 // A relevant triangle and a block of rays that it may touch, packed as block | triangle <<
 // kTriangleShift, with kCovered set where it covers the block; and what a leaf's pairs say of who
 // answers which ray (answered_by.h).
+//
+// Thread safety: pure functions.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_PAIR_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_PAIR_INL_H_

@@ -7,6 +7,8 @@
 // frame by slopes, and what tells them apart is their direction D. Parallel rays have one direction
 // and are placed by offsets of their origins P from a reference point R, which takes the apex's
 // part. `own` is D or P - R: an edge form of a triangle is linear in it either way.
+//
+// Thread safety: a shaft's rays are one thread's own.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_RAYS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_RAYS_INL_H_

@@ -4,6 +4,8 @@
 // shaft_leaf-inl.h allow. Floats decide nearly always; the side of the plane, and then of the
 // edges, is asked of doubles, sixteen points at a time, and what is left of the predicate itself,
 // ray by ray.
+//
+// Thread safety: pure functions of a walk's own state.
 
 #if defined(SIGHTLINE_CORE_TRAVERSE_SHAFT_TEST_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SIGHTLINE_CORE_TRAVERSE_SHAFT_TEST_INL_H_

@@ -130,10 +130,9 @@ std::vector<std::string> CheckLineForm(const SourceFile& file) {
 std::vector<std::string> CheckHeaderForm(const SourceFile& file) {
   std::vector<std::string> found;
   if (!file.HasExtension(".h")) return found;
-  // Highway's per-target headers hold functions alone, and are read once per target behind a
-  // toggle.
+  // Highway's per-target headers are read once per target behind a toggle.
   const bool per_target = file.HasExtension("-inl.h");
-  bool thread_safety = per_target;
+  bool thread_safety = false;
   bool guard = false;
   const std::string expected = GuardOf(file.path);
   for (const std::string& line : file.lines) {
