@@ -43,25 +43,39 @@ float RoundUp(double x) {
                                      : std::nextafter(f, std::numeric_limits<float>::infinity());
 }
 
-}  // namespace
-
-Box3f ClipToBox(const std::array<Vec3f, 3>& corners, const Box3f& box) {
-  Polygon polygon;
-  double largest = 0;
+// The largest coordinate, S.
+double LargestOf(const std::array<Vec3f, 3>& corners, const Box3f& box) {
+  double largest = std::max<double>(MaxAbs(box.lo), MaxAbs(box.hi));
   for (const Vec3f& corner : corners) {
-    polygon.corner[polygon.count++] = ToDouble(corner);
     largest = std::max(largest, static_cast<double>(MaxAbs(corner)));
   }
-  largest = std::max<double>({largest, MaxAbs(box.lo), MaxAbs(box.hi)});
-  const double pad = kClipPad * largest;
+  return largest;
+}
+
+// The hull of the triangle cut to `box` widened by `pad`; empty if nothing is left.
+Box3d HullOfCut(const std::array<Vec3f, 3>& corners, const Box3f& box, double pad) {
+  Polygon polygon;
+  for (const Vec3f& corner : corners) polygon.corner[polygon.count++] = ToDouble(corner);
   for (int axis = 0; axis < 3 && polygon.count > 0; ++axis) {
     Cut(axis, 1, static_cast<double>(box.hi[axis]) + pad, &polygon);
     Cut(axis, -1, static_cast<double>(box.lo[axis]) - pad, &polygon);
   }
-  Box3f clipped;
-  if (polygon.count == 0) return clipped;
   Box3d hull;
   for (int i = 0; i < polygon.count; ++i) hull.Extend(polygon.corner[i]);
+  return hull;
+}
+
+// Barely above the error: what the cut then leaves out is not in the box, and what a pad was wide
+// enough to hold is held by more than the error twice.
+constexpr double kCheckPad = 1.03 * kClipError;
+
+}  // namespace
+
+Box3f ClipToBox(const std::array<Vec3f, 3>& corners, const Box3f& box) {
+  const double pad = kClipPad * LargestOf(corners, box);
+  const Box3d hull = HullOfCut(corners, box, pad);
+  Box3f clipped;
+  if (hull.empty()) return clipped;
   for (int axis = 0; axis < 3; ++axis) {
     const float lo = std::max(box.lo[axis], RoundDown(hull.lo[axis] - pad));
     const float hi = std::min(box.hi[axis], RoundUp(hull.hi[axis] + pad));
@@ -70,6 +84,22 @@ Box3f ClipToBox(const std::array<Vec3f, 3>& corners, const Box3f& box) {
     clipped.hi[axis] = hi;
   }
   return clipped;
+}
+
+bool ClipMisses(const std::array<Vec3f, 3>& corners, const Box3f& box) {
+  return HullOfCut(corners, box, kCheckPad * LargestOf(corners, box)).empty();
+}
+
+bool ClipHolds(const std::array<Vec3f, 3>& corners, const Box3f& box, const Box3f& kept) {
+  const double largest = LargestOf(corners, box);
+  const Box3d hull = HullOfCut(corners, box, kCheckPad * largest);
+  if (hull.empty()) return true;
+  const double off = kClipError * largest;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (kept.lo[axis] > box.lo[axis] && !(hull.lo[axis] >= kept.lo[axis] + off)) return false;
+    if (kept.hi[axis] < box.hi[axis] && !(hull.hi[axis] <= kept.hi[axis] - off)) return false;
+  }
+  return true;
 }
 
 }  // namespace sightline

@@ -348,34 +348,15 @@ class Validator {
     return absl::OkStatus();
   }
 
-  // Above the padding of a clipping and its rounding outward.
-  float Slack() const {
-    return 0x1p-22f * std::max({MaxAbs(tree_.bounds.lo), MaxAbs(tree_.bounds.hi), 0x1p-100f});
-  }
-
   // Whether a leaf's box holds what of the triangle lies in its cell.
-  bool HoldsPart(Box3f box, const Reference& reference) const {
-    if (!tree_.perfect()) return Contains(box, reference.box);
-    const Box3f part = ClipToBox(geometry_.Corners(reference.id), reference.box);
-    const float slack = Slack();
-    for (int axis = 0; axis < 3; ++axis) {
-      box.lo[axis] -= slack;
-      box.hi[axis] += slack;
-    }
-    return part.empty() || Contains(box, part);
+  bool HoldsPart(const Box3f& box, const Reference& reference) const {
+    return tree_.perfect() ? ClipHolds(geometry_.Corners(reference.id), reference.box, box)
+                           : Contains(box, reference.box);
   }
 
-  // With perfect splits, what only the padding of a clipping reaches may be left out.
+  // With perfect splits, a cell that the triangle's box alone reaches into may leave it out.
   bool MustStand(const Reference& reference) const {
-    if (!tree_.perfect()) return true;
-    Box3f inner = reference.box;
-    const float slack = Slack();
-    for (int axis = 0; axis < 3; ++axis) {
-      inner.lo[axis] += slack;
-      inner.hi[axis] -= slack;
-      if (!(inner.lo[axis] <= inner.hi[axis])) return false;
-    }
-    return !ClipToBox(geometry_.Corners(reference.id), inner).empty();
+    return !tree_.perfect() || !ClipMisses(geometry_.Corners(reference.id), reference.box);
   }
 
   // Children come after their parents in order_, so backwards every box is complete when it is

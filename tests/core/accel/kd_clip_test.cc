@@ -74,5 +74,75 @@ TEST(KdClipTest, CutsWhatABoxDoesNot) {
   EXPECT_TRUE(ClipToBox(corners, {{0, 3, 0}, {1, 4, 1}}).empty());
 }
 
+// What a builder keeps, cut by cut, is what a check of the whole cell asks for.
+TEST(KdClipTest, WhatWasKeptPassesTheChecksOfItsCell) {
+  TestRng rng;
+  int kept = 0, dropped = 0;
+  for (int64_t round = 0; round < ScaledCount(20'000); ++round) {
+    const double size = std::ldexp(1.0, static_cast<int>(rng.Below(60)) - 20);
+    const double extent = rng.Chance(0.5) ? size : size * 0x1p-18;
+    const Vec3f base = Point(rng, size);
+    std::array<Vec3f, 3> corners;
+    for (Vec3f& corner : corners) corner = base + Point(rng, extent);
+    if (rng.Chance(0.3)) corners[2] = corners[0] + Point(rng, extent * 0x1p-16);  // A needle.
+    Box3f whole;
+    for (const Vec3f& corner : corners) whole.Extend(corner);
+    Box3f cell = whole, part = whole;  // Cut to the cell alone, and clipped on the way.
+    for (int cut = 0; cut < 12 && !part.empty(); ++cut) {
+      const int axis = static_cast<int>(rng.Below(3));
+      float at = cell.lo[axis] + static_cast<float>(rng.Uniform(0, 1)) * cell.Extent()[axis];
+      if (rng.Chance(0.2)) at = corners[rng.Below(3)][axis];
+      if (rng.Chance(0.4)) at = rng.Chance(0.5) ? part.hi[axis] : part.lo[axis];
+      if (!(at > cell.lo[axis] && at < cell.hi[axis])) continue;
+      const bool below = rng.Chance(0.5);
+      if (part.hi[axis] <= at || part.lo[axis] >= at) {
+        // All on one side (kd_cell.h); a cut that takes empty space off alone may be forgotten.
+        const bool stays = part.hi[axis] <= at ? below : !below;
+        if (!stays) part = Box3f();
+        if (stays && rng.Chance(0.5)) continue;
+      } else {
+        (below ? part.hi : part.lo)[axis] = at;
+        part = ClipToBox(corners, part);
+      }
+      (below ? cell.hi : cell.lo)[axis] = at;
+    }
+    if (part.empty()) {
+      ++dropped;
+      EXPECT_TRUE(ClipMisses(corners, cell)) << "round " << round;
+    } else {
+      ++kept;
+      EXPECT_TRUE(ClipHolds(corners, cell, part)) << "round " << round;
+    }
+  }
+  EXPECT_GT(kept, 100);
+  EXPECT_GT(dropped, 100);
+}
+
+// A box that is one float too small is noticed, wherever that is.
+TEST(KdClipTest, ChecksMissNoFloat) {
+  TestRng rng;
+  for (int64_t round = 0; round < ScaledCount(5'000); ++round) {
+    std::array<Vec3f, 3> corners;
+    for (Vec3f& corner : corners) corner = Point(rng, 8);
+    if (rng.Chance(0.5)) corners[0][rng.Below(3)] = 0;
+    Box3f box;
+    for (const Vec3f& corner : corners) box.Extend(corner);
+    EXPECT_FALSE(ClipMisses(corners, box));
+    EXPECT_TRUE(ClipHolds(corners, box, box));
+    const int axis = static_cast<int>(rng.Below(3));
+    Box3f small = box;
+    if (rng.Chance(0.5)) {
+      small.lo[axis] = std::nextafter(box.lo[axis], box.hi[axis]);
+    } else {
+      small.hi[axis] = std::nextafter(box.hi[axis], box.lo[axis]);
+    }
+    EXPECT_FALSE(ClipHolds(corners, box, small)) << "round " << round;
+    // The corner alone.
+    Box3f corner;
+    corner.Extend(corners[rng.Below(3)]);
+    EXPECT_FALSE(ClipMisses(corners, corner));
+  }
+}
+
 }  // namespace
 }  // namespace sightline

@@ -109,6 +109,28 @@ TEST_F(KdValidationTest, TrianglesInSplits) {
   EXPECT_GT(in_split, 0);
 }
 
+// With perfect splits, too, no leaf's box may be smaller by a float than what reaches into it.
+TEST_F(KdValidationTest, BoxesOfClippedTriangles) {
+  tree_ = Build({.perfect_splits = true});
+  int spoiled = 0;
+  for (size_t l = 0; l < tree_.leaves.size(); ++l) {
+    const Box3f box = tree_.leaves[l].box();
+    for (const uint32_t id : tree_.LeafIds(tree_.leaves[l])) {
+      for (const Vec3f& corner : geometry_.Corners(id)) {
+        if (corner.x != box.lo.x || !(corner.y >= box.lo.y && corner.y <= box.hi.y) ||
+            !(corner.z >= box.lo.z && corner.z <= box.hi.z)) {
+          continue;
+        }
+        KdTree tree = tree_;
+        tree.leaves[l].lo[0] = std::nextafter(box.lo.x, box.hi.x);
+        EXPECT_EQ(ValidateKdTree(tree, geometry_).code(), absl::StatusCode::kDataLoss) << l;
+        ++spoiled;
+      }
+    }
+  }
+  EXPECT_GT(spoiled, 10);
+}
+
 TEST_F(KdValidationTest, Leaves) {
   ExpectFault("leaf 3 has ids", [](KdTree& t) { t.leaves[3].first += 1; });
   ExpectFault("leaf 3 has ids", [](KdTree& t) { t.leaves[3].count = 0; });
