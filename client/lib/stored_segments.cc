@@ -20,13 +20,14 @@ std::string StoreSegments(std::span<const double> segments, const Point3& origin
   char* out = bytes.data();
   for (size_t i = 0; i < segments.size(); i += kNumbers) {
     std::array<float, kNumbers> stored;
-    bool valid = true;
+    int valid = 1;  // Without branches.
     for (size_t k = 0; k < kNumbers; ++k) {
       const double world = segments[i + k], relative = world - origin[k % 3];
-      valid &= (std::abs(world) <= kMaxCoordinate) & (std::abs(relative) <= kMaxCoordinate);
+      valid &= static_cast<int>(std::abs(world) <= kMaxCoordinate);
+      valid &= static_cast<int>(std::abs(relative) <= kMaxCoordinate);
       stored[k] = static_cast<float>(relative);
     }
-    if (!valid) stored.fill(std::numeric_limits<float>::quiet_NaN());
+    if (valid == 0) stored.fill(std::numeric_limits<float>::quiet_NaN());
     std::memcpy(out, stored.data(), sizeof(stored));
     out += sizeof(stored);
   }

@@ -22,7 +22,8 @@ namespace sightline {
 template <typename T>
 bool IsInRange(Vec3<T> v) {
   constexpr T kMost = static_cast<T>(kMaxCoordinate);  // A power of two: exact.
-  return (std::abs(v.x) <= kMost) & (std::abs(v.y) <= kMost) & (std::abs(v.z) <= kMost);
+  const int x = std::abs(v.x) <= kMost, y = std::abs(v.y) <= kMost, z = std::abs(v.z) <= kMost;
+  return (x & y & z) != 0;
 }
 
 // -0 becomes +0.
@@ -32,7 +33,8 @@ inline Vec3f WithoutNegativeZero(Vec3f v) { return v + Vec3f{0.0f, 0.0f, 0.0f}; 
 // world or relative to `origin`.
 inline bool Rebase(Vec3d world, Vec3d origin, Vec3f* stored) {
   const Vec3d relative = world - origin;
-  const bool stores = IsInRange(world) & IsInRange(relative);
+  const int in_world = IsInRange(world), in_scene = IsInRange(relative);
+  const bool stores = (in_world & in_scene) != 0;
   *stored = stores ? WithoutNegativeZero(ToFloat(relative)) : Vec3f{};
   return stores;
 }
