@@ -55,8 +55,9 @@ absl::Status Prepare(const IndexedGeometry& scene, std::span<const std::array<En
   segments->invalid = 0;
   for (size_t i = 0; i < n; ++i) {
     Vec3f from, to;
-    // Both, always: that of one is as fast as a branch over it.
-    const bool valid = store(ends[i][0], &from) & store(ends[i][1], &to);
+    // Both, always: storing one is as fast as a branch over it.
+    const bool from_valid = store(ends[i][0], &from), to_valid = store(ends[i][1], &to);
+    const bool valid = from_valid && to_valid;
     if (!valid) {
       from = to = {};
       ++segments->invalid;

@@ -130,7 +130,7 @@ TEST_F(RoundTripTest, TilesAreTheEnginesByEveryStrategy) {
       uint64_t elements = 0;
       for (const auto& part : parts) elements += part.reply().header().element_count();
       EXPECT_EQ(elements, tiles[id].width * tiles[id].height);
-      const auto tile = [&](const std::string& (v1::TileResult::*field)() const) {
+      const auto tile = [&parts = parts](const std::string& (v1::TileResult::*field)() const) {
         return Joined(parts, 1, [&](const v1::TileReply& r) { return (r.tile().*field)(); });
       };
       EXPECT_EQ(tile(&v1::TileResult::hit_bits), PackArray(engine.hit_bits));
