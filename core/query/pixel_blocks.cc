@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/query/pixel_blocks.h"
 
-#include "core/base/check.h"
-
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/query/pixel_blocks.cc"
 #ifndef HWY_DISABLED_TARGETS
@@ -36,10 +34,8 @@ HWY_AFTER_NAMESPACE();
 namespace sightline {
 
 const PixelBlockKernels& PixelBlockKernelsFor(SimdTarget target) {
-  if (target == SimdTarget::kBest) target = BestSimdTarget();
-  SIGHTLINE_CHECK(SimdTargetAvailable(target)) << SimdTargetName(target) << " is not on this CPU";
-  return target == SimdTarget::kAvx512 ? N_AVX3::TargetPixelBlockKernels()
-                                       : N_AVX2::TargetPixelBlockKernels();
+  return ResolveSimdTarget(target) == SimdTarget::kAvx512 ? N_AVX3::TargetPixelBlockKernels()
+                                                          : N_AVX2::TargetPixelBlockKernels();
 }
 
 }  // namespace sightline

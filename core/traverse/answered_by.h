@@ -13,7 +13,7 @@ namespace sightline {
 
 enum class AnsweredBy : uint8_t {
   kNoRay = 0,      // Nothing was asked.
-  kShaft = 1,      // Whole shafts alone: found empty, or covered by triangles: no ray's test.
+  kShaft = 1,      // Whole shafts alone: found empty, or covered. No ray's test decided.
   kTriangles = 2,  // A shaft's relevant triangles, of which some took the exact test of the ray.
   kPacket = 3,     // The boxes were shared, each triangle was tested with each ray.
   kRay = 4,        // The ray walked by itself, or was put to every triangle.

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/traverse/culled_kernels.h"
 
-#include "core/base/check.h"
-
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/traverse/culled_kernels.cc"
 #ifndef HWY_DISABLED_TARGETS
@@ -39,10 +37,8 @@ HWY_AFTER_NAMESPACE();
 namespace sightline {
 
 const CulledKernels& CulledKernelsFor(SimdTarget target) {
-  if (target == SimdTarget::kBest) target = BestSimdTarget();
-  SIGHTLINE_CHECK(SimdTargetAvailable(target)) << SimdTargetName(target) << " is not on this CPU";
-  return target == SimdTarget::kAvx512 ? N_AVX3::TargetCulledKernels()
-                                       : N_AVX2::TargetCulledKernels();
+  return ResolveSimdTarget(target) == SimdTarget::kAvx512 ? N_AVX3::TargetCulledKernels()
+                                                          : N_AVX2::TargetCulledKernels();
 }
 
 }  // namespace sightline

@@ -89,10 +89,15 @@ SimdTarget BestSimdTarget() {
   return best;
 }
 
-const Kernels& KernelsFor(SimdTarget target) {
+SimdTarget ResolveSimdTarget(SimdTarget target) {
   if (target == SimdTarget::kBest) target = BestSimdTarget();
   SIGHTLINE_CHECK(SimdTargetAvailable(target)) << SimdTargetName(target) << " is not on this CPU";
-  return target == SimdTarget::kAvx512 ? N_AVX3::TargetKernels() : N_AVX2::TargetKernels();
+  return target;
+}
+
+const Kernels& KernelsFor(SimdTarget target) {
+  return ResolveSimdTarget(target) == SimdTarget::kAvx512 ? N_AVX3::TargetKernels()
+                                                          : N_AVX2::TargetKernels();
 }
 
 }  // namespace sightline

@@ -17,6 +17,8 @@ enum class SimdTarget : uint8_t { kBest = 0, kAvx2 = 1, kAvx512 = 2 };
 absl::string_view SimdTargetName(SimdTarget target);  // "best", "AVX2", "AVX-512".
 bool SimdTargetAvailable(SimdTarget target);          // On this machine.
 SimdTarget BestSimdTarget();                          // What kBest means here.
+// kBest resolved. CHECKs that the target is available.
+SimdTarget ResolveSimdTarget(SimdTarget target);
 
 }  // namespace sightline
 
