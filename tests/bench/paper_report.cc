@@ -70,6 +70,16 @@ std::string Slug(const std::string& text) {
   return slug;
 }
 
+absl::Status Write(const std::filesystem::path& path, const std::string& text,
+                   std::ios::openmode mode) {
+  std::ofstream file(path, std::ios::binary | mode);
+  file << text;
+  file.close();
+  if (!file.fail()) return absl::OkStatus();
+  return absl::UnavailableError(
+      absl::StrCat("cannot write '", path.string(), "'; its folder must exist, and be writable"));
+}
+
 }  // namespace
 
 std::string PaperCell(const Row& value) {
@@ -241,20 +251,19 @@ void PaperReport::EndMarkdown() {
   for (const std::string& sentence : conclusions_) absl::StrAppend(&markdown_, sentence, "\n\n");
 }
 
+absl::Status PaperReport::CheckWritable() const {
+  if (markdown_path_.empty()) return absl::OkStatus();
+  return Write(markdown_path_, "", std::ios::app);
+}
+
 absl::Status PaperReport::Finish() {
   if (markdown_path_.empty()) return absl::OkStatus();
   const std::filesystem::path path(markdown_path_);
-  const auto write = [](const std::filesystem::path& to, const std::string& text) {
-    std::ofstream file(to, std::ios::binary);
-    file << text;
-    file.close();
-    return file.fail() ? absl::UnavailableError(absl::StrCat("cannot write '", to.string(), "'"))
-                       : absl::OkStatus();
-  };
   absl::Status status =
-      write(path, absl::StrCat("# The papers' tables, and ours beside them\n\n", markdown_));
+      Write(path, absl::StrCat("# The papers' tables, and ours beside them\n\n", markdown_),
+            std::ios::trunc);
   for (const auto& [name, svg] : pictures_) {
-    if (status.ok()) status = write(path.parent_path() / name, svg);
+    if (status.ok()) status = Write(path.parent_path() / name, svg, std::ios::trunc);
   }
   return status;
 }

@@ -60,6 +60,8 @@ class PaperReport {
   void End();
   // The table of claims. REQUIRES: none is open.
   void EndClaims();
+  // Whether the Markdown file can be written, before hours are spent on it. Creates it.
+  absl::Status CheckWritable() const;
   // Writes the Markdown file and its plots. Unavailable names the file that could not be written.
   absl::Status Finish();
 

@@ -109,6 +109,7 @@ TEST(PaperReportTest, ClaimsAreATableOfTheirOwn) {
 TEST(PaperReportTest, AFileThatCannotBeWrittenIsNamed) {
   std::stringstream out;
   PaperReport report(false, out, "no-such-folder/report.md");
+  EXPECT_EQ(report.CheckWritable().code(), absl::StatusCode::kUnavailable);
   const absl::Status status = report.Finish();
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
   EXPECT_NE(status.message().find("no-such-folder/report.md"), absl::string_view::npos);

@@ -94,6 +94,7 @@ absl::StatusOr<bool> PapersCommand(std::span<const std::string> args, Context& c
   }
   if (options.common.scenes_folder.empty()) options.common.scenes_folder = ScenesFolder();
   PaperReport report(options.json, context.out, options.report);
+  SL_RETURN_IF_ERROR(report.CheckWritable());
   for (const Paper& paper : kPapers) {
     if (options.paper != "all" && options.paper != paper.name) continue;
     SL_RETURN_IF_ERROR(paper.run(options.common, &report, context));
