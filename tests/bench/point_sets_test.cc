@@ -23,6 +23,13 @@ struct Hall {
     SIGHTLINE_CHECK(built.ok()) << built.status();
     scene = *std::move(built);
   }
+  // The first view's.
+  Camera View(uint32_t width, uint32_t height) const {
+    const BuiltinView& view = source.views[0];
+    const auto camera = LookAt(view.eye, view.at, view.up, view.fov_y_degrees, width, height);
+    SIGHTLINE_CHECK(camera.ok()) << camera.status();
+    return *camera;
+  }
   ThreadPool pool;
   SceneSource source;
   IndexedGeometry scene;
@@ -45,18 +52,16 @@ void ExpectRangesCover(const PointSet& set) {
 
 TEST(ViewHitsTest, EveryHitOnceTileByTileInSquares) {
   Hall hall;
-  const BuiltinView& view = hall.source.views[0];
   // Neither side a multiple of the tiles', the blocks' or the squares'.
-  const auto camera = LookAt(view.eye, view.at, view.up, view.fov_y_degrees, 101, 75);
-  ASSERT_TRUE(camera.ok()) << camera.status();
-  const auto set = ViewHits(hall.scene, *camera, /*with_sources=*/true, hall.pool);
+  const Camera camera = hall.View(101, 75);
+  const auto set = ViewHits(hall.scene, camera, /*with_sources=*/true, hall.pool);
   ASSERT_TRUE(set.ok()) << set.status();
   ExpectRangesCover(*set);
   std::vector<PointSet::Range> ranges;
   size_t r = 0;
   for (const TileRect& tile : CutImage(101, 75)) {
     TileResult result;
-    ASSERT_TRUE(TraceTile(hall.scene, *camera, tile, {}, {.points = true}, {}, &result).ok());
+    ASSERT_TRUE(TraceTile(hall.scene, camera, tile, {}, {.points = true}, {}, &result).ok());
     const size_t hits = result.points.size();
     if (hits == 0) continue;
     ASSERT_LT(r, set->ranges.size());
@@ -85,10 +90,7 @@ TEST(ViewHitsTest, EveryHitOnceTileByTileInSquares) {
 
 TEST(ViewHitsTest, SourcesAreLeftOutUnlessAskedFor) {
   Hall hall;
-  const BuiltinView& view = hall.source.views[0];
-  const auto camera = LookAt(view.eye, view.at, view.up, view.fov_y_degrees, 64, 48);
-  ASSERT_TRUE(camera.ok()) << camera.status();
-  const auto set = ViewHits(hall.scene, *camera, /*with_sources=*/false, hall.pool);
+  const auto set = ViewHits(hall.scene, hall.View(64, 48), /*with_sources=*/false, hall.pool);
   ASSERT_TRUE(set.ok()) << set.status();
   ASSERT_GT(set->size(), 0u);
   EXPECT_TRUE(set->sources.empty());
