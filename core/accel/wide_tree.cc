@@ -51,6 +51,7 @@ class Piece {
       children.binary[children.count++] = place.binary;
     } else {
       OpenBoth(place.binary, kBvhWidth, children);
+      SortByCost(children);
     }
     nodes.push_back(MakeNode(children));
     for (int slot = children.count - 1; slot >= 0; --slot) {
@@ -96,6 +97,21 @@ class Piece {
     const int left = n.wide.LeftChildren(slots);
     Open(n.first, left, children);
     Open(n.first + 1, slots - left, children);
+  }
+
+  // The cheapest last: walks for any hit take the last child first, and of two that may both hold
+  // one the cheaper is the better to begin with (core/traverse/DESIGN.md). Those of one cost stay as
+  // they are.
+  void SortByCost(Children& children) const {
+    for (int i = 1; i < children.count; ++i) {
+      const uint32_t child = children.binary[i];
+      const float cost = tree_->nodes[child].wide.cost();
+      int at = i;
+      for (; at > 0 && tree_->nodes[children.binary[at - 1]].wide.cost() < cost; --at) {
+        children.binary[at] = children.binary[at - 1];
+      }
+      children.binary[at] = child;
+    }
   }
 
   // Boxes of all children, references to the leaves.

@@ -40,82 +40,91 @@ namespace hn = hwy::HWY_NAMESPACE;
 constexpr size_t kPollInterval = 64;
 constexpr size_t kBrutePollInterval = 4096;
 
-// One ray against the triangles of one leaf. Calls on_hit(lane) for each that blocks; on_hit
-// returns true to stop. Returns whether it stopped.
-template <class OnHit>
-HWY_INLINE bool TestLeaf(const LeafView& leaf, const TraceRay& query, const SceneGeometry& geometry,
-                         WalkStats* stats, const OnHit& on_hit) {
+// Triangles of a leaf, bit i for the i-th.
+struct LeafLanes {
+  uint32_t left = 0;  // Those that the float stage does not rule out.
+  uint32_t hit = 0;   // Those that it is certain of.
+};
+
+// The predicate's float stage for one ray and the triangles of one leaf, without a branch that
+// depends on what it finds.
+HWY_INLINE LeafLanes ClassifyLeaf(const LeafView& leaf, const PredicateRay& ray) {
   const hn::CappedTag<float, kMaxLeafTriangles> d;
   using V = hn::Vec<decltype(d)>;
   const size_t lanes = hn::Lanes(d);
-  const PredicateRay& ray = query.ray;
   const Vec3f direction = ray.RoundedDirection();
   const Vec3V<V> o = Broadcast(d, ray.origin.x, ray.origin.y, ray.origin.z);
   const Vec3V<V> dir = Broadcast(d, direction.x, direction.y, direction.z);
-  const V dir_inf = hn::Set(d, MaxAbs(direction));
+  const V dir_inf = NormInfV(dir);
   const V underflow = hn::Set(d, kFloatUnderflow);
-  const V zero = hn::Zero(d);
-  stats->triangle_tests += leaf.count;
-
+  LeafLanes found;
   for (size_t first = 0; first < leaf.count; first += lanes) {
     const OriginTriangles<V> t = PrepareTriangles(d, leaf.rows + first, leaf.stride, o);
     const V e0 = DotV(t.edge[0], dir), e1 = DotV(t.edge[1], dir), e2 = DotV(t.edge[2], dir);
-    const V b0 = hn::MulAdd(t.edge_bound[0], dir_inf, underflow);
-    const V b1 = hn::MulAdd(t.edge_bound[1], dir_inf, underflow);
-    const V b2 = hn::MulAdd(t.edge_bound[2], dir_inf, underflow);
-    // The sign of a sum of two floats is exact, so e - b > 0 says e > b.
-    const V least = hn::Min(hn::Min(hn::Sub(e0, b0), hn::Sub(e1, b1)), hn::Sub(e2, b2));
-    const V most = hn::Max(hn::Max(hn::Add(e0, b0), hn::Add(e1, b1)), hn::Add(e2, b2));
-    const V least_top = hn::Min(hn::Min(hn::Add(e0, b0), hn::Add(e1, b1)), hn::Add(e2, b2));
-    const V most_bottom = hn::Max(hn::Max(hn::Sub(e0, b0), hn::Sub(e1, b1)), hn::Sub(e2, b2));
-    const auto all_positive = hn::Gt(least, zero);
-    const auto all_negative = hn::Lt(most, zero);
-    const auto any_negative = hn::Lt(least_top, zero);    // Some e + b < 0.
-    const auto any_positive = hn::Gt(most_bottom, zero);  // Some e - b > 0.
+    // One bound for the three edges: fewer operations, for hardly more doubt.
+    const V bound = hn::MulAdd(hn::Max(hn::Max(t.edge_bound[0], t.edge_bound[1]), t.edge_bound[2]),
+                               dir_inf, underflow);
+    const V least = hn::Min(hn::Min(e0, e1), e2), most = hn::Max(hn::Max(e0, e1), e2);
+    const auto all_positive = hn::Gt(least, bound);
+    const auto all_negative = hn::Lt(most, hn::Neg(bound));
+    const auto any_negative = hn::Lt(least, hn::Neg(bound));
+    const auto any_positive = hn::Gt(most, bound);
     const auto behind =
         hn::Gt(t.origin_side, t.origin_bound);  // O behind: must leave toward the front.
     const auto front = hn::Lt(t.origin_side, hn::Neg(t.origin_bound));
     auto miss = hn::Or(hn::And(any_positive, any_negative),
                        hn::Or(hn::And(behind, any_negative), hn::And(front, any_positive)));
     auto hit = hn::Or(hn::And(all_positive, behind), hn::And(all_negative, front));
-    uint32_t in_use = leaf.count - first >= lanes ? ~0u : (1u << (leaf.count - first)) - 1;
-    in_use &= ~MaskBits(d, miss);
-    in_use &= (lanes < 32) ? (1u << lanes) - 1 : ~0u;
-    if (in_use == 0) continue;
-
     if (ray.segment) {
       const Vec3V<V> p = Broadcast(d, ray.target.x, ray.target.y, ray.target.z);
       const Vec3V<V> ap = SubV(p, t.a);
       const V side = DotV(t.normal, ap);
-      const V bound = hn::MulAdd(t.normal_bound, NormInfV(ap), underflow);
-      const auto p_front = hn::Gt(side, bound);
-      const auto p_behind = hn::Lt(side, hn::Neg(bound));
-      miss = hn::Or(hn::And(behind, p_behind), hn::And(front, p_front));
+      const V side_bound = hn::MulAdd(t.normal_bound, NormInfV(ap), underflow);
+      const auto p_front = hn::Gt(side, side_bound);
+      const auto p_behind = hn::Lt(side, hn::Neg(side_bound));
+      miss = hn::Or(miss, hn::Or(hn::And(behind, p_behind), hn::And(front, p_front)));
       hit = hn::And(hit, hn::Or(hn::And(behind, p_front), hn::And(front, p_behind)));
-      in_use &= ~MaskBits(d, miss);
     }
-    const uint32_t hits = MaskBits(d, hit);
-    for (; in_use != 0; in_use &= in_use - 1) {
-      const uint32_t bit = std::countr_zero(in_use);
-      const uint32_t lane = static_cast<uint32_t>(first) + bit;
-      const uint32_t id = leaf.id(lane);
-      if (id == query.from_source || id == query.to_source || query.unseen.Holds(id)) continue;
-      const Vec3f a = leaf.corner(0, lane), b = leaf.corner(1, lane), c = leaf.corner(2, lane);
-      if ((hits >> bit & 1) == 0) {
-        PredicateStage stage;
-        const bool blocks = Blocks(ray, a, b, c, &stage);
-        ++stats->doubt_double;
-        stats->doubt_exact += stage == PredicateStage::kExact;
-        if (!blocks) continue;
-      }
-      if (MustAskObjects(geometry, query.mask) &&
-          !ObjectBlocks(geometry, id, query.mask, SideOfPlane(a, b, c, ray.origin))) {
-        continue;
-      }
-      if (on_hit(lane)) return true;
+    found.left |= (MaskBits(d, miss) ^ ((1u << lanes) - 1)) << first;
+    found.hit |= MaskBits(d, hit) << first;
+  }
+  found.left &= (1u << leaf.count) - 1;
+  return found;
+}
+
+// Decides what the float stage has left. Calls on_hit(lane) for each triangle that blocks; on_hit
+// returns true to stop. Returns whether it stopped.
+template <class OnHit>
+HWY_INLINE bool SettleLeaf(const LeafView& leaf, LeafLanes found, const TraceRay& query,
+                           const SceneGeometry& geometry, WalkStats* stats, const OnHit& on_hit) {
+  const PredicateRay& ray = query.ray;
+  for (uint32_t left = found.left; left != 0; left &= left - 1) {
+    const uint32_t lane = std::countr_zero(left);
+    const uint32_t id = leaf.id(lane);
+    if (id == query.from_source || id == query.to_source || query.unseen.Holds(id)) continue;
+    const Vec3f a = leaf.corner(0, lane), b = leaf.corner(1, lane), c = leaf.corner(2, lane);
+    if ((found.hit >> lane & 1) == 0) {
+      PredicateStage stage;
+      const bool blocks = Blocks(ray, a, b, c, &stage);
+      ++stats->doubt_double;
+      stats->doubt_exact += stage == PredicateStage::kExact;
+      if (!blocks) continue;
     }
+    if (MustAskObjects(geometry, query.mask) &&
+        !ObjectBlocks(geometry, id, query.mask, SideOfPlane(a, b, c, ray.origin))) {
+      continue;
+    }
+    if (on_hit(lane)) return true;
   }
   return false;
+}
+
+// One ray against the triangles of one leaf: both of the above.
+template <class OnHit>
+HWY_INLINE bool TestLeaf(const LeafView& leaf, const TraceRay& query, const SceneGeometry& geometry,
+                         WalkStats* stats, const OnHit& on_hit) {
+  stats->triangle_tests += leaf.count;
+  return SettleLeaf(leaf, ClassifyLeaf(leaf, query.ray), query, geometry, stats, on_hit);
 }
 
 // Keeps the least hit by (t, id) that counts.
@@ -126,9 +135,52 @@ HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const TraceRay& 
   if (hit < *best && hit.t > query.near) *best = hit;
 }
 
+constexpr size_t kLine = 64;
+
+// What a walk does next.
+enum NextVisit : uint32_t { kVisitNode, kVisitLeaf, kVisitEnd };
+
+// Where the nodes and the leaves of a BVH lie. Fetches what a walk will visit, without a branch:
+// which of the two that is cannot be foretold.
+class VisitFetcher {
+ public:
+  HWY_INLINE explicit VisitFetcher(const Bvh& bvh)
+      : base_{reinterpret_cast<const char*>(bvh.nodes.data()),
+              bvh.has_leaf_rows() ? reinterpret_cast<const char*>(bvh.leaves.data())
+                                  : reinterpret_cast<const char*>(bvh.leaf_ids.data()),
+              reinterpret_cast<const char*>(bvh.nodes.data())},
+        bytes_{
+            sizeof(BvhNode),
+            bvh.has_leaf_rows() ? kUnitFloats * sizeof(float) : kUnitTriangles * sizeof(uint32_t),
+            0} {}
+
+  // A node, or as much of a leaf.
+  HWY_INLINE void Fetch(NextVisit next, ChildRef ref) const {
+    const char* const at = At(next, ref);
+    for (size_t i = 0; i < sizeof(BvhNode); i += kLine) hwy::Prefetch(at + i);
+  }
+  // The rest of a leaf. Lines of one that has fewer are its last.
+  HWY_INLINE void FetchRest(ChildRef leaf) const {
+    const char* const at = At(kVisitLeaf, leaf);
+    const size_t last = leaf.leaf_units() * bytes_[kVisitLeaf] - 1;
+    for (size_t i = sizeof(BvhNode); i <= kMaxLeafBytes; i += kLine) {
+      hwy::Prefetch(at + std::min(i, last));
+    }
+  }
+
+ private:
+  static constexpr size_t kMaxLeafBytes = kMaxLeafTriangles * kLeafRows * sizeof(float);
+  HWY_INLINE const char* At(NextVisit next, ChildRef ref) const {
+    static_assert(ChildRef::Inner(1).leaf_unit() == 1, "a node's number lies where a leaf's does");
+    return base_[next] + size_t{ref.leaf_unit()} * bytes_[next];
+  }
+
+  const char* base_[3];
+  size_t bytes_[3];
+};
+
 // What is visited next is fetched while the present node or leaf is worked on.
 HWY_INLINE void PrefetchChild(const Bvh& bvh, ChildRef ref) {
-  constexpr size_t kLine = 64;
   const char* at;
   size_t bytes;
   if (ref.is_leaf() && bvh.has_leaf_rows()) {
@@ -167,8 +219,9 @@ template <class D, class M>
 HWY_INLINE int PushChildren(D d, const BvhNode& node, M met, PendingAny* end) {
   const hn::RebindToUnsigned<D> du;
   static_assert(sizeof(PendingAny) == sizeof(uint32_t) && sizeof(ChildRef) == sizeof(uint32_t));
-  const auto used = hn::RebindMask(du, hn::And(met, hn::FirstN(d, node.child_count)));
   const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node.child));
+  const auto used =
+      hn::And(hn::RebindMask(du, met), hn::Ne(children, hn::Set(du, ChildRef::Empty().bits())));
   // Compressed in a register: a compressing store is microcode.
   hn::StoreU(hn::Compress(children, used), du, reinterpret_cast<uint32_t*>(end));
   return static_cast<int>(hn::CountTrue(du, used));
@@ -203,12 +256,19 @@ class SingleWalk {
     query_ = &query;
     best_ = Hit();
     depth_ = 0;
+    // Below everything: where a walk comes to its end without having to ask.
+    if constexpr (kAny) {
+      stack_[depth_++] = {ChildRef::Empty().bits()};
+    } else {
+      stack_[depth_++] = {-std::numeric_limits<float>::infinity(), ChildRef::Empty().bits()};
+    }
     if (scene.bvh.empty()) return;
     const PredicateRay& ray = query.ray;
     box_ray_ = BoxRay::Make(ray.origin, ray.RoundedDirection());
-    for (int k = 0; k < 3; ++k) {
-      near_[k] = std::signbit(box_ray_.inv[k]) ? k + 3 : k;
-      far_[k] = 2 * k + 3 - near_[k];
+    for (uint32_t k = 0; k < 3; ++k) {
+      const uint32_t near = std::signbit(box_ray_.inv[k]) ? k + 3 : k;
+      near_[k] = near * kBvhWidth;
+      far_[k] = (2 * k + 3 - near) * kBvhWidth;
     }
     limit_ = ray.segment ? kSegmentEnd : std::numeric_limits<float>::infinity();
     if constexpr (kAny) {
@@ -218,38 +278,31 @@ class SingleWalk {
     }
   }
 
-  // What the walk does next.
-  enum Next : uint32_t { kVisitNode, kVisitLeaf, kEnd };
-
-  // Finds it, and fetches what will be visited.
-  HWY_INLINE Next FindNext() {
-    while (depth_ > 0 && stack_[depth_ - 1].after(limit_)) --depth_;
-    if (depth_ == 0) return kEnd;
-    const ChildRef ref = stack_[depth_ - 1].ref();
-    PrefetchChild(scene_->bvh, ref);
-    return static_cast<Next>(ref.is_leaf());
+  HWY_INLINE NextVisit FindNext() {
+    while (stack_[depth_ - 1].after(limit_)) --depth_;
+    const ChildRef ref = next();
+    static_assert(kVisitLeaf == 1 && kVisitEnd == 2);
+    return static_cast<NextVisit>((ref.bits() >> 31) + (ref.is_empty() ? 1u : 0u));
   }
+  // The child to visit, or none at the end.
+  HWY_INLINE ChildRef next() const { return stack_[depth_ - 1].ref(); }
 
-  HWY_INLINE void Visit(Next next, WalkStats* stats) {
+  HWY_INLINE void VisitNode(WalkStats* stats) {
     const ChildRef ref = stack_[--depth_].ref();
-    if (next == kVisitNode) {
-      VisitNode(scene_->bvh.nodes[ref.node()], stats);
-    } else if (VisitLeaf(ref, stats)) {
-      depth_ = 0;
-    }
+    TestNode(scene_->bvh.nodes[ref.node()], stats);
   }
-
-  const Hit& best() const { return best_; }
-
- private:
-  using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
-
-  // Returns true when any further hit is of no interest.
-  HWY_INLINE bool VisitLeaf(ChildRef ref, WalkStats* stats) {
+  // A leaf is visited in two steps, with nothing between them: several walks take the first one by
+  // turns, which has no branch to be foretold, and those that have something left the second.
+  HWY_INLINE LeafLanes VisitLeaf(WalkStats* stats) {
+    const LeafView leaf(*scene_, stack_[--depth_].ref());
     ++stats->leaves;
-    const LeafView leaf(*scene_, ref);
+    stats->triangle_tests += leaf.count;
+    return ClassifyLeaf(leaf, query_->ray);
+  }
+  HWY_INLINE void Settle(LeafLanes found, WalkStats* stats) {
+    const LeafView leaf(*scene_, stack_[depth_].ref());  // The one just visited.
     const bool stopped =
-        TestLeaf(leaf, *query_, scene_->geometry, stats, [&](uint32_t lane) HWY_ATTR {
+        SettleLeaf(leaf, found, *query_, scene_->geometry, stats, [&](uint32_t lane) HWY_ATTR {
           if constexpr (kAny) {
             best_ = {0.0f, leaf.id(lane)};
             return true;
@@ -259,10 +312,15 @@ class SingleWalk {
           }
         });
     if (best_.t < limit_) limit_ = best_.t;
-    return stopped;
+    if (stopped) depth_ = 1;  // Any further hit is of no interest.
   }
 
-  HWY_INLINE void VisitNode(const BvhNode& node, WalkStats* stats) {
+  const Hit& best() const { return best_; }
+
+ private:
+  using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
+
+  HWY_INLINE void TestNode(const BvhNode& node, WalkStats* stats) {
     const hn::CappedTag<float, kBvhWidth> d;
     static_assert(hn::MaxLanes(d) == kBvhWidth, "a node's eight boxes fill one vector");
     using V = hn::Vec<decltype(d)>;
@@ -272,8 +330,8 @@ class SingleWalk {
     for (int k = 0; k < 3; ++k) {
       const V o = hn::Set(d, box_ray_.origin[k]), inv = hn::Set(d, box_ray_.inv[k]);
       // The running value stays second: a NaN (see core/geometry/box_ray.h) is passed over.
-      entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, node.bounds[near_[k]]), o), inv), entry);
-      exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[far_[k]]), o), inv), exit);
+      entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, node.bounds[0] + near_[k]), o), inv), entry);
+      exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[0] + far_[k]), o), inv), exit);
     }
     const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
     const auto met =
@@ -290,11 +348,11 @@ class SingleWalk {
   const IndexedGeometry* scene_ = nullptr;
   const TraceRay* query_ = nullptr;
   BoxRay box_ray_;
-  int near_[3], far_[3];  // Rows of a node's bounds, by axis.
-  float limit_ = 0;       // Nodes entered after this hold no hit that counts.
+  uint32_t near_[3], far_[3];  // Where a node's faces are among its bounds, by axis.
+  float limit_ = 0;            // Nodes entered after this hold no hit that counts.
   Hit best_;
   int depth_ = 0;
-  Pending stack_[kBvhStackSize + kBvhWidth];
+  Pending stack_[1 + kBvhStackSize + kBvhWidth];
 };
 
 template <bool kAny>
@@ -302,15 +360,19 @@ HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, W
   using Walk = SingleWalk<kAny>;
   Walk walk;
   walk.Start(scene, query);
-  for (auto next = walk.FindNext(); next != Walk::kEnd; next = walk.FindNext()) {
-    walk.Visit(next, stats);
+  for (auto next = walk.FindNext(); next != kVisitEnd; next = walk.FindNext()) {
+    if (next == kVisitNode) {
+      walk.VisitNode(stats);
+    } else {
+      walk.Settle(walk.VisitLeaf(stats), stats);
+    }
   }
   return walk.best();
 }
 
 // Walks that take turns. More than the memory system serves at a time bring nothing, and cost the
 // nearer caches their stacks.
-constexpr int kTurns = 16;
+constexpr int kTurns = 32;
 
 // Rays in rounds: first all that visit a node, then all that visit a leaf. Whether a ray does one
 // or the other cannot be foretold; a branch on it would cost as much as the visit.
@@ -325,11 +387,15 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   Walk walks[kTurns];
   size_t ray_of[kTurns];  // By walk.
   Round rounds[2];
+  LeafLanes found[kTurns];  // Of the walks in found_by, in leaves.
+  uint8_t found_by[kTurns];
   Round* now = &rounds[0];
   Round* then = &rounds[1];
   size_t next_ray = 0;
+  const VisitFetcher fetcher(scene.bvh);
   const auto file = [&](uint8_t walk) HWY_ATTR {
-    const uint32_t next = walks[walk].FindNext();
+    const NextVisit next = walks[walk].FindNext();
+    fetcher.Fetch(next, walks[walk].next());
     then->walks[next][then->count[next]++] = walk;
   };
   const auto start = [&](uint8_t walk) HWY_ATTR {
@@ -342,18 +408,25 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   while (then->count[0] + then->count[1] + then->count[2] > 0) {
     std::swap(now, then);
     std::fill_n(then->count, 3, 0u);
-    for (uint32_t i = 0; i < now->count[Walk::kVisitNode]; ++i) {
-      const uint8_t walk = now->walks[Walk::kVisitNode][i];
-      walks[walk].Visit(Walk::kVisitNode, stats);
+    for (uint32_t i = 0; i < now->count[kVisitLeaf]; ++i) {
+      fetcher.FetchRest(walks[now->walks[kVisitLeaf][i]].next());
+    }
+    for (uint32_t i = 0; i < now->count[kVisitNode]; ++i) {
+      const uint8_t walk = now->walks[kVisitNode][i];
+      walks[walk].VisitNode(stats);
       file(walk);
     }
-    for (uint32_t i = 0; i < now->count[Walk::kVisitLeaf]; ++i) {
-      const uint8_t walk = now->walks[Walk::kVisitLeaf][i];
-      walks[walk].Visit(Walk::kVisitLeaf, stats);
-      file(walk);
+    uint32_t some_left = 0;
+    for (uint32_t i = 0; i < now->count[kVisitLeaf]; ++i) {
+      const uint8_t walk = now->walks[kVisitLeaf][i];
+      found[some_left] = walks[walk].VisitLeaf(stats);
+      found_by[some_left] = walk;
+      some_left += found[some_left].left != 0 ? 1 : 0;
     }
-    for (uint32_t i = 0; i < now->count[Walk::kEnd]; ++i) {
-      const uint8_t walk = now->walks[Walk::kEnd][i];
+    for (uint32_t i = 0; i < some_left; ++i) walks[found_by[i]].Settle(found[i], stats);
+    for (uint32_t i = 0; i < now->count[kVisitLeaf]; ++i) file(now->walks[kVisitLeaf][i]);
+    for (uint32_t i = 0; i < now->count[kVisitEnd]; ++i) {
+      const uint8_t walk = now->walks[kVisitEnd][i];
       hits[ray_of[walk]] = walks[walk].best();
       if (next_ray == rays.size()) continue;
       if (next_ray % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
