@@ -66,7 +66,12 @@ class ShaftWalk {
   using Packet = typename ShaftRays<kAny, kParallel>::Packet;
 
   ShaftWalk(const IndexedGeometry& scene, Packet& packet, WalkStats* stats)
-      : scene_(scene), packet_(packet), stats_(stats), rays_(scene, packet), ready_(MakeReady()) {}
+      : scene_(scene),
+        packet_(packet),
+        stats_(stats),
+        rays_(scene, packet),
+        ready_(MakeReady()),
+        fetcher_(scene.bvh) {}
 
   // False: the rays fit no frame.
   bool Prepare() { return rays_.Prepare(); }
@@ -131,7 +136,7 @@ class ShaftWalk {
       if (pending.after(bounds_.all_far)) continue;
       if (++visited_ % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
         return false;
-      if (depth > 0) PrefetchChild(scene_.bvh, stack[depth - 1].ref());
+      if (depth > 0) fetcher_.FetchAll(stack[depth - 1].ref());
       const ChildRef ref = pending.ref();
       if (ref.is_leaf()) {
         work += 2 + VisitLeaf(ref);
@@ -509,6 +514,7 @@ class ShaftWalk {
     }
   }
   [[no_unique_address]] Ready ready_;
+  const VisitFetcher fetcher_;
   ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
   const CancelToken* cancel_ = nullptr;
   uint64_t visited_ = 0;     // By all sets of rays: parts of a packet alone are too short to poll.

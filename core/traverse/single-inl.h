@@ -159,6 +159,14 @@ class VisitFetcher {
     const char* const at = At(next, ref);
     for (size_t i = 0; i < sizeof(BvhNode); i += kLine) hwy::Prefetch(at + i);
   }
+  // A node or a leaf, all of it. REQUIRES: not empty.
+  HWY_INLINE void FetchAll(ChildRef ref) const {
+    const NextVisit next = ref.is_leaf() ? kVisitLeaf : kVisitNode;
+    const char* const at = At(next, ref);
+    const size_t units[2] = {1, ref.leaf_units()};
+    const size_t last = units[next] * bytes_[next] - 1;
+    for (size_t i = 0; i <= kMaxLeafBytes; i += kLine) hwy::Prefetch(at + std::min(i, last));
+  }
   // The rest of a leaf. Lines of one that has fewer are its last.
   HWY_INLINE void FetchRest(ChildRef leaf) const {
     const char* const at = At(kVisitLeaf, leaf);
@@ -178,24 +186,6 @@ class VisitFetcher {
   const char* base_[3];
   size_t bytes_[3];
 };
-
-// What is visited next is fetched while the present node or leaf is worked on.
-HWY_INLINE void PrefetchChild(const Bvh& bvh, ChildRef ref) {
-  const char* at;
-  size_t bytes;
-  if (ref.is_leaf() && bvh.has_leaf_rows()) {
-    at = reinterpret_cast<const char*>(bvh.leaves.data() + size_t{ref.leaf_unit()} * kUnitFloats);
-    bytes = ref.leaf_units() * kUnitFloats * sizeof(float);
-  } else if (ref.is_leaf()) {
-    at = reinterpret_cast<const char*>(bvh.leaf_ids.data() +
-                                       size_t{ref.leaf_unit()} * kUnitTriangles);
-    bytes = kLine;
-  } else {
-    at = reinterpret_cast<const char*>(&bvh.nodes[ref.node()]);
-    bytes = sizeof(BvhNode);
-  }
-  for (size_t i = 0; i < bytes; i += kLine) hwy::Prefetch(at + i);
-}
 
 // A child to visit; for closest hits with its entry, so that those behind a hit are passed over.
 // Trivial: a walk's stack is not initialized.
