@@ -305,6 +305,7 @@ class SingleWalk {
     if (stopped) depth_ = 1;  // Any further hit is of no interest.
   }
 
+  const TraceRay& query() const { return *query_; }
   const Hit& best() const { return best_; }
 
  private:
@@ -324,11 +325,13 @@ class SingleWalk {
       exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[0] + far_[k]), o), inv), exit);
     }
     const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
-    const auto met =
-        hn::And(hn::Le(hn::Max(entry, hn::Zero(d)), last), hn::Le(entry, hn::Set(d, limit_)));
+    const V limit = hn::Set(d, limit_), from_origin = hn::Max(entry, hn::Zero(d));
     if constexpr (kAny) {
+      // The limit is positive: an entry below zero may count as zero for both.
+      const auto met = hn::Le(from_origin, hn::Min(last, limit));
       depth_ += PushChildren(d, node, met, stack_ + depth_);
     } else {
+      const auto met = hn::And(hn::Le(from_origin, last), hn::Le(entry, limit));
       HWY_ALIGN float entries[kBvhWidth];
       hn::Store(entry, d, entries);
       depth_ = PushNearestOnTop(node, MaskBits(d, met), entries, stack_, depth_);
@@ -372,52 +375,47 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   using Walk = SingleWalk<kAny>;
   struct Round {
     uint32_t count[3] = {};  // By what is next.
-    uint8_t walks[3][kTurns];
+    Walk* walks[3][kTurns];
+    std::span<Walk* const> next(NextVisit visit) const { return {walks[visit], count[visit]}; }
   };
   Walk walks[kTurns];
-  size_t ray_of[kTurns];  // By walk.
   Round rounds[2];
-  LeafLanes found[kTurns];  // Of the walks in found_by, in leaves.
-  uint8_t found_by[kTurns];
+  LeafLanes found[kTurns];  // In leaves, of the walks in found_by.
+  Walk* found_by[kTurns];
   Round* now = &rounds[0];
   Round* then = &rounds[1];
   size_t next_ray = 0;
   const VisitFetcher fetcher(scene.bvh);
-  const auto file = [&](uint8_t walk) HWY_ATTR {
-    const NextVisit next = walks[walk].FindNext();
-    fetcher.Fetch(next, walks[walk].next());
+  const auto file = [&](Walk* walk) HWY_ATTR {
+    const NextVisit next = walk->FindNext();
+    fetcher.Fetch(next, walk->next());
     then->walks[next][then->count[next]++] = walk;
   };
-  const auto start = [&](uint8_t walk) HWY_ATTR {
-    ray_of[walk] = next_ray;
-    walks[walk].Start(scene, rays[next_ray++]);
+  const auto start = [&](Walk* walk) HWY_ATTR {
+    walk->Start(scene, rays[next_ray++]);
     file(walk);
   };
   if (cancel != nullptr && cancel->cancelled()) return false;
-  for (uint8_t walk = 0; walk < kTurns && next_ray < rays.size(); ++walk) start(walk);
+  for (int i = 0; i < kTurns && next_ray < rays.size(); ++i) start(&walks[i]);
   while (then->count[0] + then->count[1] + then->count[2] > 0) {
     std::swap(now, then);
     std::fill_n(then->count, 3, 0u);
-    for (uint32_t i = 0; i < now->count[kVisitLeaf]; ++i) {
-      fetcher.FetchRest(walks[now->walks[kVisitLeaf][i]].next());
-    }
-    for (uint32_t i = 0; i < now->count[kVisitNode]; ++i) {
-      const uint8_t walk = now->walks[kVisitNode][i];
-      walks[walk].VisitNode(stats);
+    const auto in_leaves = now->next(kVisitLeaf);
+    for (const Walk* walk : in_leaves) fetcher.FetchRest(walk->next());
+    for (Walk* walk : now->next(kVisitNode)) {
+      walk->VisitNode(stats);
       file(walk);
     }
     uint32_t some_left = 0;
-    for (uint32_t i = 0; i < now->count[kVisitLeaf]; ++i) {
-      const uint8_t walk = now->walks[kVisitLeaf][i];
-      found[some_left] = walks[walk].VisitLeaf(stats);
+    for (Walk* walk : in_leaves) {
+      found[some_left] = walk->VisitLeaf(stats);
       found_by[some_left] = walk;
       some_left += found[some_left].left != 0 ? 1 : 0;
     }
-    for (uint32_t i = 0; i < some_left; ++i) walks[found_by[i]].Settle(found[i], stats);
-    for (uint32_t i = 0; i < now->count[kVisitLeaf]; ++i) file(now->walks[kVisitLeaf][i]);
-    for (uint32_t i = 0; i < now->count[kVisitEnd]; ++i) {
-      const uint8_t walk = now->walks[kVisitEnd][i];
-      hits[ray_of[walk]] = walks[walk].best();
+    for (uint32_t i = 0; i < some_left; ++i) found_by[i]->Settle(found[i], stats);
+    for (Walk* walk : in_leaves) file(walk);
+    for (Walk* walk : now->next(kVisitEnd)) {
+      hits[static_cast<size_t>(&walk->query() - rays.data())] = walk->best();
       if (next_ray == rays.size()) continue;
       if (next_ray % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
       start(walk);
