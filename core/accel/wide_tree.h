@@ -4,8 +4,8 @@
 // decided, and lays out the leaves. Private to core/accel.
 //
 // Nodes stand in depth-first order, each before what is below it; leaves in the order in which the
-// nodes that hold them stand. A node's children stand by what they are expected to cost, the cheapest
-// last.
+// nodes that hold them stand. A node's children stand by what they are expected to cost, the
+// cheapest last.
 //
 // Thread safety: functions only.
 #ifndef SIGHTLINE_CORE_ACCEL_WIDE_TREE_H_

@@ -89,6 +89,7 @@ class ShaftWalk {
       leaf_ = &leaf;
       Pending stack[kStackSize];
       if (!Walk(rays_.active(), cut, stack, 0)) return false;
+      if (kAny && single_count_ > 0 && !TraceSingles()) return false;
     }
     if constexpr (!kAny) FinishHits(ready_, packet_);
     return true;
@@ -167,7 +168,8 @@ class ShaftWalk {
             limit = std::max<uint32_t>(kSplitBudget, kSingleWork * rays) + 1;
             continue;
           }
-          return TraceOneByOne();
+          PutOff();
+          return true;
         }
         ++stats_->shaft.splits;
         Pending copy[kStackSize];
@@ -180,29 +182,37 @@ class ShaftWalk {
     return true;
   }
 
-  // The rays of the present set that are still asked about, each from the root. Returns false if
-  // cancelled.
-  HWY_NOINLINE bool TraceOneByOne() {
-    if (cancel_ != nullptr && cancel_->cancelled()) return false;
+  // Leaves the rays of the present set that are still asked about to TraceSingles.
+  HWY_NOINLINE void PutOff() {
     for (uint32_t b = 0; b < kShaftBlocks; ++b) {
       for (uint32_t rest = bounds_.open[b]; rest != 0; rest &= rest - 1) {
-        const uint32_t r = std::countr_zero(rest), lane = b * kShaftBlockRays + r;
-        ++stats_->shaft.singles;
-        packet_.triangle[lane] =
-            WalkSingle<kAny>(
-                scene_,
-                {.ray = packet_.ray(static_cast<int>(lane)),
-                 .mask = packet_.mask,
-                 .from_source = rays_.common_source(),
-                 .to_source = rays_.has_sources() ? rays_.sources()[lane] : kNoTriangle},
-                stats_)
-                .triangle;
-        if (packet_.answered_by != nullptr) packet_.answered_by[lane] = AnsweredBy::kRay;
+        const uint32_t r = std::countr_zero(rest);
+        singles_[single_count_++] = static_cast<uint8_t>(b * kShaftBlockRays + r);
         rays_.active().rays[b] &= static_cast<uint16_t>(~(1u << r));
       }
       bounds_.open[b] = 0;
     }
     bounds_.open_blocks = 0;
+  }
+
+  // Each from the root, all of them by turns. Returns false if cancelled.
+  HWY_NOINLINE bool TraceSingles() {
+    TraceRay rays[Packet::kMaxRays];
+    Hit hits[Packet::kMaxRays];
+    const size_t count = single_count_;
+    for (size_t i = 0; i < count; ++i) {
+      const uint32_t lane = singles_[i];
+      rays[i] = {.ray = packet_.ray(static_cast<int>(lane)),
+                 .mask = packet_.mask,
+                 .from_source = rays_.common_source(),
+                 .to_source = rays_.has_sources() ? rays_.sources()[lane] : kNoTriangle};
+    }
+    stats_->shaft.singles += count;
+    if (!TraceSingle<kAny>(scene_, {rays, count}, hits, cancel_, stats_)) return false;
+    for (size_t i = 0; i < count; ++i) {
+      packet_.triangle[singles_[i]] = hits[i].triangle;
+      if (packet_.answered_by != nullptr) packet_.answered_by[singles_[i]] = AnsweredBy::kRay;
+    }
     return true;
   }
 
@@ -515,6 +525,8 @@ class ShaftWalk {
   }
   [[no_unique_address]] Ready ready_;
   const VisitFetcher fetcher_;
+  uint8_t singles_[Packet::kMaxRays];  // Lanes put off.
+  size_t single_count_ = 0;
   ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
   const CancelToken* cancel_ = nullptr;
   uint64_t visited_ = 0;     // By all sets of rays: parts of a packet alone are too short to poll.

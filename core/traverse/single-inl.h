@@ -17,6 +17,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <span>
 #include <type_traits>
 #include <utility>
@@ -378,7 +379,12 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     Walk* walks[3][kTurns];
     std::span<Walk* const> next(NextVisit visit) const { return {walks[visit], count[visit]}; }
   };
-  Walk walks[kTurns];
+  // Begins to live when its first ray does: a call may be about a few.
+  union Place {
+    Place() {}
+    Walk walk;
+  };
+  Place places[kTurns];
   Round rounds[2];
   LeafLanes found[kTurns];  // In leaves, of the walks in found_by.
   Walk* found_by[kTurns];
@@ -396,7 +402,10 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     file(walk);
   };
   if (cancel != nullptr && cancel->cancelled()) return false;
-  for (int i = 0; i < kTurns && next_ray < rays.size(); ++i) start(&walks[i]);
+  static_assert(std::is_trivially_destructible_v<Walk>);
+  for (int i = 0; i < kTurns && next_ray < rays.size(); ++i) {
+    start(std::construct_at(&places[i].walk));
+  }
   while (then->count[0] + then->count[1] + then->count[2] > 0) {
     std::swap(now, then);
     std::fill_n(then->count, 3, 0u);
