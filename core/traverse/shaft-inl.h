@@ -89,7 +89,9 @@ class ShaftWalk {
       leaf_ = &leaf;
       Pending stack[kStackSize];
       if (!Walk(rays_.active(), cut, stack, 0)) return false;
-      if (kAny && single_count_ > 0 && !TraceSingles()) return false;
+      if constexpr (kAny) {
+        if (single_count_ > 0 && !TraceSingles()) return false;
+      }
     }
     if constexpr (!kAny) FinishHits(ready_, packet_);
     return true;
@@ -554,23 +556,24 @@ bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut*
   return TracePacket<kAny>(scene, packet, cancel, stats);
 }
 
-// Rays that no frame holds walk one by one.
+// Rays that no frame holds walk by themselves.
 inline bool TraceParallelShaft(const IndexedGeometry& scene, ParallelPacket& packet,
                                const ShaftCut* cut, const CancelToken* cancel, WalkStats* stats) {
   if (packet.count == 0) return true;
   ShaftWalk<true, true> walk(scene, packet, stats);
   if (walk.Prepare()) return walk.Run(cut, cancel);
   MarkAll(packet, AnsweredBy::kRay);
-  for (int i = 0; i < packet.count; ++i) {
-    if (i % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
-    packet.triangle[i] = WalkSingle<true>(scene,
-                                          {.ray = packet.ray(i),
-                                           .mask = packet.mask,
-                                           .from_source = packet.origin_source[i],
-                                           .to_source = packet.direction_source},
-                                          stats)
-                             .triangle;
+  TraceRay rays[ParallelPacket::kMaxRays];
+  Hit hits[ParallelPacket::kMaxRays];
+  const size_t count = static_cast<size_t>(packet.count);
+  for (size_t i = 0; i < count; ++i) {
+    rays[i] = {.ray = packet.ray(static_cast<int>(i)),
+               .mask = packet.mask,
+               .from_source = packet.origin_source[i],
+               .to_source = packet.direction_source};
   }
+  if (!TraceSingle<true>(scene, {rays, count}, hits, cancel, stats)) return false;
+  for (size_t i = 0; i < count; ++i) packet.triangle[i] = hits[i].triangle;
   return true;
 }
 

@@ -136,7 +136,7 @@ HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const TraceRay& 
   if (hit < *best && hit.t > query.near) *best = hit;
 }
 
-constexpr size_t kLine = 64;
+constexpr size_t kCacheLine = 64;
 
 // What a walk does next.
 enum NextVisit : uint32_t { kVisitNode, kVisitLeaf, kVisitEnd };
@@ -158,7 +158,7 @@ class VisitFetcher {
   // A node, or as much of a leaf.
   HWY_INLINE void Fetch(NextVisit next, ChildRef ref) const {
     const char* const at = At(next, ref);
-    for (size_t i = 0; i < sizeof(BvhNode); i += kLine) hwy::Prefetch(at + i);
+    for (size_t i = 0; i < sizeof(BvhNode); i += kCacheLine) hwy::Prefetch(at + i);
   }
   // A node or a leaf, all of it. REQUIRES: not empty.
   HWY_INLINE void FetchAll(ChildRef ref) const {
@@ -166,13 +166,13 @@ class VisitFetcher {
     const char* const at = At(next, ref);
     const size_t units[2] = {1, ref.leaf_units()};
     const size_t last = units[next] * bytes_[next] - 1;
-    for (size_t i = 0; i <= kMaxLeafBytes; i += kLine) hwy::Prefetch(at + std::min(i, last));
+    for (size_t i = 0; i <= kMaxLeafBytes; i += kCacheLine) hwy::Prefetch(at + std::min(i, last));
   }
   // The rest of a leaf. Lines of one that has fewer are its last.
   HWY_INLINE void FetchRest(ChildRef leaf) const {
     const char* const at = At(kVisitLeaf, leaf);
     const size_t last = leaf.leaf_units() * bytes_[kVisitLeaf] - 1;
-    for (size_t i = sizeof(BvhNode); i <= kMaxLeafBytes; i += kLine) {
+    for (size_t i = sizeof(BvhNode); i <= kMaxLeafBytes; i += kCacheLine) {
       hwy::Prefetch(at + std::min(i, last));
     }
   }
@@ -241,7 +241,7 @@ HWY_INLINE int PushNearestOnTop(const BvhNode& node, uint32_t met, const float* 
 template <bool kAny>
 class SingleWalk {
  public:
-  // Both are kept by reference until the walk has ended.
+  // Both are kept by reference until the walk has ended. REQUIRES: something to hit.
   HWY_INLINE void Start(const IndexedGeometry& scene, const TraceRay& query) {
     scene_ = &scene;
     query_ = &query;
@@ -253,7 +253,6 @@ class SingleWalk {
     } else {
       stack_[depth_++] = {-std::numeric_limits<float>::infinity(), ChildRef::Empty().bits()};
     }
-    if (scene.bvh.empty()) return;
     const PredicateRay& ray = query.ray;
     box_ray_ = BoxRay::Make(ray.origin, ray.RoundedDirection());
     for (uint32_t k = 0; k < 3; ++k) {
@@ -349,21 +348,6 @@ class SingleWalk {
   Pending stack_[1 + kBvhStackSize + kBvhWidth];
 };
 
-template <bool kAny>
-HWY_INLINE Hit WalkSingle(const IndexedGeometry& scene, const TraceRay& query, WalkStats* stats) {
-  using Walk = SingleWalk<kAny>;
-  Walk walk;
-  walk.Start(scene, query);
-  for (auto next = walk.FindNext(); next != kVisitEnd; next = walk.FindNext()) {
-    if (next == kVisitNode) {
-      walk.VisitNode(stats);
-    } else {
-      walk.Settle(walk.VisitLeaf(stats), stats);
-    }
-  }
-  return walk.best();
-}
-
 // Walks that take turns. More than the memory system serves at a time bring nothing, and cost the
 // nearer caches their stacks.
 constexpr int kTurns = 32;
@@ -402,6 +386,10 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     file(walk);
   };
   if (cancel != nullptr && cancel->cancelled()) return false;
+  if (scene.bvh.empty()) {
+    std::fill_n(hits.begin(), rays.size(), Hit());
+    return true;
+  }
   static_assert(std::is_trivially_destructible_v<Walk>);
   for (int i = 0; i < kTurns && next_ray < rays.size(); ++i) {
     start(std::construct_at(&places[i].walk));
