@@ -16,6 +16,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <memory>
 #include <span>
@@ -257,8 +258,8 @@ class SingleWalk {
     box_ray_ = BoxRay::Make(ray.origin, ray.RoundedDirection());
     for (uint32_t k = 0; k < 3; ++k) {
       const uint32_t near = std::signbit(box_ray_.inv[k]) ? k + 3 : k;
-      near_[k] = near * kBvhWidth;
-      far_[k] = (2 * k + 3 - near) * kBvhWidth;
+      near_[k] = near * sizeof(BvhNode::bounds[0]);
+      far_[k] = (2 * k + 3 - near) * sizeof(BvhNode::bounds[0]);
     }
     limit_ = ray.segment ? kSegmentEnd : std::numeric_limits<float>::infinity();
     if constexpr (kAny) {
@@ -317,12 +318,16 @@ class SingleWalk {
     using V = hn::Vec<decltype(d)>;
     ++stats->nodes;
     const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+    static_assert(offsetof(BvhNode, bounds) == 0);
+    const auto faces = [&](uint32_t offset) HWY_ATTR {
+      return reinterpret_cast<const float*>(reinterpret_cast<const char*>(&node) + offset);
+    };
     V entry = hn::Neg(infinity), exit = infinity;
     for (int k = 0; k < 3; ++k) {
       const V o = hn::Set(d, box_ray_.origin[k]), inv = hn::Set(d, box_ray_.inv[k]);
       // The running value stays second: a NaN (see core/geometry/box_ray.h) is passed over.
-      entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, node.bounds[0] + near_[k]), o), inv), entry);
-      exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, node.bounds[0] + far_[k]), o), inv), exit);
+      entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, faces(near_[k])), o), inv), entry);
+      exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, faces(far_[k])), o), inv), exit);
     }
     const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
     const V limit = hn::Set(d, limit_), from_origin = hn::Max(entry, hn::Zero(d));
@@ -341,7 +346,7 @@ class SingleWalk {
   const IndexedGeometry* scene_ = nullptr;
   const TraceRay* query_ = nullptr;
   BoxRay box_ray_;
-  uint32_t near_[3], far_[3];  // Where a node's faces are among its bounds, by axis.
+  uint32_t near_[3], far_[3];  // Bytes from a node to its near and far faces, by axis.
   float limit_ = 0;            // Nodes entered after this hold no hit that counts.
   Hit best_;
   int depth_ = 0;
