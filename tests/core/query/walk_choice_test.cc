@@ -52,7 +52,7 @@ Taken Take(WalkChoice& choice, int blocks, uint64_t shaft, uint64_t packet, uint
 
 TEST(WalkChoiceTest, CheapShaftsAreNotComparedWithAnything) {
   WalkChoice choice(Others::kPacketsAndSingleRays);
-  EXPECT_EQ(Take(choice, 200, 1, 0, 0).shafts, 200);
+  EXPECT_EQ(Take(choice, 200, 0, 0, 0).shafts, 200);
   EXPECT_FALSE(choice.ShaftsAreRare());
 }
 
