@@ -160,10 +160,11 @@ TEST_F(OverloadTest, GoodputHoldsAtThreeTimesTheCapacityByTheBoundOfTheQueue) {
   ServingProcess server({"--scene=heavy=builtin:sphere:20000", "--threads=1",
                          absl::StrCat("--max-queued-rays=", kQueue * kSide * kSide)});
   Outcome capacity, overload;
-  // The queue holds 16 items; the deadline is that of many more, for neighbours take their share.
-  TakeTurns(server, kQueue, 100.0 * kQueue, &capacity, &overload);
+  // The queue holds 16 items, and the deadline is that of 80, for neighbours take their share:
+  // without the bound over a hundred would wait in the end.
+  TakeTurns(server, kQueue, 5.0 * kQueue, &capacity, &overload);
   EXPECT_GT(overload.refused, overload.answered);  // Two of three, but for the first queue full.
-  EXPECT_LE(100 * overload.late, overload.answered);
+  EXPECT_LE(100 * overload.late, overload.answered + overload.late);  // The 99th percentile.
 }
 
 // No bound but the items' own timeouts: the server takes what it can answer in time.
@@ -174,7 +175,7 @@ TEST_F(OverloadTest, GoodputHoldsAtThreeTimesTheCapacityByTheForecast) {
   // whatever the forecast: so a deadline is a second and more.
   TakeTurns(server, 100, 100, &capacity, &overload);
   EXPECT_GT(overload.refused, 0u);
-  EXPECT_LE(5 * overload.late, overload.answered);
+  EXPECT_LE(100 * overload.late, overload.answered + overload.late);  // The 99th percentile.
 }
 
 // A small tile of one stream is answered while another has minutes of work before it; by the
