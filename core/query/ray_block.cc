@@ -185,6 +185,19 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   return absl::OkStatus();
 }
 
+absl::Status TraceRttTile(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
+                          std::span<RayPacket> packets, WalkStats* stats) {
+  const RttOptions options{.tile_rays = RttTileRays(run.options().rtt_antialiasing),
+                           .side_by_side = run.options().rtt_side_by_side,
+                           .shared_edges = run.options().rtt_shared_edges};
+  SIGHTLINE_CHECK_GT(options.tile_rays, kBlockRays);
+  const Kernels& kernels = run.kernels();
+  return (kind == HitKind::kAny ? kernels.occluded_rtt : kernels.closest_rtt)(
+             scene, packets, options, run.cancel(), stats)
+             ? absl::OkStatus()
+             : run.Stopped();
+}
+
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
                                 Strategy strategy, ParallelPacket* packet, const ShaftCut* cut,
                                 WalkStats* stats) {

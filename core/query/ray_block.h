@@ -53,7 +53,8 @@ const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
                          std::span<const ParallelPacket> packets, ShaftCut* cut);
 
 // How many rays that follow one another in a packet are a tile of kRtt: at most a packet; for
-// points, which come in whole packets, so many that packets divide into tiles.
+// points, which come in whole packets, so many that packets divide into tiles. (A camera's tile may
+// be larger: TraceRttTile.)
 int RttTileRaysOf(const QueryOptions& options, bool points);
 
 // Up to kBlockRays rays with one origin. packet.origin … want_barycentrics are read, its results
@@ -61,6 +62,11 @@ int RttTileRaysOf(const QueryOptions& options, bool points);
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                               Strategy strategy, RayPacket* packet, const ShaftCut* cut,
                               WalkStats* stats);
+
+// One tile of kRtt that is more than a packet, cut into packets with one origin and some rays each;
+// else as TracePacketBlock. REQUIRES: RttTileRays(rtt_antialiasing) > kBlockRays.
+absl::Status TraceRttTile(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
+                          std::span<RayPacket> packets, WalkStats* stats);
 
 // Up to kBlockRays rays with one direction, any hit: as one shaft, or by kSingle.
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,

@@ -15,6 +15,7 @@
 #include "core/query/pixel_blocks.h"
 #include "core/query/ray_block.h"
 #include "core/query/sample_tracer.h"
+#include "core/traverse/rtt.h"
 
 namespace sightline {
 namespace {
@@ -62,7 +63,13 @@ class TileTrace {
         out_(*out),
         choice_(OtherWalks(run_, RayForm::kOneOrigin)),
         tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, samples, &out->shadow) {
-    for (RayPacket* packet : {&packet_, &outline_}) {
+    if (LargeTile()) {
+      parts_ = std::make_unique<RayPacket[]>(kMostParts);
+      parts_answered_by_ = std::make_unique<AnsweredBy[]>(size_t{kMostParts} * kBlockRays);
+    }
+    std::vector<RayPacket*> packets = {&block_, &outline_};
+    for (uint32_t i = 0; LargeTile() && i < kMostParts; ++i) packets.push_back(&parts_[i]);
+    for (RayPacket* packet : packets) {
       packet->origin = eye;
       packet->segments = false;
       packet->mask = options.mask;
@@ -100,7 +107,12 @@ class TileTrace {
     }
     if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
     if (outputs.answered_by) out_.answered_by.resize(pixels_);
-    if (outputs.answered_by || options.count_answers) packet_.answered_by = answered_by_;
+    if (outputs.answered_by || options.count_answers) {
+      block_.answered_by = answered_by_;
+      for (uint32_t i = 0; LargeTile() && i < kMostParts; ++i) {
+        parts_[i].answered_by = parts_answered_by_.get() + size_t{i} * kBlockRays;
+      }
+    }
     if (outputs.lit && outputs.lit_answered_by) {
       out_.lit_answered_by.assign(samples.size() * pixels_, AnsweredBy::kNoRay);
       tracer_.RecordAnsweredBy();
@@ -158,33 +170,72 @@ class TileTrace {
         for (uint32_t x = 0; x < group.width; x += side) {
           const TileRect block = {x, y, std::min(side, group.width - x),
                                   std::min(side, group.height - y)};
+          if (strategy == Strategy::kRtt && LargeTile()) {
+            SL_RETURN_IF_ERROR(TraceLarge(group, block, kind, &scope, &points));
+            continue;
+          }
           Place(block);
           const Strategy walk = strategy == Strategy::kShaft ? choice_.Next() : strategy;
           const WalkStats before = *scope.walk();
           SL_RETURN_IF_ERROR(
-              TracePacketBlock(scene_, run_, kind, walk, &packet_, cut, scope.walk()));
+              TracePacketBlock(scene_, run_, kind, walk, packet_, cut, scope.walk()));
           scope.Took(walk);
           if (strategy == Strategy::kShaft) {
-            choice_.Learn(walk, before, *scope.walk(), static_cast<size_t>(packet_.count));
+            choice_.Learn(walk, before, *scope.walk(), static_cast<size_t>(packet_->count));
           }
-          if (run_.options().count_answers) {
-            CountAnswers({answered_by_, static_cast<size_t>(packet_.count)}, &out_.primary);
-          }
-          if (outputs_.lit || outputs_.points) PlaceHits();
-          if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(&scope));
-          Write(group, block);
-          if (outputs_.lit || outputs_.points) points = PlacePoints(group, block, points);
+          SL_RETURN_IF_ERROR(Finish(group, block, &scope, &points));
         }
       }
     }
     return outputs_.lit || outputs_.points ? ShadeGroup(points) : absl::OkStatus();
   }
 
-  // Three by three rays a pixel make tiles that do not divide a block: each is one by itself.
+  // What follows a block's walk: *points counts the group's points.
+  absl::Status Finish(const TileRect& group, const TileRect& block, StatsScope* scope,
+                      size_t* points) {
+    if (run_.options().count_answers) {
+      CountAnswers({packet_->answered_by, static_cast<size_t>(packet_->count)}, &out_.primary);
+    }
+    if (outputs_.lit || outputs_.points) PlaceHits();
+    if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(scope));
+    Write(group, block);
+    if (outputs_.lit || outputs_.points) *points = PlacePoints(group, block, *points);
+    return absl::OkStatus();
+  }
+
+  // Whether relevant triangles tracing has tiles that no packet holds.
+  bool LargeTile() const {
+    return run_.options().strategy == Strategy::kRtt &&
+           RttTileRays(run_.options().rtt_antialiasing) > kBlockRays;
+  }
+
+  // Its tile, a block's walk and what follows it: as blocks of some of its rows, together.
+  absl::Status TraceLarge(const TileRect& group, const TileRect& tile, HitKind kind,
+                          StatsScope* scope, size_t* points) {
+    TileRect blocks[kMostParts];
+    uint32_t count = 0;
+    const uint32_t rows = kBlockRays / tile.width / kRunPixels * kRunPixels;
+    for (uint32_t y = 0; y < tile.height; y += rows) {
+      packet_ = &parts_[count];
+      blocks[count] = {tile.x, tile.y + y, tile.width, std::min(rows, tile.height - y)};
+      Place(blocks[count++]);
+    }
+    absl::Status status =
+        TraceRttTile(scene_, run_, kind, {parts_.get(), size_t{count}}, scope->walk());
+    if (status.ok()) scope->Took(Strategy::kRtt);
+    for (uint32_t i = 0; i < count && status.ok(); ++i) {
+      packet_ = &parts_[i];
+      status = Finish(group, blocks[i], scope, points);
+    }
+    packet_ = &block_;
+    return status;
+  }
+
+  // The pixels along a tile's side where tiles do not divide a block: three by three rays a pixel,
+  // and more than four by four. Each is a block then, or several (TraceLarge).
   uint32_t RttBlockSide() const {
-    constexpr uint32_t kSide = 3 * kRunPixels;
-    const int rays = RttTileRaysOf(run_.options(), /*points=*/false);
-    return static_cast<uint32_t>(rays) == kSide * kSide ? kSide : kBlockSide;
+    const uint32_t side = kRunPixels * static_cast<uint32_t>(run_.options().rtt_antialiasing);
+    return kBlockSide % side == 0 ? kBlockSide : side;
   }
 
   // All rays of the group lie between those of its corners.
@@ -221,8 +272,8 @@ class TileTrace {
 
   // The block's rays. `block` is in pixels of its group.
   void Place(const TileRect& block) {
-    packet_.count = static_cast<int>(block.width * block.height);
-    float* const targets[3] = {packet_.target_x, packet_.target_y, packet_.target_z};
+    packet_->count = static_cast<int>(block.width * block.height);
+    float* const targets[3] = {packet_->target_x, packet_->target_y, packet_->target_z};
     for (int axis = 0; axis < 3; ++axis) {
       const double* columns = columns_[axis] + block.x;
       const double* rows = rows_[axis] + block.y;
@@ -260,15 +311,15 @@ class TileTrace {
         std::copy_n(from + run.lane, run.count, to + size_t{run.y} * tile_.width + run.x);
       });
     };
-    if (outputs_.ids) copy(blocks_.write_ids, packet_.triangle, out_.triangle.data());
-    if (outputs_.depth) copy(blocks_.write, packet_.t, out_.depth.data());
+    if (outputs_.ids) copy(blocks_.write_ids, packet_->triangle, out_.triangle.data());
+    if (outputs_.depth) copy(blocks_.write, packet_->t, out_.depth.data());
     if (outputs_.uv) {
-      copy(blocks_.write, packet_.u, out_.u.data());
-      copy(blocks_.write, packet_.v, out_.v.data());
+      copy(blocks_.write, packet_->u, out_.u.data());
+      copy(blocks_.write, packet_->v, out_.v.data());
     }
     if (outputs_.answered_by) {
       ForEachRun(block, [&](const PixelRun& run) {
-        std::copy_n(answered_by_ + run.lane, run.count,
+        std::copy_n(packet_->answered_by + run.lane, run.count,
                     out_.answered_by.data() + first + size_t{run.y} * tile_.width + run.x);
       });
     }
@@ -284,7 +335,7 @@ class TileTrace {
     ForEachRun(block, [&](const PixelRun& run) {
       const size_t pixel = first + size_t{run.y} * tile_.width + run.x;
       for (uint32_t k = 0; k < run.count; ++k) {
-        if (packet_.triangle[run.lane + k] != kNoTriangle) SetBit(out_.hit_bits.data(), pixel + k);
+        if (packet_->triangle[run.lane + k] != kNoTriangle) SetBit(out_.hit_bits.data(), pixel + k);
       }
     });
   }
@@ -293,16 +344,16 @@ class TileTrace {
   void PlaceHits() {
     // Placing belongs to the shadows' cost, though it asks about no ray.
     const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
-    placer_->Place(packet_, placed_);
+    placer_->Place(*packet_, placed_);
   }
 
   // Replaces hits on mirrors by what is seen in them.
   absl::Status LookIntoMirrors(StatsScope* scope) {
     const std::span<const PreparedMirror> all = mirrors_.all();
-    for (int lane = 0; lane < packet_.count; ++lane) {
+    for (int lane = 0; lane < packet_->count; ++lane) {
       mirror_of_[lane] = 0;
       for (size_t m = 0; m < all.size() && mirror_of_[lane] == 0; ++m) {
-        if (all[m].triangles().Holds(packet_.triangle[lane])) {
+        if (all[m].triangles().Holds(packet_->triangle[lane])) {
           mirror_of_[lane] = static_cast<uint8_t>(m + 1);
         }
       }
@@ -317,15 +368,15 @@ class TileTrace {
     RayPacket& seen = *mirrored_;
     int lanes[kBlockRays];
     seen.count = 0;
-    for (int lane = 0; lane < packet_.count; ++lane) {
+    for (int lane = 0; lane < packet_->count; ++lane) {
       if (mirror_of_[lane] != number) continue;
       const int at = seen.count++;
-      const Vec3f direction = mirror.Direction(packet_.target(lane));
+      const Vec3f direction = mirror.Direction(packet_->target(lane));
       lanes[at] = lane;
       seen.target_x[at] = direction.x;
       seen.target_y[at] = direction.y;
       seen.target_z[at] = direction.z;
-      near_[at] = packet_.t[lane];
+      near_[at] = packet_->t[lane];
     }
     if (seen.count == 0) return absl::OkStatus();
     seen.origin = mirror.eye();
@@ -340,13 +391,13 @@ class TileTrace {
     if (placer_ != nullptr) placer_->Place(seen, mirrored_placed_);
     for (int i = 0; i < seen.count; ++i) {
       const int lane = lanes[i];
-      packet_.t[lane] = seen.t[i];
-      packet_.triangle[lane] = seen.triangle[i];
+      packet_->t[lane] = seen.t[i];
+      packet_->triangle[lane] = seen.triangle[i];
       if (outputs_.uv) {
-        packet_.u[lane] = seen.u[i];
-        packet_.v[lane] = seen.v[i];
+        packet_->u[lane] = seen.u[i];
+        packet_->v[lane] = seen.v[i];
       }
-      if (outputs_.answered_by) answered_by_[lane] = mirrored_answered_by_[i];
+      if (outputs_.answered_by) packet_->answered_by[lane] = mirrored_answered_by_[i];
       if (placer_ != nullptr) placed_[lane] = mirrored_placed_[i];
     }
     return absl::OkStatus();
@@ -358,9 +409,9 @@ class TileTrace {
     ForEachRun(block, [&](const PixelRun& run) {
       for (uint32_t k = 0; k < run.count; ++k) {
         const uint32_t lane = static_cast<uint32_t>(run.lane) + k;
-        if (packet_.triangle[lane] == kNoTriangle) continue;
+        if (packet_->triangle[lane] == kNoTriangle) continue;
         positions_[points] = placed_[lane];
-        sources_[points] = packet_.triangle[lane];
+        sources_[points] = packet_->triangle[lane];
         point_pixel_[points++] =
             static_cast<uint32_t>(first + size_t{run.y} * tile_.width + run.x + k);
       }
@@ -425,7 +476,13 @@ class TileTrace {
   const PixelBlockKernels& blocks_;
   const size_t pixels_, row_bytes_;
   TileResult& out_;
-  RayPacket packet_;  // The block being traced.
+  RayPacket block_;
+  RayPacket* packet_ = &block_;  // The block being traced.
+  // Those of a tile that no packet holds. Rows are whole squares: 12 of 20 pixels, 8 of 24.
+  static constexpr uint32_t kMostParts = 3;
+  static_assert(RttTileRays(kMaxRttAntialiasing) <= kMostParts * 192);
+  std::unique_ptr<RayPacket[]> parts_;
+  std::unique_ptr<AnsweredBy[]> parts_answered_by_;
   AnsweredBy answered_by_[kBlockRays];
   // What is seen in a mirror, where there are any.
   std::unique_ptr<RayPacket> mirrored_;

@@ -150,14 +150,15 @@ Camera LookingAtIt(double tan_half_fov_y, uint32_t side) {
 // A tile's statistics say how far its lists went.
 TEST(OptionsTest, TilesAreCounted) {
   const IndexedGeometry scene = OneTriangle();
-  const Camera camera = LookingAtIt(0.2, 48);
-  for (const int n : {1, 2, 3, 4}) {
+  for (const int n : {1, 2, 3, 4, 5, 6}) {
+    const uint32_t side = n == 5 ? 40 : 48;
+    const Camera camera = LookingAtIt(0.2, side);
     TileResult tile;
-    ASSERT_TRUE(TraceTile(scene, camera, {0, 0, 48, 48}, {}, {.ids = true},
+    ASSERT_TRUE(TraceTile(scene, camera, {0, 0, side, side}, {}, {.ids = true},
                           {.strategy = Strategy::kRtt, .rtt_antialiasing = n}, &tile)
                     .ok());
     EXPECT_EQ(tile.primary.strategy, Strategy::kRtt);
-    EXPECT_EQ(tile.primary.tiles, 48u * 48 / (16 * n * n)) << n;
+    EXPECT_EQ(tile.primary.tiles, side * side / (16 * n * n)) << n;
     EXPECT_EQ(tile.primary.tiles_answered, tile.primary.tiles);
     EXPECT_EQ(tile.primary.relevant_triangles, tile.primary.tiles);
   }
