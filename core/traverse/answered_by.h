@@ -12,11 +12,14 @@
 namespace sightline {
 
 enum class AnsweredBy : uint8_t {
-  kNoRay = 0,      // Nothing was asked.
-  kShaft = 1,      // Whole shafts alone: found empty, or covered. No ray's test decided.
-  kTriangles = 2,  // A shaft's relevant triangles, of which some took the exact test of the ray.
-  kPacket = 3,     // The boxes were shared, each triangle was tested with each ray.
-  kRay = 4,        // The ray walked by itself, or was put to every triangle.
+  kNoRay = 0,  // Nothing was asked.
+  // Whole shafts alone: found empty, or (but not with kRtt) covered. No ray's test decided.
+  kShaft = 1,
+  // A shaft's relevant triangles, of which some took the exact test of the ray; with kRtt a tile's
+  // list with at least one triangle, be it one that covers the tile and needs no test.
+  kTriangles = 2,
+  kPacket = 3,  // The boxes were shared, each triangle was tested with each ray.
+  kRay = 4,     // The ray walked by itself, or was put to every triangle.
 };
 
 }  // namespace sightline

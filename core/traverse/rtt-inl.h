@@ -190,18 +190,20 @@ class RttTracer {
   }
 
   void Answer(const RttList& list, const RttRays& rays, PacketLanes<kAny>* lanes) {
-    AnsweredBy by = AnsweredBy::kShaft;
+    // Paper 002 tells tiles without a relevant triangle from those with some: one that covers the
+    // tile is one, though no ray is put to it.
+    const bool none = list.blocker() == kNoTriangle && list.ids().empty();
     if (list.blocker() != kNoTriangle) {
       const uint32_t end = GroupAt(rays.first + rays.count + kWidth - 1);
       for (uint32_t group = GroupAt(rays.first); group < end; ++group) {
         lanes->Block(list.blocker(), group, lanes->active(group));
       }
-    } else if (!list.ids().empty()) {
-      by = AnsweredBy::kTriangles;
+    } else if (!none) {
       PutToList(scene_.geometry, list.ids(), rays.first, rays.count, *lanes);
     }
     if (rays.packet->answered_by != nullptr) {
-      std::fill_n(rays.packet->answered_by + rays.first, rays.count, by);
+      std::fill_n(rays.packet->answered_by + rays.first, rays.count,
+                  none ? AnsweredBy::kShaft : AnsweredBy::kTriangles);
     }
   }
 

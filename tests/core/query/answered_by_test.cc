@@ -114,6 +114,23 @@ TEST(AnsweredByTest, RelevantTrianglesOfTiles) {
   }
 }
 
+// A triangle that covers a tile's shadows blocks them without a test, and is relevant all the same.
+TEST(AnsweredByTest, CoveringTrianglesOfTilesAreRelevant) {
+  IndexedGeometry scene = MakeScene({Triangle({-99, -99, 0}, {99, -99, 0}, {0, 199, 0}),
+                                     Triangle({-9, -9, 20}, {9, -9, 20}, {0, 18, 20})});
+  ThreadPool pool(1);
+  absl::StatusOr<KdTree> tree = BuildKdTree(scene.geometry, {}, pool);
+  ASSERT_TRUE(tree.ok()) << tree.status();
+  scene.kd_tree = *std::move(tree);
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point({0, 0, 30}), 0, {}, &samples).ok());
+  const TileResult result = Trace(scene, Down(), Strategy::kRtt, samples);
+  EXPECT_THAT(result.lit_bits, Each(0));
+  EXPECT_GT(result.shadow.tiles_answered, 0u);
+  EXPECT_LT(result.shadow.triangle_tests, result.shadow.rays);
+  EXPECT_THAT(result.lit_answered_by, Each(AnsweredBy::kTriangles));
+}
+
 TEST(AnsweredByTest, ShadowsOfEachSample) {
   // A floor, and a roof over its left half.
   const IndexedGeometry scene = MakeScene({Triangle({-9, -9, 0}, {9, -9, 0}, {0, 18, 0}),
