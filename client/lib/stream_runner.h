@@ -229,6 +229,7 @@ class StreamRun {
     }
   }
 
+  // A server counts an item's bytes as well, 64 to a ray: what this library sends has fewer.
   int64_t Cost(size_t item) const { return std::max(job_.cost(item), options_.min_item_cost); }
 
   // One message from the server. An error makes the stream useless.

@@ -189,6 +189,7 @@ class ItemStream final : public Lane {
     changed_.SignalAll();
   }
 
+  // As client/lib/stream_runner.h counts: the bytes of these items cost less than their rays do.
   int64_t Cost(const Work& work) const {
     return std::max(static_cast<int64_t>(context_.rays(work)), context_.min_item_cost);
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stream/stream_method.h"
 
+#include <algorithm>
 #include <limits>
 
 #include "absl/strings/str_cat.h"
@@ -22,6 +23,10 @@ absl::Status StreamMethod::OpenScene(const v1::StreamHeader& header) {
 uint64_t RayCount(uint64_t elements, uint64_t rays_each) {
   constexpr uint64_t kMost = std::numeric_limits<uint64_t>::max();
   return elements > kMost / rays_each ? kMost : elements * rays_each;
+}
+
+uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits) {
+  return std::max({rays, limits.min_item_cost_rays, message_bytes / kBytesPerRay});
 }
 
 absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered,

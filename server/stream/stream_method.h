@@ -56,6 +56,12 @@ class StreamMethod {
 // REQUIRES: rays_each > 0.
 uint64_t RayCount(uint64_t elements, uint64_t rays_each);
 
+// What an item takes off the credit and of the queue. Its rays say little of what is held for it if
+// its arrays do not fit one another, or if most of it is nothing that this server knows; so its
+// message's bytes count as well. An item that makes sense has no more than 56 of them to a ray.
+inline constexpr uint64_t kBytesPerRay = 64;
+uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits);
+
 // An item that was sent while `unanswered` ones take up all the credit.
 absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered, const Limits& limits);
 

@@ -82,6 +82,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     Request request;
     typename Method::Item item;
     absl::Status read;
+    const size_t bytes = ok ? incoming_.Length() : 0;  // Reading empties it.
     if (ok) read = Method::Read(&incoming_, &request, &item);
     MutexLock lock(mutex_);
     if (!ok) {
@@ -96,7 +97,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     if (!failure_.ok()) {
       if (++discarded_ > kMaxDiscarded) context_->TryCancel();
     } else if (read.ok()) {
-      Receive(&request, std::move(item));
+      Receive(&request, std::move(item), bytes);
     } else {
       Fail(std::move(read));
     }
@@ -171,7 +172,9 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     if (!finished_ && !half_closed_) this->StartRead(&incoming_);
   }
 
-  void Receive(Request* request, typename Method::Item item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  // `bytes`: of the whole message.
+  void Receive(Request* request, typename Method::Item item, size_t bytes)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     switch (request->part_case()) {
       case Request::kHeader:
         if (header_seen_) return Fail(BadSequence("header", "comes once"));
@@ -179,7 +182,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
         return Open(std::move(*request->mutable_header()));
       case Request::kItem:
         if (method_ == nullptr) break;
-        return Accept(std::move(item));
+        return Accept(std::move(item), bytes);
       case Request::kCancel:
         if (method_ == nullptr) break;
         return Cancel(request->cancel());
@@ -234,7 +237,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     Advance();
   }
 
-  void Accept(typename Method::Item request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  void Accept(typename Method::Item request, size_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const uint64_t id = request.message.item().item_id();
     if (items_.contains(id)) {
       return Fail(BadSequence("item.item_id", absl::StrCat(id, " has not been answered yet")));
@@ -247,7 +250,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     item->arrival = std::chrono::steady_clock::now();
     item->sequence = next_sequence_++;
     item->cost = env_.limits.min_item_cost_rays;
-    absl::Status status = Admit(request, item.get());
+    absl::Status status = Admit(request, bytes, item.get());
     credit_ -= static_cast<int64_t>(item->cost);
     items_.emplace(id, item);
     if (!status.ok()) {
@@ -264,7 +267,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   }
 
   // Whether the item may wait for its turn; sets its cost, priority and deadline.
-  absl::Status Admit(const typename Method::Item& request, Item* item)
+  absl::Status Admit(const typename Method::Item& request, size_t bytes, Item* item)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (draining_) return DrainingError();
     const v1::ItemHeader& header = request.message.item();
@@ -279,7 +282,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     if (rays > env_.limits.max_item_rays) {
       return OverLimit("item rays", rays, "max_item_rays", env_.limits.max_item_rays);
     }
-    item->cost = std::max(rays, env_.limits.min_item_cost_rays);
+    item->cost = ItemCost(rays, bytes, env_.limits);
     if (timeout < kLongestTimeout) {
       SL_RETURN_IF_ERROR(CheckTimeout(timeout, flow_->Foresee(item->cost)));
     }

@@ -289,6 +289,36 @@ TEST_F(StreamRulesTest, RepliesWaitForResultCredit) {
   EXPECT_TRUE(stream.Finish().ok());
 }
 
+// A megabyte of normals that belong to no points: no rays, but not for nothing.
+TEST_F(StreamRulesTest, AnItemCostsItsBytesWhereTheyAreMoreThanItsRays) {
+  v1::ComputeShadowsRequest header;
+  header.mutable_header()->mutable_stream()->set_scene("scenes/slow");
+  header.mutable_header()->mutable_stream()->set_result_credit_rays(1);
+  v1::Light* light = header.mutable_header()->add_lights();
+  EncodeTestVector({0, 9, 0}, light->mutable_point()->mutable_position());
+  ShadowStream stream(harness_, header);
+  const auto with_normals = [](uint64_t id, size_t bytes) {
+    v1::ComputeShadowsRequest request;
+    request.mutable_item()->mutable_item()->set_item_id(id);
+    request.mutable_item()->mutable_points()->set_normals(std::string(bytes, '\0'));
+    return request;
+  };
+  // The answer to the first takes up the result credit; that to the second waits.
+  stream.Write(with_normals(0, 24));
+  v1::ComputeShadowsResponse response;
+  while (!response.has_reply()) ASSERT_TRUE(stream.Read(&response));
+  EXPECT_EQ(response.reply().header().status().code(), grpc::StatusCode::INVALID_ARGUMENT);
+  const v1::ComputeShadowsRequest large = with_normals(1, 1 << 20);
+  stream.Write(large);
+  const uint64_t cost = large.ByteSizeLong() / 64;
+  ASSERT_GT(cost, Limits().min_item_cost_rays);
+  const auto patience = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  while (harness_.server->queued_rays() != cost && std::chrono::steady_clock::now() < patience) {
+    std::this_thread::yield();
+  }
+  EXPECT_EQ(harness_.server->queued_rays(), cost);
+}
+
 TEST_F(StreamRulesTest, ADrainingServerFinishesWhatItAcceptedAndRefusesTheRest) {
   TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
   stream.Write(Endless(11));
