@@ -28,12 +28,15 @@ absl::Status TooMany(absl::string_view field, uint64_t received, uint64_t announ
 
 }  // namespace
 
+absl::Status CheckObjectName(absl::string_view field, absl::string_view name) {
+  if (name.size() <= kMaxNameBytes) return absl::OkStatus();
+  return InvalidField(field, absl::StrCat(name.size(), " bytes"),
+                      absl::StrCat("must have at most ", kMaxNameBytes, " bytes"));
+}
+
 absl::Status ObjectAssembler::Start(const v1::ObjectHeader& header) {
   started_ = false;
-  if (header.object_name().size() > kMaxNameBytes) {
-    return InvalidField("object.object_name", absl::StrCat(header.object_name().size(), " bytes"),
-                        "must have at most 1024 bytes");
-  }
+  SL_RETURN_IF_ERROR(CheckObjectName("object.object_name", header.object_name()));
   ObjectInput object;
   object.name = header.object_name();
   SL_ASSIGN_OR_RETURN(object.transform, DecodeTransform("object.transform", header.transform()));
@@ -48,13 +51,16 @@ absl::Status ObjectAssembler::Start(const v1::ObjectHeader& header) {
   return absl::OkStatus();
 }
 
-void ObjectAssembler::StartVertices(const std::string& name, uint64_t vertex_count) {
+absl::Status ObjectAssembler::StartVertices(const std::string& name, uint64_t vertex_count) {
+  started_ = false;
+  SL_RETURN_IF_ERROR(CheckObjectName("replace_vertices.object_name", name));
   object_ = ObjectInput{};
   object_.name = name;
   vertex_count_ = vertex_count;
   triangle_count_ = 0;
   form_ = Form::kUnknown;
   started_ = true;
+  return absl::OkStatus();
 }
 
 absl::Status ObjectAssembler::Add(const v1::MeshChunk& chunk) {

@@ -17,17 +17,21 @@
 #include <cstdint>
 
 #include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 #include "core/mesh/object.h"
 #include "sightline/v1/scene_service.pb.h"
 
 namespace sightline {
+
+// InvalidArgument for a name longer than any object's; `field` is where it stands.
+absl::Status CheckObjectName(absl::string_view field, absl::string_view name);
 
 class ObjectAssembler {
  public:
   // Begins an object, whatever was there before.
   absl::Status Start(const v1::ObjectHeader& header);
   // Begins new vertices for an object that exists.
-  void StartVertices(const std::string& name, uint64_t vertex_count);
+  absl::Status StartVertices(const std::string& name, uint64_t vertex_count);
   absl::Status Add(const v1::MeshChunk& chunk);
 
   bool started() const { return started_; }

@@ -197,16 +197,17 @@ absl::Status SceneEditUpload::AddPart(const v1::UpdateSceneRequest& message) {
     case Request::kReplaceVertices:
       SL_RETURN_IF_ERROR(Reserve(0, message.replace_vertices().vertex_count()));
       assembled_ = SceneEdit::Kind::kSetVertices;
-      assembler_.StartVertices(message.replace_vertices().object_name(),
-                               message.replace_vertices().vertex_count());
-      return absl::OkStatus();
+      return assembler_.StartVertices(message.replace_vertices().object_name(),
+                                      message.replace_vertices().vertex_count());
     case Request::kRemoveObject:
       edit.kind = SceneEdit::Kind::kRemove;
       edit.object.name = message.remove_object().object_name();
+      SL_RETURN_IF_ERROR(CheckObjectName("remove_object.object_name", edit.object.name));
       break;
     case Request::kSetTransform: {
       edit.kind = SceneEdit::Kind::kSetTransform;
       edit.object.name = message.set_transform().object_name();
+      SL_RETURN_IF_ERROR(CheckObjectName("set_transform.object_name", edit.object.name));
       SL_ASSIGN_OR_RETURN(
           edit.object.transform,
           DecodeTransform("set_transform.transform", message.set_transform().transform()));

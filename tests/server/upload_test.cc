@@ -206,6 +206,30 @@ TEST(SceneEditUploadTest, TakesEveryKindOfEdit) {
   EXPECT_EQ((*edits)[3].object.name, "d");
 }
 
+TEST(SceneEditUploadTest, RefusesNamesThatNoObjectCanHave) {
+  const auto with = [](const std::function<void(v1::UpdateSceneRequest*)>& edit) {
+    SceneEditUpload upload((Limits()));
+    v1::UpdateSceneRequest header, message;
+    header.mutable_header()->set_name("scenes/s");
+    EXPECT_TRUE(upload.Add(header).ok());
+    edit(&message);
+    return upload.Add(message);
+  };
+  using R = v1::UpdateSceneRequest;
+  for (const size_t bytes : {1024, 1025}) {
+    const std::string name(bytes, 'x');
+    const absl::Status statuses[] = {
+        with([&](R* r) { r->mutable_add_object()->set_object_name(name); }),
+        with([&](R* r) { r->mutable_replace_vertices()->set_object_name(name); }),
+        with([&](R* r) { r->mutable_remove_object()->set_object_name(name); }),
+        with([&](R* r) { r->mutable_set_transform()->set_object_name(name); })};
+    for (const absl::Status& status : statuses) {
+      EXPECT_EQ(status.ok(), bytes == 1024) << status;
+      if (bytes > 1024) EXPECT_TRUE(absl::StrContains(status.message(), "1025 bytes")) << status;
+    }
+  }
+}
+
 TEST(SceneEditUploadTest, RefusesWrongOrders) {
   SceneEditUpload empty((Limits()));
   EXPECT_EQ(ReasonOf(empty.Finish().status()), v1::ERROR_REASON_BAD_SEQUENCE);
