@@ -96,7 +96,7 @@ absl::Status Server::MakeScenes() {
   for (const std::string& option : options_.scenes) {
     SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(option));
     SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects,
-                        scenes_.MakeBuiltinObjects(scene.spec));
+                        scenes_.MakeBuiltinObjects(scene.id, scene.spec));
     SL_ASSIGN_OR_RETURN(
         const SceneView view,
         scenes_.Create({.scene_id = scene.id, .temporary = true}, objects, nullptr));

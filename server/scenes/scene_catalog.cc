@@ -24,6 +24,15 @@ std::string PublishedLimit(const std::string& name) {
   return name == "max_scenes" ? name : absl::StrCat(name, "_per_scene");
 }
 
+// A built-in scene has within a tenth of what it was asked for.
+uint64_t LeastTriangles(const BuiltinSpec& spec) {
+  uint64_t target = spec.target_triangles;
+  for (const BuiltinInfo& info : BuiltinScenes()) {
+    if (target == 0 && info.name == spec.name) target = info.default_triangles;
+  }
+  return target / 10 * 9;
+}
+
 absl::Status ExhaustedError(absl::Status status, uint64_t budget) {
   if (const std::optional<ExceededLimit> limit = ExceededLimitOf(status)) {
     return WithReason(
@@ -264,7 +273,7 @@ void SceneCatalog::Forget(SceneView view) {
 }
 
 absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
-    const std::string& spec) const {
+    const std::string& scene_id, const std::string& spec) const {
   const auto explain = [&](absl::Status status) {
     return WithReason(std::move(status), v1::ERROR_REASON_INVALID_FIELD,
                       {{"field", "builtin.spec"}, {"value", spec}});
@@ -278,6 +287,7 @@ absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
     return OverLimit("builtin.spec triangles", parsed->target_triangles, "max_triangles_per_scene",
                      limits_.max_triangles_per_scene);
   }
+  SL_RETURN_IF_ERROR(CheckRoom(scene_id, LeastTriangles(*parsed), 0));
   absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*parsed);
   if (!scene.ok()) return explain(scene.status());
   return std::move(scene->objects);

@@ -118,8 +118,10 @@ class SceneCatalog {
   // In the order of the ids, those after `after`, at most `count`.
   absl::StatusOr<std::vector<StoredScene>> ListStored(const std::string& after, size_t count) const;
 
-  // `spec` with its "builtin:".
-  absl::StatusOr<std::vector<ObjectInput>> MakeBuiltinObjects(const std::string& spec) const;
+  // The objects of a scene `scene_id` to be. `spec` with its "builtin:". Errors are also those of
+  // CheckRoom, before anything is made.
+  absl::StatusOr<std::vector<ObjectInput>> MakeBuiltinObjects(const std::string& scene_id,
+                                                              const std::string& spec) const;
 
   absl::StatusOr<SceneView> Get(const std::string& scene_id) const;
   // In the order of the ids, those after `after`, at most `count`.
