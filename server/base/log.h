@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Structured logs: one line per event, `key=value` pairs, values quoted where they need it, so that
-// both people and programs can read them. Written by spdlog to stderr.
+// both people and programs can read them. Written by spdlog to stderr before Log returns: no line
+// is lost where the process ends, and whoever reads stderr must go on reading.
 //
 // Thread safety: every function may be called from any thread; a line is written in one piece.
 //
