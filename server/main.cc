@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // sightlined: a Sightline server as a process. Reads its flags, starts a Server, and drains it on
-// SIGTERM or SIGINT. SIGHUP has it read certificates and the access file again.
+// SIGTERM or SIGINT, which end it at once while it starts. SIGHUP has it read certificates and the
+// access file again.
 #include <unistd.h>
 
 #include <csignal>
 #include <cstdio>
 #include <memory>
 #include <string>
+#include <thread>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -22,6 +24,35 @@
 
 namespace sightline {
 namespace {
+
+// Ends the process on SIGTERM or SIGINT for as long as it lives: loading a repository may take
+// minutes, and there is nothing yet to drain. What is being stored is beside its place until it is
+// whole. REQUIRES: both signals are blocked in every thread.
+class StopWhileStarting {
+ public:
+  StopWhileStarting()
+      : thread_([] {
+          sigset_t signals;
+          sigemptyset(&signals);
+          sigaddset(&signals, SIGTERM);
+          sigaddset(&signals, SIGINT);
+          siginfo_t info{};
+          while (sigwaitinfo(&signals, &info) < 0) {
+          }
+          if (info.si_code == SI_QUEUE && info.si_pid == getpid()) return;  // The destructor's.
+          Log(LogLevel::kInfo, "stopped_while_starting", {{"signal", absl::StrCat(info.si_signo)}});
+          _exit(0);
+        }) {}
+  ~StopWhileStarting() {
+    pthread_sigqueue(thread_.native_handle(), SIGTERM, sigval{});
+    thread_.join();
+  }
+  StopWhileStarting(const StopWhileStarting&) = delete;
+  StopWhileStarting& operator=(const StopWhileStarting&) = delete;
+
+ private:
+  std::thread thread_;
+};
 
 // From sysexits.h.
 constexpr int kExitUsage = 64;
@@ -62,8 +93,8 @@ int Run(int argc, char** argv) {
 
   // A file that grows over its limit is a failed write, not the end.
   std::signal(SIGXFSZ, SIG_IGN);
-  // Blocked before any thread starts, so that all of them inherit it and sigwait alone hears the
-  // signals: a handler could not shut gRPC down (it takes locks).
+  // Blocked before any thread starts, so that all of them inherit it and those that wait for the
+  // signals alone hear them: a handler could not shut gRPC down (it takes locks).
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);
@@ -71,7 +102,10 @@ int Run(int argc, char** argv) {
   sigaddset(&signals, SIGHUP);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 
-  absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
+  absl::StatusOr<std::unique_ptr<Server>> server = [&options] {
+    const StopWhileStarting stop;
+    return Server::Start(options);
+  }();
   absl::Status status = server.status();
   if (status.ok() && !options.port_file.empty()) {
     status = WritePortFile(options.port_file, (*server)->port());

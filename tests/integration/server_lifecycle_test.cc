@@ -229,6 +229,21 @@ TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
   EXPECT_FALSE(std::ifstream(port_file).good());
 }
 
+// The second scene takes seconds to make.
+TEST(SightlinedTest, SigtermEndsItWhileItStarts) {
+  const testing_support::TempDir dir;
+  const std::string port_file = dir.File("port");
+  ServerProcess process({"--scene=first=builtin:box:1000", "--scene=second=builtin:sphere:8M",
+                         "--port-file", port_file});
+  ASSERT_TRUE(absl::StrContains(process.ReadUntil("event=scene_created"), "scene=first"));
+  process.Signal(SIGTERM);
+  const std::string rest = process.ReadUntil("event=serving");
+  EXPECT_TRUE(absl::StrContains(rest, "event=stopped_while_starting")) << rest;
+  EXPECT_FALSE(absl::StrContains(rest, "scene=second")) << rest;
+  EXPECT_EQ(process.Wait(), 0);
+  EXPECT_FALSE(std::ifstream(port_file).good());
+}
+
 TEST(SightlinedTest, WrongFlagsAreAUsageError) {
   ServerProcess process({"--thread=2"});
   const std::string line = process.ReadUntil("--thread");
