@@ -32,6 +32,9 @@ constexpr absl::Duration kLivenessTimeout = absl::Seconds(2);
 constexpr int kLeastPingIntervalMs = 10'000;
 constexpr int kKeepaliveTimeMs = 40'000;
 constexpr int kKeepaliveTimeoutMs = 20'000;
+// Until a connection has said that it speaks HTTP/2 (and TLS, if it must); gRPC itself would give
+// it a slot for two minutes.
+constexpr int kHandshakeTimeoutMs = 10'000;
 // HTTP/2's own bound on what headers may take; ours carry nothing large.
 constexpr int kMaxMetadataBytes = 16 << 10;
 
@@ -201,6 +204,7 @@ absl::Status Server::Listen() {
   builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
   builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
   builder.AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxMetadataBytes);
+  builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, kHandshakeTimeoutMs);
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveTimeMs);
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS,

@@ -8,6 +8,7 @@
 #include <sys/socket.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -17,6 +18,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
 #include "tests/integration/tile_load.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -155,6 +157,16 @@ class RawConnection {
     char byte;
     return recv(socket_, &byte, 1, 0) == 1;
   }
+  // Whether the server hangs up in that time.
+  bool EndsWithin(absl::Duration time) const {
+    const timeval wait = absl::ToTimeval(time);
+    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &wait, sizeof(wait));
+    char bytes[256];
+    ssize_t received = 0;
+    while ((received = recv(socket_, bytes, sizeof(bytes), 0)) > 0) {
+    }
+    return received == 0 || errno == ECONNRESET;
+  }
   // Closes with a reset instead of an orderly end.
   void Abort() const {
     const linger at_once{1, 0};
@@ -203,6 +215,14 @@ TEST_F(FaultTest, GarbageOnThePortHurtsNobody) {
   load.Stop();
   EXPECT_EQ(load.wrong(), 0u);
   EXPECT_EQ(load.broken_streams(), 0u);
+}
+
+// A connection that never says a word does not keep its slot.
+TEST_F(FaultTest, ASilentConnectionIsClosedWithinSeconds) {
+  ServingProcess server({tiles_.flag()});
+  const RawConnection silent(server.port());
+  ASSERT_TRUE(silent.connected());
+  EXPECT_TRUE(silent.EndsWithin(absl::Seconds(40)));
 }
 
 // More connections than it has descriptors: those that it has are served meanwhile, and new ones
