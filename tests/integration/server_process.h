@@ -82,8 +82,12 @@ class ServerProcess {
     });
     const size_t at = serving.find("port=");
     EXPECT_NE(at, std::string::npos) << serving;
+    const size_t metrics = serving.find("metrics_port=");
+    if (metrics != std::string::npos) metrics_port_ = std::atoi(serving.c_str() + metrics + 13);
     return at == std::string::npos ? 0 : std::atoi(serving.c_str() + at + 5);
   }
+  // Once Port() has returned; 0 without --metrics-listen.
+  int metrics_port() const { return metrics_port_; }
   pid_t pid() const { return pid_; }
   void Signal(int signal) const { kill(pid_, signal); }
   int Wait() {
@@ -95,6 +99,7 @@ class ServerProcess {
 
  private:
   pid_t pid_ = 0;
+  int metrics_port_ = 0;
   std::FILE* log_ = nullptr;
   std::thread drain_;
 };
