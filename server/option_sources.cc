@@ -180,6 +180,9 @@ absl::StatusOr<ParsedOptions> ReadOptions(int argc, const char* const* argv,
       break;
     }
   }
+  for (std::string& warning : WithoutEffect(parsed)) {
+    parsed.warnings.push_back(std::move(warning));
+  }
   return parsed;
 }
 

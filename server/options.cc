@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/options.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/status/status.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
@@ -157,6 +159,10 @@ std::vector<Option> MakeTable() {
       {"slow-query-log", "DURATION",
        "items that took at least so long are logged, with what they cost", "none",
        [](absl::string_view value, ParsedOptions* out) {
+         if (value == "none") {
+           out->options.slow_query_log = absl::InfiniteDuration();
+           return absl::OkStatus();
+         }
          return SetDuration(value, &out->options.slow_query_log);
        }},
       {"log-level", "LEVEL", "debug, info, warning, error or off", "info",
@@ -260,9 +266,33 @@ absl::Status CheckOptions(const ServerOptions& options) {
     SL_RETURN_IF_ERROR(ParseListenAddress(text).status());
   }
   if (!options.metrics_listen.empty()) {
-    SL_RETURN_IF_ERROR(ParseListenAddress(options.metrics_listen).status());
+    SL_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.metrics_listen));
+    if (!address.unix_path.empty()) {
+      return absl::InvalidArgumentError(absl::StrCat("--metrics-listen = \"",
+                                                     options.metrics_listen,
+                                                     "\": must be HOST:PORT, not a Unix socket"));
+    }
   }
   return CheckSecurity(options);
+}
+
+std::vector<std::string> WithoutEffect(const ParsedOptions& parsed) {
+  const ServerOptions& options = parsed.options;
+  std::vector<std::string> warnings;
+  const auto check = [&](absl::string_view name, bool has_effect, absl::string_view wants) {
+    const auto given = parsed.given.find(name);
+    if (given == parsed.given.end() || has_effect) return;
+    warnings.push_back(absl::StrCat(given->second.origin, " = ", given->second.values.back(),
+                                    " has no effect without ", wants));
+  };
+  const bool unix_socket =
+      std::any_of(options.listen.begin(), options.listen.end(),
+                  [](const std::string& text) { return absl::StartsWith(text, "unix:"); });
+  check("load", !options.repository.empty(), "--repository");
+  check("evict", !options.repository.empty() || !options.evict_least_used, "--repository");
+  check("tls-client-auth", !options.tls.client_ca.empty(), "--tls-client-ca");
+  check("unix-socket-mode", unix_socket, "--listen unix:PATH");
+  return warnings;
 }
 
 std::string HelpText() {

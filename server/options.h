@@ -63,8 +63,8 @@ struct ParsedOptions {
   std::string config;         // The configuration file; empty: none.
   bool listen_given = false;  // The default is not one of several.
   bool help = false, version = false, check_config = false, print_config = false;
-  std::map<std::string, GivenOption> given;  // By name.
-  std::vector<std::string> warnings;         // What was seen and is not used.
+  std::map<std::string, GivenOption, std::less<>> given;  // By name.
+  std::vector<std::string> warnings;                      // What was seen and is not used.
 };
 
 struct Option {
@@ -89,6 +89,9 @@ absl::StatusOr<SceneOption> ParseSceneOption(absl::string_view text);
 // What can be wrong with options together, or with what they name: found before anything starts, by
 // --check-config and by Server::Start. InvalidArgument.
 absl::Status CheckOptions(const ServerOptions& options);
+
+// What was given and does nothing because of what was not: a warning each.
+std::vector<std::string> WithoutEffect(const ParsedOptions& parsed);
 
 // The text of --help: every flag, what it takes, its default.
 std::string HelpText();

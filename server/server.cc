@@ -17,6 +17,7 @@
 #include "server/base/log.h"
 #include "server/base/resource_name.h"
 #include "server/codec/wire_request.h"
+#include "server/net/socket_address.h"
 
 namespace sightline {
 namespace {
@@ -117,7 +118,11 @@ absl::Status Server::ServeHttp() {
       {"/livez", [this](const HttpRequest&) { return Livez(); }},
       {"/readyz", [this](const HttpRequest&) { return Readyz(); }},
   };
+  SL_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options_.metrics_listen));
   SL_ASSIGN_OR_RETURN(http_, HttpEndpoint::Start(options_.metrics_listen, std::move(handlers)));
+  if (!access_.active() && !address.IsLoopback()) {
+    Log(LogLevel::kWarning, "metrics_without_roles", {{"address", options_.metrics_listen}});
+  }
   return absl::OkStatus();
 }
 

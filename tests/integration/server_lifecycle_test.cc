@@ -229,6 +229,13 @@ TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
   EXPECT_FALSE(std::ifstream(port_file).good());
 }
 
+TEST(SightlinedTest, MetricsForEverybodyAreWarnedAbout) {
+  ServerProcess process({"--listen=127.0.0.1:0", "--metrics-listen=0.0.0.0:0"});
+  const std::string line = process.ReadUntil("event=");
+  EXPECT_TRUE(absl::StrContains(line, "level=warning event=metrics_without_roles")) << line;
+  EXPECT_TRUE(absl::StrContains(line, "address=0.0.0.0:0")) << line;
+}
+
 // The second scene takes seconds to make.
 TEST(SightlinedTest, SigtermEndsItWhileItStarts) {
   const testing_support::TempDir dir;

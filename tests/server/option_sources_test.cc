@@ -93,6 +93,22 @@ TEST_F(OptionSourcesTest, UnknownNamesSuggestTheNearest) {
   EXPECT_THAT(parsed->warnings[1], HasSubstr("SIGHTLINE_SERVICE_HOST"));
 }
 
+TEST_F(OptionSourcesTest, WhatHasNoEffectIsSaid) {
+  const auto parsed = Read({"--load=none", "--evict=lru", "--tls-client-auth=optional",
+                            "--unix-socket-mode=0660", "--listen=127.0.0.1:0"});
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_THAT(parsed->warnings,
+              ElementsAre("--load = none has no effect without --repository",
+                          "--evict = lru has no effect without --repository",
+                          "--tls-client-auth = optional has no effect without --tls-client-ca",
+                          "--unix-socket-mode = 0660 has no effect without --listen unix:PATH"));
+  const auto useful =
+      Read({"--load=none", "--evict=lru", "--repository=r", "--tls-client-auth=optional",
+            "--tls-client-ca=ca.pem", "--unix-socket-mode=0660", "--listen=unix:s"});
+  ASSERT_TRUE(useful.ok()) << useful.status();
+  EXPECT_THAT(useful->warnings, IsEmpty());
+}
+
 TEST_F(OptionSourcesTest, ErrorsNameTheSource) {
   const std::string file = Config("log-level: info\nthreads: many\n");
   EXPECT_THAT(ErrorOf(Read({"--config", file})), HasSubstr(file + ":2: threads = \"many\""));

@@ -44,6 +44,12 @@ TEST(OptionsTest, ReadsBothFormsAndBothSpellings) {
   EXPECT_EQ(parsed->options.log_level, LogLevel::kDebug);
 }
 
+TEST(OptionsTest, NoneIsAsGoodAsNoSlowQueryLog) {
+  EXPECT_EQ(Parse({"--slow-query-log=2s"})->options.slow_query_log, absl::Seconds(2));
+  EXPECT_EQ(Parse({"--slow-query-log=none"})->options.slow_query_log, absl::InfiniteDuration());
+  EXPECT_FALSE(Parse({"--slow-query-log=never"}).ok());
+}
+
 TEST(OptionsTest, TheRepository) {
   const ServerOptions defaults;
   EXPECT_TRUE(defaults.repository.empty() && defaults.load_repository);
@@ -105,6 +111,7 @@ TEST(OptionsTest, WhatBelongsTogetherIsAskedForTogether) {
       {{"--access-file=no-such-file"}, "no-such-file"},
       {{"--listen=7070"}, "HOST:PORT"},
       {{"--metrics-listen=7070"}, "HOST:PORT"},
+      {{"--metrics-listen=unix:s"}, "not a Unix socket"},
   };
   for (const auto& [arguments, named] : cases) {
     const absl::StatusOr<ParsedOptions> parsed = Parse(arguments);
