@@ -18,8 +18,11 @@ namespace {
 constexpr double kStabilityTolerance = 0.10;
 // Of Check::kSample: every eighth item.
 constexpr size_t kSampleStride = 8;
-// Longer than any run; the set goes with the test.
-constexpr absl::Duration kLease = absl::Hours(1);
+// From the lease's beginning to the first request: a reference may have to be made. The set goes
+// with the test.
+constexpr absl::Duration kLeaseMargin = absl::Minutes(30);
+
+absl::Duration TimeOf(const RunPlan& plan) { return plan.warm_up + plan.duration + plan.drain; }
 
 Vec3d ToVec(const client::Point3& p) { return {p[0], p[1], p[2]}; }
 
@@ -63,6 +66,7 @@ absl::Status LoadTest::Prepare() {
   SL_ASSIGN_OR_RETURN(session_, cli::Session::Open(options_.session));
   SL_ASSIGN_OR_RETURN(const client::Capabilities capabilities,
                       session_->client().GetCapabilities(session_->call()));
+  max_lease_ = capabilities.limits.max_lease;
   SL_ASSIGN_OR_RETURN(scene_, OpenTestScene(*session_, options_, err_));
   const client::Scene& scene = scene_.opened->scene();
   const WorkloadSpec spec{.scene = scene.name,
@@ -103,12 +107,21 @@ absl::Status LoadTest::OpenPointSet() {
   }
   SL_ASSIGN_OR_RETURN(const client::PointSet set, session_->client().CreatePointSet(
                                                       {.scene = scene_.opened->scene().name,
-                                                       .lease = kLease,
+                                                       .lease = LeaseFor(options_.plan),
                                                        .points = workload_->shadow_query().points},
                                                       session_->call()));
   point_set_ = set.name;
+  if (TimeOf(options_.plan) > max_lease_) {
+    err_ << "warning: a run may take " << absl::FormatDuration(TimeOf(options_.plan))
+         << ", but the server keeps points for max_lease = " << absl::FormatDuration(max_lease_)
+         << " at most: shorten --duration, or have the server's --max-lease-seconds raised\n";
+  }
   workload_->UsePointSet(set.name);
   return absl::OkStatus();
+}
+
+absl::Duration LoadTest::LeaseFor(const RunPlan& plan) const {
+  return std::min(TimeOf(plan) + kLeaseMargin, max_lease_);
 }
 
 absl::Status LoadTest::FindReference() {
@@ -128,6 +141,11 @@ absl::Status LoadTest::FindReference() {
 
 absl::Status LoadTest::Measure(const RunPlan& plan, bool until_stable, const std::string& title,
                                Measurement* measured) {
+  // The search for the knee is many runs.
+  if (!point_set_.empty()) {
+    SL_RETURN_IF_ERROR(
+        session_->client().RenewLease(point_set_, LeaseFor(plan), session_->call()).status());
+  }
   CountingTarget target(*target_, reloader_.get());
   Recorder recorder(options_.window);
   Driver driver(plan, clock_, target, recorder,

@@ -48,6 +48,8 @@ class LoadTest {
 
  private:
   absl::Status OpenPointSet();
+  // Enough for a run of the plan, or all that the server grants.
+  absl::Duration LeaseFor(const RunPlan& plan) const;
   absl::Status FindReference();
   // One run of the plan; the target's status.
   absl::Status Measure(const RunPlan& plan, bool until_stable, const std::string& title,
@@ -68,7 +70,8 @@ class LoadTest {
   std::unique_ptr<cli::Session> session_;
   TestScene scene_;
   std::optional<Workload> workload_;
-  std::string point_set_;  // Made for the test; empty: none.
+  absl::Duration max_lease_;  // The server's.
+  std::string point_set_;     // Made for the test; empty: none.
   std::unique_ptr<Reference> reference_;
   std::unique_ptr<ServerTarget> target_;
   std::unique_ptr<Reloader> reloader_;

@@ -23,6 +23,7 @@ namespace sightline::load {
 namespace {
 
 using testing::HasSubstr;
+using testing::Not;
 using testing::StartsWith;
 
 struct RunResult {
@@ -214,6 +215,23 @@ TEST_F(LoadRunTest, WhatCannotBeReachedOrFoundHasItsExitCode) {
   const RunResult unreachable = RunWith({gone, "--scene=box", "--retry=0"});
   EXPECT_EQ(unreachable.code, cli::kExitUnavailable) << unreachable.err;
   EXPECT_EQ(unreachable.out, "");
+}
+
+// The longest run takes ten minutes.
+TEST_F(LoadRunTest, PointsAreLeasedForARunOrForAsLongAsTheServerGrants) {
+  ServerOptions options;
+  options.log_level = LogLevel::kOff;
+  options.scenes = {"box=builtin:box"};
+  options.limits.max_lease_seconds = 60;
+  server_ = *Server::Start(options);
+  const RunResult cut =
+      RunWith({ServerFlag(), "--scene=box", "--workload=points", "--requests=20"});
+  EXPECT_EQ(cut.code, 0) << cut.err;
+  EXPECT_THAT(cut.err, HasSubstr("max_lease = 1m"));
+  const RunResult whole = RunWith(
+      {ServerFlag(), "--scene=box", "--workload=points", "--requests=20", "--duration=40s"});
+  EXPECT_EQ(whole.code, 0) << whole.err;
+  EXPECT_THAT(whole.err, Not(HasSubstr("max_lease")));
 }
 
 TEST_F(LoadRunTest, MetricsThatAreNotThereDoNotEndTheRun) {
