@@ -47,11 +47,6 @@ absl::Status Load(const std::string& path, bool secret, std::string* out) {
   return text.status();
 }
 
-bool StaysOnThisMachine(const std::string& target) {
-  return absl::StartsWith(target, "unix:") || absl::StartsWith(target, "127.") ||
-         absl::StartsWith(target, "localhost:") || absl::StartsWith(target, "[::1]:");
-}
-
 // Call credentials would do this over TLS alone; Unix sockets have their own protection.
 class TokenInterceptor final : public grpcx::Interceptor {
  public:
@@ -83,6 +78,21 @@ class TokenInterceptorFactory final : public grpcx::ClientInterceptorFactoryInte
 
 }  // namespace
 
+bool StaysOnThisMachine(const std::string& target) {
+  return absl::StartsWith(target, "unix:") || absl::StartsWith(target, "127.") ||
+         absl::StartsWith(target, "localhost:") || absl::StartsWith(target, "[::1]:");
+}
+
+absl::StatusOr<std::string> LoadToken(const std::string& path) {
+  absl::StatusOr<std::string> text = ReadWhole(path, /*secret=*/true);
+  if (!text.ok()) return text.status();
+  const std::string token(absl::StripAsciiWhitespace(*text));
+  if (token.empty() || token.find_first_of("\r\n") != std::string::npos) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " must hold one token"));
+  }
+  return token;
+}
+
 absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::string& target) {
   Security security;
   if (files.certificate.empty() != files.key.empty()) {
@@ -92,13 +102,11 @@ absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::str
   absl::Status status = Load(files.ca, /*secret=*/false, &security.ca);
   status.Update(Load(files.certificate, /*secret=*/false, &security.certificate));
   status.Update(Load(files.key, /*secret=*/true, &security.key));
-  status.Update(Load(files.token, /*secret=*/true, &security.token));
   if (!status.ok()) return status;
   if (files.token.empty()) return security;
-  security.token = std::string(absl::StripAsciiWhitespace(security.token));
-  if (security.token.empty() || security.token.find_first_of("\r\n") != std::string::npos) {
-    return absl::InvalidArgumentError(absl::StrCat(files.token, " must hold one token"));
-  }
+  absl::StatusOr<std::string> token = LoadToken(files.token);
+  if (!token.ok()) return token.status();
+  security.token = *std::move(token);
   if (!security.tls && !StaysOnThisMachine(target)) {
     return absl::InvalidArgumentError(
         absl::StrCat("the token would travel in the clear to ", target,

@@ -40,6 +40,12 @@ struct Security {
 // another machine), PermissionDenied (others may read the token), and what reading returns.
 absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::string& target);
 
+// The token in file `path`, which none but its owner and group may use. Errors as above.
+absl::StatusOr<std::string> LoadToken(const std::string& path);
+// Whether `target`, HOST:PORT or unix:PATH, is on this machine: no token goes to another in the
+// clear.
+bool StaysOnThisMachine(const std::string& target);
+
 // A channel that keeps to it.
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Security& security,
                                            const grpc::ChannelArguments& arguments);

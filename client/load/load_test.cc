@@ -8,6 +8,7 @@
 #include "absl/strings/str_format.h"
 #include "client/load/knee.h"
 #include "client/load/monitor.h"
+#include "client/load/server_metrics.h"
 #include "client/load/stability.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
@@ -63,6 +64,8 @@ LoadTest::~LoadTest() {
 }
 
 absl::Status LoadTest::Prepare() {
+  SL_ASSIGN_OR_RETURN(metrics_token_,
+                      MetricsToken(options_.metrics_token_file, options_.server_metrics));
   SL_ASSIGN_OR_RETURN(session_, cli::Session::Open(options_.session));
   SL_ASSIGN_OR_RETURN(const client::Capabilities capabilities,
                       session_->client().GetCapabilities(session_->call()));
@@ -212,7 +215,9 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->triangles = scene_.opened->scene().triangles;
   report->streams = target_->stream_count();
   absl::StatusOr<Metrics> before = Metrics();
-  if (!options_.server_metrics.empty()) before = ReadMetrics(options_.server_metrics);
+  if (!options_.server_metrics.empty()) {
+    before = ReadMetrics(options_.server_metrics, metrics_token_);
+  }
   report->rate = options_.plan.rate;
   if (options_.find_knee) {
     SL_ASSIGN_OR_RETURN(report->knee, FindKnee(report->rate, [this](double r) { return Try(r); }));
@@ -232,7 +237,7 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->slo = options_.slo.Judge(report->measured);
   if (reloader_ != nullptr) report->reloads = reloader_->report();
   if (!options_.server_metrics.empty()) {
-    const absl::StatusOr<Metrics> after = ReadMetrics(options_.server_metrics);
+    const absl::StatusOr<Metrics> after = ReadMetrics(options_.server_metrics, metrics_token_);
     if (before.ok() && after.ok()) {
       report->server_metrics = ChangedMetrics(*before, *after);
     } else {

@@ -70,6 +70,7 @@ class LoadTest {
   std::unique_ptr<cli::Session> session_;
   TestScene scene_;
   std::optional<Workload> workload_;
+  std::string metrics_token_;
   absl::Duration max_lease_;  // The server's.
   std::string point_set_;     // Made for the test; empty: none.
   std::unique_ptr<Reference> reference_;

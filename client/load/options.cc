@@ -157,6 +157,8 @@ void RegisterResults(FlagSet* flags, LoadOptions* o, Texts* texts) {
   flags->Text("plot", "FILE.png|FILE.svg", "latency by percentile and over time", &o->plot);
   flags->Text("server-metrics", "HOST:PORT|URL",
               "where the server's metrics are, to be read before and after", &o->server_metrics);
+  flags->Text("metrics-token-file", "FILE", "holds a bearer token to show for them",
+              &o->metrics_token_file);
 }
 
 absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
@@ -197,6 +199,9 @@ absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
   }
   if (!o->plot.empty() && !absl::EndsWith(o->plot, ".png") && !absl::EndsWith(o->plot, ".svg")) {
     return UsageError(absl::StrCat("--plot wants FILE.png or FILE.svg; got '", o->plot, "'"));
+  }
+  if (!o->metrics_token_file.empty() && o->server_metrics.empty()) {
+    return UsageError("--metrics-token-file goes with --server-metrics");
   }
   const bool served = cli::KindOf(o->scene) == cli::SceneKind::kServer;
   if (served && o->check_scene.empty()) {

@@ -51,7 +51,7 @@ struct LoadOptions {
   cli::LightFlags lights;
   absl::Duration item_timeout = absl::ZeroDuration();
   // What comes out.
-  std::string output = "text", hgrm, plot, server_metrics;
+  std::string output = "text", hgrm, plot, server_metrics, metrics_token_file;
   cli::SessionFlags session;
 };
 

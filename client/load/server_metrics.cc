@@ -14,6 +14,8 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "client/lib/security.h"
 
 namespace sightline::load {
 namespace {
@@ -77,7 +79,25 @@ std::string MetricsUrl(const std::string& where) {
   return absl::StrContains(where, "://") ? where : absl::StrCat("http://", where, "/metrics");
 }
 
-absl::StatusOr<Metrics> ReadMetrics(const std::string& where, absl::Duration timeout) {
+absl::StatusOr<std::string> MetricsToken(const std::string& path, const std::string& where) {
+  if (path.empty()) return std::string();
+  const std::string url = MetricsUrl(where);
+  absl::string_view host = url;
+  if (!absl::ConsumePrefix(&host, "https://")) {
+    absl::ConsumePrefix(&host, "http://");
+    host = host.substr(0, host.find_first_of("/?#"));
+    // Before an @ there is a user's name.
+    if (absl::StrContains(host, '@') || !client::StaysOnThisMachine(absl::StrCat(host, ":"))) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("--metrics-token-file: the token would travel in the clear to ", url,
+                       ": give an https:// URL, or read the metrics on the server's machine"));
+    }
+  }
+  return client::LoadToken(path);
+}
+
+absl::StatusOr<Metrics> ReadMetrics(const std::string& where, const std::string& token,
+                                    absl::Duration timeout) {
   static const bool initialized = curl_global_init(CURL_GLOBAL_DEFAULT) == CURLE_OK;
   const std::unique_ptr<CURL, void (*)(CURL*)> curl(initialized ? curl_easy_init() : nullptr,
                                                     curl_easy_cleanup);
@@ -90,6 +110,12 @@ absl::StatusOr<Metrics> ReadMetrics(const std::string& where, absl::Duration tim
   curl_easy_setopt(curl.get(), CURLOPT_TIMEOUT_MS, absl::ToInt64Milliseconds(timeout));
   curl_easy_setopt(curl.get(), CURLOPT_WRITEFUNCTION, Append);
   curl_easy_setopt(curl.get(), CURLOPT_WRITEDATA, &text);
+  const std::unique_ptr<curl_slist, void (*)(curl_slist*)> headers(
+      token.empty()
+          ? nullptr
+          : curl_slist_append(nullptr, absl::StrCat("Authorization: Bearer ", token).c_str()),
+      curl_slist_free_all);
+  curl_easy_setopt(curl.get(), CURLOPT_HTTPHEADER, headers.get());
   const CURLcode code = curl_easy_perform(curl.get());
   if (code == CURLE_WRITE_ERROR) {
     return absl::ResourceExhaustedError(
@@ -101,7 +127,10 @@ absl::StatusOr<Metrics> ReadMetrics(const std::string& where, absl::Duration tim
   long status = 0;
   curl_easy_getinfo(curl.get(), CURLINFO_RESPONSE_CODE, &status);
   if (status != 200) {
-    return absl::UnavailableError(absl::StrCat("metrics of ", url, ": HTTP status ", status));
+    const bool refused = status == 401 || status == 403;
+    return absl::UnavailableError(absl::StrCat(
+        "metrics of ", url, ": HTTP status ", status,
+        refused ? ": give a token with the role metrics by --metrics-token-file" : ""));
   }
   return ParseMetrics(text);
 }

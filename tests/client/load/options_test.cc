@@ -76,6 +76,7 @@ TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
       {{"--find-knee"}, "--slo"},
       {{"--slo=p99"}, "--slo"},
       {{"--mix=tiles=1"}, "--mix goes with"},
+      {{"--metrics-token-file=t"}, "--metrics-token-file goes with --server-metrics"},
       {{"--workload=mixed", "--mix=cats=1"}, "cats"},
       {{"--duration=0s"}, "--duration"},
       {{"--duration=forever"}, "--duration"},

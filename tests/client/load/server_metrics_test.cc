@@ -6,16 +6,20 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <filesystem>
+#include <fstream>
 #include <string>
 #include <thread>
 
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/support/temp_dir.h"
 
 namespace sightline::load {
 namespace {
 
+using ::sightline::testing_support::TempDir;
 using testing::HasSubstr;
 
 constexpr char kText[] =
@@ -119,6 +123,36 @@ TEST(ServerMetricsTest, AnErrorOfTheServerIsAnError) {
       ReadMetrics(absl::StrCat("http://", server.where(), "/elsewhere"));
   EXPECT_EQ(metrics.status().code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(std::string(metrics.status().message()), HasSubstr("404"));
+}
+
+TEST(ServerMetricsTest, ATokenIsShown) {
+  const OneAnswer server("HTTP/1.1 200 OK\r\nContent-Length: 4\r\n\r\na 1\n");
+  EXPECT_TRUE(ReadMetrics(server.where(), "a-token").ok());
+  EXPECT_THAT(server.request(), HasSubstr("\r\nAuthorization: Bearer a-token\r\n"));
+}
+
+TEST(ServerMetricsTest, ARefusalNamesTheFlagThatIsMissing) {
+  const OneAnswer server("HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n");
+  EXPECT_THAT(std::string(ReadMetrics(server.where()).status().message()),
+              HasSubstr("HTTP status 401: give a token with the role metrics by "
+                        "--metrics-token-file"));
+}
+
+TEST(ServerMetricsTest, ATokenLeavesTheMachineOverTlsAlone) {
+  const TempDir dir;
+  const std::string path = dir.File("token");
+  std::ofstream(path) << "a-token\n";
+  std::filesystem::permissions(path, std::filesystem::perms::owner_read);
+  for (const char* where : {"127.0.0.1:9090", "http://localhost/metrics", "https://far.org/m"}) {
+    EXPECT_EQ(MetricsToken(path, where).value_or("none"), "a-token") << where;
+  }
+  for (const char* where : {"far.org:9090", "http://127.0.0.1@far.org/", "http://far.org/m"}) {
+    EXPECT_THAT(std::string(MetricsToken(path, where).status().message()),
+                HasSubstr("in the clear"))
+        << where;
+  }
+  EXPECT_EQ(MetricsToken("", "far.org:9090").value_or("none"), "");
+  EXPECT_FALSE(MetricsToken(dir.File("nothing"), "127.0.0.1:9090").ok());
 }
 
 TEST(ServerMetricsTest, OnlyHttpIsSpoken) {
