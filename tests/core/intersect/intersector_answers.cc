@@ -49,12 +49,15 @@ Difference CompareHits(const SceneGeometry& geometry, Intersector kind, const Pr
                        const Hit& hit, const Hit& truth) {
   if (SameBits(hit, truth)) return Difference::kNone;
   bool sliver = false, edge = false, end = false, certain = true;
+  bool truth_certain = false;
   double reach = 0;
-  for (const Hit& one : {hit, truth}) {
+  const Hit at[] = {hit, truth};
+  for (const Hit& one : at) {
     if (one.triangle == kNoTriangle) continue;
     const auto [a, b, c] = geometry.Corners(one.triangle);
     const IntersectorCheck check = CheckIntersector(kind, ray, a, b, c);
     certain &= check.certain;
+    if (&one == &at[1]) truth_certain = check.certain;
     reach += check.t_error;
     sliver |= AspectRatio(a, b, c) >= kSliverAspect;
     edge |= LeastWeight(ray, a, b, c) < kBesideEdge;
@@ -62,7 +65,12 @@ Difference CompareHits(const SceneGeometry& geometry, Intersector kind, const Pr
   }
   const bool tie = hit.triangle != kNoTriangle && truth.triangle != kNoTriangle &&
                    !(std::abs(static_cast<double>(hit.t) - truth.t) > reach);
-  if (certain && !tie) return Difference::kBeyondBound;
+  // A walk puts the ray to some of the triangles, by the same test: it may lose a hit in doubt to
+  // a box that the ray passes by, but no certain one, and it finds none that is nearer.
+  const bool nearer =
+      hit.triangle != kNoTriangle && (truth.triangle == kNoTriangle || hit.t < truth.t);
+  const bool lost = truth.triangle != kNoTriangle && truth_certain;
+  if (!tie && (certain || nearer || lost)) return Difference::kBeyondBound;
   return sliver ? Difference::kSliver
          : edge ? Difference::kEdge
          : end  ? Difference::kEnd
