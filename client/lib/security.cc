@@ -79,8 +79,11 @@ class TokenInterceptorFactory final : public grpcx::ClientInterceptorFactoryInte
 }  // namespace
 
 bool StaysOnThisMachine(const std::string& target) {
-  return absl::StartsWith(target, "unix:") || absl::StartsWith(target, "127.") ||
-         absl::StartsWith(target, "localhost:") || absl::StartsWith(target, "[::1]:");
+  // An address, not a name that begins like one.
+  const bool loopback = absl::StartsWith(target, "127.") &&
+                        target.find_first_not_of("0123456789.:") == std::string::npos;
+  return loopback || absl::StartsWith(target, "unix:") || absl::StartsWith(target, "localhost:") ||
+         absl::StartsWith(target, "[::1]:");
 }
 
 absl::StatusOr<std::string> LoadToken(const std::string& path) {

@@ -208,7 +208,7 @@ struct PendingClosest {
 // Pushes the children `met`, in no particular order, without a branch. Writes kBvhWidth entries
 // from `end` on; returns how many count.
 template <class D, class M>
-HWY_INLINE int PushChildren(D d, const BvhNode& node, M met, PendingAny* end) {
+HWY_INLINE int PushChildren(D /*d*/, const BvhNode& node, M met, PendingAny* end) {
   const hn::RebindToUnsigned<D> du;
   static_assert(sizeof(PendingAny) == sizeof(uint32_t) && sizeof(ChildRef) == sizeof(uint32_t));
   const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node.child));

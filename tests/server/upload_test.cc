@@ -225,7 +225,7 @@ TEST(SceneEditUploadTest, RefusesNamesThatNoObjectCanHave) {
         with([&](R* r) { r->mutable_set_transform()->set_object_name(name); })};
     for (const absl::Status& status : statuses) {
       EXPECT_EQ(status.ok(), bytes == 1024) << status;
-      if (bytes > 1024) EXPECT_TRUE(absl::StrContains(status.message(), "1025 bytes")) << status;
+      EXPECT_EQ(absl::StrContains(status.message(), "1025 bytes"), bytes > 1024) << status;
     }
   }
 }
