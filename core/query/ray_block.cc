@@ -56,6 +56,16 @@ bool TracePackets(const IndexedGeometry& scene, const QueryRun& run, bool any, R
   return true;
 }
 
+absl::Status TraceRtt(const IndexedGeometry& scene, const QueryRun& run, bool any,
+                      std::span<RayPacket> packets, int tile_rays, WalkStats* stats) {
+  const RttOptions options{.tile_rays = tile_rays,
+                           .side_by_side = run.options().rtt_side_by_side,
+                           .shared_edges = run.options().rtt_shared_edges};
+  const Kernels& kernels = run.kernels();
+  const TraceRttFn trace = any ? kernels.occluded_rtt : kernels.closest_rtt;
+  return trace(scene, packets, options, run.cancel(), stats) ? absl::OkStatus() : run.Stopped();
+}
+
 }  // namespace
 
 int RttTileRaysOf(const QueryOptions& options, bool points) {
@@ -143,13 +153,8 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   const bool any = kind == HitKind::kAny;
   const Kernels& kernels = run.kernels();
   if (strategy == Strategy::kRtt) {
-    const RttOptions options{.tile_rays = RttTileRaysOf(run.options(), packet->segments),
-                             .side_by_side = run.options().rtt_side_by_side,
-                             .shared_edges = run.options().rtt_shared_edges};
-    return (any ? kernels.occluded_rtt : kernels.closest_rtt)(scene, {packet, 1}, options,
-                                                              run.cancel(), stats)
-               ? absl::OkStatus()
-               : run.Stopped();
+    return TraceRtt(scene, run, any, {packet, 1}, RttTileRaysOf(run.options(), packet->segments),
+                    stats);
   }
   if (strategy == Strategy::kPacket) {
     return TracePackets(scene, run, any, packet, stats) ? absl::OkStatus() : run.Stopped();
@@ -187,15 +192,9 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
 
 absl::Status TraceRttTile(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                           std::span<RayPacket> packets, WalkStats* stats) {
-  const RttOptions options{.tile_rays = RttTileRays(run.options().rtt_antialiasing),
-                           .side_by_side = run.options().rtt_side_by_side,
-                           .shared_edges = run.options().rtt_shared_edges};
-  SIGHTLINE_CHECK_GT(options.tile_rays, kBlockRays);
-  const Kernels& kernels = run.kernels();
-  return (kind == HitKind::kAny ? kernels.occluded_rtt : kernels.closest_rtt)(
-             scene, packets, options, run.cancel(), stats)
-             ? absl::OkStatus()
-             : run.Stopped();
+  const int tile_rays = RttTileRays(run.options().rtt_antialiasing);
+  SIGHTLINE_CHECK_GT(tile_rays, kBlockRays);
+  return TraceRtt(scene, run, kind == HitKind::kAny, packets, tile_rays, stats);
 }
 
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,

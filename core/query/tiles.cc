@@ -63,18 +63,16 @@ class TileTrace {
         out_(*out),
         choice_(OtherWalks(run_, RayForm::kOneOrigin)),
         tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, samples, &out->shadow) {
-    if (LargeTile()) {
-      parts_ = std::make_unique<RayPacket[]>(kMostParts);
-      parts_answered_by_ = std::make_unique<AnsweredBy[]>(size_t{kMostParts} * kBlockRays);
-    }
-    std::vector<RayPacket*> packets = {&block_, &outline_};
-    for (uint32_t i = 0; LargeTile() && i < kMostParts; ++i) packets.push_back(&parts_[i]);
-    for (RayPacket* packet : packets) {
-      packet->origin = eye;
-      packet->segments = false;
-      packet->mask = options.mask;
-      packet->want_barycentrics = outputs.uv;
-    }
+    const auto prepare = [&](RayPacket& packet) {
+      packet.origin = eye;
+      packet.segments = false;
+      packet.mask = options.mask;
+      packet.want_barycentrics = outputs.uv;
+    };
+    if (LargeTile()) parts_.resize(kMostParts);
+    prepare(block_);
+    prepare(outline_);
+    for (RayPacket& part : parts_) prepare(part);
     if (outputs.lit || outputs.points) {
       // As many blocks as the tile fills, at most a group.
       const auto blocks = [](uint32_t side) { return (side + kBlockSide - 1) / kBlockSide; };
@@ -109,9 +107,8 @@ class TileTrace {
     if (outputs.answered_by) out_.answered_by.resize(pixels_);
     if (outputs.answered_by || options.count_answers) {
       block_.answered_by = answered_by_;
-      for (uint32_t i = 0; LargeTile() && i < kMostParts; ++i) {
-        parts_[i].answered_by = parts_answered_by_.get() + size_t{i} * kBlockRays;
-      }
+      parts_answered_by_.resize(parts_.size());
+      for (size_t i = 0; i < parts_.size(); ++i) parts_[i].answered_by = parts_answered_by_[i].data();
     }
     if (outputs.lit && outputs.lit_answered_by) {
       out_.lit_answered_by.assign(samples.size() * pixels_, AnsweredBy::kNoRay);
@@ -221,7 +218,7 @@ class TileTrace {
       Place(blocks[count++]);
     }
     absl::Status status =
-        TraceRttTile(scene_, run_, kind, {parts_.get(), size_t{count}}, scope->walk());
+        TraceRttTile(scene_, run_, kind, {parts_.data(), size_t{count}}, scope->walk());
     if (status.ok()) scope->Took(Strategy::kRtt);
     for (uint32_t i = 0; i < count && status.ok(); ++i) {
       packet_ = &parts_[i];
@@ -481,8 +478,8 @@ class TileTrace {
   // Those of a tile that no packet holds. Rows are whole squares: 12 of 20 pixels, 8 of 24.
   static constexpr uint32_t kMostParts = 3;
   static_assert(RttTileRays(kMaxRttAntialiasing) <= kMostParts * 192);
-  std::unique_ptr<RayPacket[]> parts_;
-  std::unique_ptr<AnsweredBy[]> parts_answered_by_;
+  std::vector<RayPacket> parts_;
+  std::vector<std::array<AnsweredBy, kBlockRays>> parts_answered_by_;
   AnsweredBy answered_by_[kBlockRays];
   // What is seen in a mirror, where there are any.
   std::unique_ptr<RayPacket> mirrored_;

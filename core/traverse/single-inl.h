@@ -269,6 +269,7 @@ class SingleWalk {
     }
   }
 
+  // What comes next, children behind the limit passed over.
   HWY_INLINE NextVisit FindNext() {
     while (stack_[depth_ - 1].after(limit_)) --depth_;
     const ChildRef ref = next();

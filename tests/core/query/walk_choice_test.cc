@@ -22,16 +22,16 @@ using Others = WalkChoice::Others;
 
 constexpr size_t kRays = 256;
 
-// A walk of `kRays` rays that visited so many leaves a ray, and nothing else.
-void Teach(WalkChoice& choice, Strategy walk, uint64_t leaves, size_t rays = kRays) {
+// A walk of `kRays` rays that visited so many halves of a leaf a ray, and nothing else.
+void Teach(WalkChoice& choice, Strategy walk, uint64_t half_leaves, size_t rays = kRays) {
   WalkStats before, after;
   before.nodes = after.nodes = 7;
   before.leaves = 5;
-  after.leaves = before.leaves + leaves * kRays;
+  after.leaves = before.leaves + half_leaves * kRays / 2;
   choice.Learn(walk, before, after, rays);
 }
 
-// How often each walk was taken in `blocks` blocks, given what each costs in leaves a ray.
+// How often each walk was taken in `blocks` blocks, given what each costs in half leaves a ray.
 struct Taken {
   int shafts = 0, packets = 0, singles = 0;
 };
@@ -52,7 +52,7 @@ Taken Take(WalkChoice& choice, int blocks, uint64_t shaft, uint64_t packet, uint
 
 TEST(WalkChoiceTest, CheapShaftsAreNotComparedWithAnything) {
   WalkChoice choice(Others::kPacketsAndSingleRays);
-  EXPECT_EQ(Take(choice, 200, 0, 0, 0).shafts, 200);
+  EXPECT_EQ(Take(choice, 200, 1, 0, 0).shafts, 200);
   EXPECT_FALSE(choice.ShaftsAreRare());
 }
 
