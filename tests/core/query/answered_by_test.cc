@@ -25,13 +25,7 @@ constexpr TileRect kTile = {0, 0, kSide, kSide};
 
 // Seen from +z, 4 wide and high at depth 10; the picture's middle is the origin.
 Camera Down(double half_width = 2) {
-  return {.eye = {0, 0, 10},
-          .right = {1, 0, 0},
-          .up = {0, 1, 0},
-          .forward = {0, 0, -1},
-          .tan_half_fov_y = half_width / 10,
-          .width = kSide,
-          .height = kSide};
+  return testing_support::LookingDown({0, 0, 10}, half_width / 10, kSide);
 }
 
 ObjectInput Triangle(Vec3d a, Vec3d b, Vec3d c) {

@@ -40,13 +40,7 @@ const IndexedGeometry& Scene() {
 
 QueryStats Count(Strategy strategy, Structure structure, const LeafCulling& culling,
                  int packet_side = 16) {
-  const Camera camera = {.eye = {0, 0, 9},
-                         .right = {1, 0, 0},
-                         .up = {0, 1, 0},
-                         .forward = {0, 0, -1},
-                         .tan_half_fov_y = 0.5,
-                         .width = kSide,
-                         .height = kSide};
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.5, kSide);
   TileResult tile;
   const absl::Status status = TraceTile(Scene(), camera, {0, 0, kSide, kSide}, {}, {.ids = true},
                                         {.strategy = strategy,

@@ -220,13 +220,7 @@ TEST(MirrorsTest, LightsFallOnWhatIsSeen) {
   const ObjectInput ceiling = Quad({-20, -20, 8}, {20, -20, 8}, {20, 20, 8}, {-20, 20, 8});
   const ObjectInput shade = Quad({0, -20, 5}, {20, -20, 5}, {20, 20, 5}, {0, 20, 5});
   const IndexedGeometry scene = MakeScene({floor, ceiling, shade});
-  const Camera camera = {.eye = {-6, 0, 6},
-                         .right = {1, 0, 0},
-                         .up = {0, 1, 0},
-                         .forward = {0, 0, -1},
-                         .tan_half_fov_y = 0.5,
-                         .width = kSide,
-                         .height = kSide};
+  const Camera camera = testing_support::LookingDown({-6, 0, 6}, 0.5, kSide);
   std::vector<LightSample> samples;
   ASSERT_TRUE(AppendSamples(Light::Point({-0.001, 0, 4}), 0, {}, &samples).ok());
   TileResult result;

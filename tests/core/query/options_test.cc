@@ -57,13 +57,7 @@ TEST(OptionsTest, WhatASceneLacksIsNamed) {
     EXPECT_THAT(std::string(status.message()), HasSubstr(part));
     // Every query says so, and answers nothing.
     TileResult tile;
-    const Camera camera = {.eye = {5, 5, 9},
-                           .right = {1, 0, 0},
-                           .up = {0, 1, 0},
-                           .forward = {0, 0, -1},
-                           .tan_half_fov_y = 1,
-                           .width = 8,
-                           .height = 8};
+    const Camera camera = testing_support::LookingDown({5, 5, 9}, 1, 8);
     EXPECT_EQ(TraceTile(scene, camera, {0, 0, 8, 8}, {}, {}, options, &tile), status);
     EXPECT_TRUE(tile.hit_bits.empty());
     ShadowResult shadows;
@@ -138,13 +132,7 @@ IndexedGeometry OneTriangle() {
 }
 
 Camera LookingAtIt(double tan_half_fov_y, uint32_t side) {
-  return {.eye = {0, 0, 10},
-          .right = {1, 0, 0},
-          .up = {0, 1, 0},
-          .forward = {0, 0, -1},
-          .tan_half_fov_y = tan_half_fov_y,
-          .width = side,
-          .height = side};
+  return testing_support::LookingDown({0, 0, 10}, tan_half_fov_y, side);
 }
 
 // A tile's statistics say how far its lists went.

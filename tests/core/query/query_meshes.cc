@@ -170,6 +170,16 @@ IndexedGeometry OnKdTreeAlone(IndexedGeometry scene, const KdBuildOptions& optio
   return scene;
 }
 
+Camera LookingDown(Vec3d eye, double tan_half_fov_y, uint32_t side) {
+  return {.eye = eye,
+          .right = {1, 0, 0},
+          .up = {0, 1, 0},
+          .forward = {0, 0, -1},
+          .tan_half_fov_y = tan_half_fov_y,
+          .width = side,
+          .height = side};
+}
+
 bool IsLit(const SceneGeometry& geometry, const PredicateRay& ray, uint32_t source) {
   for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
     if (id == source) continue;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Meshes whose right answers are known without tracing, and the definition of "lit" to check
-// against.
+// Meshes whose right answers are known without tracing, a camera to see them from, and the
+// definition of "lit" to check against.
 //
 // Thread safety: functions only.
 #ifndef SIGHTLINE_TESTS_CORE_QUERY_QUERY_MESHES_H_
@@ -15,6 +15,7 @@
 #include "core/accel/bvh_builder.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/accel/kd_builder.h"
+#include "core/geometry/camera.h"
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate.h"
 #include "core/mesh/object.h"
@@ -45,6 +46,9 @@ IndexedGeometry MakeScene(const std::vector<ObjectInput>& objects,
 
 // The scene with a kd-tree in place of its BVH.
 IndexedGeometry OnKdTreeAlone(IndexedGeometry scene, const KdBuildOptions& options);
+
+// Along -z with y up, a square picture.
+Camera LookingDown(Vec3d eye, double tan_half_fov_y, uint32_t side);
 
 // Whether no triangle but `source` blocks, by the predicate applied to every one.
 bool IsLit(const SceneGeometry& geometry, const PredicateRay& ray, uint32_t source);
