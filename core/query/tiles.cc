@@ -108,7 +108,8 @@ class TileTrace {
     if (outputs.answered_by || options.count_answers) {
       block_.answered_by = answered_by_;
       parts_answered_by_.resize(parts_.size());
-      for (size_t i = 0; i < parts_.size(); ++i) parts_[i].answered_by = parts_answered_by_[i].data();
+      for (size_t i = 0; i < parts_.size(); ++i)
+        parts_[i].answered_by = parts_answered_by_[i].data();
     }
     if (outputs.lit && outputs.lit_answered_by) {
       out_.lit_answered_by.assign(samples.size() * pixels_, AnsweredBy::kNoRay);
