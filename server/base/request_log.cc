@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/base/request_log.h"
 
+#include <openssl/sha.h>
+
 #include "absl/strings/string_view.h"
 #include "server/base/error.h"
 
@@ -10,6 +12,12 @@ namespace {
 constexpr size_t kMaxIdLength = 128;
 
 }  // namespace
+
+Fingerprint FingerprintOf(absl::string_view request) {
+  Fingerprint digest;
+  SHA256(reinterpret_cast<const uint8_t*>(request.data()), request.size(), digest.data());
+  return digest;
+}
 
 RequestClaim& RequestClaim::operator=(RequestClaim&& other) noexcept {
   if (this == &other) return *this;
@@ -31,7 +39,7 @@ void RequestClaim::Drop() {
 }
 
 absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id,
-                                               absl::string_view fingerprint) {
+                                               const Fingerprint& fingerprint) {
   RequestClaim claim;
   if (id.empty()) return claim;
   if (id.size() > kMaxIdLength) {
@@ -40,7 +48,7 @@ absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id,
   }
   MutexLock lock(mutex_);
   const auto [found, inserted] =
-      entries_.try_emplace(std::string(id), Entry{std::string(fingerprint), "", false});
+      entries_.try_emplace(std::string(id), Entry{fingerprint, "", false});
   if (inserted) {
     claim.log_ = this;
     claim.id_ = std::string(id);

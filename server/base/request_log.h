@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Remembers which request_id made what, so that a repeated creation returns the first one's result
-// instead of making a second. Bounded: the oldest completed entries are forgotten.
+// instead of making a second. Bounded: the oldest completed entries are forgotten, and of a request
+// there is its digest alone, however large it was.
 //
 // Invariants: an id is claimed by at most one call at a time; a claim that is dropped without
 // Complete leaves no trace, so that the call can be repeated.
@@ -9,13 +10,15 @@
 // Thread safety: every method of RequestLog from any thread; a claim belongs to one owner at a
 // time. The log outlives its claims.
 //
-//   SL_ASSIGN_OR_RETURN(RequestClaim claim, log.Claim("request-7", fingerprint));
+//   SL_ASSIGN_OR_RETURN(RequestClaim claim, log.Claim("request-7", FingerprintOf(header_bytes)));
 //   if (claim.repeated()) return Find(claim.resource());
 //   ...
 //   claim.Complete("scenes/hall");
 #ifndef SIGHTLINE_SERVER_BASE_REQUEST_LOG_H_
 #define SIGHTLINE_SERVER_BASE_REQUEST_LOG_H_
 
+#include <array>
+#include <cstdint>
 #include <deque>
 #include <map>
 #include <string>
@@ -29,6 +32,10 @@
 namespace sightline {
 
 class RequestLog;
+
+// What is asked for: SHA-256, so that nobody can make another request that looks like it.
+using Fingerprint = std::array<uint8_t, 32>;
+Fingerprint FingerprintOf(absl::string_view request);
 
 class RequestClaim {
  public:
@@ -57,17 +64,17 @@ class RequestLog {
  public:
   explicit RequestLog(size_t max_entries = 4096) : max_entries_(max_entries) {}
 
-  // An empty id is always new. `fingerprint` says what is asked for. InvalidArgument
-  // (INVALID_FIELD: longer than 128 characters; REQUEST_ID_REUSED: another fingerprint), Aborted
-  // (SCENE_BUSY: its first call is under way).
-  absl::StatusOr<RequestClaim> Claim(absl::string_view id, absl::string_view fingerprint);
+  // An empty id is always new. InvalidArgument (INVALID_FIELD: longer than 128 characters;
+  // REQUEST_ID_REUSED: another fingerprint), Aborted (SCENE_BUSY: its first call is under way).
+  absl::StatusOr<RequestClaim> Claim(absl::string_view id, const Fingerprint& fingerprint);
   // Forgets every id that made `resource`, because it is gone.
   void ForgetResource(absl::string_view resource);
 
  private:
   friend class RequestClaim;
   struct Entry {
-    std::string fingerprint, resource;
+    Fingerprint fingerprint;
+    std::string resource;
     bool complete = false;
   };
   void Complete(const std::string& id, absl::string_view resource);

@@ -48,7 +48,7 @@ absl::Status PointUpload::AddHeader(const v1::CreatePointSetHeader& header) {
   result.request_id = header.request_id();
   v1::CreatePointSetHeader identity = header;
   identity.clear_request_id();
-  result.fingerprint = identity.SerializeAsString();
+  result.fingerprint = FingerprintOf(identity.SerializeAsString());
   if (header.revision() < 0) {
     return InvalidField("header.revision", header.revision(), "must not be negative");
   }

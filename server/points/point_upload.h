@@ -21,6 +21,7 @@
 #include "core/query/options.h"
 #include "core/query/points.h"
 #include "server/base/limits.h"
+#include "server/base/request_log.h"
 #include "server/codec/query_codec.h"
 #include "sightline/v1/point_set_service.pb.h"
 
@@ -31,7 +32,8 @@ inline constexpr absl::Duration kDefaultLease = absl::Minutes(10);
 // What CreatePointSet's header asks for.
 struct PointSetHeader {
   std::string scene_id, point_set_id;  // point_set_id empty: to be made up.
-  std::string request_id, fingerprint;
+  std::string request_id;
+  Fingerprint fingerprint{};
   uint64_t revision = 0;
   absl::Duration lease = kDefaultLease;
   PointOptions options;

@@ -38,9 +38,9 @@ absl::Status AddCounts(uint64_t triangles, uint64_t vertices, const Limits& limi
 
 // What two calls with one request_id must have in common.
 template <typename Header>
-std::string Fingerprint(Header header) {
+Fingerprint WithoutId(Header header) {
   header.clear_request_id();
-  return header.SerializeAsString();
+  return FingerprintOf(header.SerializeAsString());
 }
 
 }  // namespace
@@ -70,7 +70,7 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
   result.create.scene_id = header.scene_id();
   if (!header.scene_id().empty()) SL_RETURN_IF_ERROR(CheckId("header.scene_id", header.scene_id()));
   result.request_id = header.request_id();
-  result.fingerprint = Fingerprint(header);
+  result.fingerprint = WithoutId(header);
   result.create.temporary = header.temporary();
   if (header.has_origin()) {
     result.create.origin = DecodeVector(header.origin());
@@ -224,7 +224,7 @@ absl::Status SceneEditUpload::AddHeader(const v1::UpdateSceneHeader& header) {
   EditHeader result;
   SL_ASSIGN_OR_RETURN(result.edit.scene_id, ParseSceneName("header.name", header.name()));
   result.request_id = header.request_id();
-  result.fingerprint = Fingerprint(header);
+  result.fingerprint = WithoutId(header);
   if (header.base_revision() < 0) {
     return InvalidField("header.base_revision", header.base_revision(), "must not be negative");
   }

@@ -23,6 +23,7 @@
 #include "core/mesh/object.h"
 #include "core/scene/scene.h"
 #include "server/base/limits.h"
+#include "server/base/request_log.h"
 #include "server/scenes/object_assembler.h"
 #include "server/scenes/scene_catalog.h"
 #include "sightline/v1/scene_service.pb.h"
@@ -32,7 +33,8 @@ namespace sightline {
 // What CreateScene's header asks for.
 struct SceneHeader {
   SceneCatalog::CreateOptions create;  // scene_id empty: to be made up.
-  std::string request_id, fingerprint;
+  std::string request_id;
+  Fingerprint fingerprint{};
   std::string builtin;  // Empty for an upload, ...
   std::string file_id;  // ... and so is this.
   uint64_t object_count = 0, triangle_count = 0, vertex_count = 0;
@@ -65,7 +67,8 @@ class SceneUpload {
 // What UpdateScene's header asks for.
 struct EditHeader {
   SceneCatalog::EditOptions edit;
-  std::string request_id, fingerprint;
+  std::string request_id;
+  Fingerprint fingerprint{};
 };
 
 class SceneEditUpload {
