@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // sightlined: a Sightline server as a process. Reads its flags, starts a Server, and drains it on
-// SIGTERM or SIGINT, which end it at once while it starts. SIGHUP has it read certificates and the
-// access file again.
+// SIGTERM or SIGINT, which end it at once while it starts, and again while it drains. SIGHUP has it
+// read certificates and the access file again.
 #include <unistd.h>
 
 #include <csignal>
@@ -41,6 +41,7 @@ class StopWhileStarting {
           }
           if (info.si_code == SI_QUEUE && info.si_pid == getpid()) return;  // The destructor's.
           Log(LogLevel::kInfo, "stopped_while_starting", {{"signal", absl::StrCat(info.si_signo)}});
+          FlushLog();
           _exit(0);
         }) {}
   ~StopWhileStarting() {
@@ -124,7 +125,8 @@ int Run(int argc, char** argv) {
   while (sigwait(&signals, &signal) == 0 && signal == SIGHUP) {
     if ((*server)->ReloadSecurity().ok()) Log(LogLevel::kInfo, "reloaded");
   }
-  // A second signal ends the process at once.
+  // A second signal ends the process at once; SIGHUP has nothing more to say.
+  sigdelset(&signals, SIGHUP);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   Log(LogLevel::kInfo, "signal", {{"signal", absl::StrCat(signal)}});
   status = (*server)->Drain(options.drain_timeout);
@@ -136,4 +138,8 @@ int Run(int argc, char** argv) {
 }  // namespace
 }  // namespace sightline
 
-int main(int argc, char** argv) { return sightline::Run(argc, argv); }
+int main(int argc, char** argv) {
+  const int code = sightline::Run(argc, argv);
+  sightline::FlushLog();
+  return code;
+}

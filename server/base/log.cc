@@ -1,31 +1,127 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/base/log.h"
 
+#include <poll.h>
+#include <spdlog/async_logger.h>
+#include <spdlog/details/null_mutex.h>
+#include <spdlog/details/thread_pool.h>
 #include <spdlog/pattern_formatter.h>
-#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
 #include <memory>
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "core/base/check_failure.h"
+#include "core/base/mutex.h"
 
 namespace sightline {
 namespace {
 
-spdlog::logger& Logger() {
-  // Leaked on purpose: threads may log until the process is gone.
-  static spdlog::logger* const logger = [] {
-    auto* made = new spdlog::logger("sightline", std::make_shared<spdlog::sinks::stderr_sink_mt>());
-    made->set_formatter(std::make_unique<spdlog::pattern_formatter>(
-        "time=%Y-%m-%dT%H:%M:%S.%eZ %v", spdlog::pattern_time_type::utc));
-    made->set_level(spdlog::level::info);
-    made->flush_on(spdlog::level::trace);
+// Some 400 bytes each, and more where a line is long: a megabyte, and tens of milliseconds of a
+// server that logs every item.
+constexpr size_t kQueuedLines = 2048;
+// What a failed check waits for its last lines.
+constexpr absl::Duration kCheckPatience = absl::Seconds(1);
+
+// spdlog's thread must take no signal: those of the process are waited for elsewhere, and a pipe
+// whose reader is gone is a failed write.
+void BlockSignals() {
+  sigset_t all;
+  sigfillset(&all);
+  pthread_sigmask(SIG_BLOCK, &all, nullptr);
+}
+
+std::unique_ptr<spdlog::formatter> LineFormatter() {
+  return std::make_unique<spdlog::pattern_formatter>("time=%Y-%m-%dT%H:%M:%S.%eZ %v",
+                                                     spdlog::pattern_time_type::utc);
+}
+
+// Used by spdlog's thread alone, but for Flush.
+class StderrSink final : public spdlog::sinks::base_sink<spdlog::details::null_mutex> {
+ public:
+  // `pool` outlives the sink.
+  explicit StderrSink(spdlog::details::thread_pool& pool)
+      : base_sink(LineFormatter()), pool_(pool) {}
+
+  // Whether spdlog was asked to flush, by `ask`, and has come to it before `deadline`.
+  template <typename Ask>
+  bool Flush(std::chrono::steady_clock::time_point deadline, const Ask& ask) {
+    MutexLock lock(flush_mutex_);
+    // In the order in which they wait in the queue.
+    const uint64_t mine = ++asked_;
+    ask();
+    while (flushed_ < mine) {
+      if (!flushed_more_.WaitUntil(flush_mutex_, deadline)) return flushed_ >= mine;
+    }
+    return true;
+  }
+
+ private:
+  void sink_it_(const spdlog::details::log_msg& line) override {
+    if (const uint64_t dropped = pool_.overrun_counter(); dropped > told_) {
+      const std::string text =
+          absl::StrCat("level=warning event=log_lines_dropped lines=", dropped - told_);
+      told_ = dropped;
+      Write({{}, line.logger_name, spdlog::level::warn, text});
+    }
+    Write(line);
+  }
+  void flush_() override {
+    MutexLock lock(flush_mutex_);
+    ++flushed_;
+    flushed_more_.SignalAll();
+  }
+
+  void Write(const spdlog::details::log_msg& line) {
+    spdlog::memory_buf_t text;
+    formatter_->format(line, text);
+    for (size_t written = 0; written < text.size();) {
+      const ssize_t n = ::write(STDERR_FILENO, text.data() + written, text.size() - written);
+      if (n >= 0) {
+        written += static_cast<size_t>(n);
+      } else if (errno == EAGAIN) {
+        pollfd out{.fd = STDERR_FILENO, .events = POLLOUT, .revents = 0};
+        (void)poll(&out, 1, /*timeout=*/-1);
+      } else if (errno != EINTR) {
+        return;  // There is nowhere to say so.
+      }
+    }
+  }
+
+  spdlog::details::thread_pool& pool_;
+  uint64_t told_ = 0;  // Of the dropped lines.
+  Mutex flush_mutex_;
+  CondVar flushed_more_;
+  uint64_t asked_ ABSL_GUARDED_BY(flush_mutex_) = 0;
+  uint64_t flushed_ ABSL_GUARDED_BY(flush_mutex_) = 0;
+};
+
+struct AsyncLog {
+  std::shared_ptr<spdlog::details::thread_pool> pool =
+      std::make_shared<spdlog::details::thread_pool>(kQueuedLines, /*threads_n=*/1, &BlockSignals);
+  std::shared_ptr<StderrSink> sink = std::make_shared<StderrSink>(*pool);
+  std::shared_ptr<spdlog::async_logger> logger = std::make_shared<spdlog::async_logger>(
+      "sightline", sink, pool, spdlog::async_overflow_policy::overrun_oldest);
+};
+
+AsyncLog& TheLog() {
+  // Leaked on purpose: threads may log until the process is gone, and its own may be waiting for a
+  // reader.
+  static AsyncLog* const log = [] {
+    auto* made = new AsyncLog;
+    made->logger->set_level(spdlog::level::info);
+    SetBeforeCheckFailure([] { FlushLog(kCheckPatience); });
     return made;
   }();
-  return *logger;
+  return *log;
 }
 
 constexpr std::pair<absl::string_view, spdlog::level::level_enum> kLevels[] = {
@@ -44,16 +140,27 @@ absl::StatusOr<LogLevel> ParseLogLevel(absl::string_view name) {
       absl::StrCat("log level \"", name, "\" is none of debug, info, warning, error, off"));
 }
 
-void SetLogLevel(LogLevel level) { Logger().set_level(kLevels[static_cast<int>(level)].second); }
+void SetLogLevel(LogLevel level) {
+  TheLog().logger->set_level(kLevels[static_cast<int>(level)].second);
+}
 
 void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField> fields) {
   const auto& [name, spdlog_level] = kLevels[static_cast<int>(level)];
-  if (!Logger().should_log(spdlog_level)) return;
+  spdlog::logger& logger = *TheLog().logger;
+  if (!logger.should_log(spdlog_level)) return;
   std::string line = absl::StrCat("level=", name, " event=", event);
   for (const auto& [key, value] : fields)
     absl::StrAppend(&line, " ", key, "=", QuoteLogValue(value));
-  Logger().log(spdlog_level, spdlog::string_view_t(line));
+  logger.log(spdlog_level, spdlog::string_view_t(line));
 }
+
+bool FlushLog(absl::Duration timeout) {
+  AsyncLog& log = TheLog();
+  return log.sink->Flush(std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(timeout),
+                         [&log] { log.logger->flush(); });
+}
+
+uint64_t DroppedLogLines() { return TheLog().pool->overrun_counter(); }
 
 std::string QuoteLogValue(absl::string_view value) {
   const bool plain = !value.empty() && std::all_of(value.begin(), value.end(), [](char c) {
