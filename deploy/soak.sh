@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 #
-# An hour of mixed load on a real server: tiles all the time, while scenes come and go, points and segments
-# are asked about, and streams are cancelled and refused. Every answer is checked. Ends with a line that says
+# An hour of mixed load on a real server: tiles all the time, while scenes come, are stored, unloaded, loaded again
+# and go, points and segments are asked about, and streams are cancelled and refused. Every answer is checked. Ends with a line that says
 # what resident memory did, the median of the first tenth of the time against that of the last, and with 0 only if it
 # stayed within 5 % and no answer was wrong. The suite has the same in short.
 #

@@ -145,7 +145,16 @@ std::vector<Option> MakeTable() {
        [](absl::string_view value, ParsedOptions* out) {
          return SetThreads(value, &out->options.build_threads);
        }},
-      {"drain-timeout", "DURATION", "how long SIGTERM waits for what is under way, such as 30s",
+      {"drain-delay", "DURATION",
+       "how long after SIGTERM everything goes on but readiness and health, which turn at once: "
+       "for "
+       "whoever sends clients here to hear of it before any is refused",
+       absl::FormatDuration(defaults.drain_delay),
+       [](absl::string_view value, ParsedOptions* out) {
+         return SetDuration(value, &out->options.drain_delay);
+       }},
+      {"drain-timeout", "DURATION",
+       "how long SIGTERM waits, after the delay, for what is under way, such as 30s",
        absl::FormatDuration(defaults.drain_timeout),
        [](absl::string_view value, ParsedOptions* out) {
          return SetDuration(value, &out->options.drain_timeout);
@@ -299,7 +308,8 @@ std::string HelpText() {
   std::string text =
       "sightlined: answers visibility queries over gRPC.\n\n"
       "  sightlined [--listen HOST:PORT] [--scene builtin:hall:1000000] [FLAGS]\n\n"
-      "Runs until SIGTERM or SIGINT, then finishes what is under way.\n"
+      "Runs until SIGTERM or SIGINT, then finishes what is under way; a second one ends it at "
+      "once.\n"
       "Exit codes: 0 done, 64 wrong flags, 69 the server could not start, 70 the drain ran out of "
       "time,\n78 this processor cannot run it.\n\n"
       "An option is taken from its flag, else from the environment (--max-scenes is\n"

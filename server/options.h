@@ -47,6 +47,8 @@ struct ServerOptions {
   // HOST:PORT of probes and metrics over HTTP; empty: none.
   std::string metrics_listen;
   absl::Duration slow_query_log = absl::InfiniteDuration();  // Items that took as long are logged.
+  // How long a drain leaves all but readiness and health as it is, before anything is refused.
+  absl::Duration drain_delay = absl::ZeroDuration();
   absl::Duration drain_timeout = absl::Seconds(30);
   LogLevel log_level = LogLevel::kInfo;
   Limits limits;

@@ -6,6 +6,7 @@
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/server_builder.h>
 
+#include <algorithm>
 #include <chrono>
 #include <utility>
 #include <vector>
@@ -36,6 +37,9 @@ constexpr int kKeepaliveTimeoutMs = 20'000;
 // Until a connection has said that it speaks HTTP/2 (and TLS, if it must); gRPC itself would give
 // it a slot for two minutes.
 constexpr int kHandshakeTimeoutMs = 10'000;
+// Once no call is left: for what was refused meanwhile to be told so. Clients that are there close
+// their connections well before; those that watch their health or have gone away do not.
+constexpr absl::Duration kLastRepliesTimeout = absl::Seconds(1);
 // HTTP/2's own bound on what headers may take; ours carry nothing large.
 constexpr int kMaxMetadataBytes = 16 << 10;
 
@@ -91,6 +95,7 @@ Server::~Server() {
   Shutdown();
   http_.reset();
   scenes_.SetListener(nullptr);
+  FlushLog();  // Whoever embeds a server may end soon.
 }
 
 absl::Status Server::MakeScenes() {
@@ -164,7 +169,10 @@ ServerState Server::StateNow() {
     state.certificate_end = door_->CertificateEnd();
   }
   state.refused_calls = access_.refused();
-  state.draining = calls_.draining();
+  state.draining = leaving_;
+  state.security_reloads = reloads_;
+  state.failed_security_reloads = failed_reloads_;
+  state.dropped_log_lines = DroppedLogLines();
   return state;
 }
 
@@ -178,8 +186,9 @@ HttpReply Server::Livez() {
 }
 
 HttpReply Server::Readyz() const {
+  if (leaving_) return {.code = 503, .body = "draining\n"};
   if (serving_) return {.body = "ready\n"};
-  return {.code = 503, .body = calls_.draining() ? "draining\n" : "starting\n"};
+  return {.code = 503, .body = "starting\n"};
 }
 
 absl::Status Server::Listen() {
@@ -245,6 +254,7 @@ absl::Status Server::ReloadSecurity() {
         {{"status", failed.ToString()}, {"kept", "the last good one"}});
   }
   status.Update(access);
+  ++(status.ok() ? reloads_ : failed_reloads_);
   return status;
 }
 
@@ -259,16 +269,28 @@ std::shared_ptr<grpc::Channel> Server::InProcessChannel(const grpc::ChannelArgum
   return server_->InProcessChannel(arguments);
 }
 
+void Server::Leave() {
+  leaving_ = true;
+  // For good: what becomes of scenes from now on changes no health.
+  server_->GetHealthCheckService()->Shutdown();
+}
+
 absl::Status Server::Drain(absl::Duration timeout) {
+  Leave();
+  if (options_.drain_delay > absl::ZeroDuration()) {
+    Log(LogLevel::kInfo, "leaving", {{"delay", absl::FormatDuration(options_.drain_delay)}});
+    // Shutdown ends this, too.
+    calls_.WaitUntilDraining(std::chrono::steady_clock::now() +
+                             absl::ToChronoNanoseconds(options_.drain_delay));
+  }
   serving_ = false;
   const absl::Time deadline = absl::Now() + timeout;
   calls_.StartDrain();
-  server_->GetHealthCheckService()->SetServingStatus(false);
   Log(LogLevel::kInfo, "draining", {{"calls", absl::StrCat(calls_.active_calls())}});
   const bool idle =
       calls_.WaitUntilIdle(std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(timeout));
   const size_t cut_off = calls_.active_calls();
-  ShutdownWithin(idle ? absl::ZeroDuration() : deadline - absl::Now());
+  ShutdownWithin(std::min(kLastRepliesTimeout, deadline - absl::Now()));
   if (idle) return absl::OkStatus();
   return absl::DeadlineExceededError(
       absl::StrCat(cut_off, " calls were cut off after ", absl::FormatDuration(timeout)));
@@ -282,6 +304,7 @@ void Server::ShutdownWithin(absl::Duration timeout) {
   if (server_ == nullptr) return;
   MutexLock lock(shutdown_mutex_);
   if (shut_down_) return;
+  leaving_ = true;
   serving_ = false;
   calls_.StartDrain();
   door_->Stop();

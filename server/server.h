@@ -73,8 +73,9 @@ class Server {
   // with the first of them that was, in which case the last good one stays; the log names each.
   absl::Status ReloadSecurity();
 
-  // Health goes to NOT_SERVING, new calls are refused, streams are told, and what is under way may
-  // finish. Then shuts down. DeadlineExceeded if calls had to be cut off after `timeout`.
+  // Health goes to NOT_SERVING and /readyz to 503 at once; everything else goes on for the option
+  // drain_delay. Then new calls are refused, streams are told, and what is under way may finish,
+  // for `timeout`. Then shuts down. DeadlineExceeded if calls had to be cut off after `timeout`.
   absl::Status Drain(absl::Duration timeout);
   // Cuts everything off, and returns when it has ended.
   void Shutdown();
@@ -94,6 +95,7 @@ class Server {
   HttpReply Livez();
   HttpReply Readyz() const;
   void ReportHealth(const SceneView& view);
+  void Leave();
   void ShutdownWithin(absl::Duration timeout);
 
   const ServerOptions options_;
@@ -119,7 +121,9 @@ class Server {
   std::unique_ptr<FrontDoor> door_;  // Outlives the gRPC server.
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<PeriodicTask> sweeper_, reloader_;
-  std::atomic<bool> serving_ = false;  // From the bound port to the beginning of a drain.
+  std::atomic<bool> serving_ = false;  // From the bound port until new calls are refused.
+  std::atomic<bool> leaving_ = false;  // From the beginning of a drain.
+  std::atomic<uint64_t> reloads_ = 0, failed_reloads_ = 0;
   std::unique_ptr<HttpEndpoint> http_;
   Mutex shutdown_mutex_;
   bool shut_down_ ABSL_GUARDED_BY(shutdown_mutex_) = false;

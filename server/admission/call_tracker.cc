@@ -25,6 +25,7 @@ void CallTracker::StartDrain() {
     MutexLock lock(mutex_);
     if (draining_) return;
     draining_ = true;
+    drain_started_.SignalAll();
     for (const auto& [id, weak] : calls_) {
       if (std::shared_ptr<DrainListener> listener = weak.lock()) {
         listeners.push_back(std::move(listener));
@@ -32,6 +33,14 @@ void CallTracker::StartDrain() {
     }
   }
   for (const auto& listener : listeners) listener->OnDrain();
+}
+
+bool CallTracker::WaitUntilDraining(std::chrono::steady_clock::time_point deadline) {
+  MutexLock lock(mutex_);
+  while (!draining_) {
+    if (!drain_started_.WaitUntil(mutex_, deadline)) return draining_;
+  }
+  return true;
 }
 
 bool CallTracker::WaitUntilIdle(std::chrono::steady_clock::time_point deadline) {

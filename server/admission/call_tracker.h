@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Which calls are under way, and whether the server still takes new ones. Draining tells the
-// long-lived calls (streams) and waits for all of them.
+// long-lived calls (streams) and waits for all of them, plain ones among them: a call is under way
+// until its answer is written.
 //
 // Invariants: after StartDrain no new call is admitted; every listener hears of it once, either
 // from StartDrain or, if it comes later, not at all because it is refused.
@@ -69,6 +70,8 @@ class CallTracker {
 
   // Refuses new calls and tells the listeners.
   void StartDrain();
+  // True once StartDrain was called, false when `deadline` passes first.
+  bool WaitUntilDraining(std::chrono::steady_clock::time_point deadline);
   // True once no call is left, false when `deadline` passes first.
   bool WaitUntilIdle(std::chrono::steady_clock::time_point deadline);
 
@@ -80,7 +83,7 @@ class CallTracker {
   void Release(uint64_t id);
 
   mutable Mutex mutex_;
-  CondVar idle_;
+  CondVar idle_, drain_started_;
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
   uint64_t next_id_ ABSL_GUARDED_BY(mutex_) = 0;
   std::map<uint64_t, std::weak_ptr<DrainListener>> calls_ ABSL_GUARDED_BY(mutex_);

@@ -150,6 +150,16 @@ void AddLoad(const ServerState& state, StatePage* page) {
   page->Counter("sightline_refused_calls_total", "Calls refused for want of a role.",
                 static_cast<double>(state.refused_calls));
   page->Gauge("sightline_draining", "1 while the server shuts down.", state.draining ? 1 : 0);
+  page->Counter("sightline_security_reloads_total",
+                "Times that certificates and the access file were read again, and were good.",
+                static_cast<double>(state.security_reloads));
+  page->Counter("sightline_failed_security_reloads_total",
+                "Times that one of them was not, and the last good one stayed.",
+                static_cast<double>(state.failed_security_reloads));
+  page->Counter("sightline_dropped_log_lines_total",
+                "Lines of the log that were dropped because nobody read it as fast as it was "
+                "written.",
+                static_cast<double>(state.dropped_log_lines));
 }
 
 void AddProcess(StatePage* page) {

@@ -80,6 +80,9 @@ struct ServerState {
   uint64_t open_connections = 0, accepted_connections = 0, refused_connections = 0;
   absl::Time certificate_end = absl::InfiniteFuture();  // Of the server's certificate.
   bool draining = false;
+  // Of certificates and the access file, since the start.
+  uint64_t security_reloads = 0, failed_security_reloads = 0;
+  uint64_t dropped_log_lines = 0;
 };
 
 class Metrics {

@@ -74,10 +74,10 @@ v1::Capabilities DescribeServer(const Limits& limits, int threads) {
   return out;
 }
 
-grpc::ServerUnaryReactor* CapabilityService::GetCapabilities(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* CapabilityService::GetCapabilities(grpc::CallbackServerContext*,
                                                              const v1::GetCapabilitiesRequest*,
                                                              v1::Capabilities* response) {
-  return Answer(context, env_, Operation::kGetCapabilities, [&] {
+  return Answer(env_, Operation::kGetCapabilities, [&] {
     *response = capabilities_;
     return absl::OkStatus();
   });

@@ -112,17 +112,17 @@ grpc::ServerReadReactor<v1::CreatePointSetRequest>* PointSetService::CreatePoint
   return StartUpload<CreateSteps>(*context, response, env_, slots_);
 }
 
-grpc::ServerUnaryReactor* PointSetService::GetPointSet(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* PointSetService::GetPointSet(grpc::CallbackServerContext*,
                                                        const v1::GetPointSetRequest* request,
                                                        v1::PointSet* response) {
-  return Answer(context, env_, Operation::kGetPointSet,
+  return Answer(env_, Operation::kGetPointSet,
                 [&] { return FindPointSet(env_, request->name(), response); });
 }
 
-grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerContext*,
                                                          const v1::ListPointSetsRequest* request,
                                                          v1::ListPointSetsResponse* response) {
-  return Answer(context, env_, Operation::kListPointSets, [&]() -> absl::Status {
+  return Answer(env_, Operation::kListPointSets, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("parent", request->parent()));
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
     SL_RETURN_IF_ERROR(env_.scenes.Get(scene_id).status());
@@ -145,10 +145,10 @@ grpc::ServerUnaryReactor* PointSetService::DeletePointSet(grpc::CallbackServerCo
       });
 }
 
-grpc::ServerUnaryReactor* PointSetService::RenewLease(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* PointSetService::RenewLease(grpc::CallbackServerContext*,
                                                       const v1::RenewLeaseRequest* request,
                                                       v1::PointSet* response) {
-  return Answer(context, env_, Operation::kRenewLease, [&]() -> absl::Status {
+  return Answer(env_, Operation::kRenewLease, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
     SL_ASSIGN_OR_RETURN(
         const absl::Duration lease,

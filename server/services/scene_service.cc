@@ -157,17 +157,17 @@ grpc::ServerReadReactor<v1::UpdateSceneRequest>* SceneService::UpdateScene(
   return StartUpload<UpdateSteps>(*context, response, env_, slots_);
 }
 
-grpc::ServerUnaryReactor* SceneService::GetScene(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* SceneService::GetScene(grpc::CallbackServerContext*,
                                                  const v1::GetSceneRequest* request,
                                                  v1::Scene* response) {
-  return Answer(context, env_, Operation::kGetScene,
+  return Answer(env_, Operation::kGetScene,
                 [&] { return FindScene(env_, request->name(), response); });
 }
 
-grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext*,
                                                    const v1::ListScenesRequest* request,
                                                    v1::ListScenesResponse* response) {
-  return Answer(context, env_, Operation::kListScenes, [&]() -> absl::Status {
+  return Answer(env_, Operation::kListScenes, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), request->page_token()));
     std::vector<SceneView> views = env_.scenes.List(page.after, page.size + 1);
     if (CutToPage(page, &views)) {
@@ -178,10 +178,10 @@ grpc::ServerUnaryReactor* SceneService::ListScenes(grpc::CallbackServerContext* 
   });
 }
 
-grpc::ServerUnaryReactor* SceneService::ListSceneObjects(grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* SceneService::ListSceneObjects(grpc::CallbackServerContext*,
                                                          const v1::ListSceneObjectsRequest* request,
                                                          v1::ListSceneObjectsResponse* response) {
-  return Answer(context, env_, Operation::kListSceneObjects, [&]() -> absl::Status {
+  return Answer(env_, Operation::kListSceneObjects, [&]() -> absl::Status {
     SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("parent", request->parent()));
     SL_ASSIGN_OR_RETURN(const Page page, ParsePage(request->page_size(), ""));
     SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene, env_.scenes.Pin(scene_id, 0));

@@ -14,6 +14,18 @@ constexpr int32_t kDefaultPageSize = 100;
 constexpr int32_t kMaxPageSize = 1000;
 constexpr char kTokenPrefix = '~';  // In no id, so that an id is no token.
 
+// A call whose answer is known. It deletes itself.
+class AnsweredCall final : public grpc::ServerUnaryReactor {
+ public:
+  AnsweredCall(ActiveCall call, const absl::Status& status) : call_(std::move(call)) {
+    this->Finish(ToGrpcStatus(status));
+  }
+  void OnDone() override { delete this; }
+
+ private:
+  const ActiveCall call_;
+};
+
 // A call whose handler runs on the build pool. It deletes itself.
 class LaterCall final : public grpc::ServerUnaryReactor,
                         public std::enable_shared_from_this<LaterCall> {
@@ -64,6 +76,10 @@ class LaterCall final : public grpc::ServerUnaryReactor,
 };
 
 }  // namespace
+
+grpc::ServerUnaryReactor* FinishedCall(ActiveCall call, const absl::Status& status) {
+  return new AnsweredCall(std::move(call), status);
+}
 
 grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, Operation operation,
                                       LaterHandler handler) {

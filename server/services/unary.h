@@ -2,11 +2,12 @@
 //
 // How unary handlers run: a short lookup in the reaction, or a task of the build pool for what
 // frees or makes much memory. Either is counted by how it ended; running out of memory fails the
-// call alone.
+// call alone. A draining server refuses new ones, and waits until those that it took are answered
+// and their answers written.
 //
 // Thread safety: functions only.
 //
-//   return Answer(context, env_, Operation::kGetScene, [&] { return catalog.Get(id).status(); });
+//   return Answer(env_, Operation::kGetScene, [&] { return catalog.Get(id).status(); });
 #ifndef SIGHTLINE_SERVER_SERVICES_UNARY_H_
 #define SIGHTLINE_SERVER_SERVICES_UNARY_H_
 
@@ -23,6 +24,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/base/cancel.h"
+#include "server/admission/call_tracker.h"
 #include "server/base/error.h"
 #include "server/base/memory_guard.h"
 #include "server/metrics/metrics.h"
@@ -30,20 +32,22 @@
 
 namespace sightline {
 
+// The reactor of a call that ends with `status`; it holds `call` until the answer is written.
+grpc::ServerUnaryReactor* FinishedCall(ActiveCall call, const absl::Status& status);
+
 // Runs `handler` here and now.
 template <typename Handler>
-grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, const QueryEnvironment& env,
-                                 Operation operation, const Handler& handler) {
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
+grpc::ServerUnaryReactor* Answer(const QueryEnvironment& env, Operation operation,
+                                 const Handler& handler) {
   const CallTimer timer(env.metrics, operation);
-  const absl::Status status = GuardMemory(handler);
+  absl::StatusOr<ActiveCall> call = env.calls.Admit();
+  const absl::Status status = call.ok() ? GuardMemory(handler) : call.status();
   timer.Record(status.code());
-  reactor->Finish(ToGrpcStatus(status));
-  return reactor;
+  return FinishedCall(call.ok() ? *std::move(call) : ActiveCall(), status);
 }
 
-// Runs `handler` on the build pool; a draining server waits for it. Its captures live until it is
-// done, and its token fires when the client goes away.
+// Runs `handler` on the build pool. Its captures live until it is done, and its token fires when
+// the client goes away.
 using LaterHandler = absl::AnyInvocable<absl::Status(const CancelToken& cancel)>;
 grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, Operation operation,
                                       LaterHandler handler);

@@ -26,7 +26,6 @@
 #include "tests/integration/server_process.h"
 #include "tests/support/faulty_file_calls.h"
 #include "tests/support/temp_dir.h"
-#include "tests/support/test_scale.h"
 
 namespace sightline {
 namespace {
@@ -460,13 +459,6 @@ TEST_F(RepositoryTest, WithoutARepositoryThereIsNothingToLoad) {
   }
 }
 
-uint64_t ResidentBytes(pid_t pid) {
-  std::ifstream statm(absl::StrCat("/proc/", pid, "/statm"));
-  uint64_t size = 0, resident = 0;
-  statm >> size >> resident;
-  return resident * static_cast<uint64_t>(::sysconf(_SC_PAGESIZE));
-}
-
 // The real process.
 class RepositoryProcessTest : public ::testing::Test {
  protected:
@@ -516,42 +508,6 @@ TEST_F(RepositoryProcessTest, AFileBeyondItsLimitIsAFullDisk) {
   ASSERT_TRUE(small.ok()) << small.status();
   EXPECT_TRUE(small->stored);
   EXPECT_EQ(client.ListStoredScenes()->size(), 1u);
-}
-
-// SIGHTLINE_TEST_SCALE=20 makes it a thousand. Pools of memory and connections fill up first.
-TEST_F(RepositoryProcessTest, LoadingAndUnloadingLeavesNoMemoryBehind) {
-  if (testing_support::kSanitizerBuild) {
-    GTEST_SKIP() << "sanitizers hold on to what is freed, to find its use";
-  }
-  ServerProcess process(Arguments());
-  const client::Client client = ClientOf(process);
-  const auto made = client.CreateScene({.scene_id = "s", .builtin = "builtin:sphere:1M"});
-  ASSERT_TRUE(made.ok()) << made.status();
-  ASSERT_TRUE(made->stored);
-  const auto cycle = [&] {
-    ASSERT_TRUE(client.UnloadScene("scenes/s").ok());
-    ASSERT_TRUE(client.LoadScene("scenes/s").ok());
-    ASSERT_TRUE(Blocked(client, "scenes/s", 1.5).ok());
-  };
-  for (int i = 0; i < 20; ++i) ASSERT_NO_FATAL_FAILURE(cycle());
-  const uint64_t before = ResidentBytes(process.pid());
-  const int64_t cycles = testing_support::ScaledCount(50);
-  for (int64_t i = 0; i < cycles; ++i) ASSERT_NO_FATAL_FAILURE(cycle());
-  const uint64_t after = ResidentBytes(process.pid());
-  ASSERT_TRUE(client.UnloadScene("scenes/s").ok());
-  // What is unloaded is given back, once the last stream has let go of it.
-  const uint64_t without = after - made->report.resident_bytes / 4 * 3;
-  uint64_t unloaded = ResidentBytes(process.pid());
-  for (int calls = 0; unloaded > without && calls < 10'000; ++calls) {
-    ASSERT_TRUE(client.ListScenes().ok());
-    unloaded = ResidentBytes(process.pid());
-  }
-  RecordProperty("cycles", std::to_string(cycles));
-  RecordProperty("resident_before", std::to_string(before));
-  RecordProperty("resident_after", std::to_string(after));
-  RecordProperty("resident_unloaded", std::to_string(unloaded));
-  EXPECT_LE(after, before + before / 20) << cycles << " cycles";
-  EXPECT_LE(unloaded, without);
 }
 
 }  // namespace

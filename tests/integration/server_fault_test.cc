@@ -3,12 +3,7 @@
 // The real server under what happens to servers: killed, restarted, drained, spoken to in garbage,
 // abandoned and stalled by clients, out of descriptors and of memory. Clients go on asking all the
 // while, and every answer that they get is held against the engine's.
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -19,9 +14,11 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+#include "tests/integration/raw_connection.h"
 #include "tests/integration/tile_load.h"
 #include "tests/support/http_get.h"
 #include "tests/support/random.h"
+#include "tests/support/temp_dir.h"
 #include "tests/support/test_scale.h"
 
 namespace sightline {
@@ -29,90 +26,18 @@ namespace {
 
 constexpr uint64_t kMiB = 1 << 20;
 
-// A plain TCP connection to the server.
-class RawConnection {
- public:
-  explicit RawConnection(int port) : socket_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<uint16_t>(port));
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    connected_ = connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
-  }
-  ~RawConnection() { close(socket_); }
-  RawConnection(const RawConnection&) = delete;
-  RawConnection& operator=(const RawConnection&) = delete;
-
-  bool connected() const { return connected_; }
-  // The server may hang up at any byte.
-  void Send(const std::string& bytes) const {
-    (void)send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
-  }
-  // HTTP/2 begins with the server's settings: whether a byte of them came before the end.
-  bool WasTaken() const {
-    char byte;
-    return recv(socket_, &byte, 1, 0) == 1;
-  }
-  // Whether the server hangs up in that time.
-  bool EndsWithin(absl::Duration time) const {
-    const timeval wait = absl::ToTimeval(time);
-    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &wait, sizeof(wait));
-    char bytes[256];
-    ssize_t received = 0;
-    while ((received = recv(socket_, bytes, sizeof(bytes), 0)) > 0) {
-    }
-    return received == 0 || errno == ECONNRESET;
-  }
-  // Closes with a reset instead of an orderly end.
-  void Abort() const {
-    const linger at_once{1, 0};
-    setsockopt(socket_, SOL_SOCKET, SO_LINGER, &at_once, sizeof(at_once));
-  }
-
- private:
-  const int socket_;
-  bool connected_ = false;
-};
-
-// HTTP/2 by hand: an HPACK literal that enters no table.
-std::string HeaderField(const std::string& name, const std::string& value) {
-  return absl::StrCat(std::string(1, '\0'), std::string(1, static_cast<char>(name.size())), name,
-                      std::string(1, static_cast<char>(value.size())), value);
-}
-std::string BigEndian(uint64_t value, size_t bytes) {
-  std::string text;
-  while (bytes-- > 0) text += static_cast<char>(value >> (8 * bytes) & 0xff);
-  return text;
-}
-std::string Frame(int type, int flags, uint32_t stream, const std::string& payload) {
-  return absl::StrCat(BigEndian(payload.size(), 3), BigEndian(static_cast<uint64_t>(type), 1),
-                      BigEndian(static_cast<uint64_t>(flags), 1), BigEndian(stream, 4), payload);
-}
-// What a client writes that calls TraceTiles with `messages` and no more: no library takes its
-// leave when the connection goes. Keep them below the first window, 64 KiB.
-std::string TraceTilesBytes(const std::vector<v1::TraceTilesRequest>& messages) {
-  constexpr int kData = 0, kHeaders = 1, kSettings = 4, kEndHeaders = 4;
-  std::string bytes = absl::StrCat(
-      "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", Frame(kSettings, 0, 0, ""),
-      Frame(kHeaders, kEndHeaders, 1,
-            absl::StrCat(HeaderField(":method", "POST"), HeaderField(":scheme", "http"),
-                         HeaderField(":path", "/sightline.v1.VisibilityService/TraceTiles"),
-                         HeaderField(":authority", "localhost"), HeaderField("te", "trailers"),
-                         HeaderField("content-type", "application/grpc"))));
-  for (const v1::TraceTilesRequest& message : messages) {
-    const std::string text = message.SerializeAsString();
-    bytes += Frame(kData, 0, 1, absl::StrCat(BigEndian(text.size(), 5), text));
-  }
-  return bytes;
+// What a client writes that calls TraceTiles and no more: no library takes its leave when the
+// connection goes.
+std::string TraceTilesBytes(const std::vector<v1::TraceTilesRequest>& requests) {
+  std::vector<std::string> messages;
+  messages.reserve(requests.size());
+  for (const auto& request : requests) messages.push_back(request.SerializeAsString());
+  return CallBytes("/sightline.v1.VisibilityService/TraceTiles", messages);
 }
 
 // Rays that are accepted and not answered.
 double PendingRays(const ServingProcess& server) {
-  const std::string page = testing_support::HttpGet(server.metrics_port(), "/metrics").body;
-  const std::string name = "\nsightline_pending_rays ";
-  const size_t at = page.find(name);
-  EXPECT_NE(at, std::string::npos) << page;
-  return at == std::string::npos ? 0 : std::atof(page.c_str() + at + name.size());
+  return testing_support::MetricOf(server.metrics_port(), "sightline_pending_rays");
 }
 
 class FaultTest : public testing::Test {
@@ -406,11 +331,12 @@ std::string BitsOfOneItemEach(v1::VisibilityService::Stub& stub) {
   return bits;
 }
 
-// Tiles all the time; meanwhile scenes come, are asked about and go, points and segments are
-// answered, streams are opened, cancelled and refused. Resident memory is in the last tenth of the
-// time within 5 % of what it was in the first.
+// Tiles all the time; meanwhile scenes come, are stored, unloaded, loaded again and go, points and
+// segments are answered, streams are opened, cancelled and refused. Resident memory is in the last
+// tenth of the time within 5 % of what it was in the first.
 TEST_F(FaultTest, MixedLoadLeavesMemoryWhereItWas) {
-  ServingProcess server({tiles_.flag()});
+  const testing_support::TempDir repository;
+  ServingProcess server({tiles_.flag(), "--repository", repository.path()});
   TileLoad load(tiles_, {.address = server.address(), .clients = 2});
   const auto channel = server.Channel();
   const auto scenes = v1::SceneService::NewStub(channel);
@@ -419,6 +345,7 @@ TEST_F(FaultTest, MixedLoadLeavesMemoryWhereItWas) {
   EXPECT_EQ(known_bits.size(), 2000u / 8 + (500 + 7) / 8);
   const auto round = [&] {
     EXPECT_EQ(BitsOfOneItemEach(*visibility), known_bits);
+    uint64_t triangles = 0;
     {
       grpc::ClientContext context;
       v1::Scene scene;
@@ -430,6 +357,22 @@ TEST_F(FaultTest, MixedLoadLeavesMemoryWhereItWas) {
       writer->WritesDone();
       const grpc::Status status = writer->Finish();
       ASSERT_TRUE(status.ok()) << status.error_message();
+      ASSERT_TRUE(scene.stored()) << scene.state_message();
+      triangles = scene.triangle_count();
+    }
+    {
+      grpc::ClientContext unloading, loading;
+      v1::UnloadSceneRequest unload;
+      unload.set_name("scenes/coming");
+      google::protobuf::Empty empty;
+      grpc::Status status = scenes->UnloadScene(&unloading, unload, &empty);
+      ASSERT_TRUE(status.ok()) << status.error_message();
+      v1::LoadSceneRequest load_again;
+      load_again.set_name("scenes/coming");
+      v1::Scene scene;
+      status = scenes->LoadScene(&loading, load_again, &scene);
+      ASSERT_TRUE(status.ok()) << status.error_message();
+      EXPECT_EQ(scene.triangle_count(), triangles);
     }
     {
       grpc::ClientContext context;

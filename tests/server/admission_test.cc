@@ -116,6 +116,15 @@ TEST(CallTrackerTest, DrainTellsListenersOnceAndRefusesNewCalls) {
   EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_DRAINING);
 }
 
+TEST(CallTrackerTest, WhoWaitsForADrainHearsOfItOrOfItsDeadline) {
+  CallTracker tracker;
+  EXPECT_FALSE(tracker.WaitUntilDraining(std::chrono::steady_clock::now()));
+  std::thread drainer([&] { tracker.StartDrain(); });
+  EXPECT_TRUE(tracker.WaitUntilDraining(std::chrono::steady_clock::time_point::max()));
+  drainer.join();
+  EXPECT_TRUE(tracker.WaitUntilDraining(std::chrono::steady_clock::now()));
+}
+
 TEST(CallTrackerTest, WaitsForTheLastCall) {
   CallTracker tracker;
   absl::StatusOr<ActiveCall> call = tracker.Admit();

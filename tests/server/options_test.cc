@@ -31,7 +31,7 @@ TEST(OptionsTest, ReadsBothFormsAndBothSpellings) {
   const absl::StatusOr<ParsedOptions> parsed = Parse(
       {"--listen=[::1]:9000", "--listen", "unix:run/s", "--unix-socket-mode=0660", "--port_file",
        "port", "--scene", "a=builtin:hall:10k", "--scene=builtin:room", "--threads", "3",
-       "--drain-timeout=1m30s", "--max-item-rays=12345", "--log-level=debug"});
+       "--drain-timeout=1m30s", "--drain-delay=5s", "--max-item-rays=12345", "--log-level=debug"});
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_EQ(parsed->options.listen, (std::vector<std::string>{"[::1]:9000", "unix:run/s"}));
   EXPECT_EQ(parsed->options.unix_socket_mode, 0660);
@@ -40,6 +40,7 @@ TEST(OptionsTest, ReadsBothFormsAndBothSpellings) {
             (std::vector<std::string>{"a=builtin:hall:10k", "builtin:room"}));
   EXPECT_EQ(parsed->options.threads, 3);
   EXPECT_EQ(parsed->options.drain_timeout, absl::Seconds(90));
+  EXPECT_EQ(parsed->options.drain_delay, absl::Seconds(5));
   EXPECT_EQ(parsed->options.limits.max_item_rays, 12345u);
   EXPECT_EQ(parsed->options.log_level, LogLevel::kDebug);
 }

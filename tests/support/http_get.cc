@@ -40,4 +40,10 @@ HttpAnswer HttpGet(int port, const std::string& path, const std::string& headers
   return answer;
 }
 
+double MetricOf(int port, const std::string& name, const std::string& headers) {
+  const std::string page = "\n" + HttpGet(port, "/metrics", headers).body;
+  const size_t at = page.find("\n" + name + " ");
+  return at == std::string::npos ? -1 : std::atof(page.c_str() + at + name.size() + 2);
+}
+
 }  // namespace sightline::testing_support

@@ -20,6 +20,10 @@ struct HttpAnswer {
 // `headers`: whole lines, each with its "\r\n".
 HttpAnswer HttpGet(int port, const std::string& path, const std::string& headers = "");
 
+// The value of the sample `name`, with its labels as they are written, of the page /metrics; -1
+// where there is none.
+double MetricOf(int port, const std::string& name, const std::string& headers = "");
+
 }  // namespace sightline::testing_support
 
 #endif  // SIGHTLINE_TESTS_SUPPORT_HTTP_GET_H_

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// How the real server ends at SIGTERM: what is under way is answered, plain calls as well as
+// streams, and whoever looks at its readiness hears of the end before anybody is refused.
+#include <csignal>
+#include <string>
+#include <thread>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "server/version.h"
+#include "tests/integration/raw_connection.h"
+#include "tests/integration/server_harness.h"
+#include "tests/integration/serving_process.h"
+#include "tests/support/http_get.h"
+
+namespace sightline {
+namespace {
+
+using testing_support::HttpGet;
+using testing_support::MetricOf;
+
+constexpr char kMetricsFlag[] = "--metrics-listen=127.0.0.1:0";
+// Far longer than any test: nothing here ends because time has passed.
+constexpr char kLongDrain[] = "--drain-timeout=1h";
+
+// A connection of its own each time.
+grpc::Status GetCapabilities(const ServingProcess& server) {
+  grpc::ClientContext context;
+  v1::Capabilities capabilities;
+  return v1::CapabilityService::NewStub(server.Channel())
+      ->GetCapabilities(&context, {}, &capabilities);
+}
+
+// The answer waits for its client to take it: the server has computed it, and it is under way.
+TEST(DrainTest, AnAnswerThatIsNotYetTakenIsWaitedFor) {
+  ServingProcess server({kMetricsFlag, kLongDrain});
+  const RawConnection client(server.port());
+  ASSERT_TRUE(client.connected());
+  client.Send(CallBytes("/sightline.v1.CapabilityService/GetCapabilities", {""},
+                        {.whole = true, .initial_window = 0}));
+  const std::string answered = "sightline_requests_total{method=\"GetCapabilities\",result=\"ok\"}";
+  while (MetricOf(server.metrics_port(), answered) != 1) {
+  }
+  EXPECT_EQ(MetricOf(server.metrics_port(), "sightline_active_calls"), 1);
+  server.Signal(SIGTERM);
+  while (HttpGet(server.metrics_port(), "/readyz").code != 503) {
+  }
+  client.Send(WindowUpdate(1 << 20));
+  // The message, then the trailers.
+  const std::string reply = client.ReadUntil(absl::StrCat("grpc-status", "\x01", "0"));
+  EXPECT_TRUE(absl::StrContains(reply, absl::StrCat("grpc-status", "\x01", "0")));
+  EXPECT_TRUE(absl::StrContains(reply, kVersion));
+  EXPECT_EQ(server.Wait(), 0);
+}
+
+// Both calls have been taken, and wait for the one thread that builds: the first is building, the
+// second has not begun.
+TEST(DrainTest, CallsThatWaitForTheirTurnAreAnswered) {
+  ServingProcess server(
+      {kMetricsFlag, kLongDrain, "--build-threads=1", "--scene=old=builtin:box:1000"});
+  grpc::Status created, deleted;
+  std::thread creator([&] {
+    grpc::ClientContext context;
+    v1::Scene scene;
+    const auto writer = v1::SceneService::NewStub(server.Channel())->CreateScene(&context, &scene);
+    v1::CreateSceneRequest request;
+    request.mutable_header()->mutable_builtin()->set_spec("builtin:sphere:1M");
+    writer->Write(request);
+    writer->WritesDone();
+    created = writer->Finish();
+  });
+  while (MetricOf(server.metrics_port(), "sightline_active_calls") < 1) {
+  }
+  std::thread deleter([&] {
+    grpc::ClientContext context;
+    v1::DeleteSceneRequest request;
+    request.set_name("scenes/old");
+    google::protobuf::Empty empty;
+    deleted = v1::SceneService::NewStub(server.Channel())->DeleteScene(&context, request, &empty);
+  });
+  // Or, on a machine that built faster than this looks, when one is done.
+  const auto done = [&](const char* method) {
+    return MetricOf(server.metrics_port(), absl::StrCat("sightline_requests_total{method=\"",
+                                                        method, "\",result=\"ok\"}")) > 0;
+  };
+  while (MetricOf(server.metrics_port(), "sightline_active_calls") < 2 && !done("CreateScene") &&
+         !done("DeleteScene")) {
+  }
+  server.Signal(SIGTERM);
+  creator.join();
+  deleter.join();
+  EXPECT_TRUE(created.ok()) << created.error_message();
+  EXPECT_TRUE(deleted.ok() || ReasonIn(deleted) == "DRAINING") << deleted.error_message();
+  EXPECT_EQ(server.Wait(), 0);
+}
+
+TEST(DrainTest, ReadinessTurnsBeforeAnybodyIsRefused) {
+  ServingProcess server({kMetricsFlag, "--drain-delay=1h", "--scene=box=builtin:box:1000"});
+  EXPECT_EQ(HttpGet(server.metrics_port(), "/readyz").code, 200);
+  EXPECT_EQ(MetricOf(server.metrics_port(), "sightline_draining"), 0);
+  server.Signal(SIGTERM);
+  while (HttpGet(server.metrics_port(), "/readyz").code != 503) {
+  }
+  EXPECT_EQ(MetricOf(server.metrics_port(), "sightline_draining"), 1);
+  EXPECT_EQ(HttpGet(server.metrics_port(), "/livez").body, "alive\n");
+  // Nor does what would end a process that does not expect it.
+  server.Signal(SIGHUP);
+  for (int i = 0; i < 3; ++i) {
+    const grpc::Status status = GetCapabilities(server);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+  }
+  grpc::ClientContext context;
+  const auto channel = server.Channel();
+  const auto stream = v1::VisibilityService::NewStub(channel)->TraceTiles(&context);
+  v1::TraceTilesRequest request;
+  request.mutable_header()->mutable_stream()->set_scene("scenes/box");
+  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
+                   request.mutable_header()->mutable_camera());
+  stream->Write(request);
+  stream->Write(TileRequest(1, 0, 0, 64, 64));
+  v1::TraceTilesResponse response;
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_TRUE(response.has_opened());
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_EQ(response.reply().header().status().code(), 0);
+  stream->WritesDone();
+  while (stream->Read(&response)) {
+  }
+  EXPECT_TRUE(stream->Finish().ok());
+  // The second one ends it, whatever is left of the delay.
+  server.Signal(SIGTERM);
+  EXPECT_EQ(server.Wait(), 1000 + SIGTERM);
+}
+
+// Then it drains by itself; whoever goes on asking is answered or told.
+TEST(DrainTest, AfterTheDelayItDrains) {
+  ServingProcess server({kMetricsFlag, kLongDrain, "--drain-delay=50ms"});
+  ASSERT_TRUE(GetCapabilities(server).ok());
+  server.Signal(SIGTERM);
+  grpc::Status status;
+  while (status.ok()) status = GetCapabilities(server);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE) << status.error_message();
+  EXPECT_EQ(server.Wait(), 0);
+}
+
+}  // namespace
+}  // namespace sightline
