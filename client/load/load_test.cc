@@ -190,10 +190,27 @@ KneeTrial LoadTest::TrialOf(double rate, const Measurement& measured) const {
 absl::Status LoadTest::MeasureReported(LoadReport* report) {
   RunPlan plan = options_.plan;
   plan.rate = report->rate;
-  return Measure(plan, options_.until_stable,
-                 plan.mode == Mode::kOpen ? absl::StrFormat("%.4g/s", plan.rate)
-                                          : absl::StrCat(plan.concurrency, " at once"),
-                 &report->measured);
+  // Around this run: a search for the knee is many before it.
+  absl::StatusOr<Metrics> before = Metrics();
+  if (!options_.server_metrics.empty()) {
+    before = ReadMetrics(options_.server_metrics, metrics_token_);
+  }
+  const absl::Status status =
+      Measure(plan, options_.until_stable,
+              plan.mode == Mode::kOpen ? absl::StrFormat("%.4g/s", plan.rate)
+                                       : absl::StrCat(plan.concurrency, " at once"),
+              &report->measured);
+  if (options_.server_metrics.empty()) return status;
+  const absl::StatusOr<Metrics> after = ReadMetrics(options_.server_metrics, metrics_token_);
+  report->server_metrics.clear();
+  report->server_metrics_error.clear();
+  if (before.ok() && after.ok()) {
+    report->server_metrics = ChangedMetrics(*before, *after);
+  } else {
+    const absl::Status& failed = before.ok() ? after.status() : before.status();
+    report->server_metrics_error = std::string(failed.message());
+  }
+  return status;
 }
 
 absl::StatusOr<KneeTrial> LoadTest::Try(double rate) {
@@ -214,10 +231,6 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->scene_name = scene_.opened->scene().name;
   report->triangles = scene_.opened->scene().triangles;
   report->streams = target_->stream_count();
-  absl::StatusOr<Metrics> before = Metrics();
-  if (!options_.server_metrics.empty()) {
-    before = ReadMetrics(options_.server_metrics, metrics_token_);
-  }
   report->rate = options_.plan.rate;
   if (options_.find_knee) {
     SL_ASSIGN_OR_RETURN(report->knee, FindKnee(report->rate, [this](double r) { return Try(r); }));
@@ -236,15 +249,6 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->stability = JudgeStability(report->measured.windows, kStabilityTolerance);
   report->slo = options_.slo.Judge(report->measured);
   if (reloader_ != nullptr) report->reloads = reloader_->report();
-  if (!options_.server_metrics.empty()) {
-    const absl::StatusOr<Metrics> after = ReadMetrics(options_.server_metrics, metrics_token_);
-    if (before.ok() && after.ok()) {
-      report->server_metrics = ChangedMetrics(*before, *after);
-    } else {
-      const absl::Status& failed = before.ok() ? after.status() : before.status();
-      report->server_metrics_error = std::string(failed.message());
-    }
-  }
   return status;
 }
 

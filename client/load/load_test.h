@@ -54,7 +54,8 @@ class LoadTest {
   // One run of the plan; the target's status.
   absl::Status Measure(const RunPlan& plan, bool until_stable, const std::string& title,
                        Measurement* measured);
-  // The same at the report's rate, for the report.
+  // The same at the report's rate, for the report: with what the server counted meanwhile, its
+  // warm-up and what it still answered afterwards among it.
   absl::Status MeasureReported(LoadReport* report);
   absl::StatusOr<KneeTrial> Try(double rate);
   // Whether a run met the objective and kept up with what was due.

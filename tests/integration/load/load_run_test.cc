@@ -186,6 +186,26 @@ TEST_F(LoadRunTest, AKneeThatIsNotThereIsAMiss) {
   EXPECT_GT(result.json()["knee"]["trials"].size(), 2u);
 }
 
+// What the server counted while the knee was searched is none of the run's.
+TEST_F(LoadRunTest, TheServersMetricsAreThoseOfTheReportedRun) {
+  ServerOptions options;
+  options.log_level = LogLevel::kOff;
+  options.scenes = {"box=builtin:box"};
+  options.metrics_listen = "127.0.0.1:0";
+  server_ = *Server::Start(options);
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--find-knee", "--rate=200", "--slo=p50=10m",
+               "--requests=40", "--trial=100ms", "--workload=segments", "--output=json",
+               absl::StrCat("--server-metrics=127.0.0.1:", server_->metrics_port())});
+  ASSERT_TRUE(result.json().contains("server_metrics")) << result.out << result.err;
+  EXPECT_GE(result.json()["knee"]["trials"].size(), 1u);
+  const nlohmann::json answered = result.json()["server_metrics"].at(
+      "sightline_requests_total{method=\"TestSegments\",result=\"ok\"}");
+  EXPECT_EQ(answered["after"].get<double>() - answered["before"].get<double>(),
+            result.json()["all"]["answered"].get<double>());
+  EXPECT_GT(answered["before"], 0);
+}
+
 TEST_F(LoadRunTest, ErrorsAreCountedByCode) {
   // No item can be answered within a nanosecond.
   const RunResult result = RunWith(
