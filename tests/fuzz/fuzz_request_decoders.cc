@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Any bytes as the messages of a call: the decoders, the upload state machines and the three query
-// methods answer or refuse them, and never crash. The first byte chooses the call, '0' to '5' in
-// the seed corpus; then each message follows its length, two bytes, the low one first. Of gRPC
-// there are the buffers alone: messages of streams lie in slices of a few bytes, and are read with
-// every array left where it is, which must make of them what protobuf does.
+// Any bytes as the messages of a call that streams (fuzz_plain_calls has the others): the decoders,
+// the upload state machines, edits and the three query methods answer or refuse them, and never
+// crash. The first byte chooses the call, '0' to '5' in the seed corpus; then each message follows
+// its length, two bytes, the low one first. Of gRPC there are the buffers alone: messages of
+// streams lie in slices of a few bytes, and are read with every array left where it is, which must
+// make of them what protobuf does.
 //
 // Queries that are accepted are answered, on a small scene and within small limits, so that
 // whatever a decoder lets through meets the engine.
@@ -80,15 +81,25 @@ struct World {
   QueryEnvironment environment{limits,    scenes, point_sets, pool,    pool,         ray_queue,
                                scheduler, calls,  streams,    uploads, upload_bytes, scene_owners};
 
-  // A floor and a triangle above it.
-  World() {
+  World() { Make(kSceneId); }
+
+  // Another scene like it.
+  std::string MakeEditable() {
+    Make("editable");
+    return "editable";
+  }
+
+  // A floor and a triangle above it, "o", that may be moved.
+  void Make(const std::string& scene_id) {
     const ObjectInput floor{.name = "floor",
                             .vertices = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}},
                             .indices = {0, 1, 2, 0, 2, 3}};
-    const ObjectInput blocker{
-        .name = "blocker", .vertices = {{0, 0, 1}, {1, 0, 1}, {0, 1, 1}}, .indices = {0, 1, 2}};
+    const ObjectInput blocker{.name = "o",
+                              .vertices = {{0, 0, 1}, {1, 0, 1}, {0, 1, 1}},
+                              .indices = {0, 1, 2},
+                              .dynamic = true};
     const std::vector<ObjectInput> objects = {floor, blocker};
-    Require(scenes.Create({.scene_id = kSceneId}, objects, nullptr).ok());
+    Require(scenes.Create({.scene_id = scene_id}, objects, nullptr).ok());
   }
 };
 
@@ -143,14 +154,24 @@ void FuzzCreateScene(absl::string_view bytes) {
 }
 
 void FuzzUpdateScene(absl::string_view bytes) {
-  SceneEditUpload upload(TheWorld().limits);
+  World& world = TheWorld();
+  SceneEditUpload upload(world.limits);
   for (const auto& message : Messages<v1::UpdateSceneRequest>(bytes)) {
     if (!upload.Add(message).ok()) {
       Require(!upload.Finish().ok());
       return;
     }
   }
-  (void)upload.Finish();
+  const absl::StatusOr<std::vector<SceneEdit>> edits = upload.Finish();
+  if (!edits.ok()) return;
+  // On a scene of its own: other inputs find theirs as it was.
+  SceneCatalog::EditOptions options = upload.header()->edit;
+  options.scene_id = world.MakeEditable();
+  const absl::StatusOr<SceneView> edited = world.scenes.Edit(options, *edits, nullptr);
+  const absl::StatusOr<SceneView> now = world.scenes.Get(options.scene_id);
+  Require(now.ok() && now->status.latest != nullptr);
+  Require(now->status.latest->revision == (edited.ok() ? edited->status.latest->revision : 1));
+  Require(world.scenes.Delete(options.scene_id).ok());
 }
 
 void FuzzCreatePointSet(absl::string_view bytes) {

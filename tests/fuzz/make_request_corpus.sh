@@ -1,14 +1,15 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 #
-# Writes corpus/requests, the seeds of fuzz_request_decoders: one good call of each kind, encoded by protoc.
-# Run it again when the wire changes.
+# Writes corpus/requests, the seeds of fuzz_request_decoders, and corpus/calls, those of fuzz_plain_calls: good
+# calls of each kind, encoded by protoc. Run it again when the wire changes.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 protos="../../proto"
 out="corpus/requests"
-rm -rf "$out"
-mkdir -p "$out"
+calls="corpus/calls"
+rm -rf "$out" "$calls"
+mkdir -p "$out" "$calls"
 
 # begin NAME DIGIT: starts a seed. add TYPE TEXT: appends one message of it behind its length.
 begin() {
@@ -25,6 +26,13 @@ add() {
   printf "\\x$(printf %02x $((size % 256)))\\x$(printf %02x $((size / 256)))" >>"$seed"
   cat "$body" >>"$seed"
   rm "$body"
+}
+
+# call NAME LETTER TYPE TEXT: a seed of fuzz_plain_calls.
+call() {
+  printf '%s' "$2" >"$calls/$1"
+  printf '%s' "$4" | protoc -I "$protos" --encode="sightline.v1.$3" sightline/v1/scene_service.proto \
+    sightline/v1/point_set_service.proto sightline/v1/capability_service.proto >>"$calls/$1"
 }
 
 # Doubles, little-endian, as protoc's text format takes bytes: 0, 1, 2, 0.5.
@@ -84,3 +92,26 @@ begin segments_stored 5
 add TestSegmentsRequest "header { $stream outputs { blocked_bits: true first_blockers: true } origin { } }"
 add TestSegmentsRequest "item { item { item_id: 1 } segments_f32: '$f0$f0$f0$f1$f1$f2' }"
 add TestSegmentsRequest "item { item { item_id: 2 } segments_f32: '$f0$f1$f2$f1$f0$f0' segments: '$d0$d0$d0$d1$d1$d1' }"
+
+box="name: 'scenes/box'"
+points="name: 'scenes/box/pointSets/points'"
+call get_scene a GetSceneRequest "$box"
+call get_scene_none a GetSceneRequest "name: 'scenes/none'"
+call list_scenes b ListScenesRequest "page_size: 1 page_token: '~a'"
+call list_scene_objects c ListSceneObjectsRequest "parent: 'scenes/box' page_size: 1 page_token: 'i1'"
+call delete_scene d DeleteSceneRequest "$box"
+call load_scene e LoadSceneRequest "$box"
+call load_scene_none e LoadSceneRequest "name: 'scenes/none'"
+call unload_scene f UnloadSceneRequest "$box"
+call reload_scene g ReloadSceneRequest "$box"
+call list_stored_scenes h ListStoredScenesRequest "page_size: 2 page_token: '~a'"
+call watch_scene i WatchSceneRequest "$box wait_for_scene: true"
+call get_point_set j GetPointSetRequest "$points"
+call list_point_sets k ListPointSetsRequest "parent: 'scenes/box' page_size: 1 page_token: '~a'"
+call delete_point_set l DeletePointSetRequest "$points"
+call renew_lease m RenewLeaseRequest "$points lease_duration { seconds: 60 nanos: 5 }"
+call renew_lease_negative m RenewLeaseRequest "$points lease_duration { seconds: -1 }"
+call get_capabilities n GetCapabilitiesRequest ""
+# grpc.health.v1.HealthCheckRequest: field 1, the service's name.
+printf 'o\x0a\x0ascenes/box' >"$calls/health"
+printf 'o' >"$calls/health_all"
