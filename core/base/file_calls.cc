@@ -19,6 +19,9 @@ int FileCalls::OpenAt(int folder, const char* name, int flags, mode_t mode) {
 ssize_t FileCalls::Write(int file, const void* data, size_t bytes) {
   return ::write(file, data, bytes);
 }
+ssize_t FileCalls::ReadAt(int file, void* data, size_t bytes, off_t offset) {
+  return ::pread(file, data, bytes, offset);
+}
 int FileCalls::Sync(int file) { return ::fsync(file); }
 int FileCalls::RenameAt(int folder, const char* from, const char* to) {
   return ::renameat(folder, from, folder, to);

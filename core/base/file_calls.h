@@ -30,6 +30,7 @@ class FileCalls {
 
   virtual int OpenAt(int folder, const char* name, int flags, mode_t mode);
   virtual ssize_t Write(int file, const void* data, size_t bytes);
+  virtual ssize_t ReadAt(int file, void* data, size_t bytes, off_t offset);  // pread.
   virtual int Sync(int file);
   virtual int RenameAt(int folder, const char* from, const char* to);
   virtual int UnlinkAt(int folder, const char* name);

@@ -22,6 +22,10 @@ namespace {
 constexpr size_t kMaxNameBytes = 255;
 constexpr int kFolderFlags = O_RDONLY | O_DIRECTORY | O_CLOEXEC;
 
+int64_t ModifiedNs(const struct stat& status) {
+  return status.st_mtim.tv_sec * 1'000'000'000LL + status.st_mtim.tv_nsec;
+}
+
 }  // namespace
 
 absl::Status CheckFileName(absl::string_view name) {
@@ -55,6 +59,24 @@ std::string Folder::Shown(const std::string& name) const { return absl::StrCat(p
 absl::StatusOr<std::shared_ptr<const MappedFile>> Folder::Map(const std::string& name) const {
   SL_RETURN_IF_ERROR(CheckFileName(name));
   return MappedFile::Open(*calls_, descriptor_, name, Shown(name));
+}
+
+absl::StatusOr<std::shared_ptr<const FileImage>> Folder::Read(const std::string& name,
+                                                              MemoryCheck room,
+                                                              const CancelToken* cancel) const {
+  SL_RETURN_IF_ERROR(CheckFileName(name));
+  return FileImage::Read(*calls_, descriptor_, name, Shown(name), room, cancel);
+}
+
+absl::StatusOr<FileStamp> Folder::Stamp(const std::string& name) const {
+  SL_RETURN_IF_ERROR(CheckFileName(name));
+  struct stat status;
+  if (::fstatat(descriptor_, name.c_str(), &status, AT_SYMLINK_NOFOLLOW) != 0) {
+    return FileError(errno, "cannot look at", Shown(name));
+  }
+  return FileStamp{.inode = status.st_ino,
+                   .bytes = static_cast<uint64_t>(status.st_size),
+                   .modified_ns = ModifiedNs(status)};
 }
 
 absl::StatusOr<FileReplacement> Folder::Replace(const std::string& name) const {
@@ -93,8 +115,7 @@ absl::StatusOr<std::vector<FolderEntry>> Folder::List() const {
     // One that is gone by now is not in the folder.
     if (::fstatat(descriptor_, next->d_name, &status, AT_SYMLINK_NOFOLLOW) != 0) continue;
     if (!S_ISREG(status.st_mode)) continue;
-    entries.push_back({next->d_name, static_cast<uint64_t>(status.st_size),
-                       status.st_mtim.tv_sec * 1'000'000'000LL + status.st_mtim.tv_nsec});
+    entries.push_back({next->d_name, static_cast<uint64_t>(status.st_size), ModifiedNs(status)});
   }
   if (errno != 0) return FileError(errno, "cannot read the folder", path_);
   std::sort(entries.begin(), entries.end(),

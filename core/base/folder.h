@@ -19,7 +19,9 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "core/base/cancel.h"
 #include "core/base/file_calls.h"
+#include "core/base/file_image.h"
 #include "core/base/file_replacement.h"
 #include "core/base/mapped_file.h"
 
@@ -29,6 +31,13 @@ struct FolderEntry {
   std::string name;
   uint64_t bytes = 0;
   int64_t modified_ns = 0;  // Since 1970.
+};
+
+struct FileStamp {
+  uint64_t inode = 0, bytes = 0;
+  int64_t modified_ns = 0;
+
+  bool operator==(const FileStamp&) const = default;
 };
 
 class Folder {
@@ -44,6 +53,11 @@ class Folder {
 
   // InvalidArgument for a bad name, else what MappedFile and FileReplacement say.
   absl::StatusOr<std::shared_ptr<const MappedFile>> Map(const std::string& name) const;
+  // The same file in memory; what FileImage says.
+  absl::StatusOr<std::shared_ptr<const FileImage>> Read(const std::string& name, MemoryCheck room,
+                                                        const CancelToken* cancel) const;
+  // Tells a file from another that took its place. FileError's errors.
+  absl::StatusOr<FileStamp> Stamp(const std::string& name) const;
   absl::StatusOr<FileReplacement> Replace(const std::string& name) const;
   absl::Status Remove(const std::string& name) const;
   // Plain files, by name.

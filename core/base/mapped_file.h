@@ -6,7 +6,8 @@
 // The bytes are those of the file: whoever may write it in place can change them later, and a file
 // that is cut short while it is mapped ends the process that reads beyond (SIGBUS). So files that
 // are mapped belong in folders that nobody else writes, and are replaced by renaming another over
-// them (file_replacement.h), which leaves what is mapped as it is.
+// them (file_replacement.h), which leaves what is mapped as it is. A page that the disk fails to
+// deliver ends the process likewise; who cannot live with that reads files (file_image.h).
 //
 // Thread safety: constant after construction.
 //

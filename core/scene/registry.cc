@@ -36,7 +36,7 @@ struct SceneSize {
 SceneRegistry::SceneRegistry(const RegistryOptions& options, ThreadPool& pool)
     : options_(options), pool_(pool) {}
 
-absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes) {
+absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes, uint64_t tag) {
   SceneStatus status;
   std::vector<Evicted> evicted;
   {
@@ -53,6 +53,7 @@ absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes) {
     SL_RETURN_IF_ERROR(Reserve(name, bytes, &evicted));
     Entry& entry = entries_[name];
     entry.creation = ++creations_;
+    entry.tag = tag;
     entry.last_use = uses_;
     entry.building = true;
     status = StatusOf(name, entry);
@@ -97,10 +98,11 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::BeginNext(
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
     const std::string& name, std::span<const ObjectInput> objects, std::optional<Vec3d> origin,
-    const SceneBuildOptions& options, const CancelToken* cancel, const SceneKeeper& keeper) {
+    const SceneBuildOptions& options, const CancelToken* cancel, const SceneKeeper& keeper,
+    uint64_t tag) {
   SceneSize size;
   for (const ObjectInput& object : objects) size.Add(object);
-  SL_RETURN_IF_ERROR(BeginNew(name, size.bytes(options)));
+  SL_RETURN_IF_ERROR(BeginNew(name, size.bytes(options), tag));
   return RunBuild(name, size.bytes(options), /*kept=*/false, keeper,
                   [&](const std::function<void(double)>& progress) {
                     return BuildScene(name, /*revision=*/1, objects, origin, options, pool_, cancel,
@@ -110,8 +112,9 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Load(const std::string& name,
                                                                  uint64_t bytes, SceneLoader loader,
-                                                                 const SceneKeeper& keeper) {
-  SL_RETURN_IF_ERROR(BeginNew(name, bytes));
+                                                                 const SceneKeeper& keeper,
+                                                                 uint64_t tag) {
+  SL_RETURN_IF_ERROR(BeginNew(name, bytes, tag));
   return RunBuild(name, bytes, /*kept=*/keeper == nullptr, keeper,
                   [&](const std::function<void(double)>& progress) { return loader(0, progress); });
 }
@@ -197,10 +200,12 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
     }
   }
   if (status.latest == nullptr) {
-    const absl::Status error = absl::ResourceExhaustedError(
-        absl::StrCat("scene \"", name, "\" needs ", bytes, " bytes, beyond the memory budget of ",
-                     options_.memory_budget_bytes, " that all scenes share or the ",
-                     options_.max_bytes_per_scene, " that one may take: delete one"));
+    const bool alone = bytes > options_.max_bytes_per_scene;
+    const absl::Status error = LimitError(
+        alone ? "max_bytes_per_scene" : "memory_budget_bytes",
+        alone ? options_.max_bytes_per_scene : options_.memory_budget_bytes,
+        absl::StrCat("scene \"", name, "\" needs ", bytes, " bytes, more than was foreseen"),
+        alone ? "split it, or build it as compact" : "delete a scene");
     Fail(name, reserved, error);
     return error;
   }
@@ -291,7 +296,7 @@ std::vector<SceneStatus> SceneRegistry::List() const {
   return list;
 }
 
-absl::Status SceneRegistry::Delete(const std::string& name) {
+absl::Status SceneRegistry::Delete(const std::string& name, bool if_kept) {
   std::shared_ptr<const Scene> deleted;  // Let go of outside the lock: it may be large.
   MutexLock lock(mutex_);
   const auto found = entries_.find(name);
@@ -300,9 +305,31 @@ absl::Status SceneRegistry::Delete(const std::string& name) {
     return absl::AbortedError(
         absl::StrCat("a build of scene \"", name, "\" is under way: cancel it first"));
   }
+  if (if_kept && !found->second.kept) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("scene \"", name, "\" is in memory alone: keep it first"));
+  }
   deleted = std::move(found->second.latest);
   entries_.erase(found);
   return absl::OkStatus();
+}
+
+absl::Status SceneRegistry::SetAside(uint64_t bytes) {
+  std::vector<Evicted> evicted;
+  absl::Status status;
+  {
+    MutexLock lock(mutex_);
+    if (options_.evict_least_used) MakeRoom(/*name=*/"", bytes, entries_.size(), &evicted);
+    status = TakeBytes("an upload", bytes);
+  }
+  NotifyEvicted(std::move(evicted));
+  return status;
+}
+
+void SceneRegistry::GiveBack(uint64_t bytes) {
+  MutexLock lock(mutex_);
+  SIGHTLINE_CHECK(bytes <= reserved_bytes_) << "more was given back than was set aside";
+  reserved_bytes_ -= bytes;
 }
 
 void SceneRegistry::SetObserver(std::function<void(const SceneStatus&)> observer) {
@@ -335,17 +362,24 @@ uint64_t SceneRegistry::AliveBytes() const {
 absl::Status SceneRegistry::Reserve(const std::string& name, uint64_t bytes,
                                     std::vector<Evicted>* evicted) {
   if (bytes > options_.max_bytes_per_scene) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("scene \"", name, "\" would need about ", bytes, " bytes; one scene may take ",
-                     options_.max_bytes_per_scene, ": split it, or build it as compact"));
+    return LimitError("max_bytes_per_scene", options_.max_bytes_per_scene,
+                      absl::StrCat("scene \"", name, "\" would need about ", bytes, " bytes"),
+                      "split it, or build it as compact");
   }
-  if (options_.evict_least_used) MakeRoom(name, bytes, evicted);
+  // One that is there already, a next revision of it, takes no more places.
+  const uint64_t scenes = entries_.size() + (entries_.contains(name) ? 0 : 1);
+  if (options_.evict_least_used) MakeRoom(name, bytes, scenes, evicted);
+  return TakeBytes(absl::StrCat("scene \"", name, "\""), bytes);
+}
+
+absl::Status SceneRegistry::TakeBytes(absl::string_view what, uint64_t bytes) {
   const uint64_t used = AliveBytes() + reserved_bytes_;
   const uint64_t budget = options_.memory_budget_bytes;
   if (used > budget || bytes > budget - used) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("scene \"", name, "\" would need about ", bytes, " bytes; ", used,
-                     " of the memory budget of ", budget, " are in use: delete a scene"));
+    return LimitError(
+        "memory_budget_bytes", budget,
+        absl::StrCat(what, " would need about ", bytes, " bytes beside ", used, " in use"),
+        "delete a scene, or wait until uploads and builds have ended");
   }
   reserved_bytes_ += bytes;
   return absl::OkStatus();
@@ -362,12 +396,10 @@ bool SceneRegistry::HasEvictable(const std::string& name) const {
   });
 }
 
-void SceneRegistry::MakeRoom(const std::string& name, uint64_t bytes,
+void SceneRegistry::MakeRoom(const std::string& name, uint64_t bytes, uint64_t scenes,
                              std::vector<Evicted>* evicted) {
   const uint64_t budget = options_.memory_budget_bytes;
   uint64_t used = AliveBytes() + reserved_bytes_;
-  // One that is there already, a next revision of it, takes no more places.
-  uint64_t scenes = entries_.size() + (entries_.contains(name) ? 0 : 1);
   const auto fits = [&](uint64_t held) { return held <= budget && bytes <= budget - held; };
   if (bytes > budget || (fits(used) && scenes <= options_.max_scenes)) return;
   std::vector<std::pair<uint64_t, std::string>> candidates;  // By their last use.
@@ -389,7 +421,7 @@ void SceneRegistry::MakeRoom(const std::string& name, uint64_t bytes,
       return revision.creation == found->second.creation &&
              revision.number == found->second.latest->revision;
     });
-    evicted->push_back({victim, std::move(found->second.latest)});
+    evicted->push_back({victim, found->second.tag, std::move(found->second.latest)});
     entries_.erase(found);
   }
 }
@@ -399,6 +431,7 @@ void SceneRegistry::NotifyEvicted(std::vector<Evicted> evicted) {
     one.scene.reset();
     SceneStatus status;
     status.name = one.name;
+    status.tag = one.tag;
     status.state = SceneState::kEvicted;
     Notify(status);
   }
@@ -407,6 +440,7 @@ void SceneRegistry::NotifyEvicted(std::vector<Evicted> evicted) {
 SceneStatus SceneRegistry::StatusOf(const std::string& name, const Entry& entry) {
   SceneStatus status;
   status.name = name;
+  status.tag = entry.tag;
   status.state = entry.building ? SceneState::kBuilding : SceneState::kReady;
   status.progress = entry.progress;
   status.error = entry.error;

@@ -29,6 +29,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "core/base/mutex.h"
 #include "core/scene/scene.h"
 
@@ -53,6 +54,7 @@ enum class SceneState : uint8_t {
 
 struct SceneStatus {
   std::string name;
+  uint64_t tag = 0;  // What its maker gave it to be told from others of its name.
   SceneState state = SceneState::kBuilding;
   double progress = 0;      // Share of the running build, 0 .. 1.
   absl::Status error;       // Of the last build, if it failed; the revision before keeps serving.
@@ -76,18 +78,18 @@ class SceneRegistry {
   // Builds and publishes revision 1. AlreadyExists, ResourceExhausted (budget or max_scenes,
   // checked from the sizes before building), and what BuildScene returns. A failed creation leaves
   // nothing behind. A keeper (may be null) that fails is told by the status; the scene serves.
-  absl::StatusOr<std::shared_ptr<const Scene>> Create(const std::string& name,
-                                                      std::span<const ObjectInput> objects,
-                                                      std::optional<Vec3d> origin,
-                                                      const SceneBuildOptions& options,
-                                                      const CancelToken* cancel = nullptr,
-                                                      const SceneKeeper& keeper = nullptr);
+  // `tag` is in every status of the scene.
+  absl::StatusOr<std::shared_ptr<const Scene>> Create(
+      const std::string& name, std::span<const ObjectInput> objects, std::optional<Vec3d> origin,
+      const SceneBuildOptions& options, const CancelToken* cancel = nullptr,
+      const SceneKeeper& keeper = nullptr, uint64_t tag = 0);
 
   // The same for a scene of about `bytes` in memory that `loader` makes: it is kept there, unless a
   // keeper is given to keep it elsewhere.
   absl::StatusOr<std::shared_ptr<const Scene>> Load(const std::string& name, uint64_t bytes,
                                                     SceneLoader loader,
-                                                    const SceneKeeper& keeper = nullptr);
+                                                    const SceneKeeper& keeper = nullptr,
+                                                    uint64_t tag = 0);
   // Replaces a scene by the next revision, made by `loader`; if that fails the one before goes on
   // serving. Errors as Edit's.
   absl::StatusOr<std::shared_ptr<const Scene>> Reload(const std::string& name, uint64_t bytes,
@@ -111,21 +113,29 @@ class SceneRegistry {
 
   absl::StatusOr<SceneStatus> GetStatus(const std::string& name) const;
   std::vector<SceneStatus> List() const;  // By name.
-  // Queries that pinned a revision finish on it. NotFound; Aborted while a build runs.
-  absl::Status Delete(const std::string& name);
+  // Queries that pinned a revision finish on it. NotFound; Aborted while a build runs;
+  // FailedPrecondition if `if_kept` and the latest revision is not kept.
+  absl::Status Delete(const std::string& name, bool if_kept = false);
+
+  // Has `bytes` count against the budget until they are given back, for what is no scene yet, such
+  // as an upload that arrives. May let go of scenes, as a build may. ResourceExhausted.
+  absl::Status SetAside(uint64_t bytes);
+  void GiveBack(uint64_t bytes);
 
   // Called after every change of a scene's status but its deletion, outside the lock, from the
   // changing thread: calls may overlap, and a later change may be told first. May call the
   // registry. Replaces the one before.
   void SetObserver(std::function<void(const SceneStatus&)> observer);
 
-  // Of all revisions still alive and of the builds under way; what the budget bounds.
+  // Of all revisions still alive, of the builds under way and what is set aside: what the budget
+  // bounds.
   uint64_t MemoryBytes() const;
   const RegistryOptions& options() const { return options_; }
 
  private:
   struct Entry {
     uint64_t creation = 0;  // Tells scenes of the same name apart that came one after the other.
+    uint64_t tag = 0;       // The maker's way to do so.
     bool building = false;
     double progress = 0;
     absl::Status error;
@@ -142,13 +152,15 @@ class SceneRegistry {
   // What was let go of, to be told and freed outside the lock.
   struct Evicted {
     std::string name;
+    uint64_t tag = 0;
     std::shared_ptr<const Scene> scene;
   };
   using Build = absl::FunctionRef<absl::StatusOr<std::shared_ptr<const Scene>>(
       const std::function<void(double)>& progress)>;
 
   // Adds an entry for a first build, with `bytes` set aside.
-  absl::Status BeginNew(const std::string& name, uint64_t bytes) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status BeginNew(const std::string& name, uint64_t bytes, uint64_t tag)
+      ABSL_LOCKS_EXCLUDED(mutex_);
   // Marks an entry as being built again; its latest revision. `size` says how many bytes that
   // takes.
   absl::StatusOr<std::shared_ptr<const Scene>> BeginNext(
@@ -170,9 +182,13 @@ class SceneRegistry {
 
   absl::Status Reserve(const std::string& name, uint64_t bytes, std::vector<Evicted>* evicted)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Lets go of what `bytes` need beside what is in use, if that is possible.
-  void MakeRoom(const std::string& name, uint64_t bytes, std::vector<Evicted>* evicted)
+  // The last step of both: `what` needs `bytes`, for which there is room or not.
+  absl::Status TakeBytes(absl::string_view what, uint64_t bytes)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Lets go of what `bytes` and `scenes` in all need beside what is in use, if that is possible;
+  // never of `name`.
+  void MakeRoom(const std::string& name, uint64_t bytes, uint64_t scenes,
+                std::vector<Evicted>* evicted) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static bool IsEvictable(const Entry& entry);
   // Whether any scene but `name` could be let go of.
   bool HasEvictable(const std::string& name) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -189,7 +205,8 @@ class SceneRegistry {
   uint64_t creations_ ABSL_GUARDED_BY(mutex_) = 0;
   mutable uint64_t uses_ ABSL_GUARDED_BY(mutex_) = 0;  // Calls of Get that found their scene.
   std::shared_ptr<const std::function<void(const SceneStatus&)>> observer_ ABSL_GUARDED_BY(mutex_);
-  uint64_t reserved_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // For builds under way.
+  // For builds under way, and set aside.
+  uint64_t reserved_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace sightline

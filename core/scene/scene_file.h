@@ -54,6 +54,9 @@ struct SceneBytes {
 };
 
 absl::StatusOr<SceneBytes> MapSceneFile(const Folder& folder, const std::string& name);
+// The same in memory of its own: FileImage's errors.
+absl::StatusOr<SceneBytes> ReadSceneFile(const Folder& folder, const std::string& name,
+                                         MemoryCheck room, const CancelToken* cancel = nullptr);
 
 // What can be told without reading the arrays.
 struct SceneFileInfo {

@@ -324,6 +324,13 @@ absl::StatusOr<SceneBytes> MapSceneFile(const Folder& folder, const std::string&
   return SceneBytes{bytes, std::move(file), absl::StrCat(folder.path(), "/", name)};
 }
 
+absl::StatusOr<SceneBytes> ReadSceneFile(const Folder& folder, const std::string& name,
+                                         MemoryCheck room, const CancelToken* cancel) {
+  SL_ASSIGN_OR_RETURN(std::shared_ptr<const FileImage> file, folder.Read(name, room, cancel));
+  const std::span<const std::byte> bytes = file->bytes();
+  return SceneBytes{bytes, std::move(file), absl::StrCat(folder.path(), "/", name)};
+}
+
 absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
   SL_ASSIGN_OR_RETURN(const SceneFileHeader header, ReadHeader(file));
   SceneFileInfo info;

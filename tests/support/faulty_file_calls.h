@@ -28,15 +28,16 @@ class FaultyFileCalls final : public FileCalls {
  public:
   // errno values; 0: no fault.
   std::atomic<int> open_error{0}, write_error{0}, sync_error{0}, rename_error{0}, unlink_error{0},
-      map_error{0};
+      map_error{0}, read_error{0};
   // Calls that still succeed before the fault sets in.
-  std::atomic<int> writes_before_fault{0}, syncs_before_fault{0};
+  std::atomic<int> writes_before_fault{0}, syncs_before_fault{0}, reads_before_fault{0};
   // The most bytes that a write takes; 0: as many as it likes.
   std::atomic<size_t> short_write{0};
+  std::atomic<size_t> short_read{0};  // The most that a read gives.
   // Writes that are interrupted before one goes through.
   std::atomic<int> interrupts{0};
-  // Called at the beginning of every Map, where it is set.
-  std::function<void()> on_map;
+  // Called at the beginning of every Map and every UnlinkAt, where they are set.
+  std::function<void()> on_map, on_unlink;
 
   int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
     if (open_error != 0) return Fail(open_error);
@@ -51,6 +52,15 @@ class FaultyFileCalls final : public FileCalls {
     if (short_write != 0) bytes = std::min<size_t>(bytes, short_write);
     return FileCalls::Write(file, data, bytes);
   }
+  ssize_t ReadAt(int file, void* data, size_t bytes, off_t offset) override {
+    if (interrupts > 0) {
+      --interrupts;
+      return Fail(EINTR);
+    }
+    if (read_error != 0 && reads_before_fault-- <= 0) return Fail(read_error);
+    if (short_read != 0) bytes = std::min<size_t>(bytes, short_read);
+    return FileCalls::ReadAt(file, data, bytes, offset);
+  }
   int Sync(int file) override {
     if (sync_error != 0 && syncs_before_fault-- <= 0) return Fail(sync_error);
     return FileCalls::Sync(file);
@@ -60,6 +70,7 @@ class FaultyFileCalls final : public FileCalls {
     return FileCalls::RenameAt(folder, from, to);
   }
   int UnlinkAt(int folder, const char* name) override {
+    if (on_unlink) on_unlink();
     if (unlink_error != 0) return Fail(unlink_error);
     return FileCalls::UnlinkAt(folder, name);
   }

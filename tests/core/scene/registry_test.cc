@@ -293,6 +293,63 @@ TEST_F(KeptRegistryTest, LoadsAndReloads) {
               absl::StatusCode::kNotFound, {"\"attic\""});
 }
 
+TEST_F(KeptRegistryTest, WhatIsNotKeptIsDeletedOnlyByWhoMeansIt) {
+  SceneRegistry registry({}, pool_);
+  ASSERT_TRUE(Create(registry, "memory").ok());
+  ExpectError(registry.Delete("memory", /*if_kept=*/true), absl::StatusCode::kFailedPrecondition,
+              {"\"memory\""});
+  EXPECT_TRUE(registry.Get("memory", 0).ok());
+  EXPECT_TRUE(registry.Delete("memory").ok());
+  ASSERT_TRUE(Load(registry, "kept").ok());
+  EXPECT_TRUE(registry.Delete("kept", /*if_kept=*/true).ok());
+}
+
+TEST_F(KeptRegistryTest, WhatIsSetAsideCountsAndMakesRoom) {
+  SceneRegistry strict({.memory_budget_bytes = 2 * bytes_}, pool_);
+  ASSERT_TRUE(Load(strict, "a").ok());
+  ASSERT_TRUE(strict.SetAside(bytes_).ok());
+  EXPECT_EQ(strict.MemoryBytes(), 2 * bytes_);
+  ExpectError(strict.SetAside(1), absl::StatusCode::kResourceExhausted,
+              {std::to_string(2 * bytes_), "delete a scene"});
+  ExpectError(Load(strict, "b").status(), absl::StatusCode::kResourceExhausted, {"\"b\""});
+  strict.GiveBack(bytes_);
+  EXPECT_TRUE(Load(strict, "b").ok());
+
+  SceneRegistry yielding({.memory_budget_bytes = 2 * bytes_, .evict_least_used = true}, pool_);
+  ASSERT_TRUE(Load(yielding, "a").ok());
+  ASSERT_TRUE(Load(yielding, "b").ok());
+  ASSERT_TRUE(yielding.SetAside(bytes_).ok());
+  EXPECT_EQ(yielding.List().size(), 1u);
+  EXPECT_EQ(yielding.GetStatus("a").status().code(), absl::StatusCode::kNotFound);
+  ExpectError(yielding.SetAside(2 * bytes_), absl::StatusCode::kResourceExhausted, {});
+  EXPECT_EQ(yielding.List().size(), 1u);  // Nothing goes in vain.
+  yielding.GiveBack(bytes_);
+}
+
+TEST_F(KeptRegistryTest, ATagTellsScenesOfOneNameApart) {
+  SceneRegistry registry({.max_scenes = 1, .evict_least_used = true}, pool_);
+  std::vector<uint64_t> evicted;
+  registry.SetObserver([&](const SceneStatus& status) {
+    if (status.state == SceneState::kEvicted) evicted.push_back(status.tag);
+  });
+  const auto load = [&](const std::string& name, uint64_t tag) {
+    return registry
+        .Load(
+            name, bytes_,
+            [&](uint64_t, const auto&) {
+              return absl::StatusOr<std::shared_ptr<const Scene>>(MakeScene(1));
+            },
+            nullptr, tag)
+        .status();
+  };
+  ASSERT_TRUE(load("a", 7).ok());
+  EXPECT_EQ(registry.GetStatus("a")->tag, 7u);
+  ASSERT_TRUE(load("b", 8).ok());
+  ASSERT_TRUE(load("a", 9).ok());
+  EXPECT_EQ(registry.GetStatus("a")->tag, 9u);
+  EXPECT_THAT(evicted, ::testing::ElementsAre(7, 8));
+}
+
 TEST_F(KeptRegistryTest, AKeeperIsAskedOncePublishedAndHoldsOffOtherBuilds) {
   SceneRegistry registry({}, pool_);
   int kept = 0;
