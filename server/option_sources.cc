@@ -160,6 +160,7 @@ std::string ConfigPath(const Settings& flags, const Settings& environment) {
 absl::StatusOr<ParsedOptions> ReadOptions(int argc, const char* const* argv,
                                           const char* const* environment) {
   ParsedOptions parsed;
+  parsed.options.limits = DefaultLimits();
   SL_ASSIGN_OR_RETURN(const Settings flags, FromFlags(argc, argv));
   const Settings variables = FromEnvironment(environment, &parsed.warnings);
   Settings file;
@@ -193,7 +194,8 @@ std::string ConfigText(const ParsedOptions& parsed) {
     const auto given = parsed.given.find(option.name);
     if (given == parsed.given.end()) {
       // A default need not stand in a file, and "none" is no value.
-      absl::StrAppend(&text, "# ", option.name, ": ", option.default_text, "  # default\n");
+      absl::StrAppend(&text, "# ", option.name, ": ", option.default_text, "  # default",
+                      option.default_origin.empty() ? "" : ": ", option.default_origin, "\n");
       continue;
     }
     YAML::Emitter out;

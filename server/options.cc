@@ -17,6 +17,7 @@
 #include "core/mesh/builtin/builtin.h"
 #include "server/auth/access_policy.h"
 #include "server/base/resource_name.h"
+#include "server/machine_memory.h"
 #include "server/net/socket_address.h"
 
 namespace sightline {
@@ -50,8 +51,30 @@ std::function<absl::Status(absl::string_view, ParsedOptions*)> Text(Part ServerO
   };
 }
 
+// A duration, or "none" for an infinite one.
+absl::Status SetDurationOrNone(absl::string_view value, absl::Duration* out) {
+  if (value != "none") return SetDuration(value, out);
+  *out = absl::InfiniteDuration();
+  return absl::OkStatus();
+}
+
+const MachineMemory& Memory() {
+  static const auto* const memory = new MachineMemory(ThisMachinesMemory());
+  return *memory;
+}
+
+// Where the default of a limit comes from; empty for a constant.
+std::string OriginOf(const LimitEntry& entry) {
+  Limits others;
+  ShareMemory(1, &others);  // Changes what is a share, to the least that it may be.
+  if (Memory().bytes == 0 || others.*entry.value == Limits().*entry.value) return "";
+  return absl::StrCat(entry.value == &Limits::max_point_set_bytes ? "an eighth" : "five eighths",
+                      " of the memory of ", Memory().origin);
+}
+
 std::vector<Option> MakeTable() {
-  const ServerOptions defaults;
+  ServerOptions defaults;
+  defaults.limits = DefaultLimits();
   std::vector<Option> table = {
       {"listen", "HOST:PORT|unix:PATH",
        "where to listen; may be given more than once; port 0 takes a free one; only loopback is "
@@ -128,6 +151,15 @@ std::vector<Option> MakeTable() {
          out->options.load_repository = value == "all";
          return absl::OkStatus();
        }},
+      {"scene-files", "HOW",
+       "mapped: a stored scene is its file, mapped; what the disk then fails to deliver ends the "
+       "process; read: it is read into memory whole, and such a fault ends the load alone",
+       "mapped",
+       [](absl::string_view value, ParsedOptions* out) {
+         if (value != "mapped" && value != "read") return Bad(value, "must be mapped or read");
+         out->options.scene_files = value == "read" ? SceneFiles::kRead : SceneFiles::kMapped;
+         return absl::OkStatus();
+       }},
       {"evict", "WHICH",
        "lru: stored scenes that nobody uses make room, the least recently used first; none: a "
        "scene beyond the budget is refused",
@@ -159,6 +191,16 @@ std::vector<Option> MakeTable() {
        [](absl::string_view value, ParsedOptions* out) {
          return SetDuration(value, &out->options.drain_timeout);
        }},
+      {"connection-idle-timeout", "DURATION",
+       "connections without a call for so long are closed, of which clients take no notice; none: "
+       "they stay",
+       absl::FormatDuration(defaults.connection_idle_timeout),
+       [](absl::string_view value, ParsedOptions* out) {
+         SL_RETURN_IF_ERROR(SetDurationOrNone(value, &out->options.connection_idle_timeout));
+         return out->options.connection_idle_timeout >= absl::Milliseconds(100)
+                    ? absl::OkStatus()
+                    : Bad(value, "must be at least 100ms, or none");
+       }},
       {"metrics-listen", "HOST:PORT",
        "where /metrics, /livez and /readyz are served over HTTP; port 0 takes a free one", "none",
        [](absl::string_view value, ParsedOptions* out) {
@@ -168,11 +210,7 @@ std::vector<Option> MakeTable() {
       {"slow-query-log", "DURATION",
        "items that took at least so long are logged, with what they cost", "none",
        [](absl::string_view value, ParsedOptions* out) {
-         if (value == "none") {
-           out->options.slow_query_log = absl::InfiniteDuration();
-           return absl::OkStatus();
-         }
-         return SetDuration(value, &out->options.slow_query_log);
+         return SetDurationOrNone(value, &out->options.slow_query_log);
        }},
       {"log-level", "LEVEL", "debug, info, warning, error or off", "info",
        [](absl::string_view value, ParsedOptions* out) -> absl::Status {
@@ -191,7 +229,8 @@ std::vector<Option> MakeTable() {
            }
            out->options.limits.*entry.value = number;
            return absl::OkStatus();
-         }});
+         },
+         /*repeated=*/false, OriginOf(entry)});
   }
   table.push_back({"config", "FILE",
                    "a YAML file of lines OPTION: VALUE; flags and SIGHTLINE_ variables win over it",
@@ -236,6 +275,12 @@ absl::Status CheckSecurity(const ServerOptions& options) {
 }
 
 }  // namespace
+
+Limits DefaultLimits() {
+  Limits limits;
+  ShareMemory(Memory().bytes, &limits);
+  return limits;
+}
 
 const std::vector<Option>& OptionTable() {
   static const auto* const table = new std::vector<Option>(MakeTable());
@@ -298,6 +343,7 @@ std::vector<std::string> WithoutEffect(const ParsedOptions& parsed) {
       std::any_of(options.listen.begin(), options.listen.end(),
                   [](const std::string& text) { return absl::StartsWith(text, "unix:"); });
   check("load", !options.repository.empty(), "--repository");
+  check("scene-files", !options.repository.empty(), "--repository");
   check("evict", !options.repository.empty() || !options.evict_least_used, "--repository");
   check("tls-client-auth", !options.tls.client_ca.empty(), "--tls-client-ca");
   check("unix-socket-mode", unix_socket, "--listen unix:PATH");
@@ -320,7 +366,10 @@ std::string HelpText() {
     absl::StrAppend(&text, "  --", option.name, option.takes.empty() ? "" : " ", option.takes,
                     "\n");
     absl::StrAppend(&text, "      ", option.help);
-    if (!option.takes.empty()) absl::StrAppend(&text, " (default: ", option.default_text, ")");
+    if (!option.takes.empty()) {
+      absl::StrAppend(&text, " (default: ", option.default_text,
+                      option.default_origin.empty() ? "" : ", ", option.default_origin, ")");
+    }
     absl::StrAppend(&text, "\n");
   }
   return text;

@@ -23,6 +23,7 @@
 #include "server/auth/certificate_store.h"
 #include "server/base/limits.h"
 #include "server/base/log.h"
+#include "server/scenes/scene_repository.h"
 
 namespace sightline {
 
@@ -39,8 +40,9 @@ struct ServerOptions {
       scenes;  // [ID=]builtin:NAME[:TRIANGLES][,seed=N], made before the port is bound.
   // A folder of native scene files, where scenes are stored; empty: none.
   std::string repository;
-  bool load_repository = true;    // Whether all of them are loaded before the port is bound.
-  bool evict_least_used = false;  // Whether stored scenes make room for others.
+  bool load_repository = true;  // Whether all of them are loaded before the port is bound.
+  SceneFiles scene_files = SceneFiles::kMapped;  // How its files are held.
+  bool evict_least_used = false;                 // Whether stored scenes make room for others.
   FileCalls* files = &FileCalls::System();  // What reaches the repository; tests put faults there.
   int threads = 0;                          // That answer queries; 0: one per hardware thread.
   int build_threads = 0;                    // That build scenes; 0: one per hardware thread.
@@ -50,6 +52,9 @@ struct ServerOptions {
   // How long a drain leaves all but readiness and health as it is, before anything is refused.
   absl::Duration drain_delay = absl::ZeroDuration();
   absl::Duration drain_timeout = absl::Seconds(30);
+  // Connections that have no call for so long are closed. Streams have no end of their own, so
+  // connections have no greatest age.
+  absl::Duration connection_idle_timeout = absl::Minutes(30);
   LogLevel log_level = LogLevel::kInfo;
   Limits limits;
 };
@@ -76,8 +81,12 @@ struct Option {
   std::string default_text;
   // InvalidArgument: "VALUE": what it must be. Called once per value.
   std::function<absl::Status(absl::string_view, ParsedOptions*)> set;
-  bool repeated = false;  // May be given more than once; else the last one counts.
+  bool repeated = false;            // May be given more than once; else the last one counts.
+  std::string default_origin = "";  // Where the default is from, if that differs between machines.
 };
+
+// What `sightlined` starts with: budgets are shares of the memory that it may take.
+Limits DefaultLimits();
 
 // In the order of --help.
 const std::vector<Option>& OptionTable();

@@ -27,6 +27,8 @@ namespace {
 // for a few generations of names, and about a hundred bytes each.
 constexpr size_t kHealthNamesPerScene = 4;
 constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
+// Uploads are looked at so many times within what they may wait: none waits much longer.
+constexpr int kLooksWithinIdle = 4;
 // Below what a prober waits (a second in Kubernetes, unless told otherwise, so tell it).
 constexpr absl::Duration kLivenessTimeout = absl::Seconds(2);
 // A client that pings more often than this is told to go away; one that is gone is noticed within a
@@ -49,6 +51,11 @@ Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> re
     : options_(options),
       ray_queue_(options.limits.max_queued_rays, options.limits.max_queued_rays_per_client),
       upload_slots_(options.limits.max_concurrent_uploads),
+      streams_("streams", CallQuota::Shares::kPass,
+               {"max_streams_per_client", options.limits.max_streams_per_client}),
+      uploads_(
+          "uploads", CallQuota::Shares::kPass,
+          {"max_concurrent_uploads_per_client", options.limits.max_concurrent_uploads_per_client}),
       query_pool_(options.threads),
       build_pool_(options.build_threads),
       scheduler_(query_pool_.threads(),
@@ -71,7 +78,8 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   SL_RETURN_IF_ERROR(CheckOptions(options));
   std::unique_ptr<SceneRepository> repository;
   if (!options.repository.empty()) {
-    SL_ASSIGN_OR_RETURN(repository, SceneRepository::Open(options.repository, *options.files));
+    SL_ASSIGN_OR_RETURN(
+        repository, SceneRepository::Open(options.repository, *options.files, options.scene_files));
   }
   std::unique_ptr<Server> server(new Server(options, std::move(repository)));
   if (!options.access_file.empty()) {
@@ -84,6 +92,10 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   server->serving_ = true;
   server->sweeper_ =
       std::make_unique<PeriodicTask>(kSweepPeriod, [&sets = server->point_sets_] { sets.Sweep(); });
+  const absl::Duration idle = absl::Seconds(options.limits.max_upload_idle_seconds);
+  server->upload_sweeper_ = std::make_unique<PeriodicTask>(
+      std::min(kSweepPeriod, idle / kLooksWithinIdle),
+      [&slots = server->upload_slots_] { slots.Sweep(IdleClock::Now()); });
   if (!options.tls.certificate.empty() || !options.access_file.empty()) {
     server->reloader_ = std::make_unique<PeriodicTask>(
         options.reload_interval, [self = server.get()] { (void)self->ReloadSecurity(); });
@@ -198,7 +210,8 @@ absl::Status Server::Listen() {
   SL_ASSIGN_OR_RETURN(
       door_, FrontDoor::Open({.listen = options_.listen,
                               .unix_socket_mode = static_cast<mode_t>(options_.unix_socket_mode),
-                              .max_connections = options_.limits.max_connections,
+                              .connections = {options_.limits.max_connections,
+                                              options_.limits.max_connections_per_address},
                               .tls = options_.tls,
                               .client_certificate_optional = options_.client_certificate_optional},
                              access_));
@@ -224,6 +237,11 @@ absl::Status Server::Listen() {
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS,
                              kLeastPingIntervalMs);
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  if (options_.connection_idle_timeout < absl::InfiniteDuration()) {
+    builder.AddChannelArgument(
+        GRPC_ARG_MAX_CONNECTION_IDLE_MS,
+        static_cast<int>(absl::ToInt64Milliseconds(options_.connection_idle_timeout)));
+  }
   // gRPC orders all that was made so far before its first reaction. The thread sanitizer, for which
   // it is not built, sees that order by this lock, which every call takes first.
   (void)calls_.active_calls();
@@ -261,7 +279,11 @@ absl::Status Server::ReloadSecurity() {
 void Server::ReportHealth(const SceneView& view) {
   // A deleted scene stays known as NOT_SERVING: the health service cannot forget a name.
   if (!health_names_.Take(view)) return;
-  const bool serving = !view.deleted && view.status.latest != nullptr && !calls_.draining();
+  // As it is now: of changes that several threads tell of at once, the last to be heard need not be
+  // the latest.
+  MutexLock lock(health_mutex_);
+  const absl::StatusOr<SceneView> now = scenes_.Get(view.status.name);
+  const bool serving = now.ok() && now->status.latest != nullptr && !calls_.draining();
   server_->GetHealthCheckService()->SetServingStatus(SceneName(view.status.name), serving);
 }
 
@@ -300,6 +322,7 @@ void Server::Shutdown() { ShutdownWithin(absl::ZeroDuration()); }
 
 void Server::ShutdownWithin(absl::Duration timeout) {
   sweeper_.reset();
+  upload_sweeper_.reset();
   reloader_.reset();
   if (server_ == nullptr) return;
   MutexLock lock(shutdown_mutex_);

@@ -94,7 +94,7 @@ class Server {
   HttpReply MetricsPage(const HttpRequest& request);
   HttpReply Livez();
   HttpReply Readyz() const;
-  void ReportHealth(const SceneView& view);
+  void ReportHealth(const SceneView& view) ABSL_LOCKS_EXCLUDED(health_mutex_);
   void Leave();
   void ShutdownWithin(absl::Duration timeout);
 
@@ -103,13 +103,14 @@ class Server {
   CallTracker calls_;
   RayQueue ray_queue_;
   UploadSlots upload_slots_;
-  CallQuota streams_{"streams"}, uploads_{"uploads"}, upload_bytes_{"upload-bytes"};
+  CallQuota streams_, uploads_, upload_bytes_{"upload-bytes"};
   SceneOwners scene_owners_;
   ThreadPool query_pool_, build_pool_;
   Scheduler scheduler_;
   const std::unique_ptr<SceneRepository> repository_;  // Null without one.
   SceneCatalog scenes_;
   HealthNames health_names_;
+  Mutex health_mutex_;  // One scene's health is looked at and told at a time.
   PointSetStore point_sets_;
   Metrics metrics_;
   const SlowQueryLog slow_queries_;
@@ -120,7 +121,7 @@ class Server {
   CapabilityService capability_service_;
   std::unique_ptr<FrontDoor> door_;  // Outlives the gRPC server.
   std::unique_ptr<grpc::Server> server_;
-  std::unique_ptr<PeriodicTask> sweeper_, reloader_;
+  std::unique_ptr<PeriodicTask> sweeper_, upload_sweeper_, reloader_;
   std::atomic<bool> serving_ = false;  // From the bound port until new calls are refused.
   std::atomic<bool> leaving_ = false;  // From the beginning of a drain.
   std::atomic<uint64_t> reloads_ = 0, failed_reloads_ = 0;

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The server in this process. The one file of the tool that includes the server's headers.
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstdint>
 #include <memory>
@@ -13,6 +11,7 @@
 #include "client/cli/session.h"
 #include "core/base/status_macros.h"
 #include "server/base/log.h"
+#include "server/machine_memory.h"
 #include "server/server.h"
 
 namespace sightline::cli {
@@ -36,11 +35,9 @@ class EmbeddedSession final : public Session {
   Server& server_;  // The base's.
 };
 
-// Scenes may take three quarters of the machine's memory: nobody else uses this server.
+// Scenes may take three quarters of the memory that there is: nobody else uses this server.
 uint64_t SceneBudget(uint64_t least) {
-  const int64_t pages = ::sysconf(_SC_PHYS_PAGES), page = ::sysconf(_SC_PAGESIZE);
-  if (pages <= 0 || page <= 0) return least;
-  return std::max(least, static_cast<uint64_t>(pages) * static_cast<uint64_t>(page) / 4 * 3);
+  return std::max(least, ThisMachinesMemory().bytes / 4 * 3);
 }
 
 }  // namespace

@@ -378,6 +378,10 @@ Capabilities FromProto(const v1::Capabilities& capabilities) {
   limits.max_queued_rays_per_client = in.max_queued_rays_per_client();
   limits.max_bytes_per_scene = in.max_bytes_per_scene();
   limits.max_connections = in.max_connections();
+  limits.max_connections_per_address = in.max_connections_per_address();
+  limits.max_concurrent_uploads_per_client = in.max_concurrent_uploads_per_client();
+  limits.max_streams_per_client = in.max_streams_per_client();
+  limits.max_upload_idle = FromProto(in.max_upload_idle());
   out.instruction_set = capabilities.instruction_set();
   out.available_instruction_sets.assign(capabilities.available_instruction_sets().begin(),
                                         capabilities.available_instruction_sets().end());

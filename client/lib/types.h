@@ -473,7 +473,9 @@ struct Limits {
   uint32_t max_concurrent_uploads = 0;
   int64_t max_queued_rays_per_client = 0;
   uint64_t max_bytes_per_scene = 0;
-  uint32_t max_connections = 0;
+  uint32_t max_connections = 0, max_connections_per_address = 0;
+  uint32_t max_concurrent_uploads_per_client = 0, max_streams_per_client = 0;
+  absl::Duration max_upload_idle;
 };
 
 struct Capabilities {

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How much of one kind each client has, and no more than its role allows: calls under way, bytes of
-// its uploads, scenes that it made. What a client does on many connections is one client's still.
+// How much of one kind each client has, and no more than its role or the server allows: calls under
+// way, bytes of its uploads, scenes that it made. What a client does on many connections is one client's still.
 //
 // Thread safety: every method of CallQuota from any thread; a share belongs to one owner at a time.
 // The quota outlives its shares.
 //
-//   absl::StatusOr<CallShare> share = quota.Take("token:nightly", /*most=*/8);
+//   CallQuota quota("uploads", CallQuota::Shares::kPass,
+//                   {"max_concurrent_uploads_per_client", 8});
+//   absl::StatusOr<CallShare> share = quota.Take("token:nightly", /*most=*/2);
 //   // RESOURCE_EXHAUSTED (QUOTA_EXCEEDED)
 //   SL_RETURN_IF_ERROR(share->Add(message.ByteSizeLong(), /*most=*/1 << 20));
 #ifndef SIGHTLINE_SERVER_ADMISSION_CALL_QUOTA_H_
@@ -20,6 +22,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
@@ -28,6 +31,12 @@
 namespace sightline {
 
 class CallQuota;
+
+// What a client may have whose role says nothing.
+struct UsualShare {
+  absl::string_view limit;  // Its name in sightline.v1.Limits.
+  uint64_t most = 0;        // 0: any number.
+};
 
 class CallShare {
  public:
@@ -46,7 +55,8 @@ class CallShare {
   ~CallShare() { Release(); }
   inline void Release();
   bool held() const { return quota_ != nullptr; }
-  // Takes `more` into the same share, unless the client had more than `most` then; 0: any amount.
+  // Takes `more` into the same share, unless the client had more than `most` then; 0: whatever the
+  // server allows.
   // REQUIRES: the share is one.
   inline absl::Status Add(uint64_t more, uint64_t most);
 
@@ -66,13 +76,13 @@ class CallQuota {
   enum class Shares { kPass, kLast };
 
   // `kind` is what an access file calls them: "streams", "uploads".
-  explicit CallQuota(std::string kind, Shares shares = Shares::kPass)
-      : kind_(std::move(kind)), shares_(shares) {}
+  explicit CallQuota(std::string kind, Shares shares = Shares::kPass, UsualShare usual = {})
+      : kind_(std::move(kind)), shares_(shares), usual_(usual) {}
   CallQuota(const CallQuota&) = delete;
   CallQuota& operator=(const CallQuota&) = delete;
 
-  // `most`: how many the client may have at once; 0: any number. `amount` is what the share begins
-  // with.
+  // `most`: how many the client's role lets it have at once; 0: says nothing. `amount` is what the
+  // share begins with.
   absl::StatusOr<CallShare> Take(const std::string& client, uint64_t most, uint64_t amount = 1) {
     SL_RETURN_IF_ERROR(Grow(client, /*has=*/0, amount, most));
     return CallShare(this, client, amount);
@@ -81,7 +91,8 @@ class CallQuota {
  private:
   friend class CallShare;
   // `has` of what the client has taken is the share's that grows.
-  absl::Status Grow(const std::string& client, uint64_t has, uint64_t more, uint64_t most) {
+  absl::Status Grow(const std::string& client, uint64_t has, uint64_t more, uint64_t by_role) {
+    const uint64_t most = by_role > 0 ? by_role : usual_.most;
     MutexLock lock(mutex_);
     const auto found = taken_.find(client);
     const uint64_t taken = found == taken_.end() ? 0 : found->second;
@@ -91,12 +102,18 @@ class CallQuota {
       const bool later = shares_ == Shares::kPass && (more <= most && has <= most - more);
       const absl::Status over =
           OverLimit(absl::StrCat(kind_, " at once of ", client), taken + more,
-                    absl::StrCat("limit ", kind_, " of the access file"), most,
+                    by_role > 0 ? absl::StrCat("limit ", kind_, " of the access file")
+                                : std::string(usual_.limit),
+                    most, Remedy(later),
                     later ? v1::ERROR_REASON_QUOTA_EXCEEDED : v1::ERROR_REASON_LIMIT_EXCEEDED);
       return later ? WithRetryDelay(over, absl::Seconds(1)) : over;
     }
     if (more > 0) taken_[client] = taken + more;
     return absl::OkStatus();
+  }
+  absl::string_view Remedy(bool later) const {
+    if (later) return "try again when some of them have ended";
+    return shares_ == Shares::kLast ? "delete one first" : "send less at once";
   }
   void Return(const std::string& client, uint64_t amount) {
     if (amount == 0) return;
@@ -108,6 +125,7 @@ class CallQuota {
 
   const std::string kind_;
   const Shares shares_;
+  const UsualShare usual_;
   Mutex mutex_;
   std::map<std::string, uint64_t> taken_ ABSL_GUARDED_BY(mutex_);  // By client.
 };

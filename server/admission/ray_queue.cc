@@ -40,11 +40,11 @@ absl::StatusOr<RayTicket> RayQueue::Admit(const RayAccount& account, uint64_t ra
   if (held.tickets > 0 && !Fits(rays, held.rays, held.most)) {
     return OverLimit("the client's rays waiting for an answer", held.rays + rays,
                      held.by_role ? "limit rays of the access file" : "max_queued_rays_per_client",
-                     held.most, v1::ERROR_REASON_QUOTA_EXCEEDED);
+                     held.most, "read replies, then send more", v1::ERROR_REASON_QUOTA_EXCEEDED);
   }
   if (tickets_ > 0 && !Fits(rays, queued_, max_rays_)) {
     return OverLimit("rays waiting for an answer", queued_ + rays, "max_queued_rays", max_rays_,
-                     v1::ERROR_REASON_QUEUE_FULL);
+                     "send it again after the retry delay", v1::ERROR_REASON_QUEUE_FULL);
   }
   queued_ += rays;
   ++tickets_;

@@ -80,13 +80,13 @@ absl::Status BadSequence(absl::string_view field, absl::string_view remedy) {
 }
 
 absl::Status OverLimit(absl::string_view what, uint64_t value, absl::string_view limit,
-                       uint64_t limit_value, v1::ErrorReason reason) {
-  return MakeError(
-      absl::StatusCode::kResourceExhausted, reason,
-      absl::StrCat(what, " = ", value, " is over the limit ", limit, " = ", limit_value),
-      {{"limit", std::string(limit)},
-       {"limit_value", absl::StrCat(limit_value)},
-       {"value", absl::StrCat(value)}});
+                       uint64_t limit_value, absl::string_view remedy, v1::ErrorReason reason) {
+  return MakeError(absl::StatusCode::kResourceExhausted, reason,
+                   absl::StrCat(what, " = ", value, " is over the limit ", limit, " = ",
+                                limit_value, ": ", remedy),
+                   {{"limit", std::string(limit)},
+                    {"limit_value", absl::StrCat(limit_value)},
+                    {"value", absl::StrCat(value)}});
 }
 
 absl::Status WithRetryDelay(absl::Status status, absl::Duration delay) {

@@ -56,9 +56,9 @@ absl::Status InvalidField(absl::string_view field, const T& value, absl::string_
 // INVALID_ARGUMENT (BAD_SEQUENCE), "<field>: <remedy>".
 absl::Status BadSequence(absl::string_view field, absl::string_view remedy);
 
-// RESOURCE_EXHAUSTED, "<what> = <value> is over the limit <limit> = <limit_value>".
+// RESOURCE_EXHAUSTED, "<what> = <value> is over the limit <limit> = <limit_value>: <remedy>".
 absl::Status OverLimit(absl::string_view what, uint64_t value, absl::string_view limit,
-                       uint64_t limit_value,
+                       uint64_t limit_value, absl::string_view remedy,
                        v1::ErrorReason reason = v1::ERROR_REASON_LIMIT_EXCEEDED);
 
 // `status`, which is an error, with word that it may be tried again after `delay`: made at least a

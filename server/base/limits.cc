@@ -48,6 +48,14 @@ constexpr LimitEntry kTable[] = {
     {"max_bytes_per_scene", &Limits::max_bytes_per_scene, 1 << 20, kMany,
      "memory for one revision of a scene, bytes"},
     {"max_connections", &Limits::max_connections, 1, 1 << 20, "connections at once"},
+    {"max_connections_per_address", &Limits::max_connections_per_address, 1, 1 << 20,
+     "TCP connections at once from one address"},
+    {"max_concurrent_uploads_per_client", &Limits::max_concurrent_uploads_per_client, 1, 1 << 16,
+     "uploads at once of one client, unless its role has a limit"},
+    {"max_streams_per_client", &Limits::max_streams_per_client, 1, kInt,
+     "visibility streams at once of one client, unless its role has a limit"},
+    {"max_upload_idle_seconds", &Limits::max_upload_idle_seconds, 1, 86400,
+     "how long an upload may wait for a message that brings something, seconds"},
 };
 
 }  // namespace

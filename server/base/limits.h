@@ -52,6 +52,13 @@ struct Limits {
   uint64_t max_queued_rays_per_client = 128 << 20;
   uint64_t max_bytes_per_scene = 8ull << 30;
   uint64_t max_connections = 1000;
+  // Half of all, as for rays: one address alone never takes every connection or upload.
+  uint64_t max_connections_per_address = 500;
+  uint64_t max_concurrent_uploads_per_client = 8;
+  // As many as ten connections carry by default, and far more than any client here has needed.
+  uint64_t max_streams_per_client = 1000;
+  // A client that reads a large mesh between two messages is done well within a minute.
+  uint64_t max_upload_idle_seconds = 60;
 };
 
 // One row of the table: which limit, and what it may be set to.

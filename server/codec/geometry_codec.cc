@@ -94,10 +94,12 @@ absl::StatusOr<Camera> DecodeCamera(const v1::Camera& camera, const Limits& limi
   if (result.width == 0) return InvalidField("camera.width", result.width, "must be at least 1");
   if (result.height == 0) return InvalidField("camera.height", result.height, "must be at least 1");
   if (result.width > limits.max_image_width) {
-    return OverLimit("camera.width", result.width, "max_image_width", limits.max_image_width);
+    return OverLimit("camera.width", result.width, "max_image_width", limits.max_image_width,
+                     "make the image narrower, or cut it into several cameras' images");
   }
   if (result.height > limits.max_image_height) {
-    return OverLimit("camera.height", result.height, "max_image_height", limits.max_image_height);
+    return OverLimit("camera.height", result.height, "max_image_height", limits.max_image_height,
+                     "make the image lower, or cut it into several cameras' images");
   }
   if (!(MaxAbs(result.eye) <= kMaxCoordinate)) {
     return InvalidField(
@@ -157,7 +159,8 @@ absl::StatusOr<uint32_t> DecodeTriangle(absl::string_view field, uint32_t object
 absl::StatusOr<uint64_t> CheckLights(const google::protobuf::RepeatedPtrField<v1::Light>& lights,
                                      const Limits& limits) {
   if (static_cast<uint64_t>(lights.size()) > limits.max_lights) {
-    return OverLimit("lights", lights.size(), "max_lights", limits.max_lights);
+    return OverLimit("lights", lights.size(), "max_lights", limits.max_lights,
+                     "spread the lights over several streams");
   }
   uint64_t total = 0;
   for (int i = 0; i < lights.size(); ++i) {
@@ -175,13 +178,15 @@ absl::StatusOr<uint64_t> CheckLights(const google::protobuf::RepeatedPtrField<v1
       const std::string field = LightField(i, ".rectangular_area.sample_count");
       if (samples == 0) return InvalidField(field, samples, "must be at least 1");
       if (samples > limits.max_samples_per_light) {
-        return OverLimit(field, samples, "max_samples_per_light", limits.max_samples_per_light);
+        return OverLimit(field, samples, "max_samples_per_light", limits.max_samples_per_light,
+                         "take fewer samples of it, or cut the light into several");
       }
     }
     total += samples;
   }
   if (total > limits.max_light_samples) {
-    return OverLimit("light samples", total, "max_light_samples", limits.max_light_samples);
+    return OverLimit("light samples", total, "max_light_samples", limits.max_light_samples,
+                     "take fewer samples, or spread the lights over several streams");
   }
   return total;
 }

@@ -43,10 +43,10 @@ void Tune(int fd) {
 
 }  // namespace
 
-AcceptLoop::AcceptLoop(std::vector<ListenSocket> sockets, size_t max_connections,
+AcceptLoop::AcceptLoop(std::vector<ListenSocket> sockets, const ConnectionLimits& limits,
                        HandOver hand_over)
     : sockets_(std::move(sockets)),
-      max_connections_(max_connections),
+      limits_(limits),
       hand_over_(std::move(hand_over)),
       reserve_(OpenReserve()),
       wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {}
@@ -116,14 +116,15 @@ bool AcceptLoop::TakeOne(const ListenSocket& socket) {
   }
   if (std::exchange(exhausted_, false)) Log(LogLevel::kInfo, "descriptors_again");
   taken.is_ours = !taken.is_unix && IsExpected(peer);
-  if (!taken.is_ours && connections_.AtLeast(max_connections_)) {
+  const std::string host = taken.is_unix ? "" : peer.Host();
+  if (!taken.is_ours && IsOneTooMany(host)) {
     ++refused_;
     close(taken.fd);
     return true;
   }
   if (!taken.is_unix) Tune(taken.fd);
   ++accepted_;
-  if (!taken.is_ours) connections_.Add(taken.fd);
+  if (!taken.is_ours) connections_.Add(taken.fd, host);
   hand_over_(taken);
   return true;
 }
@@ -143,6 +144,11 @@ void AcceptLoop::TakeAndClose(const ListenSocket& socket) {
   reserve_ = OpenReserve();
   // Whoever frees descriptors gets them before more connections do.
   paused_ = true;
+}
+
+bool AcceptLoop::IsOneTooMany(const std::string& host) {
+  if (connections_.AtLeast(limits_.all)) return true;
+  return !host.empty() && connections_.AtLeastOf(host, limits_.per_address);
 }
 
 bool AcceptLoop::IsExpected(const SocketAddress& peer) {

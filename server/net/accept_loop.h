@@ -4,8 +4,8 @@
 // (CVE-2023-4785) and takes connections without end; this one goes on, and is bounded.
 //
 // Invariants
-//  1. Beyond `max_connections` a connection is closed as soon as it is taken, so that its client
-//     hears of it at once and tries elsewhere.
+//  1. Beyond the limits, in all and of one address, a connection is closed as soon as it is taken,
+//     so that its client hears of it at once and tries elsewhere. Unix sockets have no addresses.
 //  2. Without a free descriptor the one held in reserve is given up for a moment: the connection is
 //     taken and closed. Where even that fails, the loop waits kPause and tries again.
 //  3. A connection whose peer was announced by Expect is handed over whatever the bound, and said
@@ -15,7 +15,8 @@
 // Thread safety: every method from any thread; `hand_over` is called from the loop's own thread and
 // owns the descriptor (non-blocking, close-on-exec).
 //
-//   AcceptLoop loop(std::move(sockets), 1000, [&](const TakenConnection& taken) { ... });
+//   AcceptLoop loop(std::move(sockets), {.all = 1000, .per_address = 500},
+//                   [&](const TakenConnection& taken) { ... });
 //   loop.Start();
 #ifndef SIGHTLINE_SERVER_NET_ACCEPT_LOOP_H_
 #define SIGHTLINE_SERVER_NET_ACCEPT_LOOP_H_
@@ -41,6 +42,10 @@ struct TakenConnection {
   bool is_ours = false;  // Announced by Expect.
 };
 
+struct ConnectionLimits {
+  size_t all = 1000, per_address = 500;
+};
+
 class AcceptLoop {
  public:
   using HandOver = std::function<void(const TakenConnection&)>;
@@ -49,7 +54,7 @@ class AcceptLoop {
     uint64_t open = 0, accepted = 0, refused = 0;
   };
 
-  AcceptLoop(std::vector<ListenSocket> sockets, size_t max_connections, HandOver hand_over);
+  AcceptLoop(std::vector<ListenSocket> sockets, const ConnectionLimits& limits, HandOver hand_over);
   ~AcceptLoop();
   AcceptLoop(const AcceptLoop&) = delete;
   AcceptLoop& operator=(const AcceptLoop&) = delete;
@@ -72,11 +77,12 @@ class AcceptLoop {
   bool TakeOne(const ListenSocket& socket);
   void TakeAndClose(const ListenSocket& socket);
   bool IsExpected(const SocketAddress& peer);
+  bool IsOneTooMany(const std::string& host);
   // Until something happens or `milliseconds` (-1: no end) are over; false to stop.
   bool Wait(bool sockets, int milliseconds);
 
   std::vector<ListenSocket> sockets_;
-  const size_t max_connections_;
+  const ConnectionLimits limits_;
   const HandOver hand_over_;
   ConnectionTable connections_;
   std::atomic<uint64_t> accepted_ = 0, refused_ = 0;

@@ -37,24 +37,25 @@ absl::StatusOr<std::unique_ptr<FrontDoor>> FrontDoor::Open(const FrontDoorOption
       access.active() || (!options.tls.client_ca.empty() && !options.client_certificate_optional);
   Warn(sockets, certificates != nullptr, known_callers);
   const size_t possible = ConnectionsWithinDescriptors();
-  if (possible < options.max_connections) {
+  ConnectionLimits connections = options.connections;
+  if (possible < connections.all) {
     Log(LogLevel::kWarning, "fewer_connections_than_asked_for",
-        {{"max_connections", absl::StrCat(options.max_connections)},
+        {{"max_connections", absl::StrCat(connections.all)},
          {"within_descriptors", absl::StrCat(possible)},
          {"remedy", "raise the limit on open files (ulimit -n)"}});
+    connections.all = possible;
   }
-  return std::unique_ptr<FrontDoor>(new FrontDoor(options, access, std::move(sockets),
-                                                  std::min(possible, options.max_connections),
-                                                  std::move(certificates)));
+  return std::unique_ptr<FrontDoor>(
+      new FrontDoor(options, access, std::move(sockets), connections, std::move(certificates)));
 }
 
 FrontDoor::FrontDoor(const FrontDoorOptions& options, const AccessControl& access,
-                     std::vector<ListenSocket> sockets, size_t max_connections,
+                     std::vector<ListenSocket> sockets, const ConnectionLimits& connections,
                      std::unique_ptr<CertificateStore> certificates)
     : options_(options),
       access_(access),
       certificates_(std::move(certificates)),
-      loop_(std::move(sockets), max_connections,
+      loop_(std::move(sockets), connections,
             [this](const TakenConnection& taken) { HandOver(taken); }) {}
 
 void FrontDoor::AddTo(grpc::ServerBuilder* builder) {

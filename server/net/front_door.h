@@ -38,7 +38,7 @@ namespace sightline {
 struct FrontDoorOptions {
   std::vector<std::string> listen;  // HOST:PORT or unix:PATH; empty: in-process channels alone.
   mode_t unix_socket_mode = 0600;
-  size_t max_connections = 1000;
+  ConnectionLimits connections;
   TlsFiles tls;
   bool client_certificate_optional = false;
 };
@@ -74,7 +74,7 @@ class FrontDoor {
   using Acceptor = std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor>;
 
   FrontDoor(const FrontDoorOptions& options, const AccessControl& access,
-            std::vector<ListenSocket> sockets, size_t max_connections,
+            std::vector<ListenSocket> sockets, const ConnectionLimits& connections,
             std::unique_ptr<CertificateStore> certificates);
 
   void HandOver(const TakenConnection& taken);

@@ -92,15 +92,19 @@ SocketAddress SocketAddress::Reachable() const {
   return reachable;
 }
 
-std::string SocketAddress::ToString() const {
+std::string SocketAddress::Host() const {
   char host[INET6_ADDRSTRLEN] = "";
+  if (family() == AF_INET) inet_ntop(AF_INET, &V4(*this).sin_addr, host, sizeof(host));
+  if (family() == AF_INET6) inet_ntop(AF_INET6, &V6(*this).sin6_addr, host, sizeof(host));
+  return host;
+}
+
+std::string SocketAddress::ToString() const {
   switch (family()) {
     case AF_INET:
-      inet_ntop(AF_INET, &V4(*this).sin_addr, host, sizeof(host));
-      return absl::StrCat(host, ":", port());
+      return absl::StrCat(Host(), ":", port());
     case AF_INET6:
-      inet_ntop(AF_INET6, &V6(*this).sin6_addr, host, sizeof(host));
-      return absl::StrCat("[", host, "]:", port());
+      return absl::StrCat("[", Host(), "]:", port());
     default:
       return absl::StrCat("unix:", reinterpret_cast<const sockaddr_un*>(&storage)->sun_path);
   }

@@ -38,6 +38,8 @@ struct SocketAddress {
   SocketAddress Reachable() const;
   // "127.0.0.1:7070", "[::1]:7070", "unix:PATH".
   std::string ToString() const;
+  // "127.0.0.1", "::1", and nothing for a Unix socket.
+  std::string Host() const;
 };
 
 struct ListenAddress {

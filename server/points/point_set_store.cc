@@ -37,21 +37,41 @@ absl::Status PointSetStore::RoomLocked(const Key& key, uint64_t bytes) {
                      absl::StrCat(name, " exists already"), {{"resource", name}});
   }
   if (sets_.size() >= limits_.max_point_sets) {
-    return OverLimit("point sets", sets_.size() + 1, "max_point_sets", limits_.max_point_sets);
+    return OverLimit("point sets", sets_.size() + 1, "max_point_sets", limits_.max_point_sets,
+                     "delete one");
   }
-  if (bytes > limits_.max_point_set_bytes || bytes_ > limits_.max_point_set_bytes - bytes) {
-    return OverLimit("memory that the point sets would take", bytes_ + bytes, "max_point_set_bytes",
-                     limits_.max_point_set_bytes, v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
-  }
-  return absl::OkStatus();
+  return MemoryLocked(bytes);
 }
 
-absl::Status PointSetStore::CheckRoom(const std::string& scene_id, const std::string& point_set_id,
-                                      uint64_t points) {
+absl::Status PointSetStore::MemoryLocked(uint64_t bytes) const {
+  const uint64_t most = limits_.max_point_set_bytes;
+  if (bytes <= most && bytes_ <= most - bytes) return absl::OkStatus();
+  return OverLimit("memory that point sets and their uploads would take", bytes_ + bytes,
+                   "max_point_set_bytes", most,
+                   "delete point sets, use fewer points, or have the server raise it",
+                   v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+}
+
+absl::Status PointSetStore::SetAside(uint64_t bytes) {
   std::vector<PointSetView> gone;
   MutexLock lock(mutex_);
   SweepLocked(&gone);
-  return RoomLocked({scene_id, point_set_id}, points * kBytesPerPoint);
+  SL_RETURN_IF_ERROR(MemoryLocked(bytes));
+  bytes_ += bytes;
+  return absl::OkStatus();
+}
+
+void PointSetStore::GiveBack(uint64_t bytes) {
+  MutexLock lock(mutex_);
+  bytes_ -= bytes;
+}
+
+absl::Status PointSetStore::CheckRoom(const std::string& scene_id, const std::string& point_set_id,
+                                      uint64_t points, uint64_t arriving) {
+  std::vector<PointSetView> gone;
+  MutexLock lock(mutex_);
+  SweepLocked(&gone);
+  return RoomLocked({scene_id, point_set_id}, points * kBytesPerPoint + arriving);
 }
 
 absl::StatusOr<PointSetView> PointSetStore::Add(PointSet set, absl::Duration lease) {

@@ -5,7 +5,7 @@
 //
 // Invariants: a set belongs to one revision of one scene for good; it can be found until its lease
 // runs out, it is removed, or its scene is. Queries that found it keep it alive. Memory counts
-// until a set can no longer be found.
+// until a set can no longer be found; what arrives of uploads counts, too.
 //
 // Thread safety: every method from any thread.
 //
@@ -27,6 +27,7 @@
 #include "core/base/mutex.h"
 #include "core/query/points.h"
 #include "core/scene/scene.h"
+#include "server/admission/memory_charge.h"
 #include "server/base/limits.h"
 #include "server/base/request_log.h"
 
@@ -49,15 +50,16 @@ struct PointSetView {
   absl::Time expire_time;
 };
 
-class PointSetStore {
+class PointSetStore : public MemoryBudget {
  public:
   using Clock = std::function<absl::Time()>;
 
   PointSetStore(const Limits& limits, Clock clock) : limits_(limits), clock_(std::move(clock)) {}
 
-  // What can be refused before points are received or traced. AlreadyExists, ResourceExhausted.
+  // What can be refused before points are received or traced. `arriving`: bytes that their upload
+  // will take itself. AlreadyExists, ResourceExhausted.
   absl::Status CheckRoom(const std::string& scene_id, const std::string& point_set_id,
-                         uint64_t points);
+                         uint64_t points, uint64_t arriving = 0);
   absl::StatusOr<PointSetView> Add(PointSet set, absl::Duration lease);
 
   // NotFound (POINT_SET_NOT_FOUND) for these three.
@@ -73,6 +75,8 @@ class PointSetStore {
   // Lets go of sets whose lease ran out; every method does so too.
   void Sweep();
 
+  absl::Status SetAside(uint64_t bytes) override;
+  void GiveBack(uint64_t bytes) override;
   uint64_t memory_bytes() const;
   RequestLog& requests() { return requests_; }
 
@@ -81,6 +85,7 @@ class PointSetStore {
   // Moves what has expired to `gone`, so that it is freed without the lock.
   void SweepLocked(std::vector<PointSetView>* gone) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status RoomLocked(const Key& key, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status MemoryLocked(uint64_t bytes) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Erase(std::map<Key, PointSetView>::iterator set, std::vector<PointSetView>* gone)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
@@ -89,7 +94,7 @@ class PointSetStore {
   RequestLog requests_;
   mutable Mutex mutex_;
   std::map<Key, PointSetView> sets_ ABSL_GUARDED_BY(mutex_);
-  uint64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // Of the sets, and set aside.
 };
 
 }  // namespace sightline

@@ -11,6 +11,14 @@
 #include "server/codec/geometry_codec.h"
 
 namespace sightline {
+
+uint64_t PointUpload::BytesOf(const v1::CreatePointSetRequest& message) {
+  if (message.has_header()) return message.header().ByteSizeLong();
+  const v1::PointArrays& chunk = message.chunk();
+  return chunk.points().size() + chunk.normals().size() + chunk.source_objects().size() +
+         chunk.source_triangles().size();
+}
+
 absl::Status PointUpload::Add(const v1::CreatePointSetRequest& message) {
   if (failure_.ok()) failure_ = AddPart(message);
   return failure_;
@@ -76,8 +84,8 @@ absl::Status PointUpload::AddHeader(const v1::CreatePointSetHeader& header) {
       return InvalidField("header.source", "(unset)", "must be upload or camera");
   }
   if (result.point_count > limits_.max_points_per_set) {
-    return OverLimit("points", result.point_count, "max_points_per_set",
-                     limits_.max_points_per_set);
+    return OverLimit("points", result.point_count, "max_points_per_set", limits_.max_points_per_set,
+                     "split them into several point sets");
   }
   header_ = std::move(result);
   return absl::OkStatus();

@@ -46,6 +46,8 @@ class PointUpload {
  public:
   explicit PointUpload(const Limits& limits) : limits_(limits) {}
 
+  // What an upload will hold of a message; 0 for one that brings nothing.
+  static uint64_t BytesOf(const v1::CreatePointSetRequest& message);
   absl::Status Add(const v1::CreatePointSetRequest& message);
   const std::optional<PointSetHeader>& header() const { return header_; }
   // The points; none for a camera.

@@ -34,6 +34,13 @@ absl::Status CheckObjectName(absl::string_view field, absl::string_view name) {
                       absl::StrCat("must have at most ", kMaxNameBytes, " bytes"));
 }
 
+uint64_t BytesOf(const v1::MeshChunk& chunk) {
+  // Floats are kept as doubles.
+  constexpr uint64_t kGrowth = sizeof(Vec3d) / sizeof(Vec3f);
+  return chunk.vertices_f64().size() + kGrowth * chunk.vertices_f32().size() +
+         chunk.indices().size();
+}
+
 absl::Status ObjectAssembler::Start(const v1::ObjectHeader& header) {
   started_ = false;
   SL_RETURN_IF_ERROR(CheckObjectName("object.object_name", header.object_name()));
@@ -99,7 +106,6 @@ absl::Status ObjectAssembler::Add(const v1::MeshChunk& chunk) {
 absl::Status ObjectAssembler::AddFloatVertices(const std::string& bytes) {
   std::vector<Vec3f> vertices;
   SL_RETURN_IF_ERROR(DecodeArray(bytes, "chunk.vertices_f32", "float32 [k, 3]", &vertices));
-  object_.vertices.reserve(object_.vertices.size() + vertices.size());
   for (const Vec3f vertex : vertices) object_.vertices.push_back(ToDouble(vertex));
   return absl::OkStatus();
 }

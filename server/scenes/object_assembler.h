@@ -26,6 +26,9 @@ namespace sightline {
 // InvalidArgument for a name longer than any object's; `field` is where it stands.
 absl::Status CheckObjectName(absl::string_view field, absl::string_view name);
 
+// What the assembler will hold of a chunk.
+uint64_t BytesOf(const v1::MeshChunk& chunk);
+
 class ObjectAssembler {
  public:
   // Begins an object, whatever was there before.

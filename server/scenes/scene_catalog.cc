@@ -5,6 +5,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/clock.h"
 #include "core/base/array_memory.h"
@@ -18,10 +19,16 @@ namespace sightline {
 namespace {
 
 constexpr absl::string_view kBuiltinPrefix = "builtin:";
+// What helps against too little memory in all, and against too much in one.
+constexpr char kFreeMemory[] =
+    "delete or unload a scene, wait until uploads have ended, or have the server raise it";
+constexpr char kSplitScene[] = "split it into several scenes";
 
 // What the server calls a limit of the engine's.
 std::string PublishedLimit(const std::string& name) {
-  return name == "max_scenes" ? name : absl::StrCat(name, "_per_scene");
+  if (name == "memory_budget_bytes") return "max_scene_bytes";
+  if (name == "max_scenes" || name == "max_bytes_per_scene") return name;
+  return absl::StrCat(name, "_per_scene");
 }
 
 // A built-in scene has within a tenth of what it was asked for.
@@ -35,9 +42,13 @@ uint64_t LeastTriangles(const BuiltinSpec& spec) {
 
 absl::Status ExhaustedError(absl::Status status, uint64_t budget) {
   if (const std::optional<ExceededLimit> limit = ExceededLimitOf(status)) {
-    return WithReason(
-        std::move(status), v1::ERROR_REASON_LIMIT_EXCEEDED,
-        {{"limit", PublishedLimit(limit->name)}, {"limit_value", absl::StrCat(limit->value)}});
+    const std::string published = PublishedLimit(limit->name);
+    const bool memory = published == "max_scene_bytes" || published == "max_bytes_per_scene";
+    return MakeError(
+        status.code(),
+        memory ? v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET : v1::ERROR_REASON_LIMIT_EXCEEDED,
+        absl::StrReplaceAll(status.message(), {{limit->name, published}}),
+        {{"limit", published}, {"limit_value", absl::StrCat(limit->value)}});
   }
   return WithReason(std::move(status), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET,
                     {{"limit", "max_scene_bytes"}, {"limit_value", absl::StrCat(budget)}});
@@ -115,7 +126,7 @@ SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset,
 }
 
 absl::Status SceneCatalog::CheckRoom(const std::string& scene_id, uint64_t triangles,
-                                     uint64_t vertices) const {
+                                     uint64_t vertices, uint64_t arriving) const {
   if (registry_.GetStatus(scene_id).ok()) {
     return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
                      absl::StrCat(SceneName(scene_id), " exists already"), SceneResource(scene_id));
@@ -128,19 +139,66 @@ absl::Status SceneCatalog::CheckRoom(const std::string& scene_id, uint64_t trian
   }
   const uint64_t scenes = registry_.List().size();
   if (scenes >= limits_.max_scenes && !registry_.options().evict_least_used) {
-    return OverLimit("scenes", scenes + 1, "max_scenes", limits_.max_scenes);
+    return OverLimit("scenes", scenes + 1, "max_scenes", limits_.max_scenes,
+                     "delete or unload one");
   }
-  const uint64_t needed = EstimateSceneBytes(triangles, vertices);
   const uint64_t held = registry_.options().evict_least_used ? 0 : registry_.MemoryBytes();
-  if (needed > limits_.max_scene_bytes || held > limits_.max_scene_bytes - needed) {
-    return OverLimit("memory that the scenes would take", held + needed, "max_scene_bytes",
-                     limits_.max_scene_bytes, v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  return CheckMemory(EstimateSceneBytes(triangles, vertices), held + arriving);
+}
+
+absl::Status SceneCatalog::CheckEditRoom(const std::string& scene_id, uint64_t triangles,
+                                         uint64_t vertices) const {
+  const absl::StatusOr<SceneStatus> base = registry_.GetStatus(scene_id);
+  if (!base.ok() || base->latest == nullptr) return absl::OkStatus();
+  const SceneGeometry& geometry = base->latest->geometry;
+  // Without the structures that a kd-tree alone may do without: never more than the edit needs.
+  const uint64_t needed = EstimateSceneBytes(geometry.triangles.size() + triangles,
+                                             geometry.vertices.size() + vertices);
+  // The revision before goes on serving meanwhile.
+  const uint64_t held = registry_.options().evict_least_used ? base->latest->report.memory_bytes
+                                                             : registry_.MemoryBytes();
+  return CheckMemory(needed, held);
+}
+
+absl::Status SceneCatalog::CheckMemory(uint64_t scene_bytes, uint64_t held) const {
+  const uint64_t budget = limits_.max_scene_bytes;
+  if (scene_bytes > budget || held > budget - scene_bytes) {
+    return OverLimit("memory that scenes and their uploads would take", held + scene_bytes,
+                     "max_scene_bytes", budget, kFreeMemory, v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
   }
-  if (needed > limits_.max_bytes_per_scene) {
-    return OverLimit("memory that the scene would take", needed, "max_bytes_per_scene",
-                     limits_.max_bytes_per_scene, v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  if (scene_bytes > limits_.max_bytes_per_scene) {
+    return OverLimit("memory that the scene would take", scene_bytes, "max_bytes_per_scene",
+                     limits_.max_bytes_per_scene, kSplitScene,
+                     v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
   }
   return absl::OkStatus();
+}
+
+absl::Status SceneCatalog::SetAside(uint64_t bytes) {
+  absl::Status status = registry_.SetAside(bytes);
+  return status.ok() ? status : ExhaustedError(std::move(status), limits_.max_scene_bytes);
+}
+
+void SceneCatalog::GiveBack(uint64_t bytes) { registry_.GiveBack(bytes); }
+
+uint64_t SceneCatalog::AddTimes(const Times& times) {
+  MutexLock lock(mutex_);
+  times_.emplace(++tags_, times);
+  return tags_;
+}
+
+void SceneCatalog::DropTimes(const std::string& scene_id, uint64_t tag) {
+  if (const auto now = registry_.GetStatus(scene_id); now.ok() && now->tag == tag) return;
+  MutexLock lock(mutex_);
+  times_.erase(tag);
+}
+
+void SceneCatalog::ChangeTimes(const std::string& scene_id,
+                               absl::FunctionRef<void(Times&)> change) {
+  const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
+  if (!now.ok()) return;
+  MutexLock lock(mutex_);
+  if (const auto times = times_.find(now->tag); times != times_.end()) change(times->second);
 }
 
 absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
@@ -152,13 +210,9 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
     vertices += object.vertices.size();
   }
   SL_RETURN_IF_ERROR(CheckRoom(options.scene_id, triangles, vertices));
-  {
-    MutexLock lock(mutex_);
-    const absl::Time now = absl::Now();
-    times_.try_emplace(options.scene_id,
-                       Times{now, now, options.preset, options.temporary, options.kd_tree,
-                             options.binary_bvh, options.without_bvh, options.anonymous});
-  }
+  const absl::Time now = absl::Now();
+  const uint64_t tag = AddTimes(Times{now, now, options.preset, options.temporary, options.kd_tree,
+                                      options.binary_bvh, options.without_bvh, options.anonymous});
   // A scene that cannot be hit is taken away again: it is not worth storing.
   const SceneKeeper keeper = KeeperOf(options.scene_id, options.temporary);
   const SceneKeeper keep_usable = [&keeper](const Scene& made) {
@@ -168,7 +222,7 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Create(
       options.scene_id, objects, options.origin,
       BuildOptions(options.preset, options.kd_tree, options.binary_bvh, options.without_bvh),
-      cancel, keeper == nullptr ? nullptr : keep_usable);
+      cancel, keeper == nullptr ? nullptr : keep_usable, tag);
   absl::Status status = scene.status();
   if (status.ok() && (*scene)->geometry.triangles.size() == (*scene)->geometry.inert.size()) {
     const MeshReport& report = (*scene)->geometry.report;
@@ -181,11 +235,7 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
     if (absl::Status deleted = Delete(options.scene_id); !deleted.ok()) status = deleted;
   }
   if (!status.ok()) {
-    // Another creation of the same name may have won: its times stay.
-    if (!registry_.GetStatus(options.scene_id).ok()) {
-      MutexLock lock(mutex_);
-      times_.erase(options.scene_id);
-    }
+    DropTimes(options.scene_id, tag);
     return ExplainBuild(std::move(status), options.scene_id);
   }
   return Get(options.scene_id);
@@ -199,19 +249,16 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
   std::optional<KdBuildOptions> kd_tree;
   std::optional<BinaryBvhOptions> binary_bvh;
   bool without_bvh = false;
-  {
-    MutexLock lock(mutex_);
-    if (const auto times = times_.find(options.scene_id); times != times_.end()) {
-      if (options.preset.has_value()) times->second.preset = *options.preset;
-      if (options.kd_tree.has_value()) times->second.kd_tree = options.kd_tree;
-      preset = times->second.preset;
-      if (options.binary_bvh.has_value()) times->second.binary_bvh = options.binary_bvh;
-      kd_tree = times->second.kd_tree;
-      binary_bvh = times->second.binary_bvh;
-      without_bvh = times->second.without_bvh;
-      temporary = times->second.temporary;
-    }
-  }
+  ChangeTimes(options.scene_id, [&](Times& times) {
+    if (options.preset.has_value()) times.preset = *options.preset;
+    if (options.kd_tree.has_value()) times.kd_tree = options.kd_tree;
+    preset = times.preset;
+    if (options.binary_bvh.has_value()) times.binary_bvh = options.binary_bvh;
+    kd_tree = times.kd_tree;
+    binary_bvh = times.binary_bvh;
+    without_bvh = times.without_bvh;
+    temporary = times.temporary;
+  });
   if (!preset.has_value()) return NotThere(options.scene_id);
   // One that came out of a file has structures that nobody here asked for.
   if (const auto base = registry_.GetStatus(options.scene_id);
@@ -229,12 +276,7 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
                      BuildOptions(*preset, kd_tree, binary_bvh, without_bvh), cancel,
                      KeeperOf(options.scene_id, temporary));
   if (!scene.ok()) return ExplainEdit(scene.status(), options);
-  {
-    MutexLock lock(mutex_);
-    if (auto times = times_.find(options.scene_id); times != times_.end()) {
-      times->second.update_time = absl::Now();
-    }
-  }
+  ChangeTimes(options.scene_id, [](Times& times) { times.update_time = absl::Now(); });
   return Get(options.scene_id);
 }
 
@@ -263,7 +305,7 @@ void SceneCatalog::Forget(SceneView view) {
   const std::string scene_id = view.status.name;
   {
     MutexLock lock(mutex_);
-    times_.erase(scene_id);
+    times_.erase(view.status.tag);
   }
   view.deleted = true;
   view.status.latest.reset();
@@ -285,7 +327,7 @@ absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
   if (!parsed.ok()) return explain(parsed.status());
   if (parsed->target_triangles > limits_.max_triangles_per_scene) {
     return OverLimit("builtin.spec triangles", parsed->target_triangles, "max_triangles_per_scene",
-                     limits_.max_triangles_per_scene);
+                     limits_.max_triangles_per_scene, "ask for fewer");
   }
   SL_RETURN_IF_ERROR(CheckRoom(scene_id, LeastTriangles(*parsed), 0));
   absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*parsed);
@@ -329,7 +371,7 @@ SceneView SceneCatalog::View(SceneStatus status) const {
   SceneView view;
   {
     MutexLock lock(mutex_);
-    if (const auto times = times_.find(status.name); times != times_.end()) {
+    if (const auto times = times_.find(status.tag); times != times_.end()) {
       view.create_time = times->second.create_time;
       view.update_time = times->second.update_time;
       view.anonymous = times->second.anonymous;

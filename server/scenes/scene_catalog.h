@@ -5,9 +5,13 @@
 // in and loaded from (scene_catalog_storage.cc).
 //
 // Invariants
-//  1. A scene is in the catalog exactly while the registry has it.
+//  1. A scene is in the catalog exactly while the registry has it: what the catalog knows of it goes
+//     by a number that the registry keeps with the scene, not by its name, which another may have by
+//     the time that it is forgotten.
 //  2. A watcher is told of every change after it was added, perhaps skipping states that were
 //     overtaken; a deleted scene is its last news.
+//  3. Of one name, one load, unload or deletion runs at a time, and nothing is stored under it while
+//     its file is being removed: so a scene that serves and counts as stored has its file.
 //
 // Thread safety: every method from any thread; none may run on a gRPC thread but Pin, Get, List and
 // the watcher methods, which do not compute. Watchers are called without the lock held.
@@ -23,10 +27,12 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
@@ -35,6 +41,7 @@
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
 #include "core/scene/registry.h"
+#include "server/admission/memory_charge.h"
 #include "server/base/limits.h"
 #include "server/base/request_log.h"
 #include "server/scenes/scene_repository.h"
@@ -66,7 +73,7 @@ class SceneWatcher {
   virtual void OnScene(const SceneView& view) = 0;
 };
 
-class SceneCatalog {
+class SceneCatalog : public MemoryBudget {
  public:
   struct CreateOptions {
     std::string scene_id;
@@ -90,8 +97,17 @@ class SceneCatalog {
   SceneCatalog(const Limits& limits, ThreadPool& build_pool,
                const SceneRepository* repository = nullptr, bool evict = false);
 
-  // What can be refused before an upload is received. AlreadyExists, ResourceExhausted.
-  absl::Status CheckRoom(const std::string& scene_id, uint64_t triangles, uint64_t vertices) const;
+  // What can be refused before an upload is received. `arriving`: bytes that it will take itself.
+  // AlreadyExists, ResourceExhausted.
+  absl::Status CheckRoom(const std::string& scene_id, uint64_t triangles, uint64_t vertices,
+                         uint64_t arriving = 0) const;
+  // The same for an edit that adds so much: ResourceExhausted. What is wrong with it otherwise is
+  // for Edit to say.
+  absl::Status CheckEditRoom(const std::string& scene_id, uint64_t triangles,
+                             uint64_t vertices) const;
+  // Of the scenes' budget.
+  absl::Status SetAside(uint64_t bytes) override;
+  void GiveBack(uint64_t bytes) override;
 
   absl::StatusOr<SceneView> Create(const CreateOptions& options,
                                    std::span<const ObjectInput> objects, const CancelToken* cancel);
@@ -154,6 +170,18 @@ class SceneCatalog {
     bool failed = false;
     std::string text;
   };
+  // For the time that a scene of this name is loaded, unloaded or deleted. Aborted (SCENE_BUSY):
+  // another call is about it.
+  class Move;
+  absl::StatusOr<Move> BeginMove(const std::string& scene_id) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::StatusOr<SceneBytes> OpenFile(const std::string& file_id, const CancelToken* cancel);
+  uint64_t AddTimes(const Times& times) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Of a scene that could not be made, unless it is there after all.
+  void DropTimes(const std::string& scene_id, uint64_t tag) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Changes what is known of the scene that now has this name; nothing if there is none.
+  void ChangeTimes(const std::string& scene_id, absl::FunctionRef<void(Times&)> change)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status CheckMemory(uint64_t scene_bytes, uint64_t held) const;
   absl::Status CheckRepository() const;
   // What stores a scene's revisions; null if nothing does.
   SceneKeeper KeeperOf(const std::string& scene_id, bool temporary) const;
@@ -181,7 +209,11 @@ class SceneCatalog {
   SceneRegistry registry_;
   RequestLog requests_;
   mutable Mutex mutex_;
-  std::map<std::string, Times> times_ ABSL_GUARDED_BY(mutex_);
+  mutable CondVar removed_;
+  uint64_t tags_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::map<uint64_t, Times> times_ ABSL_GUARDED_BY(mutex_);  // By SceneStatus::tag.
+  std::set<std::string> moving_ ABSL_GUARDED_BY(mutex_);     // Names; see BeginMove.
+  std::set<std::string> removing_ ABSL_GUARDED_BY(mutex_);   // Whose files are being removed.
   std::map<std::string, Note> notes_ ABSL_GUARDED_BY(mutex_);
   std::multimap<std::string, std::weak_ptr<SceneWatcher>> watchers_ ABSL_GUARDED_BY(mutex_);
   std::function<void(const SceneView&)> listener_ ABSL_GUARDED_BY(mutex_);

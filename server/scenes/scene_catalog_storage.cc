@@ -3,6 +3,7 @@
 // The catalog's dealings with the repository.
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "core/base/array_memory.h"
@@ -30,6 +31,33 @@ absl::Status ExplainLoad(absl::Status status, const std::string& scene_id) {
 
 }  // namespace
 
+class SceneCatalog::Move {
+ public:
+  Move(SceneCatalog* catalog, std::string scene_id)
+      : catalog_(catalog), scene_id_(std::move(scene_id)) {}
+  Move(Move&& other) noexcept
+      : catalog_(std::exchange(other.catalog_, nullptr)), scene_id_(std::move(other.scene_id_)) {}
+  Move& operator=(Move&&) = delete;
+  ~Move() {
+    if (catalog_ == nullptr) return;
+    MutexLock lock(catalog_->mutex_);
+    catalog_->moving_.erase(scene_id_);
+  }
+
+ private:
+  SceneCatalog* catalog_;
+  std::string scene_id_;
+};
+
+absl::StatusOr<SceneCatalog::Move> SceneCatalog::BeginMove(const std::string& scene_id) {
+  MutexLock lock(mutex_);
+  if (moving_.insert(scene_id).second) return Move(this, scene_id);
+  return MakeError(absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
+                   absl::StrCat(SceneName(scene_id), " is being loaded, unloaded or deleted by ",
+                                "another call: try again after it"),
+                   SceneResource(scene_id));
+}
+
 absl::Status SceneCatalog::CheckRepository() const {
   if (repository_ != nullptr) return absl::OkStatus();
   return MakeError(absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_NO_REPOSITORY,
@@ -39,6 +67,11 @@ absl::Status SceneCatalog::CheckRepository() const {
 SceneKeeper SceneCatalog::KeeperOf(const std::string& scene_id, bool temporary) const {
   if (repository_ == nullptr || temporary) return nullptr;
   return [this, scene_id](const Scene& scene) {
+    {
+      // Of a scene of before, whose file must not take this one's with it.
+      MutexLock lock(mutex_);
+      while (removing_.contains(scene_id)) removed_.Wait(mutex_);
+    }
     absl::Status stored = repository_->Store(scene_id, scene, build_pool_);
     if (!stored.ok()) {
       Log(LogLevel::kError, "scene_not_stored",
@@ -65,37 +98,26 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
   const std::string& id = options.scene_id;
   const absl::StatusOr<SceneFileInfo> info = InspectSceneFile(file);
   if (!info.ok()) return ExplainLoad(info.status(), id);
-  {
-    MutexLock lock(mutex_);
-    const absl::Time now = absl::Now();
-    times_.try_emplace(id, Times{.create_time = now,
-                                 .update_time = now,
-                                 .temporary = options.temporary,
-                                 .anonymous = options.anonymous});
-  }
+  const absl::Time now = absl::Now();
+  const uint64_t tag = AddTimes(Times{.create_time = now,
+                                      .update_time = now,
+                                      .temporary = options.temporary,
+                                      .anonymous = options.anonymous});
   const LoadOptions load = {.limits = BuildOptions(BvhPreset::kStatic).limits};
   const absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Load(
       id, info->scene_bytes,
       [&](uint64_t, const std::function<void(double)>& progress) {
         return LoadScene(file, id, load, build_pool_, cancel, progress);
       },
-      keeper);
+      keeper, tag);
   if (!scene.ok()) {
-    // Another creation of the same name may have won: its times stay.
-    if (!registry_.GetStatus(id).ok()) {
-      MutexLock lock(mutex_);
-      times_.erase(id);
-    }
+    DropTimes(id, tag);
     return ExplainBuild(ExplainLoad(scene.status(), id), id);
   }
   ReturnFreeMemory();  // What checking took.
   if ((*scene)->bvh.has_leaf_rows() || (*scene)->kd_tree_alone()) return Get(id);
-  {
-    MutexLock lock(mutex_);  // An edit builds as the file was built.
-    if (const auto times = times_.find(id); times != times_.end()) {
-      times->second.preset = BvhPreset::kCompact;
-    }
-  }
+  // An edit builds as the file was built.
+  ChangeTimes(id, [](Times& times) { times.preset = BvhPreset::kCompact; });
   return Get(id);
 }
 
@@ -112,8 +134,16 @@ absl::StatusOr<SceneView> SceneCatalog::CreateFromFile(const CreateOptions& opti
                                                        const CancelToken* cancel) {
   SL_RETURN_IF_ERROR(CheckRepository());
   if (options.scene_id == file_id) return Load(file_id, cancel);
-  SL_ASSIGN_OR_RETURN(const SceneBytes file, repository_->Map(file_id));
+  SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(file_id, cancel));
   return LoadFile(options, file, KeeperOf(options.scene_id, options.temporary), cancel);
+}
+
+absl::StatusOr<SceneBytes> SceneCatalog::OpenFile(const std::string& file_id,
+                                                  const CancelToken* cancel) {
+  // What is read counts as it is read, and from then on as the scene that it becomes.
+  MemoryCharge charge(*this);
+  return repository_->OpenFile(
+      file_id, [&charge](uint64_t bytes) { return charge.Add(bytes); }, cancel);
 }
 
 absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
@@ -123,8 +153,13 @@ absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
       there.ok() && there->status.latest != nullptr) {
     return there;
   }
+  SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
+  if (absl::StatusOr<SceneView> there = Get(scene_id);
+      there.ok() && there->status.latest != nullptr) {
+    return there;  // Another call was faster.
+  }
   absl::StatusOr<SceneView> loaded = [&]() -> absl::StatusOr<SceneView> {
-    SL_ASSIGN_OR_RETURN(const SceneBytes file, repository_->Map(scene_id));
+    SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(scene_id, cancel));
     return LoadFile({.scene_id = scene_id}, file, /*keeper=*/nullptr, cancel);
   }();
   if (loaded.ok()) {
@@ -141,14 +176,21 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
   SL_RETURN_IF_ERROR(CheckRepository());
   SL_RETURN_IF_ERROR(Get(scene_id).status());
   // What is wrong with the file is found within the registry's books, so that the scene says it.
-  absl::StatusOr<SceneBytes> file = repository_->Map(scene_id);
-  absl::StatusOr<SceneFileInfo> info = file.ok() ? InspectSceneFile(*file) : file.status();
+  const absl::StatusOr<FileStamp> stamp = repository_->Stamp(scene_id);
+  absl::StatusOr<SceneBytes> file = OpenFile(scene_id, cancel);
+  const absl::StatusOr<SceneFileInfo> info = file.ok() ? InspectSceneFile(*file) : file.status();
   const LoadOptions load = {.limits = BuildOptions(BvhPreset::kStatic).limits};
   const absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Reload(
       scene_id, info.ok() ? info->scene_bytes : 0,
       [&](uint64_t revision, const std::function<void(double)>& progress)
           -> absl::StatusOr<std::shared_ptr<const Scene>> {
         SL_RETURN_IF_ERROR(info.status());
+        // As it is now that no edit can store another.
+        const absl::StatusOr<FileStamp> now = repository_->Stamp(scene_id);
+        if (!stamp.ok() || !now.ok() || *now != *stamp) {
+          return absl::AbortedError(absl::StrCat("the file of ", SceneName(scene_id),
+                                                 " was replaced meanwhile: try again"));
+        }
         return LoadScene(*file, scene_id, {.limits = load.limits, .revision = revision},
                          build_pool_, cancel, progress);
       });
@@ -156,20 +198,17 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
     if (absl::IsNotFound(scene.status()) && info.ok()) return NotThere(scene_id);
     return ExplainBuild(ExplainLoad(scene.status(), scene_id), scene_id);
   }
-  {
-    MutexLock lock(mutex_);
-    if (const auto times = times_.find(scene_id); times != times_.end()) {
-      times->second.update_time = absl::Now();
-    }
-  }
+  ChangeTimes(scene_id, [](Times& times) { times.update_time = absl::Now(); });
   ReturnFreeMemory();  // What checking took, and the revision before.
   return Get(scene_id);
 }
 
 absl::Status SceneCatalog::Unload(const std::string& scene_id) {
   SL_RETURN_IF_ERROR(CheckRepository());
+  SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
   SL_ASSIGN_OR_RETURN(SceneView view, Get(scene_id));
-  if (!view.status.kept) {
+  const absl::Status deleted = registry_.Delete(scene_id, /*if_kept=*/true);
+  if (absl::IsFailedPrecondition(deleted)) {
     return MakeError(
         absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_SCENE_NOT_STORED,
         absl::StrCat(SceneName(scene_id), " is in memory alone",
@@ -177,7 +216,8 @@ absl::Status SceneCatalog::Unload(const std::string& scene_id) {
                      ". Unloading would lose it; delete it if that is meant"),
         SceneResource(scene_id));
   }
-  SL_RETURN_IF_ERROR(ExplainBuild(registry_.Delete(scene_id), scene_id));
+  if (absl::IsNotFound(deleted)) return NotThere(scene_id);
+  SL_RETURN_IF_ERROR(ExplainBuild(deleted, scene_id));
   SetNote(scene_id, Note{false, "it was unloaded"});
   view.unloaded = true;
   Forget(std::move(view));
@@ -185,19 +225,31 @@ absl::Status SceneCatalog::Unload(const std::string& scene_id) {
 }
 
 absl::Status SceneCatalog::Delete(const std::string& scene_id) {
-  absl::StatusOr<SceneView> view = Get(scene_id);
+  SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
   bool temporary = false;
-  {
-    MutexLock lock(mutex_);
-    if (const auto times = times_.find(scene_id); times != times_.end()) {
-      temporary = times->second.temporary;
-    }
-  }
+  ChangeTimes(scene_id, [&](const Times& times) { temporary = times.temporary; });
   const bool stored = repository_ != nullptr && !temporary && repository_->Has(scene_id);
+  if (stored) {
+    // From now on nothing is stored under the name until its file is gone.
+    MutexLock lock(mutex_);
+    removing_.insert(scene_id);
+  }
+  const absl::Cleanup removed = [&] {
+    MutexLock lock(mutex_);
+    removing_.erase(scene_id);
+    removed_.SignalAll();
+  };
+  absl::StatusOr<SceneView> view = Get(scene_id);
   if (!view.ok() && !stored) return view.status();
-  if (view.ok()) SL_RETURN_IF_ERROR(ExplainBuild(registry_.Delete(scene_id), scene_id));
+  if (view.ok()) {
+    const absl::Status deleted = registry_.Delete(scene_id);
+    // It may have made room for another just now: then its file is what is left of it.
+    if (!deleted.ok() && !(stored && absl::IsNotFound(deleted))) {
+      return absl::IsNotFound(deleted) ? NotThere(scene_id) : ExplainBuild(deleted, scene_id);
+    }
+    if (deleted.ok()) Forget(*std::move(view));
+  }
   SetNote(scene_id, std::nullopt);
-  if (view.ok()) Forget(*std::move(view));
   return stored ? repository_->Remove(scene_id) : absl::OkStatus();
 }
 

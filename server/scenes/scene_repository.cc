@@ -27,7 +27,8 @@ absl::Status Explain(absl::Status status, const std::string& scene_id) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<SceneRepository>> SceneRepository::Open(const std::string& path,
-                                                                       FileCalls& files) {
+                                                                       FileCalls& files,
+                                                                       SceneFiles mode) {
   SL_ASSIGN_OR_RETURN(Folder folder, Folder::Open(path, files));
   const absl::StatusOr<size_t> removed = folder.RemoveTemporaries();
   if (!removed.ok()) {
@@ -36,7 +37,7 @@ absl::StatusOr<std::unique_ptr<SceneRepository>> SceneRepository::Open(const std
   } else if (*removed > 0) {
     Log(LogLevel::kInfo, "repository_cleaned", {{"files", absl::StrCat(*removed)}});
   }
-  return std::unique_ptr<SceneRepository>(new SceneRepository(std::move(folder)));
+  return std::unique_ptr<SceneRepository>(new SceneRepository(std::move(folder), mode));
 }
 
 absl::StatusOr<std::vector<StoredFile>> SceneRepository::List() const {
@@ -58,15 +59,25 @@ bool SceneRepository::Has(const std::string& scene_id) const {
   return folder_.Map(FileName(scene_id)).ok();
 }
 
-absl::StatusOr<SceneBytes> SceneRepository::Map(const std::string& scene_id) const {
-  absl::StatusOr<SceneBytes> file = MapSceneFile(folder_, FileName(scene_id));
-  if (file.ok()) return file;
+absl::StatusOr<SceneBytes> SceneRepository::OpenFile(const std::string& scene_id, MemoryCheck room,
+                                                     const CancelToken* cancel) const {
+  absl::StatusOr<SceneBytes> file = mode_ == SceneFiles::kMapped
+                                        ? MapSceneFile(folder_, FileName(scene_id))
+                                        : ReadSceneFile(folder_, FileName(scene_id), room, cancel);
+  if (file.ok() || absl::IsCancelled(file.status()) || absl::IsDeadlineExceeded(file.status())) {
+    return file;
+  }
   if (absl::IsNotFound(file.status())) {
     return MakeError(absl::StatusCode::kNotFound, v1::ERROR_REASON_SCENE_FILE_NOT_FOUND,
                      absl::StrCat("the repository has no file ", FileName(scene_id)),
                      {{"resource", SceneName(scene_id)}});
   }
   return Explain(file.status(), scene_id);
+}
+
+absl::StatusOr<FileStamp> SceneRepository::Stamp(const std::string& scene_id) const {
+  absl::StatusOr<FileStamp> stamp = folder_.Stamp(FileName(scene_id));
+  return stamp.ok() ? stamp : Explain(stamp.status(), scene_id);
 }
 
 absl::Status SceneRepository::Store(const std::string& scene_id, const Scene& scene,

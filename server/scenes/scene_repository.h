@@ -3,6 +3,9 @@
 // The folder in which a server keeps scenes: one native scene file for each, `{scene}.slscene`.
 // Scenes are named by their ids alone (resource_name.h), so that nothing outside can be reached.
 //
+// Files are mapped, or read into memory for those who would rather pay for it than lose the process
+// to a page that the disk does not deliver.
+//
 // Other files are left alone, but those that a killed process left half written, which are taken
 // away at the start. Nobody else may write a file in place: it may be mapped. To put one there, or
 // another in its stead, rename it (`sightline import` does).
@@ -12,7 +15,7 @@
 // Thread safety: every method from any thread but gRPC's (they wait for the disk).
 //
 //   SL_ASSIGN_OR_RETURN(auto repository, SceneRepository::Open("/var/lib/sightline"));
-//   SL_ASSIGN_OR_RETURN(SceneBytes file, repository->Map("hall"));
+//   SL_ASSIGN_OR_RETURN(SceneBytes file, repository->OpenFile("hall", room, cancel));
 #ifndef SIGHTLINE_SERVER_SCENES_SCENE_REPOSITORY_H_
 #define SIGHTLINE_SERVER_SCENES_SCENE_REPOSITORY_H_
 
@@ -36,24 +39,31 @@ struct StoredFile {
   absl::Time modify_time;
 };
 
+enum class SceneFiles { kMapped, kRead };
+
 class SceneRepository {
  public:
   // Of a folder that exists. `files` outlives it.
   static absl::StatusOr<std::unique_ptr<SceneRepository>> Open(
-      const std::string& path, FileCalls& files = FileCalls::System());
+      const std::string& path, FileCalls& files = FileCalls::System(),
+      SceneFiles mode = SceneFiles::kMapped);
 
   // By id; files whose names are no ids are left out.
   absl::StatusOr<std::vector<StoredFile>> List() const;
   // REQUIRES, here and below: CheckId(scene_id).
   bool Has(const std::string& scene_id) const;
-  absl::StatusOr<SceneBytes> Map(const std::string& scene_id) const;
+  // `room` is asked before a file is read. Errors: those of both, and what `room` says.
+  absl::StatusOr<SceneBytes> OpenFile(const std::string& scene_id, MemoryCheck room,
+                                      const CancelToken* cancel) const;
+  absl::StatusOr<FileStamp> Stamp(const std::string& scene_id) const;
   absl::Status Store(const std::string& scene_id, const Scene& scene, ThreadPool& pool) const;
   // OK if there is none.
   absl::Status Remove(const std::string& scene_id) const;
 
  private:
-  explicit SceneRepository(Folder folder) : folder_(std::move(folder)) {}
+  SceneRepository(Folder folder, SceneFiles mode) : folder_(std::move(folder)), mode_(mode) {}
   const Folder folder_;
+  const SceneFiles mode_;
 };
 
 }  // namespace sightline

@@ -14,13 +14,16 @@
 namespace sightline {
 namespace {
 
+constexpr absl::string_view kSplitScene = "split the mesh into several scenes";
+
 absl::Status CheckMeshCounts(uint64_t triangles, uint64_t vertices, const Limits& limits) {
   if (triangles > limits.max_triangles_per_scene) {
     return OverLimit("triangles", triangles, "max_triangles_per_scene",
-                     limits.max_triangles_per_scene);
+                     limits.max_triangles_per_scene, kSplitScene);
   }
   if (vertices > limits.max_vertices_per_scene) {
-    return OverLimit("vertices", vertices, "max_vertices_per_scene", limits.max_vertices_per_scene);
+    return OverLimit("vertices", vertices, "max_vertices_per_scene", limits.max_vertices_per_scene,
+                     kSplitScene);
   }
   return absl::OkStatus();
 }
@@ -44,6 +47,20 @@ Fingerprint WithoutId(Header header) {
 }
 
 }  // namespace
+
+uint64_t SceneUpload::BytesOf(const v1::CreateSceneRequest& message) {
+  switch (message.part_case()) {
+    case v1::CreateSceneRequest::kHeader:
+      return message.header().ByteSizeLong();
+    case v1::CreateSceneRequest::kObject:
+      return sizeof(ObjectInput) + message.object().object_name().size();
+    case v1::CreateSceneRequest::kChunk:
+      return sightline::BytesOf(message.chunk());
+    case v1::CreateSceneRequest::PART_NOT_SET:
+      break;
+  }
+  return 0;
+}
 
 absl::Status SceneUpload::Add(const v1::CreateSceneRequest& message) {
   if (failure_.ok()) failure_ = AddPart(message);
@@ -102,7 +119,8 @@ absl::Status SceneUpload::AddHeader(const v1::CreateSceneHeader& header) {
       }
       if (result.object_count > limits_.max_objects_per_scene) {
         return OverLimit("header.upload.object_count", result.object_count, "max_objects_per_scene",
-                         limits_.max_objects_per_scene);
+                         limits_.max_objects_per_scene,
+                         "join objects, or split them into several scenes");
       }
       SL_RETURN_IF_ERROR(CheckMeshCounts(result.triangle_count, result.vertex_count, limits_));
       break;
@@ -168,6 +186,27 @@ absl::StatusOr<std::vector<ObjectInput>> SceneUpload::Finish() {
   return std::move(objects_);
 }
 
+uint64_t SceneEditUpload::BytesOf(const v1::UpdateSceneRequest& message) {
+  using Request = v1::UpdateSceneRequest;
+  switch (message.part_case()) {
+    case Request::kHeader:
+      return message.header().ByteSizeLong();
+    case Request::kAddObject:
+      return sizeof(SceneEdit) + message.add_object().object_name().size();
+    case Request::kReplaceVertices:
+      return sizeof(SceneEdit) + message.replace_vertices().object_name().size();
+    case Request::kRemoveObject:
+      return sizeof(SceneEdit) + message.remove_object().object_name().size();
+    case Request::kSetTransform:
+      return sizeof(SceneEdit) + message.set_transform().object_name().size();
+    case Request::kChunk:
+      return sightline::BytesOf(message.chunk());
+    case Request::PART_NOT_SET:
+      break;
+  }
+  return 0;
+}
+
 absl::Status SceneEditUpload::Add(const v1::UpdateSceneRequest& message) {
   if (failure_.ok()) failure_ = AddPart(message);
   return failure_;
@@ -185,7 +224,7 @@ absl::Status SceneEditUpload::AddPart(const v1::UpdateSceneRequest& message) {
   SL_RETURN_IF_ERROR(EndObject());
   if (edits_.size() >= limits_.max_objects_per_scene) {
     return OverLimit("edits", edits_.size() + 1, "max_objects_per_scene",
-                     limits_.max_objects_per_scene);
+                     limits_.max_objects_per_scene, "send them in several updates");
   }
   SceneEdit edit;
   switch (message.part_case()) {
@@ -196,6 +235,7 @@ absl::Status SceneEditUpload::AddPart(const v1::UpdateSceneRequest& message) {
       return assembler_.Start(message.add_object());
     case Request::kReplaceVertices:
       SL_RETURN_IF_ERROR(Reserve(0, message.replace_vertices().vertex_count()));
+      moved_vertices_ += message.replace_vertices().vertex_count();
       assembled_ = SceneEdit::Kind::kSetVertices;
       return assembler_.StartVertices(message.replace_vertices().object_name(),
                                       message.replace_vertices().vertex_count());

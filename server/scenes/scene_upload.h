@@ -14,6 +14,7 @@
 #ifndef SIGHTLINE_SERVER_SCENES_SCENE_UPLOAD_H_
 #define SIGHTLINE_SERVER_SCENES_SCENE_UPLOAD_H_
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -44,6 +45,8 @@ class SceneUpload {
  public:
   explicit SceneUpload(const Limits& limits) : limits_(limits) {}
 
+  // What an upload will hold of a message; 0 for one that brings nothing.
+  static uint64_t BytesOf(const v1::CreateSceneRequest& message);
   absl::Status Add(const v1::CreateSceneRequest& message);
   // Set once the header was accepted.
   const std::optional<SceneHeader>& header() const { return header_; }
@@ -75,8 +78,12 @@ class SceneEditUpload {
  public:
   explicit SceneEditUpload(const Limits& limits) : limits_(limits) {}
 
+  static uint64_t BytesOf(const v1::UpdateSceneRequest& message);
   absl::Status Add(const v1::UpdateSceneRequest& message);
   const std::optional<EditHeader>& header() const { return header_; }
+  // What the objects that were announced so far add to the scene.
+  uint64_t added_triangles() const { return triangles_; }
+  uint64_t added_vertices() const { return vertices_ - moved_vertices_; }
   absl::StatusOr<std::vector<SceneEdit>> Finish();
 
  private:
@@ -91,7 +98,8 @@ class SceneEditUpload {
   ObjectAssembler assembler_;
   SceneEdit::Kind assembled_ = SceneEdit::Kind::kAdd;
   std::vector<SceneEdit> edits_;
-  uint64_t triangles_ = 0, vertices_ = 0;
+  uint64_t triangles_ = 0, vertices_ = 0;  // Announced so far, ...
+  uint64_t moved_vertices_ = 0;            // ... and of them in the stead of others.
 };
 
 }  // namespace sightline

@@ -55,13 +55,18 @@ class CreateSteps {
   CreateSteps(const QueryEnvironment& env, const Client&) : env_(env) {}
 
   RequestLog& requests() const { return env_.point_sets.requests(); }
+  static MemoryBudget& BudgetOf(const QueryEnvironment& env) { return env.point_sets; }
+  // The header has announced everything.
+  static absl::Status CheckAnnounced(const Upload&) { return absl::OkStatus(); }
 
   absl::Status CheckHeader(const Header& header) {
     SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
                         env_.scenes.Pin(header.scene_id, header.revision));
     // An edit during the upload makes the sources wrong: told at the end.
     revision_ = scene->revision;
-    return env_.point_sets.CheckRoom(header.scene_id, header.point_set_id, header.point_count);
+    const uint64_t arriving = header.camera.has_value() ? 0 : header.point_count * sizeof(Vec3d);
+    return env_.point_sets.CheckRoom(header.scene_id, header.point_set_id, header.point_count,
+                                     arriving);
   }
 
   absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,

@@ -52,6 +52,7 @@ class SceneSteps {
   SceneSteps(const QueryEnvironment& env, const Client& client) : env_(env), client_(client) {}
 
   RequestLog& requests() const { return env_.scenes.requests(); }
+  static MemoryBudget& BudgetOf(const QueryEnvironment& env) { return env.scenes; }
   absl::Status Find(const std::string& resource, v1::Scene* response) const {
     return FindScene(env_, resource, response);
   }
@@ -75,9 +76,13 @@ class CreateSteps : public SceneSteps {
     if (!header.file_id.empty() && header.create.scene_id == header.file_id) {
       return absl::OkStatus();
     }
-    return env_.scenes.CheckRoom(header.create.scene_id, header.triangle_count,
-                                 header.vertex_count);
+    return env_.scenes.CheckRoom(
+        header.create.scene_id, header.triangle_count, header.vertex_count,
+        header.vertex_count * sizeof(Vec3d) + header.triangle_count * 3 * sizeof(uint32_t));
   }
+
+  // The header has announced everything.
+  static absl::Status CheckAnnounced(const Upload&) { return absl::OkStatus(); }
 
   absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel, Response* response) {
     SceneCatalog::CreateOptions options;
@@ -122,6 +127,11 @@ class UpdateSteps : public SceneSteps {
   absl::Status CheckHeader(const Header& header) const {
     // Told before the upload, where it can be: the edit checks again.
     return env_.scenes.Pin(header.edit.scene_id, header.edit.base_revision).status();
+  }
+
+  absl::Status CheckAnnounced(const Upload& upload) const {
+    return env_.scenes.CheckEditRoom(upload.header()->edit.scene_id, upload.added_triangles(),
+                                     upload.added_vertices());
   }
 
   absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,

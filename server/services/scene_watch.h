@@ -2,8 +2,8 @@
 //
 // The reactor behind WatchScene: sends a scene's state at once and after every change.
 //
-// Invariants: at most one change waits while another is written, a newer one takes its place; the
-// stream ends with OK after the deletion was sent, with UNAVAILABLE when the server drains.
+// Invariants: at most one change waits while another is written, a newer one takes its place; what
+// is told late of a scene that had the name before is not passed on; the stream ends with OK after the deletion was sent, with UNAVAILABLE when the server drains.
 //
 // Thread safety: as visibility_stream.h.
 #ifndef SIGHTLINE_SERVER_SERVICES_SCENE_WATCH_H_
@@ -11,6 +11,7 @@
 
 #include <grpcpp/support/server_callback.h>
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -52,6 +53,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   std::shared_ptr<SceneWatch> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
   std::string scene_id_ ABSL_GUARDED_BY(mutex_);
+  uint64_t tag_ ABSL_GUARDED_BY(mutex_) = 0;  // Of the scene that was told of last.
   std::optional<v1::WatchSceneResponse> next_ ABSL_GUARDED_BY(mutex_);
   v1::WatchSceneResponse writing_response_;  // gRPC's while `writing_`.
   bool writing_ ABSL_GUARDED_BY(mutex_) = false;

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What the three client-streamed creations have in common: the header is checked as soon as it is
-// there, and a call whose request_id has been served before is answered at once with what the first
-// one made.
+// there, what is announced and what arrives are held against the memory budget as they come, and a
+// call whose request_id has been served before is answered at once with what the first one made.
+//
+// Invariant: what has arrived counts against Steps' budget until the job is gone.
 //
 // Thread safety: one thread at a time.
 //
@@ -10,12 +12,14 @@
 #ifndef SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
 #define SIGHTLINE_SERVER_SERVICES_UPLOAD_JOB_H_
 
+#include <cstdint>
 #include <string>
 
 #include "absl/status/status.h"
 #include "core/base/cancel.h"
 #include "core/base/status_macros.h"
 #include "server/admission/client_name.h"
+#include "server/admission/memory_charge.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/request_log.h"
 #include "server/services/upload_reactor.h"
@@ -28,7 +32,9 @@ namespace sightline {
 //   static constexpr Operation kOperation;
 //   using Upload, Header;         // Such as SceneUpload and SceneHeader.
 //   RequestLog& requests() const;
+//   static MemoryBudget& BudgetOf(const QueryEnvironment&);
 //   absl::Status CheckHeader(const Header&);  // Of a new request; told before the upload.
+//   absl::Status CheckAnnounced(const Upload&) const;  // After each message but the header.
 //   // Makes what the upload describes, fills the response, and returns the resource's name.
 //   absl::StatusOr<std::string> Make(Upload&, const CancelToken&, Response*);
 //   absl::Status Find(const std::string& resource, Response*) const;  // Made by an earlier call.
@@ -40,12 +46,15 @@ class UploadJob {
   static constexpr Operation kOperation = Steps::kOperation;
 
   UploadJob(const QueryEnvironment& env, const Client& client)
-      : steps_(env, client), upload_(env.limits) {}
+      : steps_(env, client), charge_(Steps::BudgetOf(env)), upload_(env.limits) {}
+
+  static uint64_t BytesOf(const Request& message) { return Steps::Upload::BytesOf(message); }
 
   absl::Status Add(const Request& message) {
+    SL_RETURN_IF_ERROR(charge_.Add(BytesOf(message)));
     const bool first = !upload_.header().has_value();
     SL_RETURN_IF_ERROR(upload_.Add(message));
-    if (!first) return absl::OkStatus();
+    if (!first) return steps_.CheckAnnounced(upload_);
     const typename Steps::Header& header = *upload_.header();
     SL_ASSIGN_OR_RETURN(claim_, steps_.requests().Claim(header.request_id, header.fingerprint));
     return claim_.repeated() ? absl::OkStatus() : steps_.CheckHeader(header);
@@ -62,6 +71,7 @@ class UploadJob {
 
  private:
   Steps steps_;
+  MemoryCharge charge_;  // Given back once `upload_` is gone.
   typename Steps::Upload upload_;
   RequestClaim claim_;
 };

@@ -4,10 +4,16 @@
 // point_upload.h) takes the messages; a Job says what to do before, when the header is known, and
 // after, when everything has arrived (upload_job.h).
 //
-// Invariants: reactions never compute, decoding and building are tasks of the build pool; one
-// message is in memory beside what the upload holds; Finish is called exactly once, with no task
-// running; the job's cancel token fires when the client goes away; what has arrived counts against
-// its client's bytes until the call ends.
+// Invariants
+//  1. Reactions never compute: decoding and building are tasks of the build pool, and so is freeing
+//     what has arrived.
+//  2. One message is in memory beside what the upload holds.
+//  3. Finish is called exactly once, with no task running; the job's cancel token fires when the
+//     client goes away.
+//  4. What has arrived counts against its client's bytes until the call ends, and against the
+//     memory budget (the job's) until it is freed: where a task ends the call, before the client
+//     hears of it.
+//  5. An upload whose client brings nothing for max_upload_idle ends with DEADLINE_EXCEEDED.
 //
 // Thread safety: as visibility_stream.h.
 #ifndef SIGHTLINE_SERVER_SERVICES_UPLOAD_REACTOR_H_
@@ -16,6 +22,7 @@
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <utility>
@@ -28,6 +35,7 @@
 #include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/client_name.h"
+#include "server/admission/idle_clock.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/error.h"
 #include "server/base/memory_guard.h"
@@ -36,15 +44,20 @@
 
 namespace sightline {
 
+// DEADLINE_EXCEEDED: nothing has come of an upload for so many seconds.
+absl::Status UploadIdleError(uint64_t max_upload_idle_seconds);
+
 // Job must have:
 //   using Request, Response;
 //   static constexpr Operation kOperation;
 //   Job(const QueryEnvironment&, const Client&);
+//   static uint64_t BytesOf(const Request&);    // What the job will hold of it; 0: nothing.
 //   absl::Status Add(const Request&);           // One message, in order.
 //   bool answered() const;                      // The response is known before the upload's end.
 //   absl::Status Finish(const CancelToken&, Response*);
 template <typename Job>
 class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request>,
+                            public WaitingUpload,
                             public std::enable_shared_from_this<UploadReactor<Job>> {
  public:
   using Request = typename Job::Request;
@@ -60,6 +73,8 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
 
   void OnReadDone(bool ok) override {
     MutexLock lock(mutex_);
+    if (finished_) return;  // It was idle for too long, or cancelled.
+    idle_.Arrived(IdleClock::Now(), ok && Job::BytesOf(request_) > 0);
     if (cancel_.cancelled()) return End(cancel_.ToStatus());
     if (ok) {
       const absl::Status room = bytes_.Add(request_.ByteSizeLong(), most_bytes_);
@@ -69,7 +84,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     if (ok) {
       pool_.Submit([self = this->shared_from_this()] { self->Receive(); });
     } else {
-      pool_.Submit([self = this->shared_from_this()] { self->Complete(); });
+      pool_.Submit([self = this->shared_from_this()] { self->EndTask(self->FinishJob()); });
     }
   }
 
@@ -79,14 +94,24 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     if (running_ == 0) End(cancel_.ToStatus());
   }
 
+  void EndIfIdle(IdleClock::Time now) override {
+    MutexLock lock(mutex_);
+    if (idle_.Idle(now) >= std::chrono::seconds(most_idle_seconds_)) {
+      End(UploadIdleError(most_idle_seconds_));
+    }
+  }
+
   void OnDone() override {
     std::shared_ptr<UploadReactor> self;  // Goes after the lock has.
     MutexLock lock(mutex_);
     self.swap(self_);
-    call_.Release();
-    slot_.Release();
-    share_.Release();
-    bytes_.Release();
+    if (job_ == nullptr) return Release();
+    // It ended in a reaction. The call counts until its memory is free.
+    pool_.Submit([self = std::move(self)] {
+      self->job_.reset();
+      MutexLock later(self->mutex_);
+      self->Release();
+    });
   }
 
  private:
@@ -95,43 +120,50 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
         pool_(env.build_pool),
         timer_(env.metrics, Job::kOperation),
         most_bytes_(client.limits.upload_bytes),
+        most_idle_seconds_(env.limits.max_upload_idle_seconds),
         job_(std::make_unique<Job>(env, client)) {}
 
   void Begin(const Client& client, const QueryEnvironment& env, UploadSlots& slots) {
     MutexLock lock(mutex_);
     self_ = this->shared_from_this();
     const absl::Status admitted = Enter(client, env, slots);
-    if (!admitted.ok()) return End(admitted);
-    this->StartRead(&request_);
+    if (admitted.ok()) return Read();
+    job_.reset();
+    End(admitted);
   }
   absl::Status Enter(const Client& client, const QueryEnvironment& env, UploadSlots& slots)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     SL_ASSIGN_OR_RETURN(call_, env.calls.Admit());
     SL_ASSIGN_OR_RETURN(share_, env.uploads.Take(client.name, client.limits.uploads));
     SL_ASSIGN_OR_RETURN(bytes_, env.upload_bytes.Take(client.name, most_bytes_, /*amount=*/0));
-    SL_ASSIGN_OR_RETURN(slot_, slots.Take());
+    SL_ASSIGN_OR_RETURN(slot_, slots.Take(this->weak_from_this()));
     return absl::OkStatus();
+  }
+
+  void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    idle_.Wait(IdleClock::Now());
+    this->StartRead(&request_);
   }
 
   void Receive() {
     absl::Status status = GuardMemory([&] { return job_->Add(request_); });
     const bool answered = status.ok() && job_->answered();
     if (answered) status = FinishJob();
+    if (cancel_.cancelled()) status = cancel_.ToStatus();
+    if (!status.ok() || answered) return EndTask(status);
     MutexLock lock(mutex_);
     --running_;
     if (cancel_.cancelled()) return End(cancel_.ToStatus());
-    if (!status.ok() || answered) return End(status);
-    this->StartRead(&request_);
-  }
-
-  void Complete() {
-    const absl::Status status = FinishJob();
-    MutexLock lock(mutex_);
-    --running_;
-    End(status);
+    Read();
   }
   absl::Status FinishJob() {
     return GuardMemory([&] { return job_->Finish(cancel_, response_); });
+  }
+  void EndTask(const absl::Status& status) {
+    job_.reset();
+    MutexLock lock(mutex_);
+    --running_;
+    End(status);
   }
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -139,12 +171,19 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     timer_.Record(status.code());
     this->Finish(ToGrpcStatus(status));
   }
+  void Release() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    slot_.Release();
+    share_.Release();
+    bytes_.Release();
+    call_.Release();  // The server may go now.
+  }
 
   Response* const response_;
   ThreadPool& pool_;
   const CallTimer timer_;
-  const uint64_t most_bytes_;       // Of the client's uploads together; 0: any number.
-  const std::unique_ptr<Job> job_;  // Used by one task at a time.
+  const uint64_t most_bytes_;  // Of the client's uploads together; 0: any number.
+  const uint64_t most_idle_seconds_;
+  std::unique_ptr<Job> job_;  // Used by one task at a time; null once it is done with.
   Request request_;
   CancelToken cancel_;
 
@@ -154,6 +193,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   UploadSlot slot_ ABSL_GUARDED_BY(mutex_);
   CallShare share_ ABSL_GUARDED_BY(mutex_);
   CallShare bytes_ ABSL_GUARDED_BY(mutex_);  // What has arrived.
+  IdleClock idle_ ABSL_GUARDED_BY(mutex_);
   int running_ ABSL_GUARDED_BY(mutex_) = 0;
   bool finished_ ABSL_GUARDED_BY(mutex_) = false;
 };

@@ -52,7 +52,8 @@ absl::StatusOr<std::vector<PartRange>> CutIntoParts(uint64_t elements, uint64_t 
   const uint64_t reply_limit = limits.max_message_bytes - kHeaderBytes;
   if (bytes(step) > reply_limit) {
     return OverLimit("bytes of the smallest reply", bytes(step), "max_message_bytes",
-                     limits.max_message_bytes);
+                     limits.max_message_bytes,
+                     "ask for fewer kinds of results, or for sums over the lights");
   }
   const uint64_t target_bytes = std::min(limits.target_reply_bytes, reply_limit);
   const uint64_t by_rays = std::max<uint64_t>(1, part_rays / rays_per_element / step);

@@ -25,6 +25,12 @@ uint64_t RayCount(uint64_t elements, uint64_t rays_each) {
   return elements > kMost / rays_each ? kMost : elements * rays_each;
 }
 
+absl::Status CheckItemRays(uint64_t rays, const Limits& limits) {
+  if (rays <= limits.max_item_rays) return absl::OkStatus();
+  return OverLimit("item rays", rays, "max_item_rays", limits.max_item_rays,
+                   "cut the item into smaller ones");
+}
+
 uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits) {
   return std::max({rays, limits.min_item_cost_rays, message_bytes / kBytesPerRay});
 }

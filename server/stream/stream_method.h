@@ -56,6 +56,9 @@ class StreamMethod {
 // REQUIRES: rays_each > 0.
 uint64_t RayCount(uint64_t elements, uint64_t rays_each);
 
+// ResourceExhausted (LIMIT_EXCEEDED) for more than max_item_rays.
+absl::Status CheckItemRays(uint64_t rays, const Limits& limits);
+
 // What an item takes off the credit and of the queue. Its rays say little of what is held for it if
 // its arrays do not fit one another, or if most of it is nothing that this server knows; so its
 // message's bytes count as well. An item that makes sense has no more than 56 of them to a ray.

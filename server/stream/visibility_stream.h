@@ -279,9 +279,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
                         DecodeDuration("item.timeout", header.has_timeout(), header.timeout(),
                                        absl::InfiniteDuration(), absl::InfiniteDuration()));
     const uint64_t rays = method_->Rays(request);
-    if (rays > env_.limits.max_item_rays) {
-      return OverLimit("item rays", rays, "max_item_rays", env_.limits.max_item_rays);
-    }
+    SL_RETURN_IF_ERROR(CheckItemRays(rays, env_.limits));
     item->cost = ItemCost(rays, bytes, env_.limits);
     if (timeout < kLongestTimeout) {
       SL_RETURN_IF_ERROR(CheckTimeout(timeout, flow_->Foresee(item->cost)));

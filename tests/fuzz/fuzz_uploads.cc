@@ -72,6 +72,14 @@ bool Send(const std::vector<Message>& messages, Upload* upload) {
   return good;
 }
 
+// What a server charges for these messages.
+template <typename Upload, typename Message>
+uint64_t Charged(const std::vector<Message>& messages) {
+  uint64_t bytes = 0;
+  for (const Message& message : messages) bytes += Upload::BytesOf(message);
+  return bytes;
+}
+
 struct Mesh {
   std::vector<double> vertices;
   std::vector<uint32_t> indices;
@@ -138,6 +146,13 @@ void FuzzMeshUpload(FuzzedDataProvider& input) {
   const bool taken = Send(messages, &upload);
   const absl::StatusOr<std::vector<ObjectInput>> objects = upload.Finish();
   Require(taken || !objects.ok());
+  uint64_t held = 0;
+  if (objects.ok()) {
+    for (const ObjectInput& object : *objects) {
+      held += object.vertices.size() * sizeof(Vec3d) + object.indices.size() * sizeof(uint32_t);
+    }
+  }
+  Require(held <= Charged<SceneUpload>(messages));
   if (!disturbed) {
     Require(objects.ok() && objects->size() == meshes.size());
     for (size_t m = 0; m < meshes.size(); ++m) {
@@ -172,6 +187,11 @@ void FuzzPointUpload(FuzzedDataProvider& input) {
   const bool taken = Send(messages, &upload);
   const absl::StatusOr<DecodedPoints> points = upload.Finish();
   Require(taken || !points.ok());
+  if (points.ok()) {
+    const uint64_t held = (points->positions.size() + points->normals.size()) * sizeof(Vec3d) +
+                          (points->objects.size() + points->triangles.size()) * sizeof(uint32_t);
+    Require(held <= Charged<PointUpload>(messages));
+  }
   if (!disturbed) Require(points.ok() && points->positions.size() == count);
   if (points.ok() && !upload.header()->camera.has_value()) {
     Require(points->positions.size() == upload.header()->point_count);

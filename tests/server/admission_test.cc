@@ -10,6 +10,8 @@
 #include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/client_name.h"
+#include "server/admission/idle_clock.h"
+#include "server/admission/memory_charge.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scene_owners.h"
 #include "server/admission/upload_slots.h"
@@ -189,6 +191,91 @@ TEST(SceneOwnersTest, AScenesShareLastsUntilItIsRemoved) {
     EXPECT_FALSE(owners.Take("a", 1).ok());
   }
   EXPECT_TRUE(owners.Take("a", 1).ok());
+}
+
+TEST(CallQuotaTest, WhoseRoleSaysNothingHasTheUsual) {
+  CallQuota quota("uploads", CallQuota::Shares::kPass, {"max_concurrent_uploads_per_client", 2});
+  const absl::StatusOr<CallShare> first = quota.Take("a", 0), second = quota.Take("a", 0);
+  EXPECT_TRUE(first.ok() && second.ok());
+  const absl::Status third = quota.Take("a", 0).status();
+  EXPECT_EQ(ReasonOf(third), v1::ERROR_REASON_QUOTA_EXCEEDED);
+  EXPECT_THAT(std::string(third.message()), HasSubstr("max_concurrent_uploads_per_client = 2: "));
+  EXPECT_TRUE(quota.Take("b", 0).ok());
+  // A role's limit takes its place, whether it is more or less.
+  EXPECT_TRUE(quota.Take("a", 3).ok());
+  EXPECT_THAT(std::string(quota.Take("a", 1).status().message()),
+              HasSubstr("limit uploads of the access file = 1: "));
+}
+
+TEST(IdleClockTest, WaitingCountsUntilSomethingComes) {
+  using std::chrono::seconds;
+  const IdleClock::Time start = IdleClock::Now();
+  IdleClock idle;
+  EXPECT_EQ(idle.Idle(start + seconds(100)), seconds(0));  // Nobody waits yet.
+  idle.Wait(start);
+  EXPECT_EQ(idle.Idle(start + seconds(7)), seconds(7));
+  idle.Arrived(start + seconds(7), /*brings=*/true);
+  EXPECT_EQ(idle.Idle(start + seconds(100)), seconds(0));  // The server is at work.
+  idle.Wait(start + seconds(100));
+  EXPECT_EQ(idle.Idle(start + seconds(102)), seconds(2));
+  // Messages that bring nothing do not begin anew; what the server does with them is not counted.
+  idle.Arrived(start + seconds(103), /*brings=*/false);
+  idle.Wait(start + seconds(110));
+  EXPECT_EQ(idle.Idle(start + seconds(112)), seconds(5));
+  idle.Arrived(start + seconds(112), /*brings=*/false);
+  idle.Wait(start + seconds(112));
+  EXPECT_EQ(idle.Idle(start + seconds(120)), seconds(13));
+  idle.Arrived(start + seconds(120), /*brings=*/true);
+  idle.Wait(start + seconds(120));
+  EXPECT_EQ(idle.Idle(start + seconds(121)), seconds(1));
+}
+
+class SmallBudget : public MemoryBudget {
+ public:
+  absl::Status SetAside(uint64_t bytes) override {
+    if (taken + bytes > 100) return absl::ResourceExhaustedError("no room");
+    taken += bytes;
+    return absl::OkStatus();
+  }
+  void GiveBack(uint64_t bytes) override { taken -= bytes; }
+  uint64_t taken = 0;
+};
+
+TEST(MemoryChargeTest, IsGivenBackWholeAndOnce) {
+  SmallBudget budget;
+  {
+    MemoryCharge charge(budget);
+    EXPECT_TRUE(charge.Add(0).ok());
+    EXPECT_TRUE(charge.Add(60).ok());
+    EXPECT_FALSE(charge.Add(41).ok());
+    EXPECT_EQ(budget.taken, 60u);  // What was refused was not taken.
+    EXPECT_TRUE(charge.Add(40).ok());
+    charge.Release();
+    EXPECT_EQ(budget.taken, 0u);
+    charge.Release();
+    EXPECT_TRUE(charge.Add(7).ok());
+  }
+  EXPECT_EQ(budget.taken, 0u);
+}
+
+class Asked : public WaitingUpload {
+ public:
+  void EndIfIdle(IdleClock::Time now) override { last = now; }
+  IdleClock::Time last;
+};
+
+TEST(UploadSlotsTest, SweepsAskThoseThatHaveASlot) {
+  UploadSlots slots(3);
+  const auto asked = std::make_shared<Asked>(), gone = std::make_shared<Asked>();
+  const absl::StatusOr<UploadSlot> slot = slots.Take(asked), none = slots.Take();
+  absl::StatusOr<UploadSlot> ended = slots.Take(gone);
+  EXPECT_TRUE(slot.ok() && none.ok() && ended.ok());
+  ended->Release();
+  const IdleClock::Time now = IdleClock::Now();
+  slots.Sweep(now);
+  EXPECT_EQ(asked->last, now);
+  EXPECT_EQ(gone->last, IdleClock::Time());
+  EXPECT_EQ(slots.taken(), 2u);
 }
 
 TEST(UploadSlotsTest, AreGivenBack) {

@@ -23,9 +23,9 @@ v1::ErrorInfo InfoOf(const grpc::Status& status) {
 }
 
 TEST(ErrorTest, GrpcStatusCarriesReasonAndMetadata) {
-  const grpc::Status status = ToGrpcStatus(OverLimit("rays", 7, "max_item_rays", 5));
+  const grpc::Status status = ToGrpcStatus(OverLimit("rays", 7, "max_item_rays", 5, "cut it"));
   EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
-  EXPECT_EQ(status.error_message(), "rays = 7 is over the limit max_item_rays = 5");
+  EXPECT_EQ(status.error_message(), "rays = 7 is over the limit max_item_rays = 5: cut it");
   const v1::ErrorInfo info = InfoOf(status);
   EXPECT_EQ(info.reason(), "LIMIT_EXCEEDED");
   EXPECT_EQ(info.domain(), "sightline");
@@ -84,9 +84,9 @@ TEST(ResourceNameTest, TakesGoodNamesAndNothingElse) {
 }
 
 TEST(ErrorTest, SaysWhenToTryAgain) {
-  const absl::Status refused =
-      WithRetryDelay(OverLimit("rays", 2, "max_queued_rays", 1, v1::ERROR_REASON_QUEUE_FULL),
-                     absl::Milliseconds(1250));
+  const absl::Status refused = WithRetryDelay(
+      OverLimit("rays", 2, "max_queued_rays", 1, "try again later", v1::ERROR_REASON_QUEUE_FULL),
+      absl::Milliseconds(1250));
   v1::ItemStatus item;
   ToItemStatus(refused, &item);
   EXPECT_EQ(item.reason(), v1::ERROR_REASON_QUEUE_FULL);

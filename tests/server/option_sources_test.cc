@@ -94,11 +94,13 @@ TEST_F(OptionSourcesTest, UnknownNamesSuggestTheNearest) {
 }
 
 TEST_F(OptionSourcesTest, WhatHasNoEffectIsSaid) {
-  const auto parsed = Read({"--load=none", "--evict=lru", "--tls-client-auth=optional",
-                            "--unix-socket-mode=0660", "--listen=127.0.0.1:0"});
+  const auto parsed =
+      Read({"--load=none", "--evict=lru", "--scene-files=read", "--tls-client-auth=optional",
+            "--unix-socket-mode=0660", "--listen=127.0.0.1:0"});
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_THAT(parsed->warnings,
               ElementsAre("--load = none has no effect without --repository",
+                          "--scene-files = read has no effect without --repository",
                           "--evict = lru has no effect without --repository",
                           "--tls-client-auth = optional has no effect without --tls-client-ca",
                           "--unix-socket-mode = 0660 has no effect without --listen unix:PATH"));

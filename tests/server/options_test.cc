@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "gtest/gtest.h"
+#include "server/machine_memory.h"
 #include "server/option_sources.h"
 #include "server/services/capability_service.h"
 
@@ -51,16 +52,42 @@ TEST(OptionsTest, NoneIsAsGoodAsNoSlowQueryLog) {
   EXPECT_FALSE(Parse({"--slow-query-log=never"}).ok());
 }
 
+TEST(OptionsTest, NoneIsAsGoodAsNoIdleTimeout) {
+  EXPECT_EQ(ServerOptions().connection_idle_timeout, absl::Minutes(30));
+  EXPECT_EQ(Parse({"--connection-idle-timeout=5m"})->options.connection_idle_timeout,
+            absl::Minutes(5));
+  EXPECT_EQ(Parse({"--connection-idle-timeout=none"})->options.connection_idle_timeout,
+            absl::InfiniteDuration());
+}
+
+// The budgets of a server that was told none are shares of the memory that it may take.
+TEST(OptionsTest, BudgetsKnowTheMachine) {
+  const uint64_t memory = ThisMachinesMemory().bytes;
+  const absl::StatusOr<ParsedOptions> parsed = Parse({"--max-bytes-per-scene=2000000"});
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->options.limits.max_scene_bytes, memory / 8 * 5);
+  EXPECT_EQ(parsed->options.limits.max_point_set_bytes, memory / 8);
+  EXPECT_EQ(parsed->options.limits.max_bytes_per_scene, 2'000'000u);
+  const std::string text = ConfigText(*parsed);
+  EXPECT_TRUE(absl::StrContains(text, absl::StrCat("# max-scene-bytes: ", memory / 8 * 5,
+                                                   "  # default: five eighths of the memory of ",
+                                                   ThisMachinesMemory().origin, "\n")))
+      << text;
+  EXPECT_TRUE(absl::StrContains(text, "# max-scenes: 1000  # default\n")) << text;
+}
+
 TEST(OptionsTest, TheRepository) {
   const ServerOptions defaults;
   EXPECT_TRUE(defaults.repository.empty() && defaults.load_repository);
   EXPECT_FALSE(defaults.evict_least_used);
   const absl::StatusOr<ParsedOptions> parsed =
-      Parse({"--repository=/", "--load=none", "--evict=lru"});
+      Parse({"--repository=/", "--load=none", "--evict=lru", "--scene-files=read"});
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_EQ(parsed->options.repository, "/");
   EXPECT_FALSE(parsed->options.load_repository);
   EXPECT_TRUE(parsed->options.evict_least_used);
+  EXPECT_EQ(defaults.scene_files, SceneFiles::kMapped);
+  EXPECT_EQ(parsed->options.scene_files, SceneFiles::kRead);
   EXPECT_TRUE(CheckOptions(parsed->options).ok());
   const absl::Status none = CheckOptions({.repository = "/no/such/folder"});
   EXPECT_EQ(none.code(), absl::StatusCode::kInvalidArgument);
@@ -80,6 +107,8 @@ TEST(OptionsTest, ErrorsNameTheFlagAndTheValue) {
       {{"--max-scenes=99999999999999999999"}, "max-scenes"},
       {{"--load=some"}, "all or none"},
       {{"--evict=random"}, "lru or none"},
+      {{"--scene-files=copied"}, "mapped or read"},
+      {{"--connection-idle-timeout=1ms"}, "at least 100ms"},
       {{"--help=yes"}, "help"},
       {{"--unix-socket-mode=rw"}, "octal"},
       {{"--tls-client-auth=never"}, "required or optional"},

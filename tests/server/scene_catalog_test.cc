@@ -1,11 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/scenes/scene_catalog.h"
 
+#include <cerrno>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
 #include <vector>
 
+#include "core/base/folder.h"
 #include "core/base/parallel.h"
+#include "core/scene/scene_file.h"
 #include "gtest/gtest.h"
 #include "server/base/error.h"
+#include "tests/support/faulty_file_calls.h"
+#include "tests/support/temp_dir.h"
 
 namespace sightline {
 namespace {
@@ -27,6 +37,187 @@ TEST(SceneCatalogTest, ABuiltinSceneIsMadeOnlyWhereThereIsRoomForIt) {
   }
   EXPECT_EQ(ReasonOf(catalog.MakeBuiltinObjects("a", "builtin:box:1000").status()),
             v1::ERROR_REASON_ALREADY_EXISTS);
+}
+
+TEST(SceneCatalogTest, WhatArrivesCountsAgainstTheBudget) {
+  Limits limits;
+  limits.max_scene_bytes = 32 << 20;
+  ThreadPool pool(1);
+  SceneCatalog catalog(limits, pool);
+  ASSERT_TRUE(catalog.SetAside(20 << 20).ok());
+  EXPECT_EQ(catalog.MemoryBytes(), uint64_t{20} << 20);
+  const absl::Status more = catalog.SetAside(13 << 20);
+  EXPECT_EQ(ReasonOf(more), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET) << more;
+  // 100,000 triangles would fit into an empty catalog.
+  EXPECT_EQ(ReasonOf(catalog.CheckRoom("a", 120'000, 0)), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  catalog.GiveBack(20 << 20);
+  EXPECT_EQ(catalog.MemoryBytes(), 0u);
+  EXPECT_TRUE(catalog.CheckRoom("a", 120'000, 0).ok());
+  EXPECT_FALSE(catalog.CheckRoom("a", 120'000, 0, /*arriving=*/20 << 20).ok());
+}
+
+TEST(SceneCatalogTest, AnEditIsRefusedAsSoonAsItAnnouncesTooMuch) {
+  Limits limits;
+  limits.max_scene_bytes = 32 << 20;
+  limits.max_bytes_per_scene = 16 << 20;
+  ThreadPool pool(1);
+  SceneCatalog catalog(limits, pool);
+  const auto objects = catalog.MakeBuiltinObjects("a", "builtin:box:50000");
+  ASSERT_TRUE(objects.ok()) << objects.status();
+  ASSERT_TRUE(catalog.Create({.scene_id = "a"}, *objects, nullptr).ok());
+  EXPECT_TRUE(catalog.CheckEditRoom("a", 1000, 3000).ok());
+  EXPECT_EQ(ReasonOf(catalog.CheckEditRoom("a", 100'000, 50'000)),
+            v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  EXPECT_TRUE(catalog.CheckEditRoom("none", 100'000, 50'000).ok());  // For the edit to say.
+}
+
+// Two catalogs one after the other on a folder of stored scenes.
+class StoredScenesTest : public ::testing::Test {
+ protected:
+  StoredScenesTest() {
+    auto opened = SceneRepository::Open(dir_.path(), calls_);
+    EXPECT_TRUE(opened.ok()) << opened.status();
+    repository_ = *std::move(opened);
+    SceneCatalog first(Limits(), pool_, repository_.get());
+    for (const char* id : {"hall", "attic", "cellar"}) {
+      EXPECT_TRUE(first.Create({.scene_id = id}, {&object_, 1}, nullptr).ok());
+      EXPECT_TRUE(Exists(id));
+    }
+  }
+  std::string File(const std::string& id) const { return dir_.File(id + ".slscene"); }
+  bool Exists(const std::string& id) const { return std::filesystem::exists(File(id)); }
+  // The scene of the hall's file, which says its last word when it is let go of: after the registry
+  // has forgotten it, before the catalog has.
+  SceneBytes Hall(const std::function<void()>& last_word) {
+    const absl::StatusOr<Folder> folder = Folder::Open(dir_.path());
+    SceneBytes file = *MapSceneFile(*folder, "hall.slscene");
+    file.owner = std::shared_ptr<const void>(
+        file.owner.get(), [owner = file.owner, last_word](const void*) { last_word(); });
+    return file;
+  }
+  // A scene that is there is one that can be edited and stored.
+  void ExpectSound(SceneCatalog& catalog, const std::string& id) {
+    ObjectInput more = object_;
+    more.name = "more";
+    const SceneEdit edit{.kind = SceneEdit::Kind::kAdd, .object = more};
+    const absl::StatusOr<SceneView> edited = catalog.Edit({.scene_id = id}, {&edit, 1}, nullptr);
+    ASSERT_TRUE(edited.ok()) << edited.status();
+    EXPECT_TRUE(edited->status.kept);
+    EXPECT_TRUE(Exists(id));
+  }
+
+  const ObjectInput object_{
+      .name = "o", .vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}};
+  const testing_support::TempDir dir_;
+  testing_support::FaultyFileCalls calls_;
+  ThreadPool pool_{1};
+  std::unique_ptr<SceneRepository> repository_;
+};
+
+TEST_F(StoredScenesTest, OneThatIsLoadedWhileItIsEvictedCanBeEdited) {
+  Limits limits;
+  limits.max_scenes = 2;
+  SceneCatalog catalog(limits, pool_, repository_.get(), /*evict=*/true);
+  absl::Status again = absl::UnknownError("not asked");
+  ASSERT_TRUE(catalog
+                  .CreateFromBytes({.scene_id = "hall"},
+                                   Hall([&] { again = catalog.Load("hall", nullptr).status(); }),
+                                   nullptr)
+                  .ok());
+  ASSERT_TRUE(catalog.Load("attic", nullptr).ok());
+  ASSERT_TRUE(catalog.Pin("attic", 0).ok());
+  std::vector<std::string> told;
+  catalog.SetListener([&](const SceneView& view) {
+    if (view.deleted) told.push_back(view.status.name);
+  });
+  // Makes room of the hall, which at that moment is asked for again, and makes room of the attic.
+  ASSERT_TRUE(catalog.Load("cellar", nullptr).ok());
+  ASSERT_TRUE(again.ok()) << again;
+  EXPECT_EQ(told.size(), 2u);
+  ASSERT_TRUE(catalog.Get("hall").ok());
+  ExpectSound(catalog, "hall");
+}
+
+TEST_F(StoredScenesTest, OneThatIsLoadedWhileItIsUnloadedIsBusy) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  absl::Status again = absl::UnknownError("not asked");
+  ASSERT_TRUE(catalog
+                  .CreateFromBytes({.scene_id = "hall"},
+                                   Hall([&] { again = catalog.Load("hall", nullptr).status(); }),
+                                   nullptr)
+                  .ok());
+  ASSERT_TRUE(catalog.Unload("hall").ok());
+  EXPECT_EQ(again.code(), absl::StatusCode::kAborted) << again;
+  EXPECT_EQ(ReasonOf(again), v1::ERROR_REASON_SCENE_BUSY);
+  EXPECT_FALSE(catalog.Get("hall").ok());
+  ASSERT_TRUE(catalog.Load("hall", nullptr).ok());
+  ExpectSound(catalog, "hall");
+}
+
+TEST_F(StoredScenesTest, OneWhoseFileIsBeingRemovedIsNotLoaded) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  absl::Status again = absl::UnknownError("not asked");
+  calls_.on_unlink = [&] { again = catalog.Load("hall", nullptr).status(); };
+  ASSERT_TRUE(catalog.Delete("hall").ok());
+  calls_.on_unlink = nullptr;
+  EXPECT_EQ(ReasonOf(again), v1::ERROR_REASON_SCENE_BUSY) << again;
+  // It would serve without a file, and count as stored.
+  EXPECT_FALSE(catalog.Get("hall").ok());
+  EXPECT_FALSE(Exists("hall"));
+  // The name is free again.
+  ASSERT_TRUE(catalog.Create({.scene_id = "hall"}, {&object_, 1}, nullptr).ok());
+  ExpectSound(catalog, "hall");
+}
+
+// Another file takes the place of the one that a reload has begun with, as an edit's might.
+TEST_F(StoredScenesTest, AReloadIsOfTheFileThatIsThereNow) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  ASSERT_TRUE(catalog.Load("hall", nullptr).ok());
+  bool replaced = false;
+  calls_.on_map = [&] {
+    if (std::exchange(replaced, true)) return;
+    std::filesystem::copy_file(File("attic"), dir_.File("new"));
+    std::filesystem::rename(dir_.File("new"), File("hall"));
+  };
+  const absl::Status busy = catalog.Reload("hall", nullptr).status();
+  EXPECT_EQ(busy.code(), absl::StatusCode::kAborted) << busy;
+  EXPECT_EQ(ReasonOf(busy), v1::ERROR_REASON_SCENE_BUSY);
+  const absl::StatusOr<SceneView> again = catalog.Reload("hall", nullptr);
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_EQ(again->status.latest->revision, 2u);
+}
+
+TEST_F(StoredScenesTest, FilesThatAreReadTakeAFaultOfTheDiskForAnError) {
+  const auto repository = SceneRepository::Open(dir_.path(), calls_, SceneFiles::kRead);
+  ASSERT_TRUE(repository.ok()) << repository.status();
+  SceneCatalog catalog(Limits(), pool_, repository->get());
+  ASSERT_TRUE(catalog.Load("hall", nullptr).ok());
+  // What was read does not depend on its file any more: mapped, reading on would be the end.
+  std::filesystem::resize_file(File("hall"), 1000);
+  const std::shared_ptr<const Scene> hall = *catalog.Pin("hall", 0);
+  EXPECT_EQ(hall->geometry.triangles.size(), 1u);
+  EXPECT_EQ(hall->geometry.vertices.size(), 3u);
+  EXPECT_EQ(ReasonOf(catalog.Reload("hall", nullptr).status()), v1::ERROR_REASON_BAD_SCENE_FILE);
+  calls_.read_error = EIO;
+  const absl::Status failed = catalog.Load("attic", nullptr).status();
+  EXPECT_EQ(failed.code(), absl::StatusCode::kDataLoss) << failed;
+  EXPECT_EQ(ReasonOf(failed), v1::ERROR_REASON_STORAGE_FAILED);
+  EXPECT_EQ(catalog.MemoryBytes(), hall->report.memory_bytes);  // What was set aside is back.
+  EXPECT_TRUE(catalog.Get("hall").ok());
+  calls_.read_error = 0;
+  ASSERT_TRUE(catalog.Load("attic", nullptr).ok());
+  ExpectSound(catalog, "hall");
+}
+
+TEST_F(StoredScenesTest, TheBudgetIsAskedBeforeAFileIsRead) {
+  const auto repository = SceneRepository::Open(dir_.path(), calls_, SceneFiles::kRead);
+  ASSERT_TRUE(repository.ok()) << repository.status();
+  Limits limits;
+  limits.max_scene_bytes = std::filesystem::file_size(File("hall")) - 1;
+  SceneCatalog catalog(limits, pool_, repository->get());
+  calls_.read_error = EIO;
+  const absl::Status refused = catalog.Load("hall", nullptr).status();
+  EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET) << refused;
 }
 
 }  // namespace

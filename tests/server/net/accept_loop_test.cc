@@ -2,6 +2,7 @@
 #include "server/net/accept_loop.h"
 
 #include <fcntl.h>
+#include <netinet/in.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -21,13 +22,14 @@ namespace {
 // A loop on a free port, and what it has taken. It greets each connection with a byte.
 class Door {
  public:
-  explicit Door(size_t max_connections)
-      : loop_(*BindAll({"127.0.0.1:0"}, 0600), max_connections, [this](const TakenConnection& c) {
-          MutexLock lock(mutex_);
-          send(c.fd, "!", 1, MSG_NOSIGNAL);
-          taken_.push_back(c);
-          changed_.SignalAll();
-        }) {
+  explicit Door(size_t most, size_t most_of_one = 500)
+      : loop_(*BindAll({"127.0.0.1:0"}, 0600), {most, most_of_one},
+              [this](const TakenConnection& c) {
+                MutexLock lock(mutex_);
+                send(c.fd, "!", 1, MSG_NOSIGNAL);
+                taken_.push_back(c);
+                changed_.SignalAll();
+              }) {
     SetLogLevel(LogLevel::kOff);
   }
   ~Door() {
@@ -47,6 +49,17 @@ class Door {
       getsockname(fd, own->get(), &own->length);
       loop_.Expect(own->ToString());
     }
+    return connect(fd, address.get(), address.length) == 0 ? fd : -1;
+  }
+  // The same from another address of this machine's, 127.0.0.`last`.
+  int ConnectFrom(unsigned char last) {
+    const SocketAddress& address = loop_.sockets().front().address();
+    const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (fd < 0) return -1;
+    sockaddr_in own{};
+    own.sin_family = AF_INET;
+    own.sin_addr.s_addr = htonl(INADDR_LOOPBACK - 1 + last);
+    if (bind(fd, reinterpret_cast<const sockaddr*>(&own), sizeof(own)) != 0) return -1;
     return connect(fd, address.get(), address.length) == 0 ? fd : -1;
   }
   TakenConnection WaitFor(size_t count) {
@@ -93,6 +106,31 @@ TEST(AcceptLoopTest, BeyondTheBoundConnectionsAreClosedAtOnce) {
   door.WaitFor(3);
   EXPECT_EQ(door.loop().counts().open, 2u);
   for (const int fd : {first, second, third, fourth}) close(fd);
+}
+
+TEST(AcceptLoopTest, AnAddressHasItsShare) {
+  Door door(/*most=*/4, /*most_of_one=*/2);
+  door.loop().Start();
+  const int first = door.ConnectFrom(1), second = door.ConnectFrom(1);
+  door.WaitFor(2);
+  const int third = door.ConnectFrom(1);
+  EXPECT_TRUE(IsClosed(third));
+  const int other = door.ConnectFrom(2);
+  door.WaitFor(3);
+  EXPECT_EQ(door.loop().counts().open, 3u);
+  EXPECT_EQ(door.loop().counts().refused, 1u);
+  // What is closed is the address's again.
+  door.Close(1);
+  const int fourth = door.ConnectFrom(1);
+  door.WaitFor(4);
+  const int fifth = door.ConnectFrom(1);
+  EXPECT_TRUE(IsClosed(fifth));
+  // All of them have theirs together, too.
+  const int sixth = door.ConnectFrom(3);
+  door.WaitFor(5);
+  const int seventh = door.ConnectFrom(4);
+  EXPECT_TRUE(IsClosed(seventh));
+  for (const int fd : {first, second, third, other, fourth, fifth, sixth, seventh}) close(fd);
 }
 
 TEST(AcceptLoopTest, TheProbeGetsInWhateverTheBound) {
