@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // How much of one kind each client has, and no more than its role or the server allows: calls under
-// way, bytes of its uploads, scenes that it made. What a client does on many connections is one client's still.
+// way, bytes of its uploads, scenes that it made. Many connections of a client are one client.
 //
 // Thread safety: every method of CallQuota from any thread; a share belongs to one owner at a time.
 // The quota outlives its shares.

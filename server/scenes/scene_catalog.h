@@ -5,13 +5,13 @@
 // in and loaded from (scene_catalog_storage.cc).
 //
 // Invariants
-//  1. A scene is in the catalog exactly while the registry has it: what the catalog knows of it goes
-//     by a number that the registry keeps with the scene, not by its name, which another may have by
-//     the time that it is forgotten.
+//  1. A scene is in the catalog exactly while the registry has it: what is known of it here goes
+//     by a number that the registry keeps with the scene, not by its name, which another may have
+//     by the time that it is forgotten.
 //  2. A watcher is told of every change after it was added, perhaps skipping states that were
 //     overtaken; a deleted scene is its last news.
-//  3. Of one name, one load, unload or deletion runs at a time, and nothing is stored under it while
-//     its file is being removed: so a scene that serves and counts as stored has its file.
+//  3. Of one name, one load, unload or deletion runs at a time, and nothing is stored under it
+//     while its file is being removed: so a scene that serves and counts as stored has its file.
 //
 // Thread safety: every method from any thread; none may run on a gRPC thread but Pin, Get, List and
 // the watcher methods, which do not compute. Watchers are called without the lock held.

@@ -3,7 +3,8 @@
 // The reactor behind WatchScene: sends a scene's state at once and after every change.
 //
 // Invariants: at most one change waits while another is written, a newer one takes its place; what
-// is told late of a scene that had the name before is not passed on; the stream ends with OK after the deletion was sent, with UNAVAILABLE when the server drains.
+// is told late of a scene that had the name before is not passed on; the stream ends with OK after
+// the deletion was sent, with UNAVAILABLE when the server drains.
 //
 // Thread safety: as visibility_stream.h.
 #ifndef SIGHTLINE_SERVER_SERVICES_SCENE_WATCH_H_
