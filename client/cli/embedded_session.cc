@@ -36,9 +36,7 @@ class EmbeddedSession final : public Session {
 };
 
 // Scenes may take three quarters of the memory that there is: nobody else uses this server.
-uint64_t SceneBudget(uint64_t least) {
-  return std::max(least, ThisMachinesMemory().bytes / 4 * 3);
-}
+uint64_t SceneBudget(uint64_t least) { return std::max(least, ThisMachinesMemory().bytes / 4 * 3); }
 
 }  // namespace
 
