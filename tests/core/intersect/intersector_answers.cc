@@ -35,6 +35,27 @@ bool SameBits(const Hit& a, const Hit& b) {
   return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
 }
 
+// What excuses one of two answers. Nothing does where it is that nothing is hit.
+struct HitCheck {
+  bool is_hit = false, certain = true;
+  double t_error = 0;
+  bool sliver = false, edge = false, end = false;
+};
+HitCheck CheckHit(const SceneGeometry& geometry, Intersector kind, const PredicateRay& ray,
+                  const Hit& hit) {
+  HitCheck result;
+  if (hit.triangle == kNoTriangle) return result;
+  const auto [a, b, c] = geometry.Corners(hit.triangle);
+  const IntersectorCheck check = CheckIntersector(kind, ray, a, b, c);
+  result.is_hit = true;
+  result.certain = check.certain;
+  result.t_error = check.t_error;
+  result.sliver = AspectRatio(a, b, c) >= kSliverAspect;
+  result.edge = LeastWeight(ray, a, b, c) < kBesideEdge;
+  result.end = !(hit.t > check.t_error) || (ray.segment && !(hit.t < 1 - check.t_error));
+  return result;
+}
+
 }  // namespace
 
 double AspectRatio(Vec3f a, Vec3f b, Vec3f c) {
@@ -48,34 +69,22 @@ double AspectRatio(Vec3f a, Vec3f b, Vec3f c) {
 Difference CompareHits(const SceneGeometry& geometry, Intersector kind, const PredicateRay& ray,
                        const Hit& hit, const Hit& truth) {
   if (SameBits(hit, truth)) return Difference::kNone;
-  bool sliver = false, edge = false, end = false, certain = true;
-  bool truth_certain = false;
-  double reach = 0;
-  const Hit at[] = {hit, truth};
-  for (const Hit& one : at) {
-    if (one.triangle == kNoTriangle) continue;
-    const auto [a, b, c] = geometry.Corners(one.triangle);
-    const IntersectorCheck check = CheckIntersector(kind, ray, a, b, c);
-    certain &= check.certain;
-    if (&one == &at[1]) truth_certain = check.certain;
-    reach += check.t_error;
-    sliver |= AspectRatio(a, b, c) >= kSliverAspect;
-    edge |= LeastWeight(ray, a, b, c) < kBesideEdge;
-    end |= !(one.t > check.t_error) || (ray.segment && !(one.t < 1 - check.t_error));
-  }
-  const bool tie = hit.triangle != kNoTriangle && truth.triangle != kNoTriangle &&
-                   !(std::abs(static_cast<double>(hit.t) - truth.t) > reach);
+  const HitCheck found = CheckHit(geometry, kind, ray, hit);
+  const HitCheck true_one = CheckHit(geometry, kind, ray, truth);
+  const bool tie =
+      found.is_hit && true_one.is_hit &&
+      !(std::abs(static_cast<double>(hit.t) - truth.t) > found.t_error + true_one.t_error);
   // A walk puts the ray to some of the triangles, by the same test: it may lose a hit in doubt to
   // a box that the ray passes by, but no certain one, and it finds none that is nearer.
-  const bool nearer =
-      hit.triangle != kNoTriangle && (truth.triangle == kNoTriangle || hit.t < truth.t);
-  const bool lost = truth.triangle != kNoTriangle && truth_certain;
-  if (!tie && (certain || nearer || lost)) return Difference::kBeyondBound;
-  return sliver ? Difference::kSliver
-         : edge ? Difference::kEdge
-         : end  ? Difference::kEnd
-         : tie  ? Difference::kTie
-                : Difference::kPlain;
+  const bool nearer = found.is_hit && (!true_one.is_hit || hit.t < truth.t);
+  const bool lost = true_one.is_hit && true_one.certain;
+  if (!tie && ((found.certain && true_one.certain) || nearer || lost))
+    return Difference::kBeyondBound;
+  return found.sliver || true_one.sliver ? Difference::kSliver
+         : found.edge || true_one.edge   ? Difference::kEdge
+         : found.end || true_one.end     ? Difference::kEnd
+         : tie                           ? Difference::kTie
+                                         : Difference::kPlain;
 }
 
 int64_t DifferenceTally::compared() const {
