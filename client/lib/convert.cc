@@ -162,8 +162,11 @@ void ToProto(const QueryOptions& options, v1::QueryOptions* out) {
   static_assert(static_cast<int>(Intersector::kExact) == v1::INTERSECTOR_EXACT);
   static_assert(static_cast<int>(Intersector::kMoellerTrumbore) ==
                 v1::INTERSECTOR_MOELLER_TRUMBORE);
+  static_assert(static_cast<int>(Intersector::kHavelHeroutDotProduct) ==
+                v1::INTERSECTOR_HAVEL_HEROUT_DOT_PRODUCT);
   out->set_intersector(static_cast<v1::Intersector>(options.intersector));
   out->set_packet_side(options.packet_side);
+  out->set_pixel_shadow_packets(options.pixel_shadow_packets);
   out->set_mask(options.mask);
   out->set_statistics(options.statistics);
 }

@@ -235,7 +235,8 @@ enum class Intersector {
   kWald,
   kShevtsov,
   kKenslerShirley,
-  kMoellerTrumbore
+  kMoellerTrumbore,
+  kHavelHeroutDotProduct
 };
 
 enum class FrustumRays { kAll, kRows, kMasked };
@@ -261,9 +262,12 @@ struct QueryOptions {
   bool rtt_shared_edges = false;
   uint32_t rtt_side_by_side = 0;            // Tiles in one register, 1 to 4; 0: as many as fit.
   std::optional<LeafCulling> leaf_culling;  // SINGLE and PACKET alone.
-  // Another than kExact with SINGLE, PACKET and BRUTE_FORCE alone; answers are that test's then.
+  // Another than kExact with SINGLE, PACKET and BRUTE_FORCE alone (kHavelHeroutDotProduct not with
+  // PACKET); answers are that test's then.
   Intersector intersector = Intersector::kExact;
   uint32_t packet_side = 0;  // PACKET: 2, 4, 8 or 16; 0: the server's own choice.
+  // PACKET, tiles' shadows: packets of the pixels' own squares, misses moved to the first hit.
+  bool pixel_shadow_packets = false;
 };
 
 // What became of a streamed query as a whole.

@@ -167,6 +167,12 @@ HWY_INLINE Tested<O> DividedTest(V det, V t, V t_max, const FU& get_u, const FV&
 
 // ---- Preparing triangles (paper 003: equations 11, 6 and 8)
 
+// Whether the test goes by Havel and Herout's three planes.
+constexpr bool HasThreePlanes(Intersector kind) {
+  return kind == Intersector::kHavelHerout || kind == Intersector::kHavelHeroutDivided ||
+         kind == Intersector::kHavelHeroutDotProduct;
+}
+
 // Writes rows 0 .. 8 (or 11) of out. `axis` is r for the projecting tests; the others ignore it.
 template <class O, class V = typename O::V>
 HWY_INLINE void Prepare(Intersector kind, int axis, const Vec3V<V>& a, const Vec3V<V>& b,
@@ -185,7 +191,7 @@ HWY_INLINE void Prepare(Intersector kind, int axis, const Vec3V<V>& a, const Vec
     return;
   }
   const Vec3V<V> ab = Sub3<O>(b, a), ac = Sub3<O>(c, a);
-  if (kind == Intersector::kHavelHerout || kind == Intersector::kHavelHeroutDivided) {
+  if (HasThreePlanes(kind)) {
     const Vec3V<V> n = Cross3<O>(ab, ac);
     const V reciprocal = O::Div(O::Set(1.0f), Dot3<O>(n, n));
     const Vec3V<V> acn = Cross3<O>(ac, n), nab = Cross3<O>(n, ab);
@@ -337,7 +343,10 @@ HWY_INLINE Tested<O> TestMoellerTrumbore(const R& p, const TestedRay<O>& ray) {
 // One of the tests by its name. REQUIRES: a projecting test's ray is turned.
 template <Intersector kKind, class O, class R>
 HWY_INLINE Tested<O> Test(const R& p, const TestedRay<O>& ray) {
-  if constexpr (kKind == Intersector::kHavelHerout) return TestHavelHerout<O, true>(p, ray);
+  if constexpr (kKind == Intersector::kHavelHerout ||
+                kKind == Intersector::kHavelHeroutDotProduct) {
+    return TestHavelHerout<O, true>(p, ray);
+  }
   if constexpr (kKind == Intersector::kHavelHeroutDivided) return TestHavelHerout<O, false>(p, ray);
   if constexpr (kKind == Intersector::kWald) return TestWald<O>(p, ray);
   if constexpr (kKind == Intersector::kShevtsov) return TestShevtsov<O>(p, ray);
@@ -369,9 +378,36 @@ HWY_INLINE Vec3f TurnedToAxis(Vec3f v, int axis) {
   return axis == 0 ? Vec3f{v.y, v.z, v.x} : axis == 1 ? Vec3f{v.z, v.x, v.y} : v;
 }
 
+// Paper 003, section IV: kHavelHerout with the dot-product instruction. It adds (a + b) + (c + d).
+struct DotProductRay {
+  __m128 o, d;  // (x, y, z, 1) and (x, y, z, 0).
+  static HWY_INLINE DotProductRay Make(Vec3f o, Vec3f d) {
+    return {_mm_set_ps(1.0f, o.z, o.y, o.x), _mm_set_ps(0.0f, d.z, d.y, d.x)};
+  }
+};
+// REQUIRES: `value` is a PreparedTriangle's.
+HWY_INLINE Tested<ScalarOps<float>> TestByDotProducts(const float* value, const DotProductRay& ray,
+                                                      float t_max) {
+  const __m128 n = _mm_load_ps(value);
+  const __m128 turn = _mm_set_ps(1.0f, -1.0f, -1.0f, -1.0f);
+  const __m128 det4 = _mm_dp_ps(n, ray.d, 0x7F);
+  const __m128 t4 = _mm_dp_ps(_mm_mul_ps(turn, n), ray.o, 0xFF);
+  const auto point = [&]() HWY_ATTR {
+    return _mm_add_ps(_mm_mul_ps(ray.o, det4), _mm_mul_ps(t4, ray.d));
+  };
+  return DeferredTest<ScalarOps<float>>(
+      _mm_cvtss_f32(det4), _mm_cvtss_f32(t4), t_max,
+      [&]() HWY_ATTR { return _mm_cvtss_f32(_mm_dp_ps(point(), _mm_load_ps(value + 4), 0xF1)); },
+      [&]() HWY_ATTR { return _mm_cvtss_f32(_mm_dp_ps(point(), _mm_load_ps(value + 8), 0xF1)); });
+}
+
+// REQUIRES: `value` is a PreparedTriangle's.
 template <Intersector kKind>
 HWY_INLINE Tested<ScalarOps<float>> TestOne(const float* value, Vec3f o, Vec3f d, float t_max) {
   using O = ScalarOps<float>;
+  if constexpr (kKind == Intersector::kHavelHeroutDotProduct) {
+    return TestByDotProducts(value, DotProductRay::Make(o, d), t_max);
+  }
   if constexpr (kProjects<kKind>) {
     const int axis = static_cast<int>(value[kPreparedAxis]);
     o = TurnedToAxis(o, axis);
@@ -419,32 +455,6 @@ HWY_INLINE Tested<LaneOps<D>> TestTrianglesInLanes(const PreparedTriangles& tria
     turn(&ray.d);
   }
   return Test<kKind, O>(LaneRows<D>{triangles, first}, ray);
-}
-
-// Paper 003, section IV: kHavelHerout with the dot-product instruction. It adds (a + b) + (c + d).
-struct DotProductRay {
-  __m128 o, d;  // (x, y, z, 1) and (x, y, z, 0).
-  static HWY_INLINE DotProductRay Make(Vec3f o, Vec3f d) {
-    return {_mm_set_ps(1.0f, o.z, o.y, o.x), _mm_set_ps(0.0f, d.z, d.y, d.x)};
-  }
-};
-HWY_INLINE bool TestByDotProducts(const float* value, const DotProductRay& ray, float t_max,
-                                  IntersectorHit* hit) {
-  const __m128 n = _mm_load_ps(value);
-  const __m128 turn = _mm_set_ps(1.0f, -1.0f, -1.0f, -1.0f);
-  const __m128 det4 = _mm_dp_ps(n, ray.d, 0x7F);
-  const __m128 t4 = _mm_dp_ps(_mm_mul_ps(turn, n), ray.o, 0xFF);
-  using O = ScalarOps<float>;
-  const float det = _mm_cvtss_f32(det4), scaled_t = _mm_cvtss_f32(t4);
-  const auto point = [&]() HWY_ATTR {
-    return _mm_add_ps(_mm_mul_ps(ray.o, det4), _mm_mul_ps(t4, ray.d));
-  };
-  const Tested<O> r = DeferredTest<O>(
-      det, scaled_t, t_max,
-      [&]() HWY_ATTR { return _mm_cvtss_f32(_mm_dp_ps(point(), _mm_load_ps(value + 4), 0xF1)); },
-      [&]() HWY_ATTR { return _mm_cvtss_f32(_mm_dp_ps(point(), _mm_load_ps(value + 8), 0xF1)); });
-  if (r.hit) *hit = {r.t, r.u, r.v};
-  return r.hit;
 }
 
 }  // namespace HWY_NAMESPACE

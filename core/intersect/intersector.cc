@@ -40,6 +40,8 @@ auto WithIntersector(Intersector kind, const F& f) {
       return f(std::integral_constant<Intersector, Intersector::kShevtsov>());
     case Intersector::kKenslerShirley:
       return f(std::integral_constant<Intersector, Intersector::kKenslerShirley>());
+    case Intersector::kHavelHeroutDotProduct:
+      return f(std::integral_constant<Intersector, Intersector::kHavelHeroutDotProduct>());
     case Intersector::kExact:
       SIGHTLINE_CHECK(kind != Intersector::kExact) << "the predicate has no prepared triangles";
       break;
@@ -56,11 +58,6 @@ bool IntersectOne(Intersector kind, const PreparedTriangle& triangle, Vec3f o, V
     if (r.hit) *hit = {r.t, r.u, r.v};
     return r.hit;
   });
-}
-
-bool IntersectOneByDotProducts(const PreparedTriangle& triangle, Vec3f o, Vec3f d, float t_max,
-                               IntersectorHit* hit) {
-  return TestByDotProducts(triangle.value, DotProductRay::Make(o, d), t_max, hit);
 }
 
 // Lanes first .. first + lanes, as far as there are.
@@ -127,7 +124,7 @@ HWY_AFTER_NAMESPACE();
 namespace sightline {
 namespace {
 
-constexpr std::array<std::pair<Intersector, absl::string_view>, 7> kNames = {{
+constexpr std::array<std::pair<Intersector, absl::string_view>, 8> kNames = {{
     {Intersector::kExact, "EXACT"},
     {Intersector::kHavelHerout, "HAVEL_HEROUT"},
     {Intersector::kHavelHeroutDivided, "HAVEL_HEROUT_DIVIDED"},
@@ -135,6 +132,7 @@ constexpr std::array<std::pair<Intersector, absl::string_view>, 7> kNames = {{
     {Intersector::kShevtsov, "SHEVTSOV"},
     {Intersector::kKenslerShirley, "KENSLER_SHIRLEY"},
     {Intersector::kMoellerTrumbore, "MOELLER_TRUMBORE"},
+    {Intersector::kHavelHeroutDotProduct, "HAVEL_HEROUT_DOT_PRODUCT"},
 }};
 
 bool Wide() {
@@ -178,11 +176,6 @@ bool IntersectRay(Intersector intersector, const PredicateRay& ray, Vec3f a, Vec
   return Intersect(intersector, PrepareTriangle(intersector, a, b, c), ray.origin,
                    ray.RoundedDirection(),
                    ray.segment ? 1.0f : std::numeric_limits<float>::infinity(), hit);
-}
-
-bool IntersectByDotProducts(const PreparedTriangle& triangle, Vec3f origin, Vec3f direction,
-                            float t_max, IntersectorHit* hit) {
-  return N_AVX2::IntersectOneByDotProducts(triangle, origin, direction, t_max, hit);
 }
 
 void IntersectRays(Intersector intersector, const PreparedTriangle& triangle,

@@ -7,6 +7,9 @@
 //   kHavelHerout         Paper 003, section III: the triangle's plane and two planes perpendicular
 //                        to it whose scaled distances are the barycentrics; division deferred.
 //   kHavelHeroutDivided  The same planes, dividing before the barycentrics (section III, eq. 12).
+//   kHavelHeroutDotProduct
+//                        The first for one ray and one triangle, by SSE4.1's dot-product
+//                        instruction (section IV): the same bits, and in lanes the very first.
 //   kWald                Paper 003, section II A: projected along the normal's largest component.
 //   kShevtsov            Paper 003, section II B: projected likewise, division deferred.
 //   kKenslerShirley      Their search's result over raw corners (papers 000 and 003, reference 4).
@@ -20,7 +23,7 @@
 // One order of operations. Each test is written once (intersector-inl.h), for whatever holds a
 // number: dot products are (a + b) + (c + d), division is IEEE's, nothing is fused, zeros come out
 // as +0. So one ray against one triangle, rays in lanes and triangles in lanes give the same bits,
-// and so does the dot-product instruction of paper 003's section IV.
+// and so does the dot-product instruction.
 //
 // Range: products of a few coordinates are formed unscaled: kHavelHerout holds N·D·O, with |N| an
 // edge squared. Where that overflows a float (edge² · direction · distance beyond 2^127) the tests
@@ -53,14 +56,20 @@ enum class Intersector : uint8_t {
   kShevtsov = 4,
   kKenslerShirley = 5,
   kMoellerTrumbore = 6,
+  kHavelHeroutDotProduct = 7,  // For single rays: packets have no use for it.
 };
 
-inline constexpr std::array<Intersector, 6> kPaperIntersectors = {
-    Intersector::kHavelHerout, Intersector::kHavelHeroutDivided, Intersector::kWald,
-    Intersector::kShevtsov,    Intersector::kKenslerShirley,     Intersector::kMoellerTrumbore};
+inline constexpr std::array<Intersector, 7> kPaperIntersectors = {
+    Intersector::kHavelHerout,
+    Intersector::kHavelHeroutDivided,
+    Intersector::kWald,
+    Intersector::kShevtsov,
+    Intersector::kKenslerShirley,
+    Intersector::kMoellerTrumbore,
+    Intersector::kHavelHeroutDotProduct};
 
 // "EXACT", "HAVEL_HEROUT", "HAVEL_HEROUT_DIVIDED", "WALD", "SHEVTSOV", "KENSLER_SHIRLEY",
-// "MOELLER_TRUMBORE".
+// "MOELLER_TRUMBORE", "HAVEL_HEROUT_DOT_PRODUCT".
 absl::string_view IntersectorName(Intersector intersector);
 // By that name, in any case. InvalidArgument listing the names.
 absl::StatusOr<Intersector> ParseIntersector(absl::string_view name);
@@ -91,9 +100,6 @@ bool Intersect(Intersector intersector, const PreparedTriangle& triangle, Vec3f 
 // +inf for a ray. What a query with this intersector asks.
 bool IntersectRay(Intersector intersector, const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c,
                   IntersectorHit* hit);
-// kHavelHerout by SSE4.1's dot-product instruction (paper 003, section IV): the same bits.
-bool IntersectByDotProducts(const PreparedTriangle& triangle, Vec3f origin, Vec3f direction,
-                            float t_max, IntersectorHit* hit);
 
 // Rays in lanes. Invariant: rows are readable up to the next multiple of kMaxLanes.
 inline constexpr size_t kMaxIntersectorLanes = 16;

@@ -123,6 +123,7 @@ IntersectorCheck CheckIntersector(Intersector intersector, const PredicateRay& r
   simd::Tested<TrackedOps> r;
   switch (intersector) {
     case Intersector::kHavelHerout:
+    case Intersector::kHavelHeroutDotProduct:  // The same operations, in the same order.
       r = Run<Intersector::kHavelHerout>(rows, tracked);
       break;
     case Intersector::kHavelHeroutDivided:

@@ -48,6 +48,13 @@ absl::Status CheckWalkOptions(const QueryOptions& options) {
         " is for strategies SINGLE, PACKET and BRUTE_FORCE, not for ",
         StrategyName(options.strategy), ": ask for one of them, or for intersector EXACT"));
   }
+  if (options.intersector == Intersector::kHavelHeroutDotProduct &&
+      options.strategy == Strategy::kPacket) {
+    return absl::InvalidArgumentError(
+        "intersector HAVEL_HEROUT_DOT_PRODUCT tests one ray and one triangle at a time, for "
+        "strategies SINGLE and BRUTE_FORCE, not for PACKET: ask for one of them, or for "
+        "intersector HAVEL_HEROUT, which is the same test in lanes");
+  }
   if (std::find(kPacketSides.begin(), kPacketSides.end(), options.packet_side) ==
       kPacketSides.end()) {
     return absl::InvalidArgumentError(

@@ -69,11 +69,17 @@ struct QueryOptions {
   int rtt_side_by_side = 0;       // RttOptions::side_by_side, 0 .. kMaxRttSideBySide.
   // Culling within leaves: kSingle and kPacket alone. Its `tree` and `intersector` are not read.
   std::optional<LeafCulling> leaf_culling;
-  // The test that decides: another than the predicate with kSingle, kPacket and kBruteForce alone.
+  // The test that decides: another than the predicate with kSingle, kPacket and kBruteForce alone,
+  // kHavelHeroutDotProduct not with kPacket.
   Intersector intersector = Intersector::kExact;
   // kPacket alone: rays of so many pixels square, or as many of the points that follow one another,
   // walk together. One of kPacketSides.
   int packet_side = 16;
+  // kPacket alone, of a tile's shadows: a packet from the light is that of the pixels' own square.
+  // Where one of them hits nothing, the ray goes to the packet's first hit instead (paper 004,
+  // section 5), which keeps the packet together and costs no answer; statistics count it. Else
+  // packets hold hits alone, as they follow one another.
+  bool pixel_shadow_packets = false;
   SimdTarget simd = SimdTarget::kBest;  // REQUIRES: SimdTargetAvailable(simd).
   uint32_t mask = 0xFFFFFFFFu;
   const CancelToken* cancel = nullptr;  // Polled during traversal; may be null.

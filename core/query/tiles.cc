@@ -26,6 +26,7 @@ namespace {
 constexpr uint32_t kBlockSide = PixelBlockKernels::kSide;
 constexpr uint32_t kRunPixels = PixelBlockKernels::kRun;
 constexpr uint32_t kGroupSide = 4;
+constexpr uint32_t kNoPixel = 0xFFFFFFFFu;
 static_assert(kBlockSide * kBlockSide == kBlockRays && kGroupSide * kGroupSide == kGroupBlocks);
 
 absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
@@ -403,18 +404,40 @@ class TileTrace {
 
   // Appends the block's hits to the group's points; returns how many there are now.
   size_t PlacePoints(const TileRect& group, const TileRect& block, size_t points) {
-    const size_t first = FirstPixel(group, block);
+    const size_t first = FirstPixel(group, block), begin = points;
+    const auto add = [&](size_t lane, size_t pixel) {
+      positions_[points] = placed_[lane];
+      sources_[points] = packet_->triangle[lane];
+      point_pixel_[points++] = static_cast<uint32_t>(pixel);
+    };
+    const size_t none = static_cast<size_t>(packet_->count);
+    size_t stand_in = none;  // The first hit, for those that have none.
+    if (PixelShadowPackets()) {
+      for (stand_in = 0; stand_in < none; ++stand_in) {
+        if (packet_->triangle[stand_in] != kNoTriangle) break;
+      }
+    }
     ForEachRun(block, [&](const PixelRun& run) {
       for (uint32_t k = 0; k < run.count; ++k) {
-        const uint32_t lane = static_cast<uint32_t>(run.lane) + k;
-        if (packet_->triangle[lane] == kNoTriangle) continue;
-        positions_[points] = placed_[lane];
-        sources_[points] = packet_->triangle[lane];
-        point_pixel_[points++] =
-            static_cast<uint32_t>(first + size_t{run.y} * tile_.width + run.x + k);
+        const size_t lane = static_cast<size_t>(run.lane) + k;
+        if (packet_->triangle[lane] != kNoTriangle) {
+          add(lane, first + size_t{run.y} * tile_.width + run.x + k);
+        } else if (stand_in != none) {
+          add(stand_in, kNoPixel);
+        }
       }
     });
+    if (stand_in == none) return points;
+    // Packets at the tile's edge are filled up.
+    const auto side = static_cast<size_t>(run_.options().packet_side);
+    while (points - begin < side * side) add(stand_in, kNoPixel);
     return points;
+  }
+
+  // Whether the group's points hold more than hits: some stand in, and have no pixel.
+  bool PixelShadowPackets() const {
+    return outputs_.lit && run_.options().pixel_shadow_packets &&
+           run_.options().strategy == Strategy::kPacket;
   }
 
   absl::Status ShadeGroup(size_t points) {
@@ -434,9 +457,11 @@ class TileTrace {
       SL_RETURN_IF_ERROR(tracer_.Trace(s));
       uint8_t* row = out_.lit_bits.data() + s * row_bytes_;
       for (size_t i = 0; i < points; ++i) {
-        if (tracer_.triangle(i) == kNoTriangle) SetBit(row, point_pixel_[i]);
+        if (tracer_.triangle(i) != kNoTriangle || point_pixel_[i] == kNoPixel) continue;
+        SetBit(row, point_pixel_[i]);
       }
       for (size_t i = 0; i < points && outputs_.lit_answered_by; ++i) {
+        if (point_pixel_[i] == kNoPixel) continue;
         out_.lit_answered_by[s * pixels_ + point_pixel_[i]] = tracer_.answered_by(i);
       }
     }
@@ -447,11 +472,12 @@ class TileTrace {
   void SortPoints() {
     const size_t n = out_.point_pixel.size();
     std::vector<uint32_t> at(pixels_, kNoTriangle);
-    for (size_t i = 0; i < n; ++i) at[out_.point_pixel[i]] = static_cast<uint32_t>(i);
+    for (size_t i = 0; i < n; ++i) {
+      if (out_.point_pixel[i] != kNoPixel) at[out_.point_pixel[i]] = static_cast<uint32_t>(i);
+    }
     PreparedPoints sorted;
     sorted.positions.reserve(n);
     sorted.sources.reserve(n);
-    sorted.valid.assign(n, 1);
     size_t next = 0;
     for (size_t pixel = 0; pixel < pixels_; ++pixel) {
       if (at[pixel] == kNoTriangle) continue;
@@ -459,6 +485,8 @@ class TileTrace {
       sorted.sources.push_back(out_.points.sources[at[pixel]]);
       out_.point_pixel[next++] = static_cast<uint32_t>(pixel);
     }
+    sorted.valid.assign(next, 1);
+    out_.point_pixel.resize(next);
     out_.points = std::move(sorted);
   }
 

@@ -103,6 +103,7 @@ class PacketLeaf {
       for (uint32_t i = 0; i < count; ++i) {
         Corners corners = Corners::kUnknown;
         if (edges) {
+          ++stats_->aperture_tests;
           corners = slopes_.AgainstEdges(facing[i], frustum);
           if (corners == Corners::kOutside) continue;
           if (culling_.near_far && culling_.aperture_first && !NearEnough(leaf, facing[i], limit)) {
@@ -144,6 +145,7 @@ class PacketLeaf {
                        uint32_t begin) {
     for (uint32_t g = begin; g < lanes_.groups(); ++g) {
       if (met[g] == 0) continue;
+      if (!kEdges) stats_->edges_spared += std::popcount(met[g]);
       met[g] &= ~lanes_.template Test<kEdges>(leaf, f, g, met[g]);
     }
   }
@@ -171,6 +173,7 @@ class PacketLeaf {
   uint32_t TestGroup(const float* value, uint32_t group, uint32_t asked, uint32_t id) {
     switch (culling_.intersector) {
       case Intersector::kHavelHerout:
+      case Intersector::kHavelHeroutDotProduct:
         return TestGroupBy<Intersector::kHavelHerout>(value, group, asked, id);
       case Intersector::kHavelHeroutDivided:
         return TestGroupBy<Intersector::kHavelHeroutDivided>(value, group, asked, id);

@@ -104,6 +104,7 @@ class RayBoxLeaf {
         query_(query),
         stats_(stats),
         direction_(query.ray.RoundedDirection()),
+        dot_ray_(DotProductRay::Make(query.ray.origin, direction_)),
         box_ray_(BoxRay::Make(query.ray.origin, direction_)) {}
 
   const BoxRay& box_ray() const { return box_ray_; }
@@ -229,6 +230,8 @@ class RayBoxLeaf {
         return TestOne<Intersector::kShevtsov>(value, o, d, t_max);
       case Intersector::kKenslerShirley:
         return TestOne<Intersector::kKenslerShirley>(value, o, d, t_max);
+      case Intersector::kHavelHeroutDotProduct:
+        return TestByDotProducts(value, dot_ray_, t_max);
       case Intersector::kExact:
       case Intersector::kMoellerTrumbore:
         break;
@@ -241,6 +244,7 @@ class RayBoxLeaf {
   const TraceRay& query_;
   WalkStats* const stats_;
   const Vec3f direction_;
+  const DotProductRay dot_ray_;
   const BoxRay box_ray_;
   Mailbox mailbox_;
 };

@@ -221,10 +221,9 @@ class RttList {
   }
 
   // Where the corners have certainly passed its plane, as every ray's distance has; +inf if that
-  // cannot be said, or does not count (kd_tree.h, 3).
+  // cannot be said.
   float LimitOf(Vec3f a, Vec3f b, Vec3f c) const {
     constexpr float kNone = std::numeric_limits<float>::infinity();
-    if (scene_.kd_tree->perfect()) return kNone;
     const Vec3d o = ToDouble(shaft_.origin()), ad = ToDouble(a);
     const Vec3d ab = ToDouble(b) - ad, ac = ToDouble(c) - ad;
     const Vec3d normal = Cross(ab, ac);

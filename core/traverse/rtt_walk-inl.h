@@ -25,7 +25,9 @@
 //  * rays without end: beyond the scene, or, for closest hits, beyond a triangle that covers the
 //    shaft (rtt_list-inl.h). H with the ends at its plane, and a little further, holds the part of
 //    each ray that counts: in this part a closer triangle's box begins (kd_tree.h, 2), and in one
-//    of the cells there the triangle stands.
+//    of the cells there the triangle stands. With perfect splits it need not stand in those cells
+//    (kd_tree.h, 3), but only in nodes whose `reach` meets this H, since the triangle's whole box
+//    does: others are passed by, told by the box around H (kHullMargin), and all cells are walked.
 // Hence the rule for shadows: every end must lie in the shaft (RttShaft verifies it), whether the
 // receivers are coplanar or not; and that for first hits: a covering triangle, or a walk through
 // the whole scene.
@@ -83,7 +85,8 @@ class RttWalk {
         tiles_(tiles),
         count_(count),
         origin_(tiles[0].shaft.origin()),
-        stats_(stats) {
+        stats_(stats),
+        perfect_(tree_.perfect()) {
     HWY_ALIGN float inv[4 * kTiles];
     for (int axis = 0; axis < 3; ++axis) {
       for (int i = 0; i < 4 * kTiles; ++i) {
@@ -105,11 +108,12 @@ class RttWalk {
       std::fill_n(limit_ + 4 * i, 4, shaft.segments() ? kSegmentEnd : shaft.EndOf(tree_.bounds));
     }
     walking_ = all;
-    parted_ = 0;
+    parted_ = hulls_known_ = 0;
     Pending at = {0, all, 0, hn::Zero(d), hn::Load(d, limit_)};
     Pending stack[kKdStackSize];
     int depth = 0;
     while (true) {
+      if (perfect_) at.tiles &= ~PassedBy(at.node, at.tiles);
       Part(at.tiles & at.last);
       at.tiles &= walking_;
       if (at.tiles != 0) {
@@ -135,6 +139,9 @@ class RttWalk {
   using M = hn::Mask<D>;
   static_assert(hn::MaxLanes(D()) == 4 * kTiles, "a tile is four lanes of the register");
 
+  // A product and a sum in doubles are off by 2^-53 each of the largest number in them.
+  static constexpr double kHullMargin = 0x1p-50;
+
   // Tiles are named by the bit of their first lane.
   static constexpr uint32_t kEveryTile = 0x1111u & ((1u << (4 * kTiles)) - 1);
 
@@ -159,6 +166,45 @@ class RttWalk {
   static HWY_INLINE M Before(V a, V b) {
     const D d;
     return hn::Lt(hn::MulAdd(a, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)), b);
+  }
+
+  // Of some tiles, those for which nothing below the node counts.
+  uint32_t PassedBy(uint32_t node, uint32_t tiles) const {
+    const Box3f& reach = tree_.reach[node];
+    uint32_t passed = 0;
+    for (uint32_t left = tiles & hulls_known_; left != 0; left &= left - 1) {
+      const int bit = std::countr_zero(left);
+      const auto& [lo, hi] = hulls_[bit / 4];
+      if (reach.lo.x > hi.x || reach.hi.x < lo.x || reach.lo.y > hi.y || reach.hi.y < lo.y ||
+          reach.lo.z > hi.z || reach.hi.z < lo.z) {
+        passed |= 1u << bit;
+      }
+    }
+    return passed;
+  }
+
+  // Finds the box around a tile's H, cut behind a triangle that covers it, where there is one.
+  void BoundHull(int bit) {
+    const RttTile& tile = tiles_[bit / 4];
+    const double end = double{tile.list->limit()} + kBoxExitShift;
+    if (!(end < std::numeric_limits<double>::infinity())) return;
+    const Vec3d origin = ToDouble(origin_);
+    Box3d hull = {origin, origin};
+    double size = MaxAbs(origin_);
+    for (int i = 0; i < 4; ++i) {
+      const Vec3d along = ToDouble(tile.shaft.direction(i)) * end;
+      for (int k = 0; k < 3; ++k) {
+        hull.lo[k] = std::min(hull.lo[k], origin[k] + along[k]);
+        hull.hi[k] = std::max(hull.hi[k], origin[k] + along[k]);
+        size = std::max(size, std::abs(along[k]));
+      }
+    }
+    for (int k = 0; k < 3; ++k) {
+      hull.lo[k] -= size * kHullMargin;
+      hull.hi[k] += size * kHullMargin;
+    }
+    hulls_[bit / 4] = hull;
+    hulls_known_ |= 1u << bit;
   }
 
   // These are not coherent.
@@ -236,6 +282,8 @@ class RttWalk {
             Part(1u << bit);
           } else if (list.blocker() != kNoTriangle) {
             walking_ &= ~(1u << bit);  // All is known.
+          } else if (perfect_) {
+            BoundHull(bit);
           } else {
             for (int i = 0; i < 4; ++i) limit_[bit + i] = std::min(limit_[bit + i], list.limit());
           }
@@ -250,7 +298,10 @@ class RttWalk {
   const int count_;
   const Vec3f origin_;
   WalkStats* const stats_;
+  const bool perfect_;
   uint32_t walking_ = 0, parted_ = 0;
+  uint32_t hulls_known_ = 0;  // With perfect splits: tiles of which `hulls_` are bounds.
+  Box3d hulls_[kTiles];
   V inv_[3];
   HWY_ALIGN float limit_[4 * kTiles];  // Nothing that corners enter after this counts.
 };

@@ -70,6 +70,8 @@ static_assert(static_cast<int>(Intersector::kKenslerShirley) + kFirstIntersector
               v1::INTERSECTOR_KENSLER_SHIRLEY);
 static_assert(static_cast<int>(Intersector::kMoellerTrumbore) + kFirstIntersector ==
               v1::INTERSECTOR_MOELLER_TRUMBORE);
+static_assert(static_cast<int>(Intersector::kHavelHeroutDotProduct) + kFirstIntersector ==
+              v1::INTERSECTOR_HAVEL_HEROUT_DOT_PRODUCT);
 
 absl::StatusOr<Intersector> DecodeIntersector(v1::Intersector intersector) {
   if (intersector == v1::INTERSECTOR_UNSPECIFIED) return Intersector::kExact;
@@ -168,6 +170,7 @@ absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options) {
   if (options.packet_side() > 0) {
     result.query.packet_side = static_cast<int>(options.packet_side());
   }
+  result.query.pixel_shadow_packets = options.pixel_shadow_packets();
   result.statistics = options.statistics();
   return result;
 }

@@ -88,6 +88,7 @@ VerifyRound::Way VerifyRound::OtherOnBvh() {
   Way way = others[random_.Below(others.size())];
   if (way.culling) way.culling = SomeCulling();
   way.packet_side = kPacketSides[random_.Below(kPacketSides.size())];
+  way.pixel_shadow_packets = random_.Chance(0.5);
   return way;
 }
 
@@ -114,6 +115,7 @@ VerifyRound::Way VerifyRound::OnAnotherTree() {
   }
   Way way = ways[random_.Below(ways.size())];
   way.packet_side = kPacketSides[random_.Below(kPacketSides.size())];
+  way.pixel_shadow_packets = random_.Chance(0.5);
   if (SimdTargetAvailable(SimdTarget::kAvx512) && random_.Chance(0.5)) {
     way.simd = SimdTarget::kAvx512;
   } else {
@@ -132,6 +134,7 @@ QueryOptions VerifyRound::Ask(const Way& way) const {
           .rtt_shared_edges = rtt_shared_edges_,
           .leaf_culling = way.culling,
           .packet_side = way.packet_side,
+          .pixel_shadow_packets = way.pixel_shadow_packets,
           .simd = way.simd,
           .mask = mask_};
 }

@@ -41,6 +41,7 @@ class VerifyRound {
     Structure structure = Structure::kAuto;
     std::optional<LeafCulling> culling = std::nullopt;
     int packet_side = 16;
+    bool pixel_shadow_packets = false;
     bool bit_by_bit = false;  // Points handed over in parts, each with the hints of the last.
     // Of the tallies: without what is drawn by lot for each round.
     std::string Name() const;

@@ -41,6 +41,9 @@ constexpr int kListed = 4;  // Of an intersector's disagreements in one scene.
 std::vector<QueryOptions> WaysBy(Intersector intersector) {
   std::vector<QueryOptions> ways;
   for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket}) {
+    if (strategy == Strategy::kPacket && intersector == Intersector::kHavelHeroutDotProduct) {
+      continue;  // For single rays.
+    }
     for (const Structure structure : {Structure::kBvh, Structure::kKdTree}) {
       for (const bool culls : {false, true}) {
         QueryOptions options;

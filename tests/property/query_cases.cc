@@ -149,7 +149,7 @@ std::string Way::Name() const {
          std::string(structure_name.data(), structure_name.size()) + ", antialiasing " +
          std::to_string(rtt_antialiasing) + ", " + std::to_string(rtt_side_by_side) +
          " side by side" + (leaf_culling ? ", culling in leaves" : "") + ", packets of " +
-         std::to_string(packet_side);
+         std::to_string(packet_side) + (pixel_shadow_packets ? ", of shadows by pixels" : "");
 }
 
 std::vector<Way> AllWays(bool kd_tree) {
@@ -171,7 +171,8 @@ std::vector<Way> AllWays(bool kd_tree) {
                       .simd = simd,
                       .structure = structure,
                       .leaf_culling = LeafCulling(),
-                      .packet_side = structure == Structure::kBvh ? 4 : 8});
+                      .packet_side = structure == Structure::kBvh ? 4 : 8,
+                      .pixel_shadow_packets = structure == Structure::kBvh});
     }
     if (!kd_tree) continue;
     for (const Strategy strategy :

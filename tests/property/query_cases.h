@@ -63,6 +63,7 @@ struct Way {
   int rtt_side_by_side = 0;
   std::optional<LeafCulling> leaf_culling = {};
   int packet_side = 16;
+  bool pixel_shadow_packets = false;
   std::string Name() const;
   QueryOptions Options(uint32_t mask = 0xFFFFFFFFu) const {
     return {.strategy = strategy,
@@ -72,6 +73,7 @@ struct Way {
             .rtt_side_by_side = rtt_side_by_side,
             .leaf_culling = leaf_culling,
             .packet_side = packet_side,
+            .pixel_shadow_packets = pixel_shadow_packets,
             .simd = simd,
             .mask = mask};
   }

@@ -264,12 +264,15 @@ TEST(OptionsCodecTest, IntersectorsAndPacketsAreKnownOrRefused) {
     options.set_intersector(wire);
     EXPECT_EQ(DecodeOptions(options)->query.intersector, intersector);
   }
-  options.set_intersector(static_cast<v1::Intersector>(8));
-  ExpectInvalid(DecodeOptions(options).status(), "options.intersector = 8",
+  options.set_intersector(static_cast<v1::Intersector>(9));
+  ExpectInvalid(DecodeOptions(options).status(), "options.intersector = 9",
                 v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
   options.clear_intersector();
   options.set_packet_side(4);
   EXPECT_EQ(DecodeOptions(options)->query.packet_side, 4);
+  EXPECT_FALSE(DecodeOptions(options)->query.pixel_shadow_packets);
+  options.set_pixel_shadow_packets(true);
+  EXPECT_TRUE(DecodeOptions(options)->query.pixel_shadow_packets);
   options.set_packet_side(17);
   ExpectInvalid(DecodeOptions(options).status(), "options.packet_side = 17");
 }

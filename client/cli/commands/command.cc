@@ -2,14 +2,17 @@
 #include "client/cli/commands/command.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <iterator>
 #include <string>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/file.h"
 
@@ -41,7 +44,8 @@ constexpr Word<client::Intersector> kIntersectors[] = {
     {"wald", client::Intersector::kWald},
     {"shevtsov", client::Intersector::kShevtsov},
     {"kensler-shirley", client::Intersector::kKenslerShirley},
-    {"moeller-trumbore", client::Intersector::kMoellerTrumbore}};
+    {"moeller-trumbore", client::Intersector::kMoellerTrumbore},
+    {"havel-herout-dot-product", client::Intersector::kHavelHeroutDotProduct}};
 
 template <typename T, size_t kCount>
 std::vector<std::string> WordsOf(const Word<T> (&words)[kCount]) {
@@ -58,6 +62,9 @@ T ValueOf(const Word<T> (&words)[kCount], const std::string& name) {
   }
   return result;
 }
+
+constexpr absl::string_view kRayBoxFrom = "ray-box-from=";
+constexpr uint32_t kMostRayBoxFrom = 1u << 20;  // The server's limit.
 
 // The words of --leaf-culling.
 absl::Status ParseLeafCulling(const std::string& text,
@@ -83,11 +90,19 @@ absl::Status ParseLeafCulling(const std::string& text,
       result.node_test = client::NodeTest::kCorners;
     } else if (word == "all-ray-nodes") {
       result.node_test = client::NodeTest::kAllRays;
+    } else if (absl::string_view number = word; absl::ConsumePrefix(&number, kRayBoxFrom)) {
+      uint32_t least = 0;
+      if (!absl::SimpleAtoi(number, &least) || least < 1 || least > kMostRayBoxFrom) {
+        return UsageError(absl::StrCat("'", word, "': ", kRayBoxFrom,
+                                       "N takes a whole number from ", "1 to ", kMostRayBoxFrom));
+      }
+      result.ray_box = true;
+      result.ray_box_min_triangles = least;
     } else {
       std::string names;
       for (const auto& [name, target] : switches) absl::StrAppend(&names, name, ", ");
       return UsageError(absl::StrCat("'", word, "' is none of ", names,
-                                     "rows, masked, corner-nodes, all-ray-nodes"));
+                                     "rows, masked, corner-nodes, all-ray-nodes, ray-box-from=N"));
     }
   }
   *culling = result;
@@ -132,7 +147,7 @@ void StrategyFlags::Register(FlagSet* flags) {
   flags->Count(
       "rtt-antialiasing", "N",
       "with RTT: the picture will be averaged over N by N of its pixels, so that tiles are "
-      "4N by 4N",
+      "4N by 4N; tiles of shadows hold 256 rays at most: 3 is as 1 for them, 5 and 6 are as 4",
       &rtt_antialiasing, 1, 6);
   flags->Switch("rtt-shared-edges",
                 "with RTT: let two triangles that share an edge end a tile's corner rays",
@@ -145,16 +160,21 @@ void StrategyFlags::Register(FlagSet* flags) {
       "what is left out within leaves: with PACKET side-planes, near-far, aperture, "
       "aperture-first, skip-edges, rows or masked (the frustum's rays), first-axis, ray-mask, "
       "split-to-rays, and how nodes are tested, corner-nodes or all-ray-nodes; with SINGLE "
-      "ray-box, ray-box-fixed, mailbox; on KD_TREE also cell-boxes, the cells for the leaves' "
+      "ray-box, ray-box-fixed, ray-box-from=N (a ray-box in leaves of N triangles or more alone), "
+      "mailbox; on KD_TREE also cell-boxes, the cells for the leaves' "
       "boxes",
       "", [this](const std::string& text) { return ParseLeafCulling(text, &leaf_culling); });
   intersector = kIntersectors[0].first;
   flags->Choice("intersector", WordsOf(kIntersectors),
                 "with SINGLE, PACKET or BRUTE_FORCE, the ray-triangle test that decides; all but "
-                "exact round as they were published",
+                "exact round as they were published, havel-herout-dot-product not with PACKET",
                 &intersector);
   flags->Count("packet-side", "N", "with PACKET, the pixels along a packet's side: 2, 4, 8 or 16",
                &packet_side, 2, 16);
+  flags->Switch("pixel-shadow-packets",
+                "with PACKET, let a packet of a picture's shadow rays be that of its pixels' "
+                "square, those that hit nothing moved to its first hit",
+                &pixel_shadow_packets);
 }
 
 void StrategyFlags::Apply(client::QueryOptions* options) const {
@@ -166,6 +186,7 @@ void StrategyFlags::Apply(client::QueryOptions* options) const {
   options->leaf_culling = leaf_culling;
   options->intersector = ValueOf(kIntersectors, intersector);
   options->packet_side = static_cast<uint32_t>(packet_side);
+  options->pixel_shadow_packets = pixel_shadow_packets;
 }
 
 std::optional<client::KdTreeOptions> StrategyFlags::KdTree() const {

@@ -63,6 +63,7 @@ struct StrategyFlags {
   std::optional<client::LeafCulling> leaf_culling;
   std::string intersector;
   uint64_t packet_side = 16;
+  bool pixel_shadow_packets = false;
 
   // --strategy, --structure and what RTT goes by; AUTO unless said otherwise.
   void Register(FlagSet* flags);

@@ -47,10 +47,10 @@ uint64_t PassDotProduct(const bench::PassData& data) {
     const DotProductRay ray = DotProductRay::Make(data.origins[r], data.directions[r]);
     float nearest = kFar;
     for (size_t i = 0; i < data.triangles.size(); ++i) {
-      IntersectorHit hit;
-      if (!TestByDotProducts(data.triangles.data()[i].value, ray, nearest, &hit)) continue;
+      const auto test = TestByDotProducts(data.triangles.data()[i].value, ray, nearest);
+      if (!test.hit) continue;
       ++hits;
-      if (!kWorst) nearest = hit.t;
+      if (!kWorst) nearest = test.t;
     }
   }
   return hits;
@@ -98,8 +98,11 @@ uint64_t PassRays(const bench::PassData& data) {
 template <Intersector kKind, bool kWorst>
 uint64_t PassOfKind(const bench::PassSpec& spec, const bench::PassData& data) {
   using bench::PassForm;
-  if (spec.form == PassForm::kOne) return PassOne<kKind, kWorst>(data);
-  if (spec.form == PassForm::kDotProduct) return PassDotProduct<kWorst>(data);
+  if (spec.form == PassForm::kOne) {
+    // The ray is laid out once, as the paper has it.
+    if constexpr (kKind == Intersector::kHavelHeroutDotProduct) return PassDotProduct<kWorst>(data);
+    return PassOne<kKind, kWorst>(data);
+  }
 #if HWY_TARGET == HWY_AVX3
   using D = hn::CappedTag<float, 16>;
   return spec.form == PassForm::kRays ? PassRays<kKind, D, kWorst>(data)
@@ -132,6 +135,8 @@ uint64_t AnyPass(const bench::PassSpec& spec, const bench::PassData& data) {
       return PassOfSpec<Intersector::kShevtsov>(spec, data);
     case Intersector::kKenslerShirley:
       return PassOfSpec<Intersector::kKenslerShirley>(spec, data);
+    case Intersector::kHavelHeroutDotProduct:
+      return PassOfSpec<Intersector::kHavelHeroutDotProduct>(spec, data);
     case Intersector::kMoellerTrumbore:
     case Intersector::kExact:
       break;

@@ -24,10 +24,9 @@
 namespace sightline::bench {
 
 enum class PassForm : uint8_t {
-  kOne,         // One ray, one triangle at a time.
-  kDotProduct,  // Likewise, by the dot-product instruction; kHavelHerout alone.
-  kTriangles,   // One ray, triangles in lanes.
-  kRays,        // Rays in lanes, one triangle.
+  kOne,        // One ray, one triangle at a time: all there is of kHavelHeroutDotProduct.
+  kTriangles,  // One ray, triangles in lanes.
+  kRays,       // Rays in lanes, one triangle.
 };
 
 struct PassSpec {

@@ -68,7 +68,7 @@ TEST(CompareHitsTest, NothingExcusesWhatIsCertain) {
   }
 }
 
-// In doubt, but nearer than the truth: a walk puts the ray to no triangle that brute force does not.
+// In doubt, but nearer than the truth: a walk asks about no triangle that brute force leaves out.
 TEST(CompareHitsTest, NothingNearerIsExcused) {
   const SceneGeometry geometry = Three();
   const PredicateRay edge = Up(0.5f, 0);

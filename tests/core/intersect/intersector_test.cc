@@ -126,6 +126,7 @@ TEST(IntersectorTest, TrianglesInLanesHaveOneTrianglesBits) {
   EXPECT_GT(hits_seen, ScaledCount(4000));
 }
 
+// One ray and one triangle: in lanes both are the one test.
 TEST(IntersectorTest, TheDotProductInstructionGivesTheSameBits) {
   TestRng rng;
   TriangleCases cases(rng);
@@ -133,11 +134,16 @@ TEST(IntersectorTest, TheDotProductInstructionGivesTheSameBits) {
   for (int64_t n = ScaledCount(200'000); n > 0; --n) {
     const TriangleCase c = cases.Next();
     const PreparedTriangle triangle = PrepareTriangle(Intersector::kHavelHerout, c.a, c.b, c.c);
+    const PreparedTriangle same =
+        PrepareTriangle(Intersector::kHavelHeroutDotProduct, c.a, c.b, c.c);
+    for (int k = 0; k < kPreparedFloats; ++k) {
+      ASSERT_TRUE(SameBits(triangle.value[k], same.value[k])) << c << ", row " << k;
+    }
     const Vec3f o = c.ray.origin, d = c.ray.RoundedDirection();
     const float t_max = TMax(c, rng);
     IntersectorHit one, dotted;
     const bool hit = Intersect(Intersector::kHavelHerout, triangle, o, d, t_max, &one);
-    ASSERT_EQ(IntersectByDotProducts(triangle, o, d, t_max, &dotted), hit) << c;
+    ASSERT_EQ(Intersect(Intersector::kHavelHeroutDotProduct, same, o, d, t_max, &dotted), hit) << c;
     if (!hit) continue;
     ++hits_seen;
     ASSERT_TRUE(SameBits(one.t, dotted.t) && SameBits(one.u, dotted.u) && SameBits(one.v, dotted.v))

@@ -1,16 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What the options of leaf culling do to the counts of one fixed picture, and the size of packets:
-// one that nobody reads would change none. The order of tests (aperture_first), the edge tests left
-// out (skip_edges), the order of a node's rays (node_test) and `split` change the cost alone, which
-// no count tells.
+// one that nobody reads would change none. And that perfect splits, whose cells bound no distance,
+// do not make closest hits look through the whole scene.
 #include "core/traverse/leaf_culling.h"
 
+#include <cmath>
 #include <cstdint>
+#include <memory>
+#include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "core/accel/binary_bvh_builder.h"
 #include "core/accel/kd_builder.h"
 #include "core/query/tiles.h"
+#include "core/traverse/culled_kernels.h"
+#include "core/traverse/trace_ray.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
 
@@ -141,6 +146,129 @@ TEST(LeafCullingTest, CellsAreLargerThanStoredBoxes) {
     EXPECT_GT(
         Count(strategy, Structure::kKdTree, With(kAll, &LeafCulling::cell_boxes, true)).leaves,
         Count(strategy, Structure::kKdTree, kAll).leaves);
+  }
+}
+
+// ---- What only a walk's own counts tell
+
+// Packets of side × side rays, 64 × 64 in all. `direction` of column and row, both in -1 .. 1.
+template <typename Fn>
+WalkStats Walk(const LeafCulling& culling, int side, Vec3f eye, const Fn& direction) {
+  WalkStats stats;
+  const auto packet = std::make_unique<RayPacket>();
+  packet->origin = eye;
+  packet->segments = false;
+  packet->count = side * side;
+  const int packets = 64 / side;
+  for (int p = 0; p < packets * packets; ++p) {
+    for (int i = 0; i < packet->count; ++i) {
+      const int x = p % packets * side + i % side, y = p / packets * side + i / side;
+      const Vec3f d =
+          direction((static_cast<float>(x) - 31.5f) / 32, (static_cast<float>(y) - 31.5f) / 32);
+      packet->target_x[i] = d.x;
+      packet->target_y[i] = d.y;
+      packet->target_z[i] = d.z;
+      packet->target_source[i] = kNoTriangle;
+    }
+    EXPECT_TRUE(CulledKernelsFor(SimdTarget::kAvx2)
+                    .closest_packet(Scene(), culling, *packet, nullptr, &stats));
+  }
+  return stats;
+}
+
+// From above.
+WalkStats WalkDown(const LeafCulling& culling, int side) {
+  return Walk(culling, side, {0.03f, 0.05f, 9}, [](float x, float y) {
+    return Vec3f{0.4f * x, 0.4f * y, -1};
+  });
+}
+
+// The same triangles are left over, whichever test comes first; more come to the first.
+TEST(LeafCullingTest, TheOrderOfTestsDecidesHowManyComeToEach) {
+  LeafCulling planes_first;
+  planes_first.side_planes = false;  // They would leave little to the others.
+  LeafCulling aperture_first = planes_first;
+  aperture_first.aperture_first = true;
+  const WalkStats a = WalkDown(planes_first, 4), b = WalkDown(aperture_first, 4);
+  EXPECT_LT(a.aperture_tests, b.aperture_tests);
+  EXPECT_EQ(a.triangle_tests, b.triangle_tests);
+  EXPECT_EQ(a.culled_tests, b.culled_tests);
+  EXPECT_EQ(WalkDown(kNone, 16).aperture_tests, 0u);
+}
+
+TEST(LeafCullingTest, EdgesAreSparedWhereAllCornerRaysAreInside) {
+  LeafCulling spares, tests;
+  tests.skip_edges = false;
+  const WalkStats a = WalkDown(spares, 2), b = WalkDown(tests, 2);
+  EXPECT_GT(a.edges_spared, a.triangle_tests / 50);
+  EXPECT_EQ(b.edges_spared, 0u);
+  EXPECT_EQ(a.triangle_tests, b.triangle_tests);
+}
+
+// Each way comes to the same nodes, by fewer and fewer tests of boxes.
+TEST(LeafCullingTest, NodeTestsSpareTestsOfBoxes) {
+  uint64_t tests = UINT64_MAX, nodes = 0;
+  for (const NodeTest test : {NodeTest::kAllRays, NodeTest::kFirstActive, NodeTest::kCorners}) {
+    LeafCulling culling;
+    culling.node_test = test;
+    const WalkStats now = WalkDown(culling, 16);
+    EXPECT_LT(now.box_tests, tests) << static_cast<int>(test);
+    tests = now.box_tests;
+    if (nodes != 0) {
+      EXPECT_EQ(now.nodes, nodes);
+    }
+    nodes = now.nodes;
+  }
+}
+
+// From amid the scene: packets whose rays go both ways along each axis, but halves up or down.
+TEST(LeafCullingTest, PacketsWithoutAnAxisArePartedOrGoRayByRay) {
+  LeafCulling halves, rays;
+  rays.split = PacketSplit::kSingleRays;
+  const auto around = [](float x, float y) {
+    const int row = static_cast<int>(std::lround(32 * y + 31.5f));
+    return Vec3f{0.3f * std::sin(40 * x), 0.3f * std::sin(50 * y), row % 16 < 8 ? 1.0f : -1.0f};
+  };
+  const WalkStats a = Walk(halves, 16, {0.3f, 0.2f, 2.5f}, around),
+                  b = Walk(rays, 16, {0.3f, 0.2f, 2.5f}, around);
+  EXPECT_LT(a.nodes, b.nodes);
+  // Where all go down there is an axis, and nothing to part.
+  EXPECT_EQ(WalkDown(halves, 16).nodes, WalkDown(rays, 16).nodes);
+}
+
+// ---- Perfect splits
+
+// Many floors below one another: closest hits that do not end early come to all of them.
+TEST(LeafCullingTest, ClosestHitsEndEarlyOverPerfectSplits) {
+  std::vector<ObjectInput> floors;
+  for (int i = 0; i < 40; ++i) {
+    floors.push_back(MakeTerrain(10, 8, {-4, -4, -1.0 * i}));
+    floors.back().name = absl::StrCat("floor ", i);
+  }
+  IndexedGeometry scene = MakeScene(floors);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.3, kSide);
+  ThreadPool pool(1);
+  const auto count = [&](Strategy strategy, bool culls, bool perfect) {
+    scene.kd_tree = BuildKdTree(scene.geometry, {.perfect_splits = perfect}, pool).value();
+    EXPECT_EQ(scene.kd_tree->perfect(), perfect);
+    TileResult tile;
+    QueryOptions options{
+        .strategy = strategy, .structure = Structure::kKdTree, .simd = SimdTarget::kAvx2};
+    if (culls) options.leaf_culling = LeafCulling();
+    EXPECT_TRUE(
+        TraceTile(scene, camera, {0, 0, kSide, kSide}, {}, {.ids = true}, options, &tile).ok());
+    return tile.primary;
+  };
+  for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket, Strategy::kRtt}) {
+    for (const bool culls : {false, true}) {
+      if (culls && strategy == Strategy::kRtt) continue;
+      const QueryStats plain = count(strategy, culls, false),
+                       perfect = count(strategy, culls, true);
+      EXPECT_LT(perfect.nodes, 3 * plain.nodes) << StrategyName(strategy) << ' ' << culls;
+      EXPECT_LT(perfect.leaves, 3 * plain.leaves) << StrategyName(strategy) << ' ' << culls;
+      EXPECT_LT(perfect.triangle_tests, 3 * plain.triangle_tests)
+          << StrategyName(strategy) << ' ' << culls;
+    }
   }
 }
 

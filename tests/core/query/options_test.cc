@@ -92,6 +92,13 @@ TEST(OptionsTest, WhatASceneLacksIsNamed) {
     EXPECT_TRUE(
         CheckOptions(scene, {.strategy = strategy, .intersector = Intersector::kWald}).ok());
   }
+  for (const Strategy strategy : {Strategy::kSingle, Strategy::kBruteForce}) {
+    EXPECT_TRUE(CheckOptions(scene, {.strategy = strategy,
+                                     .intersector = Intersector::kHavelHeroutDotProduct})
+                    .ok());
+  }
+  expect({.strategy = Strategy::kPacket, .intersector = Intersector::kHavelHeroutDotProduct},
+         kInvalid, "for strategies SINGLE and BRUTE_FORCE, not for PACKET");
   expect({.strategy = Strategy::kShaft, .intersector = Intersector::kWald}, kInvalid,
          "intersector WALD is for strategies SINGLE, PACKET and BRUTE_FORCE, not for SHAFT");
   expect({.strategy = Strategy::kPacket, .packet_side = 3}, kInvalid, "packet_side = 3");

@@ -198,6 +198,11 @@ TEST_F(CliTest, StrategyPictureTellsWhatAnswered) {
                   shaft["packet"].get<double>() + shaft["ray"].get<double>(),
               1, 1e-9);
   EXPECT_EQ(shares({"--strategy", "SINGLE"})["ray"], 1.0);
+  // Tiles by their lists of triangles, and the rays of those that have none.
+  const nlohmann::json rtt = shares({"--strategy", "RTT"});
+  EXPECT_GT(rtt["triangles"].get<double>(), 0.005);
+  EXPECT_GT(rtt["packet"].get<double>(), 0.1);
+  EXPECT_EQ(rtt["ray"], 0.0);
   EXPECT_EQ(shares({"--strategy", "PACKET"})["packet"], 1.0);
   // Of the shadows of a light: packets have no walk for suns.
   EXPECT_EQ(shares({"--strategy", "PACKET", "--light", "0,0,1", "--sun", "1,2,3", "--strategy-of",
@@ -239,6 +244,23 @@ TEST_F(CliTest, StatisticsAsTableAndAsJson) {
   EXPECT_GT(json["rays_per_s_client"], 0);
   EXPECT_GT(json["bytes_received"], 0);
   EXPECT_EQ(result.err, "");  // No progress where there is no terminal.
+}
+
+// Whole squares of pixels, of which some hit nothing: more rays, and the same lights.
+TEST_F(CliTest, PixelShadowPacketsAskForMoreAndAnswerTheSame) {
+  const std::string obj = Write("small.obj", kSmallObj);
+  const auto view = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> args = {"view",     obj,     "--size",     "64x48",
+                                     "--up",     "0,0,1", "--light",    "5,5,9",
+                                     "--output", "json",  "--strategy", "PACKET"};
+    args.insert(args.end(), more.begin(), more.end());
+    return nlohmann::json::parse(Good(args).out);
+  };
+  const nlohmann::json hits = view({}), squares = view({"--pixel-shadow-packets"});
+  ASSERT_LT(hits["hit_pixels"], 64 * 48);
+  EXPECT_EQ(hits["rays"], 64 * 48 + hits["hit_pixels"].get<int>());
+  EXPECT_GT(squares["rays"], hits["rays"]);
+  EXPECT_EQ(squares["lights"], hits["lights"]);
 }
 
 TEST_F(CliTest, ShadeGivesTheSameBytesEveryWay) {

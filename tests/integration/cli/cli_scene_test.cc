@@ -159,17 +159,29 @@ TEST_F(CliTest, BinaryBvhsAndIntersectors) {
                    "--leaf-culling", "aperture,skip-edges,corner-nodes"}) == truth);
   // Ordinary triangles: the published tests see what the exact one does.
   EXPECT_TRUE(ids({"scenes/plain", "--strategy", "PACKET", "--intersector", "wald"}) == truth);
-  EXPECT_TRUE(ids({"scenes/plain", "--strategy", "BRUTE_FORCE", "--intersector", "havel-herout"}) ==
-              truth);
+  for (const char* test : {"havel-herout", "havel-herout-divided", "havel-herout-dot-product"}) {
+    for (const char* strategy : {"SINGLE", "BRUTE_FORCE"}) {
+      EXPECT_TRUE(ids({"scenes/plain", "--strategy", strategy, "--intersector", test}) == truth)
+          << test << ", " << strategy;
+    }
+  }
   Bad(kExitData, {"view", "scenes/plain", flag, "--stats", "--structure", "BINARY_BVH"},
       {"binary BVH"});
   Bad(kExitData, {"view", "scenes/plain", flag, "--stats", "--intersector", "wald"},
       {"intersector WALD", "SINGLE, PACKET and BRUTE_FORCE"});
   Bad(kExitData,
+      {"view", "scenes/plain", flag, "--stats", "--strategy", "PACKET", "--intersector",
+       "havel-herout-dot-product"},
+      {"HAVEL_HEROUT_DOT_PRODUCT", "SINGLE and BRUTE_FORCE"});
+  Bad(kExitData,
       {"view", "scenes/plain", flag, "--stats", "--strategy", "PACKET", "--packet-side", "5"},
       {"packet_side = 5"});
   Bad(kExitUsage, {"view", "scenes/plain", flag, "--stats", "--leaf-culling", "planes"},
-      {"'planes' is none of", "side-planes"});
+      {"'planes' is none of", "side-planes", "ray-box-from=N"});
+  for (const char* word : {"ray-box-from=0", "ray-box-from=x", "ray-box-from=1048577"}) {
+    Bad(kExitUsage, {"view", "scenes/plain", flag, "--stats", "--leaf-culling", word},
+        {word, "from 1 to 1048576"});
+  }
   Bad(kExitData, {"scene", "load", obj, "--binary-bvh", "--binary-cost", "9999", flag},
       {"cost_ratio is 9999"});
   Bad(kExitData, {"scene", "load", obj, "--binary-bvh", "--binary-min-extent", "-1", flag},

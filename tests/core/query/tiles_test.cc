@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Shadow packets of a tile by the pixels' own squares: what they hold, and that no answer hangs on
+// it. Tiles in every other way: tests/property/strategies_test.cc.
+#include "core/query/tiles.h"
+
+#include <cstdint>
+#include <vector>
+
+#include "gtest/gtest.h"
+#include "tests/core/query/query_meshes.h"
+#include "tests/support/random.h"
+
+namespace sightline {
+namespace {
+
+using testing_support::MakeScene;
+using testing_support::TestRng;
+
+constexpr uint32_t kSide = 80;  // More than a group, and no multiple of one.
+
+// Small squares above each other, so that pixels that hit something and others lie mixed.
+IndexedGeometry MakeConfetti(TestRng& rng) {
+  ObjectInput object;
+  for (int i = 0; i < 300; ++i) {
+    const Vec3d at{rng.Uniform(-2, 2), rng.Uniform(-2, 2), rng.Uniform(0, 2)};
+    const auto first = static_cast<uint32_t>(object.vertices.size());
+    for (const Vec3d corner : {Vec3d{0, 0, 0}, Vec3d{0.2, 0, 0.1}, Vec3d{0, 0.2, 0}}) {
+      object.vertices.push_back(at + corner);
+    }
+    for (uint32_t k = 0; k < 3; ++k) object.indices.push_back(first + k);
+  }
+  return MakeScene({object});
+}
+
+// The pixels of squares of so many pixels with a hit, those beyond the tile's edge among them.
+uint64_t PixelsOfSquaresWithHits(const TileResult& tile, const TileRect& rect, uint32_t side) {
+  uint64_t pixels = 0;
+  for (uint32_t y = 0; y < rect.height; y += side) {
+    for (uint32_t x = 0; x < rect.width; x += side) {
+      bool hit = false;
+      for (uint32_t i = 0; i < side * side; ++i) {
+        const uint32_t px = x + i % side, py = y + i / side;
+        hit |= px < rect.width && py < rect.height &&
+               tile.triangle[py * rect.width + px] != kNoTriangle;
+      }
+      if (hit) pixels += uint64_t{side} * side;
+    }
+  }
+  return pixels;
+}
+
+TEST(TilesTest, PixelShadowPacketsAreWholeSquaresAndChangeNoAnswer) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeConfetti(rng);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kSide);
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point({1, 0.5, 5}), 0, {}, &samples).ok());
+  ASSERT_TRUE(AppendSamples(Light::Point({-2, 1, 4}), 1, {}, &samples).ok());
+  for (const TileRect rect : {TileRect{0, 0, kSide, kSide}, TileRect{3, 5, 67, 41}}) {
+    for (const int side : kPacketSides) {
+      const auto trace = [&](bool by_pixels) {
+        TileResult tile;
+        const absl::Status status = TraceTile(
+            scene, camera, rect, samples,
+            {.ids = true, .lit = true, .points = true, .lit_answered_by = true},
+            {.strategy = Strategy::kPacket, .packet_side = side, .pixel_shadow_packets = by_pixels},
+            &tile);
+        EXPECT_TRUE(status.ok()) << status;
+        return tile;
+      };
+      const TileResult hits = trace(false), squares = trace(true);
+      EXPECT_EQ(squares.triangle, hits.triangle);
+      EXPECT_EQ(squares.lit_bits, hits.lit_bits);
+      EXPECT_EQ(squares.lit_answered_by, hits.lit_answered_by);
+      EXPECT_EQ(squares.point_pixel, hits.point_pixel);
+      EXPECT_EQ(squares.points.positions, hits.points.positions);
+      EXPECT_EQ(squares.points.sources, hits.points.sources);
+      EXPECT_EQ(squares.points.valid, hits.points.valid);
+      const uint64_t pixels = PixelsOfSquaresWithHits(hits, rect, static_cast<uint32_t>(side));
+      ASSERT_GT(pixels, hits.point_pixel.size()) << "every pixel hits";
+      EXPECT_EQ(hits.shadow.rays, samples.size() * hits.point_pixel.size());
+      EXPECT_EQ(squares.shadow.rays, samples.size() * pixels) << "side " << side;
+    }
+  }
+}
+
+// Other strategies have no packets.
+TEST(TilesTest, PixelShadowPacketsArePacketsOption) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeConfetti(rng);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kSide);
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point({1, 0.5, 5}), 0, {}, &samples).ok());
+  for (const Strategy strategy : {Strategy::kAuto, Strategy::kSingle, Strategy::kShaft}) {
+    TileResult tile;
+    ASSERT_TRUE(TraceTile(scene, camera, {0, 0, kSide, kSide}, samples, {.ids = true, .lit = true},
+                          {.strategy = strategy, .pixel_shadow_packets = true}, &tile)
+                    .ok());
+    uint64_t hits = 0;
+    for (const uint32_t id : tile.triangle) hits += id != kNoTriangle;
+    EXPECT_EQ(tile.shadow.rays, hits);
+  }
+}
+
+}  // namespace
+}  // namespace sightline
