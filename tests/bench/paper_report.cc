@@ -80,7 +80,23 @@ absl::Status Write(const std::filesystem::path& path, const std::string& text,
       absl::StrCat("cannot write '", path.string(), "'; its folder must exist, and be writable"));
 }
 
+const char* VerdictName(Verdict verdict) {
+  return verdict == Verdict::kHolds ? "yes" : verdict == Verdict::kInPart ? "in part" : "no";
+}
+
 }  // namespace
+
+Verdict VerdictOfGain(double measured, double paper) {
+  return measured >= (1 - kGainBand) * paper ? Verdict::kHolds
+         : measured > 1                      ? Verdict::kInPart
+                                             : Verdict::kDoesNotHold;
+}
+
+Verdict VerdictOfShare(double measured, double paper) {
+  return measured >= paper - kShareBand ? Verdict::kHolds
+         : measured > 0                 ? Verdict::kInPart
+                                        : Verdict::kDoesNotHold;
+}
 
 std::string PaperCell(const Row& value) {
   if (value.is_null()) return "-";
@@ -179,13 +195,17 @@ void PaperReport::Claim(PaperClaim claim) {
                      {"claim", std::move(claim.what)},
                      {"the paper's", std::move(claim.paper)},
                      {"measured", std::move(claim.measured)},
-                     {"carries over", claim.holds ? "yes" : "no"},
-                     {"why not", claim.holds ? "" : std::move(claim.reason)}});
+                     {"carries over", VerdictName(claim.verdict)},
+                     {"why not", claim.verdict == Verdict::kHolds ? "" : std::move(claim.reason)}});
 }
 
 void PaperReport::EndClaims() {
   if (claims_.empty()) return;
-  Begin("all", "what carries over", "the papers' claims, each with what was measured here");
+  Begin("all", "what carries over",
+        absl::StrFormat("the papers' claims, each with what was measured here; yes: from %.0f %% "
+                        "below the paper's gain on, or %.0f points below its share; in part: the "
+                        "same effect, but less of it",
+                        100 * kGainBand, 100 * kShareBand));
   for (Row& claim : claims_) {
     // Its own paper and table, not this one's.
     if (json_) out_ << claim.dump() << std::endl;

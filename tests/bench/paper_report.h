@@ -17,6 +17,7 @@
 #ifndef SIGHTLINE_TESTS_BENCH_PAPER_REPORT_H_
 #define SIGHTLINE_TESTS_BENCH_PAPER_REPORT_H_
 
+#include <cstdint>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -37,11 +38,21 @@ std::string PaperCell(const Row& value);
 // An SVG picture of the rows' lines. REQUIRES: every row has the keys.
 std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const std::string& title);
 
+// How a claim fares: it holds from kGainBand below the paper's figure on, or kShareBand; in part
+// where there is the same effect, but less of it.
+enum class Verdict : uint8_t { kHolds, kInPart, kDoesNotHold };
+inline constexpr double kGainBand = 0.1;    // Of the figure: clocks, scenes and rounds differ.
+inline constexpr double kShareBand = 0.02;  // Of everything that there is.
+// Of how many times better something is: no effect is 1.
+Verdict VerdictOfGain(double measured, double paper);
+// Of a share that is left out or saved: no effect is 0.
+Verdict VerdictOfShare(double measured, double paper);
+
 // What a paper says, what was measured, and whether it carries over; if not, why.
 struct PaperClaim {
   std::string what, paper, measured;
-  bool holds = false;
-  std::string reason;  // Shown where it does not hold.
+  Verdict verdict = Verdict::kDoesNotHold;
+  std::string reason;  // Shown where it does not hold, or in part.
 };
 
 class PaperReport {

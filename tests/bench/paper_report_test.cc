@@ -94,16 +94,31 @@ TEST(PaperReportTest, ClaimsAreATableOfTheirOwn) {
   report.EndClaims();
   EXPECT_EQ(out.str(), "") << "none made";
   report.Begin("003", "Table I", "speed");
-  report.Claim({"gain", "1.37", "1.10", false, "latency"});
-  report.Claim({"packets", "1.09", "1.20", true, "not said"});
+  report.Claim({"gain", "1.37", "1.10", Verdict::kInPart, "latency"});
+  report.Claim({"packets", "1.09", "1.20", Verdict::kHolds, "not said"});
+  report.Claim({"loss", "1.09", "0.90", Verdict::kDoesNotHold, "width"});
   report.End();
   report.EndClaims();
   EXPECT_EQ(
       out.str(),
       "{\"paper\":\"003\",\"table\":\"Table I\",\"claim\":\"gain\",\"the paper's\":\"1.37\","
-      "\"measured\":\"1.10\",\"carries over\":\"no\",\"why not\":\"latency\"}\n"
+      "\"measured\":\"1.10\",\"carries over\":\"in part\",\"why not\":\"latency\"}\n"
       "{\"paper\":\"003\",\"table\":\"Table I\",\"claim\":\"packets\",\"the paper's\":\"1.09\","
-      "\"measured\":\"1.20\",\"carries over\":\"yes\",\"why not\":\"\"}\n");
+      "\"measured\":\"1.20\",\"carries over\":\"yes\",\"why not\":\"\"}\n"
+      "{\"paper\":\"003\",\"table\":\"Table I\",\"claim\":\"loss\",\"the paper's\":\"1.09\","
+      "\"measured\":\"0.90\",\"carries over\":\"no\",\"why not\":\"width\"}\n");
+}
+
+TEST(PaperReportTest, VerdictsHaveTheirBands) {
+  EXPECT_EQ(VerdictOfGain(1.5, 1.3), Verdict::kHolds);
+  EXPECT_EQ(VerdictOfGain(1.171, 1.3), Verdict::kHolds);
+  EXPECT_EQ(VerdictOfGain(1.169, 1.3), Verdict::kInPart);
+  EXPECT_EQ(VerdictOfGain(1.0, 1.3), Verdict::kDoesNotHold);
+  EXPECT_EQ(VerdictOfGain(0.9, 0.95), Verdict::kHolds) << "a loss as small as the paper's";
+  EXPECT_EQ(VerdictOfShare(0.901, 0.92), Verdict::kHolds);
+  EXPECT_EQ(VerdictOfShare(0.89, 0.92), Verdict::kInPart);
+  EXPECT_EQ(VerdictOfShare(0, 0.92), Verdict::kDoesNotHold);
+  EXPECT_EQ(VerdictOfShare(-0.1, 0.92), Verdict::kDoesNotHold);
 }
 
 TEST(PaperReportTest, AFileThatCannotBeWrittenIsNamed) {

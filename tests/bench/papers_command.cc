@@ -43,10 +43,16 @@ cli::FlagSet Flags(Options* o) {
   flags.Text("scenes", "FOLDER",
              "where bunny.ply.xz, buddha_100k.obj.xz and sponza_crytek.obj.xz are",
              &o->common.scenes_folder);
-  flags.Text("sphere", "N", "triangles of the displaced sphere: 10M are paper 000's",
+  flags.Text("sphere", "N",
+             "triangles of the displaced sphere: 10M are paper 000's, and take 3 GB and most of an "
+             "hour; the reports' titles say where there are fewer",
              &o->common.sphere);
   flags.Count("size", "PIXELS", "of the real scenes' square pictures; 16 must divide it",
               &o->common.size, 16, 4096);
+  flags.Switch("quick",
+               "see that it runs: scenes and pictures as small as can be, one round; the figures "
+               "say nothing",
+               &o->common.quick);
   flags.Switch("json", "one JSON object per line, instead of tables", &o->json);
   return flags;
 }
@@ -91,6 +97,12 @@ absl::StatusOr<bool> PapersCommand(std::span<const std::string> args, Context& c
   if (options.common.size % 16 != 0) {
     return cli::UsageError(
         absl::StrCat("--size is ", options.common.size, "; it must be a multiple of 16"));
+  }
+  if (options.common.quick) {
+    options.common.repeats = 1;
+    options.common.size = 32;
+    options.common.sphere = "2000";
+    context.err << "--quick: the figures say nothing" << std::endl;
   }
   if (options.common.scenes_folder.empty()) options.common.scenes_folder = ScenesFolder();
   PaperReport report(options.json, context.out, options.report);

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/accel/binary_bvh_builder.h"
@@ -28,6 +29,7 @@ namespace {
 
 constexpr size_t kCellTriangles = 64;
 constexpr size_t kPackets = 32;
+constexpr double kSphereTriangles = 9.5e6;  // The paper's 10 M, as near as the built-in one comes.
 
 struct Variant {
   const char* name;
@@ -204,11 +206,13 @@ void Synthetic(const PaperOptions& options, PaperReport* report, ThreadPool& poo
       for (const auto& point : all) most_culled = std::max(most_culled, point[5].culled_share);
       report->Claim({"synthetic cells: share of the tests removed by all tests together",
                      "over 90 %", absl::StrFormat("up to %.1f %%", 100 * most_culled),
-                     most_culled > 0.9, ""});
+                     VerdictOfShare(most_culled, 0.9), "cells are few and triangles large"});
       report->Claim(
-          {"synthetic cells at a ratio of 8: cycles a test, bare and culled", "about 8 and under 3",
-           absl::StrFormat("%.2f and %.2f", all[7][0].cycles, all[7][5].cycles),
-           all[7][5].cycles < all[7][0].cycles,
+          {"synthetic cells at a ratio of 8: cycles a test, bare and culled",
+           "about 8 and under 3: 2.7 times fewer",
+           absl::StrFormat("%.2f and %.2f: %.1f times fewer", all[7][0].cycles, all[7][5].cycles,
+                           all[7][0].cycles / all[7][5].cycles),
+           VerdictOfGain(all[7][0].cycles / all[7][5].cycles, 8.0 / 3),
            "the bare test takes a whole register of rays at once, four times the paper's, while "
            "the culling is paid per triangle as before"});
     }
@@ -287,8 +291,8 @@ absl::Status SmallTrees(const TreePoint& best, const std::vector<RealVariant>& v
                                 "triangles on; frame rates over its",
                                 best.nodes / triangles));
   int whole = 16;
-  for (const Size& size :
-       {Size{20, "faster with culling", 1.0}, Size{60, "0.70 with culling, 0.25 without", 0.65}}) {
+  for (const Size& size : {Size{20, "faster with culling", 1.0},
+                           Size{60, "0.70 with culling, 0.25 without", (1 - kGainBand) * 0.7}}) {
     double nodes = 0;
     do {
       whole *= 2;
@@ -320,7 +324,10 @@ absl::Status SmallTrees(const TreePoint& best, const std::vector<RealVariant>& v
          size.paper,
          absl::StrFormat("%.2f with culling, %.2f without (%.0f times smaller)", culled / best.base,
                          base / best.base, best.nodes / nodes),
-         culled >= size.least * best.base,
+         // In part where culling at least makes up for some of what the smaller tree loses.
+         culled >= size.least * best.base ? Verdict::kHolds
+         : culled > base                  ? Verdict::kInPart
+                                          : Verdict::kDoesNotHold,
          "a register of rays makes bare tests cheap, so that the best tree without "
          "culling is small already, with a fraction of the paper's nodes"});
   }
@@ -341,11 +348,14 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
   const auto size = static_cast<uint32_t>(options.size);
   const Picture picture = MakePicture(scene, size, size, 4);
   const std::vector<RealVariant> variants = RealVariants();
-  report->Begin("000", absl::StrCat("Figures 7 to 9, ", scene.name),
+  const double triangles = static_cast<double>(scene.indexed.geometry.triangles.size());
+  const bool reduced = absl::StrContains(name, "builtin:sphere") && triangles < kSphereTriangles;
+  report->Begin("000",
+                absl::StrCat("Figures 7 to 9, ", scene.name,
+                             reduced ? " (reduced: the paper's has 10 M)" : ""),
                 absl::StrFormat("a picture of %d x %d by packets of 4 x 4, one thread, over the "
                                 "cost ratio (intersection over traversal); kd-tree and binary BVH",
                                 size, size));
-  const double triangles = static_cast<double>(scene.indexed.geometry.triangles.size());
   double most_culled = 0;
   TreePoint best_kd;  // Without culling.
   for (const bool kd : {true, false}) {
@@ -420,6 +430,12 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
         "%s: best of all ratios: base %.1f, maskless %.1f, masked %.1f frames a second; culling "
         "gains %.2f (paper: about 1.1, at a smaller tree).",
         kd ? "kd-tree" : "BVH", best[0], best[1], best[3], std::max(best[1], best[3]) / best[0]));
+    const double gain = std::max(best[1], best[3]) / best[0];
+    report->Claim({absl::StrCat(scene.name, kd ? ", kd-tree" : ", binary BVH",
+                                ": frame rate with culling, each side at its best cost ratio"),
+                   "about 1.1", absl::StrFormat("%.2f", gain), VerdictOfGain(gain, 1.1),
+                   "the best tree without culling is small already, since a register takes a "
+                   "triangle's tests at once"});
     if (kd) {
       report->Conclude(absl::StrFormat(
           "kd-tree: cells for the leaves' boxes instead of those stored with them %.2f, leaves "
@@ -428,8 +444,8 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
     }
   }
   report->Claim({absl::StrCat(scene.name, ": share of the tests removed"), "over 90 %",
-                 absl::StrFormat("up to %.1f %%", 100 * most_culled), most_culled > 0.9,
-                 "leaves are small where triangles are large"});
+                 absl::StrFormat("up to %.1f %%", 100 * most_culled),
+                 VerdictOfShare(most_culled, 0.9), "leaves are small where triangles are large"});
   report->Plot({.x = "ratio", .y = "frames_per_s", .series = "tree and culling", .log_x = true});
   report->Plot({.x = "ratio", .y = "culled_percent", .series = "tree and culling", .log_x = true});
   report->End();
@@ -442,8 +458,10 @@ absl::Status Paper000(const PaperOptions& options, PaperReport* report, Context&
   ThreadPool pool(0);
   context.err << "paper 000: synthetic cells" << std::endl;
   Synthetic(options, report, pool);
-  for (const std::string& name : {std::string("bunny.ply.xz"), std::string("buddha_100k.obj.xz"),
-                                  absl::StrCat("builtin:sphere:", options.sphere)}) {
+  std::vector<std::string> names = {"bunny.ply.xz", "buddha_100k.obj.xz"};
+  if (options.quick) names.clear();
+  names.push_back(absl::StrCat("builtin:sphere:", options.sphere));
+  for (const std::string& name : names) {
     SL_RETURN_IF_ERROR(RealScene(name, options, report, context, pool));
   }
   return absl::OkStatus();

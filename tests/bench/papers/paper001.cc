@@ -169,13 +169,19 @@ absl::Status Scene001(const std::string& name, const PaperOptions& options, Pape
                                           tree.ids.size() * sizeof(uint32_t)) /
                       kKilo;
     const double boxes = 24.0 * static_cast<double>(indexed.geometry.triangles.size()) / kKilo;
+    // What Table 2 walks: the same tree, and its leaves' triangles laid out, with their boxes.
+    const double laid_out = static_cast<double>(indexed.kd_leaves->MemoryBytes()) / kKilo;
+    const double laid_boxes =
+        static_cast<double>(indexed.kd_leaves->boxes.size() * sizeof(float)) / kKilo;
     memory->push_back({{"scene", scene.name},
                        {"leaf", leaf_size},
                        {"nodes", tree.nodes.size()},
                        {"references", tree.ids.size()},
                        {"tree_KB", kd},
                        {"boxes_KB", boxes},
-                       {"total_KB", kd + boxes}});
+                       {"total_KB", kd + boxes},
+                       {"timed_KB", kd + laid_out - laid_boxes},
+                       {"timed_boxes_KB", kd + laid_out}});
   }
   for (size_t w = 0; w < workloads.size(); ++w) {
     const auto best = [&](auto value) {
@@ -194,15 +200,21 @@ absl::Status Scene001(const std::string& name, const PaperOptions& options, Pape
                             best([](const Outcome& o) { return o.build + o.culled; })));
     const double removed = -best([](const Outcome& o) { return -o.removed; });
     report->Claim({absl::StrCat(scene.name, ", ", workloads[w].name, ": tests removed"),
-                   "up to 92 %", absl::StrFormat("up to %.1f %%", 100 * removed), removed > 0.9,
+                   "up to 92 %", absl::StrFormat("up to %.1f %%", 100 * removed),
+                   VerdictOfShare(removed, 0.92),
                    "a box is made smaller between sixteen triangles, not after every hit, and an "
                    "exact sweep leaves fewer tests to remove than PBRT's builder"});
     const double gain = best([](const Outcome& o) { return o.plain; }) /
                         best([](const Outcome& o) { return o.culled; });
     report->Claim({absl::StrCat(scene.name, ", ", workloads[w].name, ": faster tracing"),
-                   "1.06 to 1.15", absl::StrFormat("%.2f", gain), gain >= 1.06,
+                   "1.06 to 1.15", absl::StrFormat("%.2f", gain), VerdictOfGain(gain, 1.15),
                    "boxes are put to sixteen triangles at once, but without them tests are few "
                    "already in this tree's leaves at its best leaf size"});
+    const double of_both = best([](const Outcome& o) { return o.build + o.plain; }) /
+                           best([](const Outcome& o) { return o.build + o.culled; });
+    report->Claim({absl::StrCat(scene.name, ", ", workloads[w].name, ": faster build and tracing"),
+                   "1.08 to 1.22", absl::StrFormat("%.2f", of_both), VerdictOfGain(of_both, 1.22),
+                   "as for tracing alone; and the sweep's build is the larger part of both"});
   }
   report->End();
   return OnBvh(workloads, options, report, one, &scene);
@@ -213,22 +225,33 @@ absl::Status Scene001(const std::string& name, const PaperOptions& options, Pape
 absl::Status Paper001(const PaperOptions& options, PaperReport* report, Context& context) {
   ThreadPool pool(0);
   std::vector<Row> memory;
-  for (const char* name :
-       {"bunny.ply.xz", "buddha_100k.obj.xz", "sponza_crytek.obj.xz", "builtin:room"}) {
+  std::vector<const char*> names = {"bunny.ply.xz", "buddha_100k.obj.xz", "sponza_crytek.obj.xz"};
+  if (options.quick) names.clear();
+  names.push_back(options.quick ? "builtin:room:15000" : "builtin:room");
+  for (const char* name : names) {
     SL_RETURN_IF_ERROR(Scene001(name, options, report, context, pool, &memory));
   }
   report->Begin("001", "Table 3",
-                "memory of the kd-tree (8 bytes a node, 32 a leaf with its box, 4 a reference) and "
-                "of the triangles' boxes (24 each)");
+                "memory of Table 2's kd-trees (8 bytes a node, 32 a leaf with its box, 4 a "
+                "reference) and of the triangles' boxes (24 each), as the paper counts; timed: of "
+                "what Table 2 walks, where leaves' triangles are laid out (40 bytes a reference, "
+                "24 more with boxes), without and with them");
   // At each side's best leaf size in the paper: 1 without culling, boxes left out; 16 with it.
   for (size_t i = 0; i + 4 < memory.size(); i += 5) {
-    const double plain = memory[i].at("tree_KB"), culled = memory[i + 3].at("total_KB");
-    report->Claim({absl::StrCat(memory[i].at("scene").get<std::string>(),
-                                ": memory with culling (leaves of 16) against without (of 1)"),
-                   "-47 % to -63 %", absl::StrFormat("%+.0f %%", 100 * (culled / plain - 1)),
-                   culled < 0.6 * plain,
-                   "the sweep ends branches where a leaf is cheaper, so that the tree with leaves "
-                   "of 1 is small already, and the triangles' boxes do not shrink with it"});
+    for (const bool timed : {false, true}) {
+      const double plain = memory[i].at(timed ? "timed_KB" : "tree_KB"),
+                   culled = memory[i + 3].at(timed ? "timed_boxes_KB" : "total_KB");
+      report->Claim({absl::StrCat(memory[i].at("scene").get<std::string>(),
+                                  ": memory with culling (leaves of 16) against without (of 1)",
+                                  timed ? ", of what is timed" : ", as the paper counts"),
+                     "-47 % to -63 %", absl::StrFormat("%+.0f %%", 100 * (culled / plain - 1)),
+                     VerdictOfShare(1 - culled / plain, 0.47),
+                     timed ? "references are laid out, and shrink less than nodes do; a box is "
+                             "kept for each of them, not for each triangle"
+                           : "the sweep ends branches where a leaf is cheaper, so that the tree "
+                             "with leaves of 1 is small already, and the triangles' boxes do not "
+                             "shrink with it"});
+    }
   }
   for (Row& row : memory) report->Add(std::move(row));
   report->End();

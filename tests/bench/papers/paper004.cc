@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/accel/binary_bvh_builder.h"
@@ -39,6 +40,7 @@ LeafCulling AllTests() {
 
 struct Scene004 {
   PaperScene scene;
+  bool inside;  // Seen from within, as the paper's cathedral; else from outside.
   uint32_t size;
   uint64_t repeats;
   ThreadPool one{1};
@@ -57,6 +59,11 @@ struct Scene004 {
     };
   }
 };
+
+// Ratios are tried in steps of three: the best may be one off.
+Verdict OneStepFrom(float best, float paper) {
+  return best > paper / 3.5f && best < paper * 3.5f ? Verdict::kHolds : Verdict::kDoesNotHold;
+}
 
 absl::Status ByRatio(Scene004& s, PaperReport* report) {
   report->Begin("004", absl::StrCat("Figures 5 to 9, ", s.scene.name),
@@ -89,10 +96,10 @@ absl::Status ByRatio(Scene004& s, PaperReport* report) {
                       static_at, rebuilt_at));
   report->Claim(
       {absl::StrCat(s.scene.name, ": best cost ratio, tree kept"), "1",
-       absl::StrFormat("%.2g", static_at), static_at >= 0.3f && static_at <= 3.0f,
+       absl::StrFormat("%.2g", static_at), OneStepFrom(static_at, 1),
        "a register of rays makes tests cheap against steps, which favours larger leaves"});
   report->Claim({absl::StrCat(s.scene.name, ": best cost ratio, tree rebuilt"), "0.1",
-                 absl::StrFormat("%.2g", rebuilt_at), rebuilt_at >= 0.03f && rebuilt_at <= 0.3f,
+                 absl::StrFormat("%.2g", rebuilt_at), OneStepFrom(rebuilt_at, 0.1f),
                  "the build takes most of the frame here, and the least tree wins"});
   report->End();
   return absl::OkStatus();
@@ -126,7 +133,9 @@ absl::Status ByBins(Scene004& s, PaperReport* report) {
                  "8 are enough",
                  absl::StrFormat("%.0f %% kept, %.0f %% rebuilt", 100 * at_8 / best,
                                  100 * rebuilt_8 / best_rebuilt),
-                 at_8 > 0.9 * best && rebuilt_8 > 0.9 * best_rebuilt,
+                 at_8 > 0.97 * best && rebuilt_8 > 0.97 * best_rebuilt ? Verdict::kHolds
+                 : at_8 > 0.9 * best && rebuilt_8 > 0.9 * best_rebuilt ? Verdict::kInPart
+                                                                       : Verdict::kDoesNotHold,
                  "small triangles along the longest axis are told apart by more bins"});
   report->End();
   return absl::OkStatus();
@@ -169,10 +178,20 @@ absl::Status ByTest(Scene004& s, PaperReport* report) {
         absl::StrFormat("%d x %d: all tests make tracing %.2f times as fast, AB alone %.2f.", side,
                         side, seconds[0] / seconds[7], seconds[0] / seconds[1]));
     if (side != 16) continue;
-    const double gain = seconds[0] / seconds[7];
-    report->Claim({absl::StrCat(s.scene.name, ": gain of all culling tests, 16 x 16"),
-                   "2.6 within a cathedral, 1.25 to 1.3 on a statue", absl::StrFormat("%.2f", gain),
-                   gain > 1.2, "the bare test takes a register of rays at once, not four"});
+    const double gain = seconds[0] / seconds[7], mask = seconds[0] / seconds[1];
+    if (s.inside) {
+      report->Claim({absl::StrCat(s.scene.name, ": gain of all culling tests, 16 x 16"),
+                     "2.4 to 2.6, within a cathedral", absl::StrFormat("%.2f", gain),
+                     VerdictOfGain(gain, 2.4),
+                     "the bare test takes a register of rays at once, not four"});
+    } else {
+      report->Claim(
+          {absl::StrCat(s.scene.name, ": gain of the leaf's ray mask alone, 16 x 16"),
+           "1.25 to 1.3, on a statue of a million triangles", absl::StrFormat("%.2f", mask),
+           VerdictOfGain(mask, 1.25),
+           "a register of rays is tested whole where one of them meets the leaf's box, so "
+           "that leaving some out spares nothing unless all of it misses"});
+    }
   }
   report->Conclude(
       "Paper: 2.6 with all tests in its cathedral at 16 x 16, nothing but AB (1.25 to 1.3) on its "
@@ -205,6 +224,15 @@ absl::Status Shadows(Scene004& s, PaperReport* report) {
                  {"shadow_single_s", seconds[2]},
                  {"single_over_packets", seconds[2] / seconds[1]},
                  {"frame_over_relit", (seconds[0] + seconds[1]) / seconds[1]}});
+    if (!s.inside) continue;
+    const double paper = side == 8 ? 6 : 8;
+    report->Claim({absl::StrFormat("%s: shadow packets of %d x %d over single shadow rays",
+                                   s.scene.name, side, side),
+                   absl::StrFormat("up to %.0f, shading included", paper),
+                   absl::StrFormat("%.1f", seconds[2] / seconds[1]),
+                   VerdictOfGain(seconds[2] / seconds[1], paper),
+                   "single rays put a box's eight children, and sixteen triangles, to one register "
+                   "at a time, and lose less by walking alone"});
   }
   report->Conclude("Paper: shading included, up to 6 (8 x 8) and 8 (16 x 16) in its cathedral.");
   report->End();
@@ -276,9 +304,18 @@ absl::Status Relit(Scene004& s, PaperReport* report) {
       if (strategy != Strategy::kPacket || side != 16) continue;
       report->Claim({absl::StrCat(s.scene.name, ": what the base buffer gives a moving light"), "2",
                      absl::StrFormat("%.2f", seconds[2] / seconds[1]),
-                     seconds[2] / seconds[1] > 1.5,
+                     VerdictOfGain(seconds[2] / seconds[1], 2),
                      "summing the base anew reads stored bits and traces nothing, where the paper "
                      "traces the old light again to subtract it"});
+      const double lights = static_cast<double>(samples.size());
+      report->Claim({absl::StrFormat("%s: a frame of %.0f lights over one with stored hits and one "
+                                     "light moved",
+                                     s.scene.name, lights),
+                     absl::StrFormat("no figure; %.0f times fewer rays", 1 + lights),
+                     absl::StrFormat("%.1f", seconds[0] / seconds[1]),
+                     VerdictOfGain(seconds[0] / seconds[1], 1 + lights),
+                     "camera rays walk together better than a light's do, so that leaving them out "
+                     "spares less than their number"});
     }
   }
   report->Conclude("Paper: the base buffer doubles the frame rate of a moving light.");
@@ -290,7 +327,11 @@ absl::Status Relit(Scene004& s, PaperReport* report) {
 
 absl::Status Paper004(const PaperOptions& options, PaperReport* report, Context& context) {
   ThreadPool pool(0);
-  for (const char* name : {"buddha_100k.obj.xz", "builtin:city:200k", "builtin:hall"}) {
+  const std::vector<const char*> names =
+      options.quick
+          ? std::vector<const char*>{"builtin:hall:30000"}
+          : std::vector<const char*>{"buddha_100k.obj.xz", "builtin:city:200k", "builtin:hall"};
+  for (const std::string name : names) {
     absl::StatusOr<PaperScene> read = ReadPaperScene(name, options, pool);
     if (absl::IsNotFound(read.status())) {
       context.err << read.status().message() << ": left out" << std::endl;
@@ -298,7 +339,8 @@ absl::Status Paper004(const PaperOptions& options, PaperReport* report, Context&
     }
     SL_RETURN_IF_ERROR(read.status());
     context.err << read->name << ": ratios, bins, tests, shadows" << std::endl;
-    Scene004 scene = {*std::move(read), static_cast<uint32_t>(options.size), options.repeats};
+    Scene004 scene = {*std::move(read), absl::StartsWith(name, "builtin:hall"),
+                      static_cast<uint32_t>(options.size), options.repeats};
     SL_RETURN_IF_ERROR(ByRatio(scene, report));
     SL_RETURN_IF_ERROR(ByBins(scene, report));
     SL_RETURN_IF_ERROR(ByTest(scene, report));

@@ -26,6 +26,8 @@ struct PaperOptions {
   std::string scenes_folder;
   uint64_t size = 512;        // Pictures are square: a multiple of 16.
   std::string sphere = "1M";  // Triangles of the displaced sphere.
+  // Everything as small as it can be, and quick: to see that it runs. The figures say nothing.
+  bool quick = false;
 };
 
 // The median over `repeats` rounds of the calls' seconds, as ThreadSeconds counts: one round calls

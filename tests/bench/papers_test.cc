@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Every paper's tables, once, at the least sizes there are: that each has its rows and figures, in
+// JSON and in the report with its plots; and what does not hang on time lies where it must.
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <set>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "gtest/gtest.h"
+#include "tests/bench/command.h"
+#include "tests/bench/report.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline::bench {
+namespace {
+
+using Table = std::pair<std::string, std::string>;  // Paper and title.
+
+// What one run of all papers prints, and writes.
+struct Run {
+  testing_support::TempDir folder;
+  std::map<Table, std::vector<Row>> tables;
+  std::vector<Row> conclusions, claims;
+};
+
+const Run& TheRun() {
+  static const Run* const run = [] {
+    auto* made = new Run;
+    std::ostringstream out, err;
+    Context context{out, err};
+    const absl::StatusOr<bool> good = PapersCommand(
+        std::vector<std::string>{"--quick", "--json", "--report", made->folder.path() + "/r.md"},
+        context);
+    EXPECT_TRUE(good.ok() && *good) << good.status() << err.str();
+    std::istringstream lines(out.str());
+    for (std::string line; std::getline(lines, line);) {
+      Row row = Row::parse(line, nullptr, /*allow_exceptions=*/false);
+      EXPECT_FALSE(row.is_discarded()) << line;
+      if (row.is_discarded()) continue;
+      if (row.contains("conclusion")) {
+        made->conclusions.push_back(std::move(row));
+      } else if (row.contains("carries over")) {
+        made->claims.push_back(std::move(row));
+      } else {
+        const Table table = {row.at("paper").get<std::string>(),
+                             row.at("table").get<std::string>()};
+        made->tables[table].push_back(std::move(row));
+      }
+    }
+    return made;
+  }();
+  return *run;
+}
+
+std::string ReadAll(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+TEST(PapersTest, EveryTableHasItsRows) {
+  // By paper and how the title begins.
+  const std::pair<Table, size_t> kRows[] = {{{"000", "Figure 3"}, 8 * 8},
+                                            {{"000", "Figure 4a"}, 4 * 8},
+                                            {{"000", "Figure 4b"}, 4 * 8},
+                                            {{"000", "Figure 5"}, 6 * 8},
+                                            {{"000", "Figures 7 to 9"}, 7 * (7 + 5)},
+                                            {{"000", "section 4"}, 2},
+                                            {{"001", "Table 2, "}, 5 * 2},
+                                            {{"001", "Table 2 on a binary BVH"}, 5 * 2},
+                                            {{"001", "Table 3"}, 5},
+                                            {{"002", "Table 1"}, 3 * 2},
+                                            {{"002", "Figure 7"}, 3 * 6},
+                                            {{"002", "Figure 8"}, 3 * 4},
+                                            {{"002", "Figures 7 and 8"}, 3},
+                                            {{"003", "precision"}, 7},
+                                            {{"004", "Figures 5 to 9"}, 7 * 3},
+                                            {{"004", "Figures 10 to 12"}, 10},
+                                            {{"004", "Figures 14 and 15"}, 2 * 8},
+                                            {{"004", "Figure 16"}, 2},
+                                            {{"004", "relighting"}, 2 * 2}};
+  size_t rows = 0;
+  for (const auto& [table, count] : kRows) {
+    size_t found = 0;
+    for (const auto& [at, its] : TheRun().tables) {
+      if (at.first == table.first && absl::StartsWith(at.second, table.second)) {
+        ++found;
+        EXPECT_EQ(its.size(), count) << at.first << ", " << at.second;
+      }
+    }
+    EXPECT_EQ(found, 1u) << table.first << ", " << table.second;
+    rows += count;
+  }
+  // As many more as registers are wide: with and without AVX-512.
+  for (const char* title : {"Table I", "Table II"}) {
+    EXPECT_EQ(TheRun().tables.count({"003", title}), 1u);
+  }
+  EXPECT_EQ(TheRun().tables.size(), std::size(kRows) + 2);
+}
+
+TEST(PapersTest, EveryFigureIsANumber) {
+  for (const auto& [table, rows] : TheRun().tables) {
+    for (const Row& row : rows) {
+      for (const auto& [key, value] : row.items()) {
+        if (absl::StartsWith(key, "paper_")) continue;                 // Not every figure has one.
+        ASSERT_FALSE(value.is_null()) << key << " of " << row.dump();  // JSON's NaN and infinity.
+        if (!value.is_number()) continue;
+        EXPECT_TRUE(std::isfinite(value.get<double>())) << key << " of " << row.dump();
+        EXPECT_GE(value.get<double>(), 0) << key << " of " << row.dump();
+      }
+    }
+  }
+}
+
+TEST(PapersTest, EveryPapersClaimsHaveTheirLine) {
+  std::map<std::string, int> claims;
+  for (const Row& claim : TheRun().claims) {
+    ++claims[claim.at("paper")];
+    const std::string verdict = claim.at("carries over");
+    EXPECT_TRUE(verdict == "yes" || verdict == "in part" || verdict == "no") << claim.dump();
+    EXPECT_EQ(claim.at("why not").get<std::string>().empty(), verdict == "yes") << claim.dump();
+    EXPECT_FALSE(claim.at("the paper's").get<std::string>().empty());
+    EXPECT_FALSE(claim.at("measured").get<std::string>().empty());
+  }
+  const std::map<std::string, int> expected = {
+      {"000", 2 + 3 + 2},  // Synthetic, real, smaller trees.
+      {"001", 2 * 3 + 2},  // By rays, and memory.
+      {"002", 6 * 3 + 3},  // By scene and rays; and at the highest resolution.
+      {"003", 3 + 2 + 1},  // Tables I and II, precision.
+      {"004", 2 + 1 + 1 + 2 + 2}};
+  EXPECT_EQ(claims, expected);
+  EXPECT_GE(TheRun().conclusions.size(), 10u);
+}
+
+TEST(PapersTest, CountsLieWhereTheyMust) {
+  for (const auto& [table, rows] : TheRun().tables) {
+    for (const Row& row : rows) {
+      SCOPED_TRACE(row.dump());
+      if (table == Table("000", "Figure 3") && row.at("ratio") == 8.0) {
+        const std::string culling = row.at("culling");
+        if (culling == "base: Kensler-Shirley" || culling == "the predicate, bare") {
+          EXPECT_EQ(row.at("culled_percent"), 0);
+        }
+        if (absl::StrContains(culling, "6 planes + aperture")) {
+          EXPECT_GT(row.at("culled_percent"), 90);
+        }
+      }
+      if (row.contains("NPI_culled")) {
+        EXPECT_LE(row.at("NPI_culled"), row.at("NPI"));
+        if (row.at("leaf") >= 8) {
+          EXPECT_GT(row.at("NAC"), 0);
+        }
+      }
+      if (row.contains("NPI_mailbox")) {
+        EXPECT_LE(row.at("NPI_mailbox"), row.at("NPI"));
+      }
+      if (row.contains("timed_KB")) {
+        EXPECT_LT(row.at("tree_KB"), row.at("timed_KB"));
+        EXPECT_LT(row.at("timed_KB"), row.at("timed_boxes_KB"));
+      }
+      if (table.first == "002" && row.contains("answered")) {
+        EXPECT_LT(row.at("answered"), 1);
+      }
+      if (table == Table("002", "Table 1")) {
+        EXPECT_GT(row.at("answered"), 0);
+        EXPECT_GT(row.at("relevant"), 0);
+        EXPECT_LT(row.at("relevant"), 48) << "the longest list there is";
+        if (row.at("rays") == "primary") {
+          EXPECT_EQ(row.at("count"), 64 * 48);
+        }
+      }
+      if (table == Table("003", "precision")) {
+        EXPECT_LT(row.at("weights"), 1e-8);
+        EXPECT_GT(row.at("hits"), 1000);
+      }
+    }
+  }
+}
+
+TEST(PapersTest, TheReportHasAllTablesAndPlots) {
+  const std::string folder = TheRun().folder.path();
+  const std::string text = ReadAll(folder + "/r.md");
+  for (const auto& [table, rows] : TheRun().tables) {
+    EXPECT_TRUE(absl::StrContains(text, "## Paper " + table.first + ", " + table.second + "\n"))
+        << table.second;
+  }
+  EXPECT_TRUE(absl::StrContains(text, "what carries over"));
+  size_t plots = 0;
+  for (size_t at = text.find("]("); at != std::string::npos; at = text.find("](", at + 1)) {
+    const std::string name = text.substr(at + 2, text.find(')', at) - at - 2);
+    const std::string svg = ReadAll(folder + "/" + name);
+    EXPECT_TRUE(absl::StrContains(svg, "<polyline")) << name;
+    ++plots;
+  }
+  // Of 000 four and two, of 002 two each, of 004 two and one.
+  EXPECT_EQ(plots, 4u + 2 + 4 + 3);
+}
+
+}  // namespace
+}  // namespace sightline::bench
