@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The whole grid of a query's options, structure × strategy × culling × packet size × intersector,
+// and of RTT antialiasing × shared edges × tiles side by side,
 // against brute force: every combination there is, each over one small scene of several in turn,
 // and, but for those of the binary BVH, over one of as many whose kd-tree stands alone.
 // By the predicate answers have brute force's bits; by the papers' tests they differ from the same
-// test over all triangles within its bound; and what has no meaning is refused by name.
+// test over all triangles within its bound; and what has no meaning is refused by name. A camera's
+// rays and a light's are asked about by all; suns, segments and a larger picture, which take the
+// same options through other walks or more of them at once, by a share drawn at random.
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -20,6 +23,7 @@
 #include "core/base/parallel.h"
 #include "core/intersect/intersector_check.h"
 #include "core/mesh/rebase.h"
+#include "core/query/segments.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
 #include "core/traverse/rtt.h"
@@ -34,6 +38,7 @@ namespace sightline {
 namespace {
 
 using testing_support::AddKdTree;
+using testing_support::Bit;
 using testing_support::CompareHits;
 using testing_support::Difference;
 using testing_support::DifferenceTally;
@@ -43,6 +48,7 @@ using testing_support::MakeClosedSphere;
 using testing_support::MakeGrid;
 using testing_support::MakeNastyScenes;
 using testing_support::MakePoints;
+using testing_support::MakeSegments;
 using testing_support::NastyRays;
 using testing_support::NastyScene;
 using testing_support::SameBytes;
@@ -141,7 +147,10 @@ void ForEachQuery(const Fn& fn) {
           options.rtt_antialiasing = n;
           for (const bool shared : {false, true}) {
             options.rtt_shared_edges = shared;
-            fn(options);
+            for (int tiles = 0; tiles <= kMaxRttSideBySide; ++tiles) {
+              options.rtt_side_by_side = tiles;
+              fn(options);
+            }
           }
         }
       }
@@ -153,7 +162,8 @@ std::string Describe(const QueryOptions& options) {
   std::string text =
       absl::StrCat(StrategyName(options.strategy), " on ", StructureName(options.structure), ", ",
                    IntersectorName(options.intersector), ", packets of ", options.packet_side,
-                   ", antialiasing ", options.rtt_antialiasing);
+                   ", antialiasing ", options.rtt_antialiasing, ", ", options.rtt_side_by_side,
+                   " side by side", options.rtt_shared_edges ? ", shared edges" : "");
   if (!options.leaf_culling) return text;
   const LeafCulling& c = *options.leaf_culling;
   for (const bool on :
@@ -170,36 +180,56 @@ std::string Describe(const QueryOptions& options) {
 // ---- What is asked, and what brute force answers
 
 constexpr uint32_t kWidth = 11, kHeight = 7;  // No side of a packet divides them.
+// Of one scene more: several tiles and packets of every size, and cut ones.
+constexpr uint32_t kLargeWidth = 37, kLargeHeight = 33;
+constexpr double kShareOfMore = 1.0 / 16, kShareOfLarge = 1.0 / 256;
+constexpr SegmentOutputs kSegments = {.bits = true, .first_hits = true};
 constexpr TileOutputs kTile = {.hits = true, .ids = true, .depth = true, .uv = true};
 constexpr ShadowOutputs kBlockers = {.bits = true, .blockers = true};
 
 struct Answers {
   TileResult tile;
   ShadowResult lit, blockers;  // By any hit, and by the first.
+  bool more = false;           // Whether these were asked about:
+  ShadowResult sun_lit, sun_blockers;
+  SegmentResult free, segments;
 };
 
 struct GridScene {
   std::string name;
   IndexedGeometry indexed;
   Camera camera;
-  std::vector<LightSample> lights;
+  LightSample light, sun;
   PreparedPoints points;
+  PreparedSegments segments;
   std::vector<Answers> truth;  // By intersector.
 
-  absl::Status Ask(const QueryOptions& options, Answers* answers) const {
-    absl::Status status =
-        TraceTile(indexed, camera, {0, 0, kWidth, kHeight}, {}, kTile, options, &answers->tile);
+  absl::Status Ask(const QueryOptions& options, bool more, Answers* answers) const {
+    answers->more = more;
+    absl::Status status = TraceTile(indexed, camera, {0, 0, camera.width, camera.height}, {}, kTile,
+                                    options, &answers->tile);
     if (!status.ok()) return status;
     const PointRange range = PointRange::Slice(points, 0, points.size());
-    status = ComputeShadows(indexed, range, lights, {}, {}, {.bits = true}, options, &answers->lit);
+    const auto shade = [&](const LightSample& from, ShadowResult* lit, ShadowResult* blockers) {
+      const std::span<const LightSample> one(&from, 1);
+      status = ComputeShadows(indexed, range, one, {}, {}, {.bits = true}, options, lit);
+      if (!status.ok()) return;
+      status = ComputeShadows(indexed, range, one, {}, {}, kBlockers, options, blockers);
+    };
+    shade(light, &answers->lit, &answers->blockers);
+    if (!status.ok() || !more) return status;
+    shade(sun, &answers->sun_lit, &answers->sun_blockers);
     if (!status.ok()) return status;
-    return ComputeShadows(indexed, range, lights, {}, {}, kBlockers, options, &answers->blockers);
+    status = TestSegments(indexed, segments, {.bits = true}, options, &answers->free);
+    if (!status.ok()) return status;
+    return TestSegments(indexed, segments, kSegments, options, &answers->segments);
   }
 };
 
 // Leaves of all structures hold many triangles, and some few.
-GridScene Finish(std::string name, IndexedGeometry indexed, TestRng& rng) {
-  GridScene scene{std::move(name), std::move(indexed), {}, {}, {}, {}};
+GridScene Finish(std::string name, IndexedGeometry indexed, TestRng& rng, uint32_t width = kWidth,
+                 uint32_t height = kHeight) {
+  GridScene scene{std::move(name), std::move(indexed), {}, {}, {}, {}, {}, {}};
   AddKdTree({.traversal_cost = 0.3f, .min_leaf_triangles = 12}, &scene.indexed);
   ThreadPool pool(1);
   absl::StatusOr<BinaryBvh> binary =
@@ -211,20 +241,21 @@ GridScene Finish(std::string name, IndexedGeometry indexed, TestRng& rng) {
   absl::StatusOr<Camera> camera = absl::UnknownError("none");
   for (int tries = 0; tries < 50 && !camera.ok(); ++tries) {
     camera = LookAt(origin + ToDouble(rays.Point()), origin + ToDouble(rays.Point()), {0.1, 0.3, 1},
-                    70, kWidth, kHeight);
+                    70, width, height);
   }
   EXPECT_TRUE(camera.ok()) << camera.status();
   if (camera.ok()) scene.camera = *camera;
-  LightSample light;
-  light.value = rays.Point();
-  scene.lights.push_back(light);
+  scene.light.value = rays.Point();
+  scene.sun.directional = true;
+  scene.sun.value = rays.Target({}, /*segment=*/false);
   scene.points = MakePoints(scene.indexed, rng, 30);
+  scene.segments = MakeSegments(scene.indexed, rng, 12);
   for (const Intersector intersector : AllNamed(&IntersectorName)) {
     scene.truth.emplace_back();
     QueryOptions options;
     options.strategy = Strategy::kBruteForce;
     options.intersector = intersector;
-    const absl::Status status = scene.Ask(options, &scene.truth.back());
+    const absl::Status status = scene.Ask(options, /*more=*/true, &scene.truth.back());
     EXPECT_TRUE(status.ok()) << status;
   }
   return scene;
@@ -249,6 +280,14 @@ std::vector<GridScene> MakeGridScenes(TestRng& rng) {
     }
   }
   return scenes;
+}
+
+GridScene MakeLargePicture(TestRng& rng) {
+  return Finish(
+      "a ball over a floor, a large picture",
+      IndexObjects({MakeGrid(3, 2, {-3, 0, -3}, rng), MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1})},
+                   std::nullopt),
+      rng, kLargeWidth, kLargeHeight);
 }
 
 // The same scenes and answers without their BVHs. Some kd-trees are cut as finely as can be, and
@@ -282,15 +321,27 @@ void ExpectSameBits(const Answers& a, const Answers& b) {
   EXPECT_TRUE(SameBytes(a.blockers.lit_bits, b.blockers.lit_bits));
   EXPECT_TRUE(SameBytes(a.blockers.blocker, b.blockers.blocker));
   EXPECT_TRUE(SameBytes(a.blockers.blocker_t, b.blockers.blocker_t));
+  if (!a.more) return;
+  EXPECT_TRUE(SameBytes(a.sun_lit.lit_bits, b.sun_lit.lit_bits));
+  EXPECT_TRUE(SameBytes(a.sun_blockers.lit_bits, b.sun_blockers.lit_bits));
+  EXPECT_TRUE(SameBytes(a.sun_blockers.blocker, b.sun_blockers.blocker));
+  EXPECT_TRUE(SameBytes(a.sun_blockers.blocker_t, b.sun_blockers.blocker_t));
+  EXPECT_TRUE(SameBytes(a.free.blocked_bits, b.free.blocked_bits));
+  EXPECT_TRUE(SameBytes(a.segments.blocked_bits, b.segments.blocked_bits));
+  EXPECT_TRUE(SameBytes(a.segments.triangle, b.segments.triangle));
+  EXPECT_TRUE(SameBytes(a.segments.t, b.segments.t));
 }
 
 // Whether some triangle blocks the ray by that test beyond doubt: then no walk may miss them all.
 bool SurelyBlocked(const GridScene& scene, Intersector kind, const PredicateRay& ray,
-                   uint32_t source, uint32_t mask) {
+                   uint32_t source, uint32_t other, uint32_t mask) {
   const SceneGeometry& geometry = scene.indexed.geometry;
   for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
     const ObjectRecord& object = geometry.objects[geometry.ObjectOf(id)];
-    if (id == source || (object.mask & mask) == 0 || object.culling != Culling::kNone) continue;
+    if (id == source || id == other || (object.mask & mask) == 0 ||
+        object.culling != Culling::kNone) {
+      continue;
+    }
     if (std::binary_search(geometry.inert.begin(), geometry.inert.end(), id)) continue;
     const auto [a, b, c] = geometry.Corners(id);
     const IntersectorCheck check = CheckIntersector(kind, ray, a, b, c);
@@ -313,31 +364,45 @@ void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, cons
   };
   Vec3f eye;
   ASSERT_TRUE(Rebase(scene.camera.eye, geometry.origin, &eye));
-  for (uint32_t p = 0; p < kWidth * kHeight; ++p) {
+  const uint32_t width = scene.camera.width;
+  for (uint32_t p = 0; p < width * scene.camera.height; ++p) {
     const PredicateRay ray =
-        PredicateRay::Ray(eye, PixelDirection(scene.camera, p % kWidth, p / kWidth));
+        PredicateRay::Ray(eye, PixelDirection(scene.camera, p % width, p / width));
     if (compare(ray, {a.tile.depth[p], a.tile.triangle[p]},
                 {b.tile.depth[p], b.tile.triangle[p]})) {
       EXPECT_EQ(a.tile.u[p], b.tile.u[p]);
       EXPECT_EQ(a.tile.v[p], b.tile.v[p]);
     }
   }
-  const size_t n = scene.points.size(), row = (n + 7) / 8;
-  for (size_t s = 0; s < scene.lights.size(); ++s) {
-    const LightSample& light = scene.lights[s];
-    for (size_t i = 0; i < n; ++i) {
+  const auto compare_shadows = [&](const LightSample& light, const ShadowResult& lit,
+                                   const ShadowResult& blockers, const ShadowResult& true_lit,
+                                   const ShadowResult& true_blockers) {
+    for (size_t i = 0; i < scene.points.size(); ++i) {
       if (!scene.points.valid[i]) continue;
-      const PredicateRay ray = PredicateRay::Segment(light.value, scene.points.positions[i]);
-      const size_t at = s * n + i;
-      compare(ray, {a.blockers.blocker_t[at], a.blockers.blocker[at]},
-              {b.blockers.blocker_t[at], b.blockers.blocker[at]});
-      const auto lit = [&](const std::vector<uint8_t>& bits) {
-        return bits[s * row + i / 8] >> (i % 8) & 1;
-      };
-      if (lit(a.lit.lit_bits) == lit(b.lit.lit_bits)) continue;
-      EXPECT_TRUE(lit(a.lit.lit_bits)) << "a blocker that brute force has not";
-      EXPECT_FALSE(SurelyBlocked(scene, kind, ray, scene.points.sources[i], light.mask));
+      const Vec3f point = scene.points.positions[i];
+      const PredicateRay ray = light.directional ? PredicateRay::Ray(point, light.value)
+                                                 : PredicateRay::Segment(light.value, point);
+      compare(ray, {blockers.blocker_t[i], blockers.blocker[i]},
+              {true_blockers.blocker_t[i], true_blockers.blocker[i]});
+      if (Bit(lit.lit_bits, i) == Bit(true_lit.lit_bits, i)) continue;
+      EXPECT_TRUE(Bit(lit.lit_bits, i)) << "a blocker that brute force has not";
+      EXPECT_FALSE(
+          SurelyBlocked(scene, kind, ray, scene.points.sources[i], kNoTriangle, light.mask));
     }
+  };
+  compare_shadows(scene.light, a.lit, a.blockers, b.lit, b.blockers);
+  if (!a.more) return;
+  compare_shadows(scene.sun, a.sun_lit, a.sun_blockers, b.sun_lit, b.sun_blockers);
+  const PreparedSegments& segments = scene.segments;
+  for (size_t i = 0; i < segments.size(); ++i) {
+    if (!segments.valid[i]) continue;
+    const PredicateRay ray = PredicateRay::Segment(segments.from[i], segments.to[i]);
+    compare(ray, {a.segments.t[i], a.segments.triangle[i]},
+            {b.segments.t[i], b.segments.triangle[i]});
+    if (Bit(a.free.blocked_bits, i) == Bit(b.free.blocked_bits, i)) continue;
+    EXPECT_FALSE(Bit(a.free.blocked_bits, i)) << "a blocker that brute force has not";
+    EXPECT_FALSE(SurelyBlocked(scene, kind, ray, segments.from_source[i], segments.to_source[i],
+                               options.mask));
   }
 }
 
@@ -351,6 +416,10 @@ bool HasMeaning(const QueryOptions& options) {
   }
   if (options.strategy == Strategy::kShaft && options.structure == Structure::kKdTree) return false;
   if (options.leaf_culling && !walks) return false;
+  if (options.intersector == Intersector::kHavelHeroutDotProduct &&
+      options.strategy == Strategy::kPacket) {
+    return false;
+  }
   return options.intersector == Intersector::kExact || walks ||
          options.strategy == Strategy::kBruteForce;
 }
@@ -369,8 +438,8 @@ std::optional<absl::StatusCode> Refusal(const GridScene& scene, const QueryOptio
 // Asks one combination after another, and counts.
 class Grid {
  public:
-  void Ask(const GridScene& scene, const QueryOptions& options) {
-    const absl::Status status = scene.Ask(options, &answers_);
+  void Ask(const GridScene& scene, const QueryOptions& options, bool more) {
+    const absl::Status status = scene.Ask(options, more, &answers_);
     const std::optional<absl::StatusCode> refusal = Refusal(scene, options);
     if (refusal.has_value()) {
       ++refused_;
@@ -384,6 +453,12 @@ class Grid {
     }
     ++(scene.indexed.kd_tree_alone() ? answered_alone_ : answered_);
     ASSERT_TRUE(status.ok()) << status << " for " << Describe(options) << " over " << scene.name;
+    more_ += more;
+    for (const QueryStats* stats :
+         {&answers_.tile.primary, &answers_.lit.stats, &answers_.blockers.stats}) {
+      tiles_answered_ += stats->tiles_answered;
+      culled_tests_ += stats->culled_tests;
+    }
     if (options.intersector == Intersector::kExact) {
       ExpectSameBits(answers_, scene.truth[0]);
     } else {
@@ -395,13 +470,17 @@ class Grid {
   }
 
   uint64_t answered() const { return answered_; }
+  uint64_t more() const { return more_; }
   uint64_t answered_alone() const { return answered_alone_; }
   uint64_t refused() const { return refused_; }
+  uint64_t tiles_answered() const { return tiles_answered_; }
+  uint64_t culled_tests() const { return culled_tests_; }
   const DifferenceTally& tally() const { return tally_; }
 
  private:
   Answers answers_;
   uint64_t answered_ = 0, answered_alone_ = 0, refused_ = 0;
+  uint64_t tiles_answered_ = 0, culled_tests_ = 0, more_ = 0;
   DifferenceTally tally_;
 };
 
@@ -410,20 +489,29 @@ TEST(GridTest, EveryCombinationAnswersAsBruteForceDoesOrIsRefused) {
   const std::vector<GridScene> scenes = MakeGridScenes(rng);
   ASSERT_EQ(scenes.size(), 7u);
   const std::vector<GridScene> alone = OnKdTreesAlone(scenes);
+  const GridScene large = MakeLargePicture(rng);
   // Sanitizers see every so many-th of them.
   const uint64_t step = kSanitizerBuild ? 61 : 1, offset = rng.Below(step);
   uint64_t number = 0;
   Grid grid;
   ForEachQuery([&](const QueryOptions& options) {
     if (testing::Test::HasFailure() || number++ % step != offset) return;
-    grid.Ask(scenes[rng.Below(scenes.size())], options);
+    grid.Ask(scenes[rng.Below(scenes.size())], options, rng.Chance(kShareOfMore));
+    // All of RTT, and some of the others.
+    if (options.strategy == Strategy::kRtt || rng.Chance(kShareOfLarge)) {
+      grid.Ask(large, options, /*more=*/true);
+    }
     // The binary BVH is the same, whatever stands beside it.
     if (options.structure == Structure::kBinaryBvh) return;
-    grid.Ask(alone[rng.Below(alone.size())], options);
+    grid.Ask(alone[rng.Below(alone.size())], options, rng.Chance(kShareOfMore));
   });
   std::cout << grid.answered() << " combinations answered, and " << grid.answered_alone()
-            << " by kd-trees alone, " << grid.refused()
-            << " refused; the papers' tests: " << grid.tally() << '\n';
+            << " by kd-trees alone, " << grid.more() << " with suns and segments, "
+            << grid.refused() << " refused; " << grid.tiles_answered() << " tiles answered, "
+            << grid.culled_tests() << " tests culled; the papers' tests: " << grid.tally() << '\n';
+  EXPECT_GT(grid.tiles_answered(), 0u);
+  EXPECT_GT(grid.more(), 0u);
+  EXPECT_GT(grid.culled_tests(), 0u);
   if (kSanitizerBuild) return;
   EXPECT_GT(grid.answered(), 100'000u);
   EXPECT_GT(grid.answered_alone(), 40'000u);
