@@ -115,9 +115,10 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   }
   packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
   const std::span<const RayPacket> packets(packets_.get(), blocks());
+  WalkChoice& choice = segments_choices_.Of(light_of_[s]);
   const ShaftCut* cut = nullptr;
   bool by_hulls = false;
-  if (strategy == Strategy::kShaft && !segments_choice_.ShaftsAreRare()) {
+  if (strategy == Strategy::kShaft && !choice.ShaftsAreRare()) {
     if (s >= hull_end_ || s < hull_begin_) CutHulls(s);
     by_hulls = hull_end_ - hull_begin_ >= kLeastHullSamples;
     if (!by_hulls && blocks() > 1) cut = CutGroup(scene_, run_, packets, &cut_);
@@ -128,13 +129,13 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
       packets_[b].first_leaf = *first_leaf;
     }
-    const Strategy walk = strategy == Strategy::kShaft ? segments_choice_.Next() : strategy;
+    const Strategy walk = strategy == Strategy::kShaft ? choice.Next() : strategy;
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, walk, &packets_[b],
                                         by_hulls ? hull_cut_of_[b] : cut, scope->walk()));
     scope->Took(walk);
     if (strategy == Strategy::kShaft) {
-      segments_choice_.Learn(walk, before, *scope->walk(), static_cast<size_t>(packets_[b].count));
+      choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(packets_[b].count));
     }
     *first_leaf = packets_[b].first_leaf;
   }
@@ -184,16 +185,16 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, StatsScope* sc
   }
   parallel_ready_ = t_min_ == 0;
   const std::span<const ParallelPacket> packets(parallel_.get(), blocks());
-  const ShaftCut* cut = blocks() > 1 && !parallel_choice_.ShaftsAreRare()
-                            ? CutGroup(scene_, run_, packets, &cut_)
-                            : nullptr;
+  WalkChoice& choice = parallel_choices_.Of(light_of_[s]);
+  const ShaftCut* cut =
+      blocks() > 1 && !choice.ShaftsAreRare() ? CutGroup(scene_, run_, packets, &cut_) : nullptr;
   for (size_t b = 0; b < blocks(); ++b) {
     parallel_[b].first_leaf = *first_leaf;
-    const Strategy walk = parallel_choice_.Next();
+    const Strategy walk = choice.Next();
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, walk, &parallel_[b], cut, scope->walk()));
     scope->Took(walk);
-    parallel_choice_.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
+    choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
     *first_leaf = parallel_[b].first_leaf;
   }
   return absl::OkStatus();

@@ -40,8 +40,13 @@ class SampleTracer {
         stats_(stats),
         record_answered_by_(run.options().count_answers),
         first_leaves_(samples.size(), RayPacket::kNoLeaf),
-        segments_choice_(OtherWalks(run, RayForm::kOneOrigin)),
-        parallel_choice_(OtherWalks(run, RayForm::kParallel)) {}
+        light_of_(samples.size()),
+        segments_choices_(OtherWalks(run, RayForm::kOneOrigin)),
+        parallel_choices_(OtherWalks(run, RayForm::kParallel)) {
+    for (size_t s = 1; s < samples.size(); ++s) {
+      light_of_[s] = light_of_[s - 1] + (samples[s].light != samples[s - 1].light);
+    }
+  }
 
   // At most kGroupRays points, all valid, and their source triangles, or none of these; kept by
   // reference until the next call.
@@ -108,7 +113,8 @@ class SampleTracer {
   std::unique_ptr<ParallelPacket[]> parallel_;
   ShaftCut cut_;
   std::vector<uint32_t> first_leaves_;  // By sample: RayPacket::first_leaf for its next packet.
-  WalkChoice segments_choice_, parallel_choice_;
+  std::vector<uint32_t> light_of_;      // By sample: how many lights came before its own.
+  WalkChoices segments_choices_, parallel_choices_;
   // Samples hull_begin_ .. hull_end_ share these cuts, by block; null where there is none.
   size_t hull_begin_ = 0, hull_end_ = 0;
   std::vector<Vec3f> hull_origins_;

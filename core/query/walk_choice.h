@@ -13,6 +13,9 @@
 // without coherence fall to single rays); the weights and thresholds are from `sightline-bench
 // auto` (core/traverse/DESIGN.md, "What AUTO walks").
 //
+// Where a light is says much of how far shafts help, so each has a choice of its own, and takes up
+// where the light before it left off.
+//
 // Thread safety: none; belongs to one call.
 //
 //   WalkChoice choice(WalkChoice::Others::kPacketsAndSingleRays);
@@ -27,6 +30,8 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <vector>
 
 #include "core/query/options.h"
 #include "core/traverse/trace_ray.h"
@@ -66,8 +71,23 @@ class WalkChoice {
   // The cheapest of those known.
   Walk Best() const;
 
-  const Others others_;
+  Others others_;
   std::array<Record, kWalks> records_;
+};
+
+// A WalkChoice for each of many lights.
+class WalkChoices {
+ public:
+  explicit WalkChoices(WalkChoice::Others others) : untaught_(others) {}
+
+  // That of light number `light`, counted from 0: few numbers go unused. At first it knows what the
+  // light asked about before knows. Valid until the next call.
+  WalkChoice& Of(uint32_t light);
+
+ private:
+  const WalkChoice untaught_;
+  std::vector<std::optional<WalkChoice>> choices_;  // By light.
+  std::optional<uint32_t> last_;
 };
 
 }  // namespace sightline

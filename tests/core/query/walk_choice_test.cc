@@ -72,7 +72,7 @@ TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
   WalkChoice choice(Others::kPacketsAndSingleRays);
   const Taken taken = Take(choice, 1000, 10, 10, 40);
   EXPECT_FALSE(choice.ShaftsAreRare());
-  // Trials of either become rare: after 16 and 32 blocks, then every 64.
+  // Trials of either become rare: after 8, 16 and 32 blocks, then every 64.
   EXPECT_GT(taken.shafts, 950);
   EXPECT_GT(taken.packets, 10);
   EXPECT_GT(taken.singles, 10);
@@ -102,6 +102,20 @@ TEST(WalkChoiceTest, AFewRaysTeachNothing) {
   EXPECT_EQ(choice.Next(), Strategy::kShaft);
   Teach(choice, Strategy::kShaft, 100, /*rays=*/32);
   EXPECT_NE(choice.Next(), Strategy::kShaft);
+}
+
+TEST(WalkChoicesTest, EachLightLearnsForItselfAndBeginsWhereTheLastLeftOff) {
+  WalkChoices choices(Others::kPacketsAndSingleRays);
+  EXPECT_EQ(Take(choices.Of(0), 100, 1, 0, 0).shafts, 100);
+  EXPECT_GT(Take(choices.Of(1), 100, 40, 40, 20).singles, 80);
+  EXPECT_EQ(choices.Of(0).Next(), Strategy::kShaft);
+  EXPECT_EQ(choices.Of(1).Next(), Strategy::kSingle);
+  // New ones know what the one before knows, and are their own from then on.
+  EXPECT_EQ(choices.Of(7).Next(), Strategy::kSingle);
+  EXPECT_GT(Take(choices.Of(7), 300, 0, 40, 20).shafts, 100);
+  EXPECT_EQ(choices.Of(1).Next(), Strategy::kSingle);
+  EXPECT_EQ(choices.Of(0).Next(), Strategy::kShaft);
+  EXPECT_EQ(choices.Of(2).Next(), Strategy::kShaft);
 }
 
 // Small triangles all over a cube, and points thinly scattered among them.
