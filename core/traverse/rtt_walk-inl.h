@@ -15,8 +15,9 @@
 //    edges of H between the two sides would have to leave a plane through the origin and two
 //    corners; so is the far part, and its beginnings lie in the plane. Both are visited.
 //  * All begin before it, but not all surely cross: cut the S_i there. The near part is as before,
-//    for the H of these ends. The far child must then never be needed (`last` below): if the walk
-//    comes to it, the corners are not coherent.
+//    for the H of these ends, which may be smaller than H before the plane: what is lost runs into
+//    the far child. So the walk must end before it comes to that child (`last` below): if it does
+//    come to it, the corners are not coherent, whatever stands there.
 //  * Else they are not coherent.
 // "Before" and "beyond" are certain: parameters compare with kBoxExitScale and kBoxExitShift to
 // spare (core/geometry/box_ray.h, 2), and what is in doubt counts as neither. So every cell that
@@ -27,7 +28,8 @@
 //    each ray that counts: in this part a closer triangle's box begins (kd_tree.h, 2), and in one
 //    of the cells there the triangle stands. With perfect splits it need not stand in those cells
 //    (kd_tree.h, 3), but only in nodes whose `reach` meets this H, since the triangle's whole box
-//    does: others are passed by, told by the box around H (kHullMargin), and all cells are walked.
+//    does: others are passed by, told by the box around H (kHullMargin), but never one of `last`;
+//    and all cells are walked.
 // Hence the rule for shadows: every end must lie in the shaft (RttShaft verifies it), whether the
 // receivers are coplanar or not; and that for first hits: a covering triangle, or a walk through
 // the whole scene.
@@ -113,9 +115,11 @@ class RttWalk {
     Pending stack[kKdStackSize];
     int depth = 0;
     while (true) {
-      if (perfect_) at.tiles &= ~PassedBy(at.node, at.tiles);
+      // First of all: the corners were cut for the node's sibling alone, and what of H is lost by
+      // that is walked nowhere else, whatever this node holds.
       Part(at.tiles & at.last);
       at.tiles &= walking_;
+      if (perfect_) at.tiles &= ~PassedBy(at.node, at.tiles);
       if (at.tiles != 0) {
         const KdNode node = tree_.nodes[at.node];
         if (!node.is_leaf()) {

@@ -9,12 +9,16 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <initializer_list>
+#include <iterator>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "core/accel/kd_builder.h"
+#include "core/accel/kd_validation.h"
 #include "core/traverse/kernels.h"
 #include "gtest/gtest.h"
 #include "tests/core/traverse/kernels_fixture.h"
@@ -31,6 +35,8 @@ void Build(bool perfect, IndexedGeometry* indexed) {
   ASSERT_TRUE(tree.ok()) << tree.status();
   indexed->kd_tree = *std::move(tree);
 }
+
+constexpr int64_t kSparseScenes = 300;
 
 Vec3d Unit(Vec3d v) { return v * (1 / Length(v)); }
 
@@ -53,7 +59,9 @@ class RttTest : public KernelsFixture {
     int64_t by_list = 0, by_shaft = 0;
   };
 
-  Tile MakeTile(Vec3f origin, Vec3d toward, double spacing, int side, double roll) {
+  // Rows are `flat` times as far from one another as columns.
+  Tile MakeTile(Vec3f origin, Vec3d toward, double spacing, int side, double roll,
+                double flat = 1) {
     Tile tile;
     const size_t rays = static_cast<size_t>(side) * static_cast<size_t>(side);
     tile.count = (rays + RayPacket::kMaxRays - 1) / RayPacket::kMaxRays;
@@ -67,8 +75,8 @@ class RttTest : public KernelsFixture {
     for (int y = 0; y < side; y += 4) {
       for (int x = 0; x < side; x += 4) {
         for (int k = 0; k < 16; ++k, ++ray) {
-          const Vec3d d =
-              w + (x + k % 4 - 0.5 * side) * spacing * u + (y + k / 4 - 0.5 * side) * spacing * v;
+          const Vec3d d = w + (x + k % 4 - 0.5 * side) * spacing * u +
+                          (y + k / 4 - 0.5 * side) * spacing * flat * v;
           SetTarget(tile, ray, ToFloat(d), kNoTriangle);
         }
       }
@@ -137,11 +145,11 @@ class RttTest : public KernelsFixture {
   // An eye's tile, then the segments from a light to its hits.
   void CheckEyeAndLight(const IndexedGeometry& scene, Vec3f eye, Vec3d toward, Vec3f light,
                         double spacing, int n, bool shared_edges, TestRng& rng, Totals* eyes,
-                        Totals* lights) {
+                        Totals* lights, double flat = 1) {
     const RttOptions options{.tile_rays = RttTileRays(n), .shared_edges = shared_edges};
     // Several tiles of one ray a pixel fill a packet.
     const int side = n == 1 ? 16 : 4 * n;
-    Tile tile = MakeTile(eye, toward, spacing, side, rng.Uniform(0, 6));
+    Tile tile = MakeTile(eye, toward, spacing, side, rng.Uniform(0, 6), flat);
     truths_.clear();
     ASSERT_NO_FATAL_FAILURE(Check(scene, tile, options, true, eyes));
     const double sources = rng.Chance(0.5) ? 1 : rng.Uniform(0, 1);
@@ -187,6 +195,133 @@ TEST_P(RttTest, NastyScenesGiveBruteForcesBits) {
   }
   EXPECT_GT(eyes.stats.tiles_answered, 0u);
   EXPECT_GT(lights.stats.tiles_answered, 0u);
+}
+
+// Corners that are cut before a cell must part when they come to it, whatever it holds: with what
+// runs into it the cut has lost more, here the corner of the cells before it that holds `target`.
+//
+//   z < 10, x < 1, y < 1: a part of `cover`; all corners end in it.
+//   z < 10, x < 1, y > 1: a little of `cover`, and `target`.
+//   z < 10, x > 1:        nothing, or nothing near. The corners are cut before it.
+//   z > 10:               the rest of `cover`.
+TEST_P(RttTest, CellsBehindACutAreNeverPassedBy) {
+  const Vec3d cover[] = {{0.3, 0, 7.8}, {4, 0, 22.6}, {4, 7, 22.6}};
+  const Vec3d target[] = {{0.976, 1.011, 9.9}, {0.988, 1.011, 9.9}, {0.982, 1.023, 9.9}};
+  const Vec3d elsewhere[] = {{5, -50, 5}, {6, -50, 5}, {5, -51, 6}};
+  for (const bool holds_things : {false, true}) {
+    SCOPED_TRACE(holds_things ? "things elsewhere" : "an empty cell");
+    ObjectInput object;
+    object.vertices.insert(object.vertices.end(), std::begin(cover), std::end(cover));
+    object.vertices.insert(object.vertices.end(), std::begin(target), std::end(target));
+    if (holds_things) {
+      object.vertices.insert(object.vertices.end(), std::begin(elsewhere), std::end(elsewhere));
+    }
+    for (uint32_t i = 0; i < object.vertices.size(); ++i) object.indices.push_back(i);
+    IndexedGeometry scene = IndexObjects({object}, Vec3d{});
+    const auto box_of = [&](uint32_t id) {
+      Box3f box;
+      for (const Vec3f& corner : scene.geometry.Corners(id)) box.Extend(corner);
+      return box;
+    };
+    KdTree tree;
+    tree.triangle_count = static_cast<uint32_t>(scene.geometry.triangles.size());
+    for (uint32_t id = 0; id < tree.triangle_count; ++id) tree.bounds.Extend(box_of(id));
+    tree.max_depth = 3;
+    for (const KdNode node :
+         {KdNode::Inner(2, 10, 1), KdNode::Inner(0, 1, 3), KdNode::Leaf(holds_things ? 3 : 2),
+          KdNode::Inner(1, 1, 5), holds_things ? KdNode::Leaf(2) : KdNode::EmptyLeaf(),
+          KdNode::Leaf(0), KdNode::Leaf(1)}) {
+      tree.nodes.push_back(node);
+    }
+    const auto add_leaf = [&](Box3f cell, std::initializer_list<uint32_t> ids) {
+      Box3f hull;
+      for (const uint32_t id : ids) hull.Extend(box_of(id));
+      KdLeaf leaf{};
+      for (int axis = 0; axis < 3; ++axis) {
+        leaf.lo[axis] = std::max(hull.lo[axis], cell.lo[axis]);
+        leaf.hi[axis] = std::min(hull.hi[axis], cell.hi[axis]);
+      }
+      leaf.first = static_cast<uint32_t>(tree.ids.size());
+      leaf.count = static_cast<uint32_t>(ids.size());
+      for (const uint32_t id : ids) tree.ids.push_back(id);
+      tree.leaves.push_back(leaf);
+    };
+    const Box3f all = tree.bounds;
+    add_leaf({all.lo, {1, 1, 10}}, {0});
+    add_leaf({{all.lo.x, 1, all.lo.z}, {1, all.hi.y, 10}}, {0, 1});
+    if (holds_things) add_leaf({{1, all.lo.y, all.lo.z}, {all.hi.x, all.hi.y, 10}}, {2});
+    add_leaf({{all.lo.x, all.lo.y, 10}, all.hi}, {0});
+    for (size_t i = 0; i < tree.nodes.size(); ++i) tree.reach.push_back(Box3f());
+    for (size_t i = tree.nodes.size(); i-- > 0;) {
+      const KdNode node = tree.nodes[i];
+      if (!node.is_leaf()) {
+        tree.reach[i].Extend(tree.reach[node.first_child()]);
+        tree.reach[i].Extend(tree.reach[node.first_child() + 1]);
+      } else if (!node.is_empty_leaf()) {
+        for (const uint32_t id : tree.LeafIds(tree.leaves[node.leaf()])) {
+          tree.reach[i].Extend(box_of(id));
+        }
+      }
+    }
+    ASSERT_TRUE(ValidateKdTree(tree, scene.geometry).ok()) << ValidateKdTree(tree, scene.geometry);
+    scene.kd_tree = std::move(tree);
+
+    Tile tile = MakeTile({0, 0, 0}, {0, 0, 1}, 0.001, 4, 0);
+    constexpr size_t kThrough = 2;  // The ray that meets `target`.
+    for (size_t i = 0; i < 16; ++i) {
+      const double at = i == kThrough ? 0.0092 / 0.06 : static_cast<double>(i) / 15;
+      SetTarget(tile, i, ToFloat({0.09 + 0.06 * at, 0.096 + 0.044 * at, 1}), kNoTriangle);
+    }
+    truths_.clear();
+    Totals totals;
+    EXPECT_NO_FATAL_FAILURE(Check(scene, tile, {}, true, &totals));
+    EXPECT_NEAR(truths_[kThrough].t, 9.9, 1e-5);
+    for (size_t i = 0; i < 16; ++i) {
+      EXPECT_EQ(truths_[i].triangle, i == kThrough ? 1u : 0u) << i;
+    }
+  }
+}
+
+// Few triangles, small and large, in deep trees with empty cells: tiles of any shape and roll, as
+// rows of pixels and rolled cameras have them, wide enough for their corners to go different ways.
+TEST_P(RttTest, SparseScenesInPerfectSplitsGiveBruteForcesBits) {
+  TestRng rng;
+  Totals eyes, lights;
+  ThreadPool pool(1);
+  for (int64_t i = ScaledCount(kSparseScenes, 10); i > 0; --i) {
+    ObjectInput object;
+    for (int left = 2 + static_cast<int>(rng.Below(24)); left > 0; --left) {
+      const double size = std::ldexp(1.0, static_cast<int>(rng.Below(8)) - 4);
+      const auto at = [&](double half) {
+        return Vec3d{rng.Uniform(-half, half), rng.Uniform(-half, half), rng.Uniform(-half, half)};
+      };
+      const Vec3d centre = at(5);
+      for (int k = 0; k < 3; ++k) {
+        object.indices.push_back(static_cast<uint32_t>(object.vertices.size()));
+        object.vertices.push_back(centre + at(size));
+      }
+    }
+    IndexedGeometry scene = IndexObjects({object}, Vec3d{});
+    absl::StatusOr<KdTree> tree = BuildKdTree(
+        scene.geometry,
+        {.traversal_cost = 0.05f, .perfect_splits = true, .max_depth = 20, .max_references = 32},
+        pool);
+    ASSERT_TRUE(tree.ok()) << tree.status();
+    scene.kd_tree = *std::move(tree);
+    for (int tiles = 8; tiles > 0; --tiles) {
+      const auto within = [&] {
+        return Vec3d{rng.Uniform(-6, 6), rng.Uniform(-6, 6), rng.Uniform(-6, 6)};
+      };
+      const double spacing = std::ldexp(1.0, -static_cast<int>(rng.Below(5)) - 3);
+      const double flat = rng.Chance(0.5) ? 1 : rng.Chance(0.5) ? 0 : rng.Uniform(0, 0.2);
+      const int n = rng.Chance(0.8) ? 1 : 2;
+      ASSERT_NO_FATAL_FAILURE(CheckEyeAndLight(scene, ToFloat(within()), within() - within(),
+                                               ToFloat(within()), spacing, n, rng.Chance(0.5), rng,
+                                               &eyes, &lights, flat));
+    }
+  }
+  EXPECT_GT(eyes.stats.tiles_answered, eyes.stats.tiles / 20);
+  EXPECT_GT(lights.stats.tiles_answered, lights.stats.tiles / 20);
 }
 
 // Blocks in a room, of triangles much larger than tiles.
