@@ -87,9 +87,9 @@ const char* VerdictName(Verdict verdict) {
 }  // namespace
 
 Verdict VerdictOfGain(double measured, double paper) {
-  return measured >= (1 - kGainBand) * paper ? Verdict::kHolds
-         : measured > 1                      ? Verdict::kInPart
-                                             : Verdict::kDoesNotHold;
+  // The band of a small gain reaches below 1: a loss is never one.
+  const bool holds = measured >= (1 - kGainBand) * paper && (measured > 1 || paper <= 1);
+  return holds ? Verdict::kHolds : measured > 1 ? Verdict::kInPart : Verdict::kDoesNotHold;
 }
 
 Verdict VerdictOfShare(double measured, double paper) {

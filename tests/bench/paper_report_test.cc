@@ -114,6 +114,9 @@ TEST(PaperReportTest, VerdictsHaveTheirBands) {
   EXPECT_EQ(VerdictOfGain(1.171, 1.3), Verdict::kHolds);
   EXPECT_EQ(VerdictOfGain(1.169, 1.3), Verdict::kInPart);
   EXPECT_EQ(VerdictOfGain(1.0, 1.3), Verdict::kDoesNotHold);
+  EXPECT_EQ(VerdictOfGain(0.99, 1.1), Verdict::kDoesNotHold) << "a loss within the band";
+  EXPECT_EQ(VerdictOfGain(1.0, 1.06), Verdict::kDoesNotHold);
+  EXPECT_EQ(VerdictOfGain(1.01, 1.06), Verdict::kHolds);
   EXPECT_EQ(VerdictOfGain(0.9, 0.95), Verdict::kHolds) << "a loss as small as the paper's";
   EXPECT_EQ(VerdictOfShare(0.901, 0.92), Verdict::kHolds);
   EXPECT_EQ(VerdictOfShare(0.89, 0.92), Verdict::kInPart);
