@@ -77,8 +77,8 @@ struct QueryOptions {
   int packet_side = 16;
   // kPacket alone, of a tile's shadows: a packet from the light is that of the pixels' own square.
   // Where one of them hits nothing, the ray goes to the packet's first hit instead (paper 004,
-  // section 5), which keeps the packet together and costs no answer; statistics count it. Else
-  // packets hold hits alone, as they follow one another.
+  // section 5): the packet stays together, at no answer's cost; statistics count it. Else packets
+  // hold hits alone, as they follow one another, and so do a sun's rays, which have no packets.
   bool pixel_shadow_packets = false;
   SimdTarget simd = SimdTarget::kBest;  // REQUIRES: SimdTargetAvailable(simd).
   uint32_t mask = 0xFFFFFFFFu;

@@ -411,12 +411,8 @@ class TileTrace {
       point_pixel_[points++] = static_cast<uint32_t>(pixel);
     };
     const size_t none = static_cast<size_t>(packet_->count);
-    size_t stand_in = none;  // The first hit, for those that have none.
-    if (PixelShadowPackets()) {
-      for (stand_in = 0; stand_in < none; ++stand_in) {
-        if (packet_->triangle[stand_in] != kNoTriangle) break;
-      }
-    }
+    size_t stand_in = PixelShadowPackets() ? 0 : none;  // The first hit, for those that have none.
+    while (stand_in < none && packet_->triangle[stand_in] == kNoTriangle) ++stand_in;
     ForEachRun(block, [&](const PixelRun& run) {
       for (uint32_t k = 0; k < run.count; ++k) {
         const size_t lane = static_cast<size_t>(run.lane) + k;
@@ -427,10 +423,9 @@ class TileTrace {
         }
       }
     });
-    if (stand_in == none) return points;
     // Packets at the tile's edge are filled up.
     const auto side = static_cast<size_t>(run_.options().packet_side);
-    while (points - begin < side * side) add(stand_in, kNoPixel);
+    while (stand_in != none && points - begin < side * side) add(stand_in, kNoPixel);
     return points;
   }
 
@@ -442,18 +437,23 @@ class TileTrace {
 
   absl::Status ShadeGroup(size_t points) {
     if (outputs_.points) {
-      out_.points.positions.insert(out_.points.positions.end(), positions_.begin(),
-                                   positions_.begin() + static_cast<ptrdiff_t>(points));
-      out_.points.sources.insert(out_.points.sources.end(), sources_.begin(),
-                                 sources_.begin() + static_cast<ptrdiff_t>(points));
-      out_.point_pixel.insert(out_.point_pixel.end(), point_pixel_.begin(),
-                              point_pixel_.begin() + static_cast<ptrdiff_t>(points));
+      const auto append = [&](const auto& from, auto& to) {
+        to.insert(to.end(), from.begin(), from.begin() + static_cast<ptrdiff_t>(points));
+      };
+      append(positions_, out_.points.positions);
+      append(sources_, out_.points.sources);
+      append(point_pixel_, out_.point_pixel);
     }
     if (!outputs_.lit) return absl::OkStatus();
-    tracer_.SetPoints(std::span<const Vec3f>(positions_.data(), points),
-                      std::span<const uint32_t>(sources_.data(), points));
+    SL_RETURN_IF_ERROR(ShadeBy(points, /*directional=*/false));
+    // A sun's rays have no packets to fill.
+    return ShadeBy(PixelShadowPackets() ? DropStandIns(points) : points, /*directional=*/true);
+  }
+
+  absl::Status ShadeBy(size_t points, bool directional) {
+    tracer_.SetPoints({positions_.data(), points}, {sources_.data(), points});
     for (size_t s = 0; s < samples_.size(); ++s) {
-      if (!samples_[s].valid) continue;
+      if (!samples_[s].valid || samples_[s].directional != directional) continue;
       SL_RETURN_IF_ERROR(tracer_.Trace(s));
       uint8_t* row = out_.lit_bits.data() + s * row_bytes_;
       for (size_t i = 0; i < points; ++i) {
@@ -466,6 +466,17 @@ class TileTrace {
       }
     }
     return absl::OkStatus();
+  }
+
+  size_t DropStandIns(size_t points) {
+    size_t hits = 0;
+    for (size_t i = 0; i < points; ++i) {
+      positions_[hits] = positions_[i];
+      sources_[hits] = sources_[i];
+      point_pixel_[hits] = point_pixel_[i];
+      hits += point_pixel_[hits] != kNoPixel;
+    }
+    return hits;
   }
 
   // Blocks came one after another; points are handed out in pixel order.

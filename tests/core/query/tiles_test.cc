@@ -56,7 +56,10 @@ TEST(TilesTest, PixelShadowPacketsAreWholeSquaresAndChangeNoAnswer) {
   const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kSide);
   std::vector<LightSample> samples;
   ASSERT_TRUE(AppendSamples(Light::Point({1, 0.5, 5}), 0, {}, &samples).ok());
-  ASSERT_TRUE(AppendSamples(Light::Point({-2, 1, 4}), 1, {}, &samples).ok());
+  // A sun's rays have no packets to fill.
+  ASSERT_TRUE(AppendSamples(Light::Directional({0.3, 0.2, 1}), 1, {}, &samples).ok());
+  ASSERT_TRUE(AppendSamples(Light::Point({-2, 1, 4}), 2, {}, &samples).ok());
+  ASSERT_EQ(samples.size(), 3u);
   for (const TileRect rect : {TileRect{0, 0, kSide, kSide}, TileRect{3, 5, 67, 41}}) {
     for (const int side : kPacketSides) {
       const auto trace = [&](bool by_pixels) {
@@ -80,7 +83,7 @@ TEST(TilesTest, PixelShadowPacketsAreWholeSquaresAndChangeNoAnswer) {
       const uint64_t pixels = PixelsOfSquaresWithHits(hits, rect, static_cast<uint32_t>(side));
       ASSERT_GT(pixels, hits.point_pixel.size()) << "every pixel hits";
       EXPECT_EQ(hits.shadow.rays, samples.size() * hits.point_pixel.size());
-      EXPECT_EQ(squares.shadow.rays, samples.size() * pixels) << "side " << side;
+      EXPECT_EQ(squares.shadow.rays, 2 * pixels + hits.point_pixel.size()) << "side " << side;
     }
   }
 }
