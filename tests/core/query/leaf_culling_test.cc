@@ -2,7 +2,7 @@
 //
 // What the options of leaf culling do to the counts of one fixed picture, and the size of packets:
 // one that nobody reads would change none. And that perfect splits, whose cells bound no distance,
-// do not make closest hits look through the whole scene.
+// neither make closest hits look through the whole scene nor lose one.
 #include "core/traverse/leaf_culling.h"
 
 #include <cmath>
@@ -248,6 +248,11 @@ TEST(LeafCullingTest, ClosestHitsEndEarlyOverPerfectSplits) {
   IndexedGeometry scene = MakeScene(floors);
   const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.3, kSide);
   ThreadPool pool(1);
+  const TileOutputs outputs = {.ids = true, .depth = true};
+  TileResult truth;
+  ASSERT_TRUE(TraceTile(scene, camera, {0, 0, kSide, kSide}, {}, outputs,
+                        {.strategy = Strategy::kBruteForce}, &truth)
+                  .ok());
   const auto count = [&](Strategy strategy, bool culls, bool perfect) {
     scene.kd_tree = BuildKdTree(scene.geometry, {.perfect_splits = perfect}, pool).value();
     EXPECT_EQ(scene.kd_tree->perfect(), perfect);
@@ -255,8 +260,9 @@ TEST(LeafCullingTest, ClosestHitsEndEarlyOverPerfectSplits) {
     QueryOptions options{
         .strategy = strategy, .structure = Structure::kKdTree, .simd = SimdTarget::kAvx2};
     if (culls) options.leaf_culling = LeafCulling();
-    EXPECT_TRUE(
-        TraceTile(scene, camera, {0, 0, kSide, kSide}, {}, {.ids = true}, options, &tile).ok());
+    EXPECT_TRUE(TraceTile(scene, camera, {0, 0, kSide, kSide}, {}, outputs, options, &tile).ok());
+    EXPECT_EQ(tile.triangle, truth.triangle) << StrategyName(strategy) << culls << perfect;
+    EXPECT_EQ(tile.depth, truth.depth) << StrategyName(strategy) << culls << perfect;
     return tile.primary;
   };
   for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket, Strategy::kRtt}) {

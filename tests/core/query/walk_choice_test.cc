@@ -133,8 +133,9 @@ IndexedGeometry MakeSoup(int triangles, TestRng& rng) {
   return MakeScene({soup});
 }
 
-LightSample MakeSample(Vec3f value, bool directional) {
+LightSample MakeSample(Vec3f value, bool directional, uint32_t light) {
   LightSample sample;
+  sample.light = light;
   sample.value = value;
   sample.directional = directional;
   return sample;
@@ -161,7 +162,8 @@ TEST_F(MixedWalksTest, OfSegmentsAndRaysAnswerAsBruteForceDoes) {
       SCOPED_TRACE(testing::Message() << directional << blockers);
       std::vector<LightSample> samples;
       for (const Vec3f at : {Vec3f{0.3f, 0.2f, 1.5f}, Vec3f{-0.4f, 0.5f, 0.9f}}) {
-        samples.push_back(MakeSample(at, directional));
+        // Lights of their own, each with a choice.
+        samples.push_back(MakeSample(at, directional, static_cast<uint32_t>(samples.size())));
       }
       const ShadowOutputs outputs = {
           .bits = true, .counts = true, .blockers = blockers, .answered_by = true};
