@@ -2,7 +2,8 @@
 //
 // What happens between a failed check (check.h) and the end of the process: for whoever has
 // something left to write. The check's own text then goes to stderr; where nobody reads that, it
-// holds the end up for a second at most.
+// holds the end up for a second at most. Another thread whose check fails meanwhile writes its own
+// text and waits for the first, for three seconds at most.
 //
 // Thread safety: from any thread.
 //

@@ -127,7 +127,7 @@ struct WalkStats {
   uint64_t culled_tests = 0;  // Pairs of triangle and ray that never came to a test.
   uint64_t ray_boxes = 0;     // Boxes made of a ray within a leaf, and made smaller after a hit.
   uint64_t ray_box_updates = 0;
-  uint64_t box_tests = 0;       // Registers of a packet's lanes put to a node's box.
+  uint64_t box_tests = 0;       // Registers of lanes put to the root's box, or inner steps' boxes.
   uint64_t aperture_tests = 0;  // Triangles put to a packet's four corner rays.
   uint64_t edges_spared = 0;    // Pairs whose edges the corner rays had settled.
   // Relevant triangles tracing: tiles asked about, those whose lists answered all their rays, and

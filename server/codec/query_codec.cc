@@ -129,10 +129,10 @@ absl::StatusOr<LeafCulling> DecodeLeafCulling(const v1::LeafCulling& culling) {
                           "is not a test of nodes that this server knows",
                           v1::ERROR_REASON_UNKNOWN_ENUM_VALUE);
   }
-  constexpr uint32_t kMost = 1u << 20;
-  if (culling.ray_box_min_triangles() > kMost) {
+  if (culling.ray_box_min_triangles() > kMaxRayBoxMinTriangles) {
     return InvalidField("options.leaf_culling.ray_box_min_triangles",
-                        culling.ray_box_min_triangles(), absl::StrCat("must be at most ", kMost));
+                        culling.ray_box_min_triangles(),
+                        absl::StrCat("must be at most ", kMaxRayBoxMinTriangles));
   }
   if (culling.ray_box_min_triangles() > 0) {
     result.ray_box_min_triangles = culling.ray_box_min_triangles();

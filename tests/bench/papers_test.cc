@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
-#include <set>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -87,7 +86,6 @@ TEST(PapersTest, EveryTableHasItsRows) {
                                             {{"004", "Figures 14 and 15"}, 2 * 8},
                                             {{"004", "Figure 16"}, 2},
                                             {{"004", "relighting"}, 2 * 2}};
-  size_t rows = 0;
   for (const auto& [table, count] : kRows) {
     size_t found = 0;
     for (const auto& [at, its] : TheRun().tables) {
@@ -97,7 +95,6 @@ TEST(PapersTest, EveryTableHasItsRows) {
       }
     }
     EXPECT_EQ(found, 1u) << table.first << ", " << table.second;
-    rows += count;
   }
   // As many more as registers are wide: with and without AVX-512.
   for (const char* title : {"Table I", "Table II"}) {

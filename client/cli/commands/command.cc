@@ -15,6 +15,7 @@
 #include "absl/strings/strip.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/file.h"
+#include "server/codec/query_codec.h"
 
 namespace sightline::cli {
 namespace {
@@ -64,7 +65,6 @@ T ValueOf(const Word<T> (&words)[kCount], const std::string& name) {
 }
 
 constexpr absl::string_view kRayBoxFrom = "ray-box-from=";
-constexpr uint32_t kMostRayBoxFrom = 1u << 20;  // The server's limit.
 
 // The words of --leaf-culling.
 absl::Status ParseLeafCulling(const std::string& text,
@@ -92,9 +92,10 @@ absl::Status ParseLeafCulling(const std::string& text,
       result.node_test = client::NodeTest::kAllRays;
     } else if (absl::string_view number = word; absl::ConsumePrefix(&number, kRayBoxFrom)) {
       uint32_t least = 0;
-      if (!absl::SimpleAtoi(number, &least) || least < 1 || least > kMostRayBoxFrom) {
+      if (!absl::SimpleAtoi(number, &least) || least < 1 || least > kMaxRayBoxMinTriangles) {
         return UsageError(absl::StrCat("'", word, "': ", kRayBoxFrom,
-                                       "N takes a whole number from ", "1 to ", kMostRayBoxFrom));
+                                       "N takes a whole number from 1 to ",
+                                       kMaxRayBoxMinTriangles));
       }
       result.ray_box = true;
       result.ray_box_min_triangles = least;

@@ -1,8 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/base/check.h"
 
+#include <fcntl.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <array>
+#include <csignal>
+#include <string>
+#include <string_view>
+#include <thread>
 #include <vector>
 
+#include "core/base/check_failure.h"
 #include "gtest/gtest.h"
 
 namespace sightline {
@@ -53,6 +63,57 @@ TEST(CheckDeathTest, PrintsEnumsBytesAndOpaqueValues) {
   EXPECT_DEATH(SIGHTLINE_CHECK_EQ(Colour::kRed, Colour{8}), "7 against 8");
   EXPECT_DEATH(SIGHTLINE_CHECK_EQ(static_cast<unsigned char>(9), 10), "9 against 10");
   EXPECT_DEATH(SIGHTLINE_CHECK_EQ(Opaque{1}, Opaque{2}), "4 bytes");
+}
+
+// The text of a check is longer than its pipe has room for, and nobody reads: the end comes anyway.
+TEST(CheckDeathTest, APipeThatNobodyReadsDoesNotHoldUpTheEnd) {
+  const auto fail = [] {
+    int ends[2] = {};
+    if (pipe(ends) != 0 || dup2(ends[1], STDERR_FILENO) < 0) _exit(1);
+    // A page is left, and then nothing.
+    fcntl(ends[1], F_SETPIPE_SZ, 2 * 4096);
+    const std::array<char, 4096> page{};
+    if (write(ends[1], page.data(), page.size()) != 4096) _exit(2);
+    alarm(30);
+    SIGHTLINE_CHECK(false) << std::string(100'000, 'x');
+  };
+  EXPECT_EXIT(fail(), testing::KilledBySignal(SIGABRT), "");
+}
+
+// Long lines come whole where somebody reads them.
+TEST(CheckDeathTest, LongTextsAreWrittenToTheirEnd) {
+  EXPECT_DEATH(SIGHTLINE_CHECK(false) << std::string(50'000, 'x') << "the end", "xthe end");
+}
+
+// What `prepare` has to write is not cut short by another thread whose check fails meanwhile.
+TEST(CheckDeathTest, AnotherThreadsFailureWaitsForTheFirst) {
+  const auto fail_while_another_fails = [] {
+    SetBeforeCheckFailure([] {
+      std::thread([] { SIGHTLINE_CHECK(false) << "second"; }).detach();
+      // Nothing is ever written to it: long enough for the other to abort, if it did not wait.
+      int ends[2] = {};
+      if (pipe(ends) != 0) _exit(1);
+      pollfd nothing{.fd = ends[0], .events = POLLIN, .revents = 0};
+      poll(&nothing, 1, 500);
+      constexpr std::string_view kLog = "the log's last line\n";
+      if (write(STDERR_FILENO, kLog.data(), kLog.size()) < 0) _exit(1);
+    });
+    SIGHTLINE_CHECK(false) << "first";
+  };
+  EXPECT_EXIT(fail_while_another_fails(), testing::KilledBySignal(SIGABRT),
+              "second\n(.|\n)*the log's last line\n(.|\n)*first\n");
+}
+
+// A check that fails within `prepare` waits for nobody.
+TEST(CheckDeathTest, AFailureWithinPrepareEndsAtOnce) {
+  const auto fail_twice = [] {
+    SetBeforeCheckFailure([] {
+      alarm(2);
+      SIGHTLINE_CHECK(false) << "within";
+    });
+    SIGHTLINE_CHECK(false) << "first";
+  };
+  EXPECT_EXIT(fail_twice(), testing::KilledBySignal(SIGABRT), "within");
 }
 
 #if defined(SIGHTLINE_DEBUG_CHECKS)
