@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The whole grid of a query's options, structure × strategy × culling × packet size × intersector,
-// and of RTT antialiasing × shared edges × tiles side by side,
-// against brute force: every combination there is, each over one small scene of several in turn,
-// and, but for those of the binary BVH, over one of as many whose kd-tree stands alone.
-// By the predicate answers have brute force's bits; by the papers' tests they differ from the same
-// test over all triangles within its bound; and what has no meaning is refused by name. A camera's
-// rays and a light's are asked about by all; suns, segments and a larger picture, which take the
-// same options through other walks or more of them at once, by a share drawn at random.
+// and of RTT antialiasing × shared edges × tiles side by side, against brute force: every
+// combination there is, each over one small scene of several in turn, and, but for those of the
+// binary BVH, a share of them over one of as many whose kd-tree stands alone. By the predicate
+// answers have brute force's bits; by the papers' tests they differ from the same test over all
+// triangles within its bound; and what has no meaning is refused by name. A camera's rays and a
+// light's are asked about by all; suns, segments and a larger picture with its lights, some of them
+// by the pixels' own packets, which take the same options through other walks or more of them at
+// once, by a share drawn at random.
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -182,7 +183,8 @@ std::string Describe(const QueryOptions& options) {
 constexpr uint32_t kWidth = 11, kHeight = 7;  // No side of a packet divides them.
 // Of one scene more: several tiles and packets of every size, and cut ones.
 constexpr uint32_t kLargeWidth = 37, kLargeHeight = 33;
-constexpr double kShareOfMore = 1.0 / 16, kShareOfLarge = 1.0 / 256;
+constexpr double kShareOfMore = 1.0 / 64, kShareOfLarge = 1.0 / 512, kShareOfAlone = 1.0 / 8;
+constexpr TileOutputs kLitTile = {.hits = true, .lit = true};
 constexpr SegmentOutputs kSegments = {.bits = true, .first_hits = true};
 constexpr TileOutputs kTile = {.hits = true, .ids = true, .depth = true, .uv = true};
 constexpr ShadowOutputs kBlockers = {.bits = true, .blockers = true};
@@ -193,6 +195,7 @@ struct Answers {
   bool more = false;           // Whether these were asked about:
   ShadowResult sun_lit, sun_blockers;
   SegmentResult free, segments;
+  TileResult lit_tile;  // Of the large picture by the predicate alone: the light, and the sun.
 };
 
 struct GridScene {
@@ -222,7 +225,16 @@ struct GridScene {
     if (!status.ok()) return status;
     status = TestSegments(indexed, segments, {.bits = true}, options, &answers->free);
     if (!status.ok()) return status;
-    return TestSegments(indexed, segments, kSegments, options, &answers->segments);
+    status = TestSegments(indexed, segments, kSegments, options, &answers->segments);
+    if (!status.ok() || !ShadesPixels(options)) return status;
+    const LightSample lights[] = {light, sun};
+    return TraceTile(indexed, camera, {0, 0, camera.width, camera.height}, lights, kLitTile,
+                     options, &answers->lit_tile);
+  }
+
+  // Where a test is off the hit is another, and what reaches it: these are not compared.
+  bool ShadesPixels(const QueryOptions& options) const {
+    return camera.width == kLargeWidth && options.intersector == Intersector::kExact;
   }
 };
 
@@ -330,6 +342,8 @@ void ExpectSameBits(const Answers& a, const Answers& b) {
   EXPECT_TRUE(SameBytes(a.segments.blocked_bits, b.segments.blocked_bits));
   EXPECT_TRUE(SameBytes(a.segments.triangle, b.segments.triangle));
   EXPECT_TRUE(SameBytes(a.segments.t, b.segments.t));
+  EXPECT_TRUE(SameBytes(a.lit_tile.hit_bits, b.lit_tile.hit_bits));
+  EXPECT_TRUE(SameBytes(a.lit_tile.lit_bits, b.lit_tile.lit_bits));
 }
 
 // Whether some triangle blocks the ray by that test beyond doubt: then no walk may miss them all.
@@ -439,6 +453,7 @@ std::optional<absl::StatusCode> Refusal(const GridScene& scene, const QueryOptio
 class Grid {
  public:
   void Ask(const GridScene& scene, const QueryOptions& options, bool more) {
+    answers_.lit_tile = TileResult();
     const absl::Status status = scene.Ask(options, more, &answers_);
     const std::optional<absl::StatusCode> refusal = Refusal(scene, options);
     if (refusal.has_value()) {
@@ -454,6 +469,8 @@ class Grid {
     ++(scene.indexed.kd_tree_alone() ? answered_alone_ : answered_);
     ASSERT_TRUE(status.ok()) << status << " for " << Describe(options) << " over " << scene.name;
     more_ += more;
+    pixel_packets_ += options.pixel_shadow_packets && options.strategy == Strategy::kPacket &&
+                      !answers_.lit_tile.lit_bits.empty();
     for (const QueryStats* stats :
          {&answers_.tile.primary, &answers_.lit.stats, &answers_.blockers.stats}) {
       tiles_answered_ += stats->tiles_answered;
@@ -471,6 +488,7 @@ class Grid {
 
   uint64_t answered() const { return answered_; }
   uint64_t more() const { return more_; }
+  uint64_t pixel_packets() const { return pixel_packets_; }
   uint64_t answered_alone() const { return answered_alone_; }
   uint64_t refused() const { return refused_; }
   uint64_t tiles_answered() const { return tiles_answered_; }
@@ -480,7 +498,7 @@ class Grid {
  private:
   Answers answers_;
   uint64_t answered_ = 0, answered_alone_ = 0, refused_ = 0;
-  uint64_t tiles_answered_ = 0, culled_tests_ = 0, more_ = 0;
+  uint64_t tiles_answered_ = 0, culled_tests_ = 0, more_ = 0, pixel_packets_ = 0;
   DifferenceTally tally_;
 };
 
@@ -499,22 +517,27 @@ TEST(GridTest, EveryCombinationAnswersAsBruteForceDoesOrIsRefused) {
     grid.Ask(scenes[rng.Below(scenes.size())], options, rng.Chance(kShareOfMore));
     // All of RTT, and some of the others.
     if (options.strategy == Strategy::kRtt || rng.Chance(kShareOfLarge)) {
-      grid.Ask(large, options, /*more=*/true);
+      QueryOptions pixels = options;
+      pixels.pixel_shadow_packets = rng.Chance(0.5);
+      grid.Ask(large, pixels, /*more=*/true);
     }
     // The binary BVH is the same, whatever stands beside it.
     if (options.structure == Structure::kBinaryBvh) return;
+    if (options.strategy != Strategy::kRtt && !rng.Chance(kShareOfAlone)) return;
     grid.Ask(alone[rng.Below(alone.size())], options, rng.Chance(kShareOfMore));
   });
   std::cout << grid.answered() << " combinations answered, and " << grid.answered_alone()
             << " by kd-trees alone, " << grid.more() << " with suns and segments, "
-            << grid.refused() << " refused; " << grid.tiles_answered() << " tiles answered, "
-            << grid.culled_tests() << " tests culled; the papers' tests: " << grid.tally() << '\n';
+            << grid.pixel_packets() << " with the pixels' own packets, " << grid.refused()
+            << " refused; " << grid.tiles_answered() << " tiles answered, " << grid.culled_tests()
+            << " tests culled; the papers' tests: " << grid.tally() << '\n';
   EXPECT_GT(grid.tiles_answered(), 0u);
   EXPECT_GT(grid.more(), 0u);
   EXPECT_GT(grid.culled_tests(), 0u);
   if (kSanitizerBuild) return;
   EXPECT_GT(grid.answered(), 100'000u);
-  EXPECT_GT(grid.answered_alone(), 40'000u);
+  EXPECT_GT(grid.answered_alone(), 10'000u);
+  EXPECT_GT(grid.pixel_packets(), 10u);
   EXPECT_GT(grid.refused(), 50u);
   EXPECT_GT(grid.tally().of(Difference::kNone), grid.tally().compared() * 3 / 4);
 }
