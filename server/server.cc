@@ -66,9 +66,9 @@ Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> re
       point_sets_(options_.limits, [] { return absl::Now(); }),
       metrics_([this] { return StateNow(); }),
       slow_queries_(options.slow_query_log),
-      env_{options_.limits, scenes_,       point_sets_, query_pool_, build_pool_,
-           ray_queue_,      scheduler_,    calls_,      streams_,    uploads_,
-           upload_bytes_,   scene_owners_, &access_,    &metrics_,   &slow_queries_},
+      env_{options_.limits, scenes_,      point_sets_, query_pool_, build_pool_,
+           ray_queue_,      scheduler_,   calls_,      streams_,    uploads_,
+           upload_bytes_,   scenes_made_, &access_,    &metrics_,   &slow_queries_},
       scene_service_(env_, upload_slots_),
       point_set_service_(env_, upload_slots_),
       visibility_service_(env_),
@@ -248,7 +248,7 @@ absl::Status Server::Listen() {
   server_ = builder.BuildAndStart();
   if (server_ == nullptr) return absl::InternalError("gRPC did not start");
   scenes_.SetListener([this](const SceneView& view) {
-    if (view.deleted) point_sets_.RemoveScene(view.status.name);
+    if (view.deleted) point_sets_.RemoveScene(view.status.name, view.status.tag);
     ReportHealth(view);
   });
   for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) ReportHealth(view);
@@ -321,11 +321,12 @@ absl::Status Server::Drain(absl::Duration timeout) {
 void Server::Shutdown() { ShutdownWithin(absl::ZeroDuration()); }
 
 void Server::ShutdownWithin(absl::Duration timeout) {
+  MutexLock lock(shutdown_mutex_);
+  // None of their tasks takes the lock.
   sweeper_.reset();
   upload_sweeper_.reset();
   reloader_.reset();
   if (server_ == nullptr) return;
-  MutexLock lock(shutdown_mutex_);
   if (shut_down_) return;
   leaving_ = true;
   serving_ = false;

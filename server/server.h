@@ -104,7 +104,7 @@ class Server {
   RayQueue ray_queue_;
   UploadSlots upload_slots_;
   CallQuota streams_, uploads_, upload_bytes_{"upload-bytes"};
-  SceneOwners scene_owners_;
+  CallQuota scenes_made_{"scenes", CallQuota::Shares::kLast};
   ThreadPool query_pool_, build_pool_;
   Scheduler scheduler_;
   const std::unique_ptr<SceneRepository> repository_;  // Null without one.

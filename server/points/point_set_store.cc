@@ -132,12 +132,13 @@ std::vector<PointSetView> PointSetStore::List(const std::string& scene_id, const
   return views;
 }
 
-void PointSetStore::RemoveScene(const std::string& scene_id) {
+void PointSetStore::RemoveScene(const std::string& scene_id, uint64_t scene_tag) {
   std::vector<PointSetView> gone;
   MutexLock lock(mutex_);
   for (auto i = sets_.lower_bound({scene_id, ""});
        i != sets_.end() && i->first.first == scene_id;) {
-    Erase(i++, &gone);
+    const auto set = i++;
+    if (set->second.set->scene_tag == scene_tag) Erase(set, &gone);
   }
 }
 

@@ -38,6 +38,7 @@ struct PointSet {
   uint64_t revision = 0;
   // The revision itself: a scene that was deleted and made again has the same name and number.
   std::weak_ptr<const Scene> scene;
+  uint64_t scene_tag = 0;  // SceneStatus::tag, the same of all its revisions.
   PreparedPoints points;
   absl::Time create_time;
 
@@ -71,7 +72,8 @@ class PointSetStore : public MemoryBudget {
   // The sets of a scene in the order of their ids, those after `after`, at most `count`.
   std::vector<PointSetView> List(const std::string& scene_id, const std::string& after,
                                  size_t count);
-  void RemoveScene(const std::string& scene_id);
+  // The sets of the scene with this tag; those of a later one of its name stay.
+  void RemoveScene(const std::string& scene_id, uint64_t scene_tag);
   // Lets go of sets whose lease ran out; every method does so too.
   void Sweep();
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/scenes/scene_catalog.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -90,7 +91,9 @@ void SceneCatalog::OnChange(const SceneStatus& status) {
   if (status.state != SceneState::kEvicted) return Tell(View(status));
   SceneView view = View(status);
   view.unloaded = true;
-  SetNote(status.name, Note{false, "it was unloaded to make room for another scene"});
+  if (!IsSucceeded(status)) {
+    SetNote(status.name, Note{false, "it was unloaded to make room for another scene"});
+  }
   Forget(std::move(view));
 }
 
@@ -181,16 +184,52 @@ absl::Status SceneCatalog::SetAside(uint64_t bytes) {
 
 void SceneCatalog::GiveBack(uint64_t bytes) { registry_.GiveBack(bytes); }
 
-uint64_t SceneCatalog::AddTimes(const Times& times) {
+uint64_t SceneCatalog::AddTimes(const CreateOptions& options, const Times& times) {
   MutexLock lock(mutex_);
   times_.emplace(++tags_, times);
+  if (options.share != nullptr) shares_.emplace(tags_, Share{options.scene_id, options.share});
   return tags_;
 }
 
 void SceneCatalog::DropTimes(const std::string& scene_id, uint64_t tag) {
-  if (const auto now = registry_.GetStatus(scene_id); now.ok() && now->tag == tag) return;
+  if (const auto now = registry_.GetStatus(scene_id); now.ok() && now->tag == tag) {
+    return KeepShare(scene_id, tag, nullptr);
+  }
   MutexLock lock(mutex_);
   times_.erase(tag);
+  shares_.erase(tag);
+}
+
+void SceneCatalog::KeepShare(const std::string& scene_id, uint64_t tag,
+                             std::shared_ptr<CallShare> share) {
+  {
+    MutexLock lock(mutex_);
+    const auto own = shares_.find(tag);
+    if (own != shares_.end()) {
+      own->second.made = true;
+    } else if (share != nullptr) {
+      // One that was loaded is whose it was before.
+      const bool owned = std::any_of(shares_.begin(), shares_.end(), [&](const auto& other) {
+        return other.second.scene_id == scene_id;
+      });
+      if (!owned) shares_.emplace(tag, Share{scene_id, std::move(share), /*made=*/true});
+    }
+  }
+  // It may have been deleted since it was published.
+  const auto now = registry_.GetStatus(scene_id);
+  if (now.ok() && now->tag == tag) return;
+  if (repository_ == nullptr || !repository_->Has(scene_id)) DropShares(scene_id, tag, false);
+}
+
+void SceneCatalog::DropShares(const std::string& scene_id, uint64_t tag, bool all) {
+  MutexLock lock(mutex_);
+  // Under the lock: what was made until now is there.
+  const auto now = registry_.GetStatus(scene_id);
+  std::erase_if(shares_, [&](const auto& entry) {
+    const Share& share = entry.second;
+    return share.scene_id == scene_id && (entry.first == tag || (all && share.made)) &&
+           !(now.ok() && now->tag == entry.first);
+  });
 }
 
 void SceneCatalog::ChangeTimes(const std::string& scene_id,
@@ -211,8 +250,9 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   }
   SL_RETURN_IF_ERROR(CheckRoom(options.scene_id, triangles, vertices));
   const absl::Time now = absl::Now();
-  const uint64_t tag = AddTimes(Times{now, now, options.preset, options.temporary, options.kd_tree,
-                                      options.binary_bvh, options.without_bvh, options.anonymous});
+  const uint64_t tag =
+      AddTimes(options, Times{now, now, options.preset, options.temporary, options.kd_tree,
+                              options.binary_bvh, options.without_bvh, options.anonymous});
   // A scene that cannot be hit is taken away again: it is not worth storing.
   const SceneKeeper keeper = KeeperOf(options.scene_id, options.temporary);
   const SceneKeeper keep_usable = [&keeper](const Scene& made) {
@@ -238,6 +278,7 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
     DropTimes(options.scene_id, tag);
     return ExplainBuild(std::move(status), options.scene_id);
   }
+  KeepShare(options.scene_id, tag, nullptr);
   return Get(options.scene_id);
 }
 
@@ -309,8 +350,10 @@ void SceneCatalog::Forget(SceneView view) {
   }
   view.deleted = true;
   view.status.latest.reset();
-  requests_.ForgetResource(SceneName(scene_id));
-  Tell(view);
+  // What goes by the name is the other's by then; those that watch the name see it.
+  const bool last = !IsSucceeded(view.status);
+  if (last) requests_.ForgetResource(SceneName(scene_id));
+  Tell(view, /*watchers=*/last);
   ReturnFreeMemory();
 }
 
@@ -367,6 +410,25 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::Pin(const std::string
                      {"current", absl::StrCat(now->latest->revision)}});
 }
 
+absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::PinTagged(const std::string& scene_id,
+                                                                     uint64_t revision,
+                                                                     uint64_t* tag) const {
+  const auto tag_now = [&] {
+    const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
+    return now.ok() ? now->tag : 0;
+  };
+  for (;;) {
+    *tag = tag_now();
+    SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, Pin(scene_id, revision));
+    if (tag_now() == *tag) return scene;
+  }
+}
+
+bool SceneCatalog::IsSucceeded(const SceneStatus& status) const {
+  const absl::StatusOr<SceneStatus> now = registry_.GetStatus(status.name);
+  return now.ok() && now->tag != status.tag;
+}
+
 SceneView SceneCatalog::View(SceneStatus status) const {
   SceneView view;
   {
@@ -400,14 +462,14 @@ void SceneCatalog::SetListener(std::function<void(const SceneView&)> listener) {
   listener_ = std::move(listener);
 }
 
-void SceneCatalog::Tell(const SceneView& view) {
+void SceneCatalog::Tell(const SceneView& view, bool watchers) {
   std::vector<std::shared_ptr<SceneWatcher>> told;
   std::function<void(const SceneView&)> listener;
   {
     MutexLock lock(mutex_);
     listener = listener_;
     const auto [first, last] = watchers_.equal_range(view.status.name);
-    for (auto i = first; i != last; ++i) {
+    for (auto i = first; watchers && i != last; ++i) {
       if (std::shared_ptr<SceneWatcher> watcher = i->second.lock()) told.push_back(watcher);
     }
   }

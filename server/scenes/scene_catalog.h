@@ -41,6 +41,7 @@
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
 #include "core/scene/registry.h"
+#include "server/admission/call_quota.h"
 #include "server/admission/memory_charge.h"
 #include "server/base/limits.h"
 #include "server/base/request_log.h"
@@ -84,6 +85,8 @@ class SceneCatalog : public MemoryBudget {
     std::optional<KdBuildOptions> kd_tree;  // One beside the BVH.
     std::optional<BinaryBvhOptions> binary_bvh;
     bool without_bvh = false;  // REQUIRES, if it is true: kd_tree is set.
+    // Of the maker's scenes: the catalog's until the scene is deleted. Null: nobody's.
+    std::shared_ptr<CallShare> share;
   };
   struct EditOptions {
     std::string scene_id;
@@ -147,9 +150,14 @@ class SceneCatalog : public MemoryBudget {
   absl::StatusOr<std::shared_ptr<const Scene>> Pin(const std::string& scene_id,
                                                    uint64_t revision) const;
 
+  // The same with the scene's tag, by which a later scene of its name is told from it.
+  absl::StatusOr<std::shared_ptr<const Scene>> PinTagged(const std::string& scene_id,
+                                                         uint64_t revision, uint64_t* tag) const;
+
   void AddWatcher(const std::string& scene_id, std::weak_ptr<SceneWatcher> watcher);
   void RemoveWatcher(const std::string& scene_id, const SceneWatcher* watcher);
-  // Told of every change of every scene; set once, before the first scene.
+  // Told of every change of every scene; set once, before the first scene. That a scene was deleted
+  // may be told when another of its name, with another tag, is there already.
   void SetListener(std::function<void(const SceneView&)> listener);
 
   RequestLog& requests() { return requests_; }
@@ -170,17 +178,30 @@ class SceneCatalog : public MemoryBudget {
     bool failed = false;
     std::string text;
   };
+  // Whose scene it is, from before it is made until it is deleted: in memory and stored alike.
+  struct Share {
+    std::string scene_id;
+    std::shared_ptr<CallShare> share;
+    bool made = false;
+  };
   // For the time that a scene of this name is loaded, unloaded or deleted. Aborted (SCENE_BUSY):
   // another call is about it.
   class Move;
   absl::StatusOr<Move> BeginMove(const std::string& scene_id) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::StatusOr<SceneBytes> OpenFile(const std::string& file_id, const CancelToken* cancel);
-  uint64_t AddTimes(const Times& times) ABSL_LOCKS_EXCLUDED(mutex_);
+  uint64_t AddTimes(const CreateOptions& options, const Times& times) ABSL_LOCKS_EXCLUDED(mutex_);
   // Of a scene that could not be made, unless it is there after all.
   void DropTimes(const std::string& scene_id, uint64_t tag) ABSL_LOCKS_EXCLUDED(mutex_);
   // Changes what is known of the scene that now has this name; nothing if there is none.
   void ChangeTimes(const std::string& scene_id, absl::FunctionRef<void(Times&)> change)
       ABSL_LOCKS_EXCLUDED(mutex_);
+  // The scene is made: from now on its share goes with whatever has its name last. Takes `share`
+  // for a scene that has none, unless that is null.
+  void KeepShare(const std::string& scene_id, uint64_t tag, std::shared_ptr<CallShare> share)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+  // Of the scene `tag`, which was deleted, and if `all`, of every one of this name that is made and
+  // not in memory: its file is gone, too.
+  void DropShares(const std::string& scene_id, uint64_t tag, bool all) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status CheckMemory(uint64_t scene_bytes, uint64_t held) const;
   absl::Status CheckRepository() const;
   // What stores a scene's revisions; null if nothing does.
@@ -198,7 +219,9 @@ class SceneCatalog : public MemoryBudget {
                                  const std::optional<BinaryBvhOptions>& binary_bvh = std::nullopt,
                                  bool without_bvh = false) const;
   SceneView View(SceneStatus status) const;
-  void Tell(const SceneView& view);
+  // Whether the name is another scene's by now.
+  bool IsSucceeded(const SceneStatus& status) const;
+  void Tell(const SceneView& view, bool watchers = true);
   // What a build says, with the reason that its code stands for.
   absl::Status ExplainBuild(absl::Status status, const std::string& scene_id) const;
   absl::Status ExplainEdit(absl::Status status, const EditOptions& options) const;
@@ -211,9 +234,10 @@ class SceneCatalog : public MemoryBudget {
   mutable Mutex mutex_;
   mutable CondVar removed_;
   uint64_t tags_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::map<uint64_t, Times> times_ ABSL_GUARDED_BY(mutex_);  // By SceneStatus::tag.
-  std::set<std::string> moving_ ABSL_GUARDED_BY(mutex_);     // Names; see BeginMove.
-  std::set<std::string> removing_ ABSL_GUARDED_BY(mutex_);   // Whose files are being removed.
+  std::map<uint64_t, Times> times_ ABSL_GUARDED_BY(mutex_);   // By SceneStatus::tag.
+  std::map<uint64_t, Share> shares_ ABSL_GUARDED_BY(mutex_);  // By the tag it was made with.
+  std::set<std::string> moving_ ABSL_GUARDED_BY(mutex_);      // Names; see BeginMove.
+  std::set<std::string> removing_ ABSL_GUARDED_BY(mutex_);    // Whose files are being removed.
   std::map<std::string, Note> notes_ ABSL_GUARDED_BY(mutex_);
   std::multimap<std::string, std::weak_ptr<SceneWatcher>> watchers_ ABSL_GUARDED_BY(mutex_);
   std::function<void(const SceneView&)> listener_ ABSL_GUARDED_BY(mutex_);

@@ -99,10 +99,10 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
   const absl::StatusOr<SceneFileInfo> info = InspectSceneFile(file);
   if (!info.ok()) return ExplainLoad(info.status(), id);
   const absl::Time now = absl::Now();
-  const uint64_t tag = AddTimes(Times{.create_time = now,
-                                      .update_time = now,
-                                      .temporary = options.temporary,
-                                      .anonymous = options.anonymous});
+  const uint64_t tag = AddTimes(options, Times{.create_time = now,
+                                               .update_time = now,
+                                               .temporary = options.temporary,
+                                               .anonymous = options.anonymous});
   const LoadOptions load = {.limits = BuildOptions(BvhPreset::kStatic).limits};
   const absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Load(
       id, info->scene_bytes,
@@ -114,6 +114,7 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
     DropTimes(id, tag);
     return ExplainBuild(ExplainLoad(scene.status(), id), id);
   }
+  KeepShare(id, tag, nullptr);
   ReturnFreeMemory();  // What checking took.
   if ((*scene)->bvh.has_leaf_rows() || (*scene)->kd_tree_alone()) return Get(id);
   // An edit builds as the file was built.
@@ -133,7 +134,11 @@ absl::StatusOr<SceneView> SceneCatalog::CreateFromFile(const CreateOptions& opti
                                                        const std::string& file_id,
                                                        const CancelToken* cancel) {
   SL_RETURN_IF_ERROR(CheckRepository());
-  if (options.scene_id == file_id) return Load(file_id, cancel);
+  if (options.scene_id == file_id) {
+    SL_ASSIGN_OR_RETURN(SceneView view, Load(file_id, cancel));
+    KeepShare(file_id, view.status.tag, options.share);
+    return view;
+  }
   SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(file_id, cancel));
   return LoadFile(options, file, KeeperOf(options.scene_id, options.temporary), cancel);
 }
@@ -228,7 +233,8 @@ absl::Status SceneCatalog::Delete(const std::string& scene_id) {
   SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
   bool temporary = false;
   ChangeTimes(scene_id, [&](const Times& times) { temporary = times.temporary; });
-  const bool stored = repository_ != nullptr && !temporary && repository_->Has(scene_id);
+  const bool has_file = repository_ != nullptr && repository_->Has(scene_id);
+  const bool stored = has_file && !temporary;
   if (stored) {
     // From now on nothing is stored under the name until its file is gone.
     MutexLock lock(mutex_);
@@ -240,7 +246,11 @@ absl::Status SceneCatalog::Delete(const std::string& scene_id) {
     removed_.SignalAll();
   };
   absl::StatusOr<SceneView> view = Get(scene_id);
-  if (!view.ok() && !stored) return view.status();
+  if (!view.ok() && !stored) {
+    DropShares(scene_id, /*tag=*/0, /*all=*/!has_file);  // Whoever took its file away did not.
+    return view.status();
+  }
+  const uint64_t tag = view.ok() ? view->status.tag : 0;
   if (view.ok()) {
     const absl::Status deleted = registry_.Delete(scene_id);
     // It may have made room for another just now: then its file is what is left of it.
@@ -250,7 +260,9 @@ absl::Status SceneCatalog::Delete(const std::string& scene_id) {
     if (deleted.ok()) Forget(*std::move(view));
   }
   SetNote(scene_id, std::nullopt);
-  return stored ? repository_->Remove(scene_id) : absl::OkStatus();
+  if (stored) SL_RETURN_IF_ERROR(repository_->Remove(scene_id));
+  DropShares(scene_id, tag, /*all=*/stored || !has_file);
+  return absl::OkStatus();
 }
 
 absl::Status SceneCatalog::LoadAll() {

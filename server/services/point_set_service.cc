@@ -73,9 +73,9 @@ class CreateSteps {
                                    Response* response) const {
     SL_ASSIGN_OR_RETURN(const DecodedPoints uploaded, upload.Finish());
     const PointSetHeader& header = *upload.header();
-    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
-                        env_.scenes.Pin(header.scene_id, revision_));
     PointSet set;
+    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
+                        env_.scenes.PinTagged(header.scene_id, revision_, &set.scene_tag));
     set.scene_id = header.scene_id;
     set.point_set_id = header.point_set_id.empty() ? MakeId("points") : header.point_set_id;
     set.revision = scene->revision;

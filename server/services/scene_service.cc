@@ -71,7 +71,7 @@ class CreateSteps : public SceneSteps {
   using SceneSteps::SceneSteps;
 
   absl::Status CheckHeader(const Header& header) {
-    SL_ASSIGN_OR_RETURN(share_, env_.scene_owners.Take(client_.name, client_.limits.scenes));
+    SL_ASSIGN_OR_RETURN(share_, env_.scenes_made.Take(client_.name, client_.limits.scenes));
     // A file says what it needs when it is loaded, and one of the same name is no other scene.
     if (!header.file_id.empty() && header.create.scene_id == header.file_id) {
       return absl::OkStatus();
@@ -88,6 +88,7 @@ class CreateSteps : public SceneSteps {
     SceneCatalog::CreateOptions options;
     if (upload.header().has_value()) options = upload.header()->create;
     options.anonymous = options.scene_id.empty();
+    options.share = std::make_shared<CallShare>(std::move(share_));
     if (options.anonymous) options.scene_id = MakeId("scene");
     if (upload.header().has_value() && !upload.header()->file_id.empty()) {
       SL_ASSIGN_OR_RETURN(const SceneView view,
@@ -109,7 +110,6 @@ class CreateSteps : public SceneSteps {
   std::string Made(absl::string_view event, const SceneView& view, Response* response) {
     LogScene(event, view);
     EncodeScene(view, response);
-    env_.scene_owners.Keep(view.status.name, std::move(share_));
     return SceneName(view.status.name);
   }
 
@@ -213,12 +213,7 @@ grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*
   return AnswerLater(
       env_, Operation::kDeleteScene, [this, request](const CancelToken&) -> absl::Status {
         SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-        // Taken first: a scene that is made under the name at once has a share of its own.
-        CallShare share = env_.scene_owners.Remove(scene_id);
-        if (absl::Status status = env_.scenes.Delete(scene_id); !status.ok()) {
-          if (!absl::IsNotFound(status)) env_.scene_owners.Keep(scene_id, std::move(share));
-          return status;
-        }
+        SL_RETURN_IF_ERROR(env_.scenes.Delete(scene_id));
         Log(LogLevel::kInfo, "scene_deleted", {{"scene", scene_id}});
         return absl::OkStatus();
       });

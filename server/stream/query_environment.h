@@ -11,7 +11,6 @@
 #include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
-#include "server/admission/scene_owners.h"
 #include "server/admission/scheduler.h"
 #include "server/auth/access_control.h"
 #include "server/base/limits.h"
@@ -34,7 +33,7 @@ struct QueryEnvironment {
   CallQuota& streams;                     // Visibility streams of each client.
   CallQuota& uploads;                     // Its uploads,
   CallQuota& upload_bytes;                // and the bytes that have arrived of them.
-  SceneOwners& scene_owners;              // The scenes that it made.
+  CallQuota& scenes_made;                 // The scenes that it made.
   const AccessControl* access = nullptr;  // Null: nobody is asked who they are.
   Metrics* metrics = nullptr;             // Null: nothing is counted.
   const SlowQueryLog* slow_queries = nullptr;

@@ -70,6 +70,7 @@ Limits SmallLimits() {
 struct World {
   const Limits limits = SmallLimits();
   ThreadPool pool{1};
+  CallQuota scenes_made{"scenes", CallQuota::Shares::kLast};
   SceneCatalog scenes{limits, pool};
   PointSetStore point_sets{limits, &absl::Now};
   RayQueue ray_queue{limits.max_queued_rays, limits.max_queued_rays_per_client};
@@ -77,9 +78,8 @@ struct World {
                       [this](absl::AnyInvocable<void()> work) { pool.Submit(std::move(work)); }};
   CallTracker calls;
   CallQuota streams{"streams"}, uploads{"uploads"}, upload_bytes{"upload-bytes"};
-  SceneOwners scene_owners;
   QueryEnvironment environment{limits,    scenes, point_sets, pool,    pool,         ray_queue,
-                               scheduler, calls,  streams,    uploads, upload_bytes, scene_owners};
+                               scheduler, calls,  streams,    uploads, upload_bytes, scenes_made};
 
   World() { Make(kSceneId); }
 

@@ -160,6 +160,20 @@ TEST(LifecycleTest, AServerWithoutASocketAnswersInProcess) {
   (*server)->Shutdown();  // Once more does no harm.
 }
 
+// Whoever drains and whoever loses patience need not be one.
+TEST(LifecycleTest, SeveralMayEndAServerAtOnce) {
+  ServerOptions options;
+  options.listen.clear();
+  SetLogLevel(LogLevel::kOff);
+  absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
+  ASSERT_TRUE(server.ok()) << server.status();
+  std::thread drainer([&] { EXPECT_TRUE((*server)->Drain(absl::Minutes(1)).ok()); });
+  std::thread impatient([&] { (*server)->Shutdown(); });
+  (*server)->Shutdown();
+  drainer.join();
+  impatient.join();
+}
+
 TEST(LifecycleTest, BadOptionsDoNotStart) {
   ServerOptions options;
   options.scenes = {"builtin:nothing"};

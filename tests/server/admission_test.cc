@@ -13,7 +13,6 @@
 #include "server/admission/idle_clock.h"
 #include "server/admission/memory_charge.h"
 #include "server/admission/ray_queue.h"
-#include "server/admission/scene_owners.h"
 #include "server/admission/upload_slots.h"
 #include "server/base/error.h"
 
@@ -173,24 +172,16 @@ TEST(CallQuotaTest, SharesGrowAndAreGivenBackWhole) {
   EXPECT_TRUE(second->Add(1000, 0).ok());  // No limit any more.
 }
 
-TEST(SceneOwnersTest, AScenesShareLastsUntilItIsRemoved) {
-  SceneOwners owners;
-  absl::StatusOr<CallShare> share = owners.Take("a", 1);
+TEST(CallQuotaTest, WaitingDoesNotHelpWhereSharesLast) {
+  CallQuota scenes("scenes", CallQuota::Shares::kLast);
+  absl::StatusOr<CallShare> share = scenes.Take("a", 1);
   ASSERT_TRUE(share.ok());
-  owners.Keep("hall", *std::move(share));
-  const absl::Status second = owners.Take("a", 1).status();
+  const absl::Status second = scenes.Take("a", 1).status();
   EXPECT_EQ(second.code(), absl::StatusCode::kResourceExhausted);
-  // Waiting does not help: a scene goes when somebody deletes it.
   EXPECT_EQ(ReasonOf(second), v1::ERROR_REASON_LIMIT_EXCEEDED);
-  EXPECT_TRUE(owners.Take("b", 1).ok());
-  EXPECT_FALSE(owners.Remove("another").held());
-  owners.Keep("another", CallShare());
-  {
-    CallShare removed = owners.Remove("hall");
-    EXPECT_TRUE(removed.held());
-    EXPECT_FALSE(owners.Take("a", 1).ok());
-  }
-  EXPECT_TRUE(owners.Take("a", 1).ok());
+  EXPECT_TRUE(scenes.Take("b", 1).ok());
+  share->Release();
+  EXPECT_TRUE(scenes.Take("a", 1).ok());
 }
 
 TEST(CallQuotaTest, WhoseRoleSaysNothingHasTheUsual) {

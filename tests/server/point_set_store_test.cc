@@ -81,11 +81,23 @@ TEST_F(PointSetStoreTest, ListsBySceneInPages) {
   ASSERT_EQ(store_.List("s", "", 10).size(), 2u);
   EXPECT_EQ(store_.List("s", "", 1)[0].set->point_set_id, "a");
   EXPECT_EQ(store_.List("s", "a", 10)[0].set->point_set_id, "c");
-  store_.RemoveScene("s");
+  store_.RemoveScene("s", /*scene_tag=*/0);
   EXPECT_TRUE(store_.List("s", "", 10).empty());
   EXPECT_EQ(store_.List("r", "", 10).size(), 1u);
   EXPECT_TRUE(store_.Remove("r", "b").ok());
   EXPECT_EQ(store_.Remove("r", "b").code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(PointSetStoreTest, ASceneTakesItsOwnSetsWithItAlone) {
+  ASSERT_TRUE(store_.Add(Make("s", "a"), absl::Seconds(10)).ok());
+  PointSet later = Make("s", "later");
+  later.scene_tag = 1;
+  ASSERT_TRUE(store_.Add(std::move(later), absl::Seconds(10)).ok());
+  store_.RemoveScene("s", /*scene_tag=*/0);
+  ASSERT_EQ(store_.List("s", "", 10).size(), 1u);
+  EXPECT_EQ(store_.List("s", "", 10)[0].set->point_set_id, "later");
+  store_.RemoveScene("s", /*scene_tag=*/1);
+  EXPECT_TRUE(store_.List("s", "", 10).empty());
 }
 
 }  // namespace

@@ -13,7 +13,9 @@
 #include "core/base/parallel.h"
 #include "core/scene/scene_file.h"
 #include "gtest/gtest.h"
+#include "server/admission/call_quota.h"
 #include "server/base/error.h"
+#include "server/points/point_set_store.h"
 #include "tests/support/faulty_file_calls.h"
 #include "tests/support/temp_dir.h"
 
@@ -118,24 +120,104 @@ TEST_F(StoredScenesTest, OneThatIsLoadedWhileItIsEvictedCanBeEdited) {
   Limits limits;
   limits.max_scenes = 2;
   SceneCatalog catalog(limits, pool_, repository_.get(), /*evict=*/true);
+  PointSetStore point_sets(limits, [] { return absl::UnixEpoch(); });
   absl::Status again = absl::UnknownError("not asked");
-  ASSERT_TRUE(catalog
-                  .CreateFromBytes({.scene_id = "hall"},
-                                   Hall([&] { again = catalog.Load("hall", nullptr).status(); }),
-                                   nullptr)
-                  .ok());
+  // Loads it again, and uploads points to it at once.
+  const auto load_again = [&] {
+    again = catalog.Load("hall", nullptr).status();
+    PointSet set;
+    set.scene_id = "hall";
+    set.point_set_id = "floor";
+    ASSERT_TRUE(catalog.PinTagged("hall", 0, &set.scene_tag).ok());
+    ASSERT_TRUE(point_sets.Add(std::move(set), absl::Seconds(1)).ok());
+  };
+  ASSERT_TRUE(catalog.CreateFromBytes({.scene_id = "hall"}, Hall(load_again), nullptr).ok());
   ASSERT_TRUE(catalog.Load("attic", nullptr).ok());
   ASSERT_TRUE(catalog.Pin("attic", 0).ok());
   std::vector<std::string> told;
   catalog.SetListener([&](const SceneView& view) {
-    if (view.deleted) told.push_back(view.status.name);
+    if (!view.deleted) return;
+    told.push_back(view.status.name);
+    point_sets.RemoveScene(view.status.name, view.status.tag);
   });
   // Makes room of the hall, which at that moment is asked for again, and makes room of the attic.
   ASSERT_TRUE(catalog.Load("cellar", nullptr).ok());
   ASSERT_TRUE(again.ok()) << again;
   EXPECT_EQ(told.size(), 2u);
   ASSERT_TRUE(catalog.Get("hall").ok());
+  EXPECT_TRUE(point_sets.Get("hall", "floor").ok());
   ExpectSound(catalog, "hall");
+}
+
+// A share of a quota of one, as a client has that may make one scene.
+std::shared_ptr<CallShare> TakeOne(CallQuota& quota) {
+  absl::StatusOr<CallShare> share = quota.Take("client", 1);
+  return share.ok() ? std::make_shared<CallShare>(*std::move(share)) : nullptr;
+}
+
+TEST_F(StoredScenesTest, ASceneIsItsMakersUntilItIsDeleted) {
+  CallQuota quota("scenes", CallQuota::Shares::kLast);
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  const auto create = [&](const std::string& id, bool temporary) {
+    return catalog
+        .Create({.scene_id = id, .temporary = temporary, .share = TakeOne(quota)}, {&object_, 1},
+                nullptr)
+        .status();
+  };
+  for (const bool temporary : {true, false}) {
+    ASSERT_TRUE(create("a", temporary).ok());
+    EXPECT_EQ(TakeOne(quota), nullptr);
+    ASSERT_TRUE(catalog.Delete("a").ok());
+    EXPECT_NE(TakeOne(quota), nullptr);
+    EXPECT_EQ(catalog.Delete("a").code(), absl::StatusCode::kNotFound);
+  }
+  // What is not made takes nothing.
+  EXPECT_EQ(create("hall", false).code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_NE(TakeOne(quota), nullptr);
+  // Not in memory, it is stored as before; loaded again, the same.
+  ASSERT_TRUE(create("a", false).ok());
+  ASSERT_TRUE(catalog.Unload("a").ok());
+  EXPECT_EQ(TakeOne(quota), nullptr);
+  ASSERT_TRUE(catalog.Load("a", nullptr).ok());
+  EXPECT_EQ(TakeOne(quota), nullptr);
+  ASSERT_TRUE(catalog.Unload("a").ok());
+  ASSERT_TRUE(catalog.Delete("a").ok());
+  EXPECT_NE(TakeOne(quota), nullptr);
+  // Nobody's, until somebody has it made of its file.
+  ASSERT_TRUE(
+      catalog.CreateFromFile({.scene_id = "hall", .share = TakeOne(quota)}, "hall", nullptr).ok());
+  EXPECT_EQ(TakeOne(quota), nullptr);
+  ASSERT_TRUE(catalog.Delete("hall").ok());
+  EXPECT_NE(TakeOne(quota), nullptr);
+}
+
+TEST_F(StoredScenesTest, ADeletionThatIsRefusedLeavesTheShareToTheOtherOne) {
+  CallQuota quota("scenes", CallQuota::Shares::kLast);
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  ASSERT_TRUE(
+      catalog.Create({.scene_id = "a", .share = TakeOne(quota)}, {&object_, 1}, nullptr).ok());
+  absl::Status beside;
+  bool held = false;
+  calls_.on_unlink = [&] {
+    beside = catalog.Delete("a");
+    held = TakeOne(quota) == nullptr;
+  };
+  ASSERT_TRUE(catalog.Delete("a").ok());
+  calls_.on_unlink = nullptr;
+  EXPECT_EQ(ReasonOf(beside), v1::ERROR_REASON_SCENE_BUSY) << beside;
+  EXPECT_TRUE(held);
+  EXPECT_NE(TakeOne(quota), nullptr);
+}
+
+TEST_F(StoredScenesTest, AFileThatIsGoneFromOutsideIsNobodysAnyMore) {
+  CallQuota quota("scenes", CallQuota::Shares::kLast);
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  ASSERT_TRUE(
+      catalog.Create({.scene_id = "a", .share = TakeOne(quota)}, {&object_, 1}, nullptr).ok());
+  ASSERT_TRUE(catalog.Unload("a").ok());
+  ASSERT_TRUE(std::filesystem::remove(File("a")));
+  EXPECT_FALSE(catalog.Delete("a").ok());
+  EXPECT_NE(TakeOne(quota), nullptr);
 }
 
 TEST_F(StoredScenesTest, OneThatIsLoadedWhileItIsUnloadedIsBusy) {
