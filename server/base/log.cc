@@ -11,11 +11,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <memory>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
@@ -44,28 +46,27 @@ std::unique_ptr<spdlog::formatter> LineFormatter() {
                                                      spdlog::pattern_time_type::utc);
 }
 
-// Used by spdlog's thread alone, but for Flush.
+// Used by spdlog's thread alone, but for WaitFor.
 class StderrSink final : public spdlog::sinks::base_sink<spdlog::details::null_mutex> {
  public:
   // `pool` outlives the sink.
   explicit StderrSink(spdlog::details::thread_pool& pool)
       : base_sink(LineFormatter()), pool_(pool) {}
 
-  // Whether spdlog was asked to flush, by `ask`, and has come to it before `deadline`.
-  template <typename Ask>
-  bool Flush(std::chrono::steady_clock::time_point deadline, const Ask& ask) {
-    MutexLock lock(flush_mutex_);
-    // In the order in which they wait in the queue.
-    const uint64_t mine = ++asked_;
-    ask();
-    while (flushed_ < mine) {
-      if (!flushed_more_.WaitUntil(flush_mutex_, deadline)) return flushed_ >= mine;
+  // Whether the first `lines` lines that were given to spdlog are written or dropped before
+  // `deadline`. Counted, as a mark among them might be dropped itself: it drops the oldest first.
+  bool WaitFor(uint64_t lines, std::chrono::steady_clock::time_point deadline) {
+    MutexLock lock(done_mutex_);
+    while (done_ < lines) {
+      if (!more_done_.WaitUntil(done_mutex_, deadline)) return done_ >= lines;
     }
     return true;
   }
 
  private:
   void sink_it_(const spdlog::details::log_msg& line) override {
+    // Whatever becomes of it.
+    const absl::Cleanup count = [this] { CountDone(); };
     if (const uint64_t dropped = pool_.overrun_counter(); dropped > told_) {
       const std::string text =
           absl::StrCat("level=warning event=log_lines_dropped lines=", dropped - told_);
@@ -74,10 +75,15 @@ class StderrSink final : public spdlog::sinks::base_sink<spdlog::details::null_m
     }
     Write(line);
   }
-  void flush_() override {
-    MutexLock lock(flush_mutex_);
-    ++flushed_;
-    flushed_more_.SignalAll();
+  void flush_() override {}  // Nothing is held back.
+
+  // Between two lines only: while one is being written, later ones may have been dropped. After a
+  // dropped one there is always another to write.
+  void CountDone() {
+    ++written_;
+    MutexLock lock(done_mutex_);
+    done_ = written_ + pool_.overrun_counter();
+    more_done_.SignalAll();
   }
 
   void Write(const spdlog::details::log_msg& line) {
@@ -98,10 +104,10 @@ class StderrSink final : public spdlog::sinks::base_sink<spdlog::details::null_m
 
   spdlog::details::thread_pool& pool_;
   uint64_t told_ = 0;  // Of the dropped lines.
-  Mutex flush_mutex_;
-  CondVar flushed_more_;
-  uint64_t asked_ ABSL_GUARDED_BY(flush_mutex_) = 0;
-  uint64_t flushed_ ABSL_GUARDED_BY(flush_mutex_) = 0;
+  uint64_t written_ = 0;
+  Mutex done_mutex_;
+  CondVar more_done_;
+  uint64_t done_ ABSL_GUARDED_BY(done_mutex_) = 0;
 };
 
 struct AsyncLog {
@@ -110,6 +116,7 @@ struct AsyncLog {
   std::shared_ptr<StderrSink> sink = std::make_shared<StderrSink>(*pool);
   std::shared_ptr<spdlog::async_logger> logger = std::make_shared<spdlog::async_logger>(
       "sightline", sink, pool, spdlog::async_overflow_policy::overrun_oldest);
+  std::atomic<uint64_t> lines = 0;  // Given to the logger, or about to be.
 };
 
 AsyncLog& TheLog() {
@@ -146,18 +153,21 @@ void SetLogLevel(LogLevel level) {
 
 void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField> fields) {
   const auto& [name, spdlog_level] = kLevels[static_cast<int>(level)];
-  spdlog::logger& logger = *TheLog().logger;
+  AsyncLog& log = TheLog();
+  spdlog::logger& logger = *log.logger;
   if (!logger.should_log(spdlog_level)) return;
   std::string line = absl::StrCat("level=", name, " event=", event);
   for (const auto& [key, value] : fields)
     absl::StrAppend(&line, " ", key, "=", QuoteLogValue(value));
+  // First: then none of the lines before this one in the queue is uncounted.
+  ++log.lines;
   logger.log(spdlog_level, spdlog::string_view_t(line));
 }
 
 bool FlushLog(absl::Duration timeout) {
   AsyncLog& log = TheLog();
-  return log.sink->Flush(std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(timeout),
-                         [&log] { log.logger->flush(); });
+  return log.sink->WaitFor(log.lines,
+                           std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(timeout));
 }
 
 uint64_t DroppedLogLines() { return TheLog().pool->overrun_counter(); }

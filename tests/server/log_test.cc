@@ -94,6 +94,22 @@ TEST(LogTest, AFullPipeHoldsNobodyUp) {
   EXPECT_EQ(static_cast<uint64_t>(said), DroppedLogLines() - dropped_before);
 }
 
+// What nobody waits for any more does not stand in the way of later ones.
+TEST(LogTest, AFlushThatWasGivenUpLeavesTheNextOnesAlone) {
+  const uint64_t dropped_before = DroppedLogLines();
+  const StderrPipe pipe;
+  constexpr int kLinesBefore = 200, kLines = 3000;  // More than a page, more than the queue.
+  for (int i = 0; i < kLinesBefore; ++i) Log(LogLevel::kInfo, "line", {{"number", "before"}});
+  EXPECT_FALSE(FlushLog(absl::ZeroDuration()));
+  for (int i = 0; i < kLines; ++i) Log(LogLevel::kInfo, "line", {{"number", absl::StrCat(i)}});
+  const std::string text = pipe.ReadUntil(absl::StrCat("number=", kLines - 1, "\n"));
+  EXPECT_TRUE(FlushLog());
+  uint64_t lines = 0;
+  for (size_t at = 0; (at = text.find("event=line ", at)) != std::string::npos; ++at) ++lines;
+  EXPECT_EQ(lines + DroppedLogLines() - dropped_before, uint64_t{kLinesBefore + kLines});
+  EXPECT_TRUE(FlushLog(absl::ZeroDuration()));
+}
+
 TEST(LogDeathTest, AFailedCheckWritesWhatWasLoggedBefore) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");
   EXPECT_DEATH(
