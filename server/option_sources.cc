@@ -16,6 +16,7 @@
 #include "absl/strings/strip.h"
 #include "core/base/edit_distance.h"
 #include "core/base/status_macros.h"
+#include "server/client_part.h"
 #include "server/config_file.h"
 
 namespace sightline {
@@ -181,6 +182,11 @@ absl::StatusOr<ParsedOptions> ReadOptions(int argc, const char* const* argv,
       break;
     }
   }
+  for (const LimitEntry& entry : LimitTable()) {
+    const ClientPart* const part = TotalOf(entry.name);
+    if (part == nullptr || parsed.given.contains(Canonical(entry.name))) continue;
+    HalveTotal(*part, &parsed.options.limits);
+  }
   for (std::string& warning : WithoutEffect(parsed)) {
     parsed.warnings.push_back(std::move(warning));
   }
@@ -194,7 +200,10 @@ std::string ConfigText(const ParsedOptions& parsed) {
     const auto given = parsed.given.find(option.name);
     if (given == parsed.given.end()) {
       // A default need not stand in a file, and "none" is no value.
-      absl::StrAppend(&text, "# ", option.name, ": ", option.default_text, "  # default",
+      const ClientPart* const part = TotalOf(absl::StrReplaceAll(option.name, {{"-", "_"}}));
+      const std::string value =
+          part == nullptr ? option.default_text : absl::StrCat(parsed.options.limits.*part->value);
+      absl::StrAppend(&text, "# ", option.name, ": ", value, "  # default",
                       option.default_origin.empty() ? "" : ": ", option.default_origin, "\n");
       continue;
     }

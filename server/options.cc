@@ -17,6 +17,7 @@
 #include "core/mesh/builtin/builtin.h"
 #include "server/auth/access_policy.h"
 #include "server/base/resource_name.h"
+#include "server/client_part.h"
 #include "server/machine_memory.h"
 #include "server/net/socket_address.h"
 
@@ -65,6 +66,9 @@ const MachineMemory& Memory() {
 
 // Where the default of a limit comes from; empty for a constant.
 std::string OriginOf(const LimitEntry& entry) {
+  if (const ClientPart* part = TotalOf(entry.name); part != nullptr) {
+    return absl::StrCat("half of ", absl::StrReplaceAll(part->total_name, {{"_", "-"}}));
+  }
   Limits others;
   ShareMemory(1, &others);  // Changes what is a share, to the least that it may be.
   if (Memory().bytes == 0 || others.*entry.value == Limits().*entry.value) return "";
@@ -179,8 +183,7 @@ std::vector<Option> MakeTable() {
        }},
       {"drain-delay", "DURATION",
        "how long after SIGTERM everything goes on but readiness and health, which turn at once: "
-       "for "
-       "whoever sends clients here to hear of it before any is refused",
+       "for whoever sends clients here to hear of it before any is refused",
        absl::FormatDuration(defaults.drain_delay),
        [](absl::string_view value, ParsedOptions* out) {
          return SetDuration(value, &out->options.drain_delay);

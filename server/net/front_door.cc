@@ -43,6 +43,10 @@ absl::StatusOr<std::unique_ptr<FrontDoor>> FrontDoor::Open(const FrontDoorOption
         {{"max_connections", absl::StrCat(connections.all)},
          {"within_descriptors", absl::StrCat(possible)},
          {"remedy", "raise the limit on open files (ulimit -n)"}});
+    // One address keeps its part of what there is.
+    const double part = static_cast<double>(possible) / static_cast<double>(connections.all);
+    connections.per_address = std::max<size_t>(
+        1, static_cast<size_t>(part * static_cast<double>(connections.per_address)));
     connections.all = possible;
   }
   return std::unique_ptr<FrontDoor>(

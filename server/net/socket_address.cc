@@ -95,7 +95,15 @@ SocketAddress SocketAddress::Reachable() const {
 std::string SocketAddress::Host() const {
   char host[INET6_ADDRSTRLEN] = "";
   if (family() == AF_INET) inet_ntop(AF_INET, &V4(*this).sin_addr, host, sizeof(host));
-  if (family() == AF_INET6) inet_ntop(AF_INET6, &V6(*this).sin6_addr, host, sizeof(host));
+  if (family() == AF_INET6) {
+    const in6_addr& address = V6(*this).sin6_addr;
+    // What a socket for both families calls an IPv4 address: the same machine.
+    if (IN6_IS_ADDR_V4MAPPED(&address)) {
+      inet_ntop(AF_INET, &address.s6_addr[12], host, sizeof(host));
+    } else {
+      inet_ntop(AF_INET6, &address, host, sizeof(host));
+    }
+  }
   return host;
 }
 
@@ -104,6 +112,7 @@ std::string SocketAddress::ToString() const {
     case AF_INET:
       return absl::StrCat(Host(), ":", port());
     case AF_INET6:
+      if (IN6_IS_ADDR_V4MAPPED(&V6(*this).sin6_addr)) return absl::StrCat(Host(), ":", port());
       return absl::StrCat("[", Host(), "]:", port());
     default:
       return absl::StrCat("unix:", reinterpret_cast<const sockaddr_un*>(&storage)->sun_path);

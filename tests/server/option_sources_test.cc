@@ -7,6 +7,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "server/client_part.h"
 #include "server/config_file.h"
 #include "tests/support/temp_dir.h"
 
@@ -142,6 +143,26 @@ TEST_F(OptionSourcesTest, TheConfigTextGivesTheSameOptionsAgain) {
   EXPECT_EQ(second->options.threads, 2);
   EXPECT_EQ(second->options.drain_timeout, absl::Seconds(7));
   EXPECT_EQ(second->options.limits.max_scenes, 7u);
+}
+
+TEST_F(OptionSourcesTest, AClientsPartIsHalfOfWhatAllHave) {
+  const auto usual = Read({});
+  ASSERT_TRUE(usual.ok()) << usual.status();
+  for (const LimitEntry& entry : LimitTable()) {
+    EXPECT_TRUE(TotalOf(entry.name) == nullptr ||
+                usual->options.limits.*entry.value == Limits().*entry.value)
+        << entry.name;
+  }
+  const auto lowered = Read({"--max-connections=300", "--max-concurrent-uploads=1",
+                             "--max-queued-rays=4096", "--max-queued-rays-per-client=4000"});
+  ASSERT_TRUE(lowered.ok()) << lowered.status();
+  EXPECT_EQ(lowered->options.limits.max_connections_per_address, 150u);
+  EXPECT_EQ(lowered->options.limits.max_concurrent_uploads_per_client, 1u);
+  EXPECT_EQ(lowered->options.limits.max_queued_rays_per_client, 4000u);
+  EXPECT_THAT(
+      ConfigText(*lowered),
+      HasSubstr("# max-connections-per-address: 150  # default: half of max-connections\n"));
+  EXPECT_THAT(HelpText(), HasSubstr("(default: 500, half of max-connections)"));
 }
 
 TEST_F(OptionSourcesTest, WhatTheOptionsNameIsChecked) {

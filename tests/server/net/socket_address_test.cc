@@ -38,6 +38,16 @@ TEST(SocketAddressTest, EveryInterfaceIsReachedByLoopback) {
   EXPECT_EQ(ParseListenAddress("10.0.0.1:7")->addresses[0].Reachable().ToString(), "10.0.0.1:7");
 }
 
+// As a listener for both families says it.
+TEST(SocketAddressTest, AMappedAddressIsTheMachineThatItMaps) {
+  const auto mapped = ParseListenAddress("[::ffff:192.0.2.1]:80");
+  const auto plain = ParseListenAddress("192.0.2.1:80");
+  ASSERT_TRUE(mapped.ok() && plain.ok());
+  ASSERT_FALSE(mapped->addresses.empty() || plain->addresses.empty());
+  EXPECT_EQ(mapped->addresses[0].Host(), "192.0.2.1");
+  EXPECT_EQ(mapped->addresses[0].ToString(), plain->addresses[0].ToString());
+}
+
 TEST(SocketAddressTest, RefusesWhatIsNoAddress) {
   for (const char* text : {"", ":", "7070", ":7070", "host", "127.0.0.1:", "127.0.0.1:65536",
                            "127.0.0.1:-1", "127.0.0.1:http", "::1:70", "[::1]70", "unix:"}) {
