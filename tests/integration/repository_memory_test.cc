@@ -111,9 +111,8 @@ TEST_F(RepositoryMemoryTest, ALargeSceneIsGivenBack) {
 }
 
 // A mapped file is checked, and not built again: its load and first query cost the server a small
-// share of what making the scene did, in CPU time of one run. At full size, with
-// SIGHTLINE_TEST_SCALE=10 and ten million triangles, it is less than a second of it: the answer is
-// there within a second of the call where the server has a processor to itself.
+// share of what making the scene did, in CPU time of one run. The seconds, which are the machine's,
+// are printed; SIGHTLINE_TEST_SCALE=10 makes it ten million triangles.
 TEST_F(RepositoryMemoryTest, AMappedSceneAnswersAtOnce) {
   const int64_t triangles = ScaledCount(1'000'000);
   const double before_build = server_.CpuSeconds();
@@ -135,7 +134,6 @@ TEST_F(RepositoryMemoryTest, AMappedSceneAnswersAtOnce) {
       static_cast<unsigned long long>(scene_.triangles), build, Median(cpu),
       *std::min_element(wall.begin(), wall.end()), *std::max_element(wall.begin(), wall.end()));
   if (!kSanitizerBuild) EXPECT_LT(Median(cpu) * kLeastBuildsPerLoad, build);
-  if (triangles >= 10'000'000) EXPECT_LT(Median(cpu), 1.0);
 }
 
 }  // namespace

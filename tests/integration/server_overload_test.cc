@@ -157,8 +157,10 @@ class OverloadTest : public testing::Test {
 // The queue's bound alone: what is taken waits for no more than it holds.
 TEST_F(OverloadTest, GoodputHoldsAtThreeTimesTheCapacityByTheBoundOfTheQueue) {
   constexpr uint64_t kQueue = 16;
+  // One client may fill it: this one is alone.
   ServingProcess server({"--scene=heavy=builtin:sphere:20000", "--threads=1",
-                         absl::StrCat("--max-queued-rays=", kQueue * kSide * kSide)});
+                         absl::StrCat("--max-queued-rays=", kQueue * kSide * kSide),
+                         absl::StrCat("--max-queued-rays-per-client=", kQueue * kSide * kSide)});
   Outcome capacity, overload;
   // The queue holds 16 items, and the deadline is that of 80, for neighbours take their share:
   // without the bound over a hundred would wait in the end.
