@@ -115,11 +115,7 @@ TEST(DrainTest, ReadinessTurnsBeforeAnybodyIsRefused) {
   grpc::ClientContext context;
   const auto channel = server.Channel();
   const auto stream = v1::VisibilityService::NewStub(channel)->TraceTiles(&context);
-  v1::TraceTilesRequest request;
-  request.mutable_header()->mutable_stream()->set_scene("scenes/box");
-  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
-                   request.mutable_header()->mutable_camera());
-  stream->Write(request);
+  stream->Write(BoxHeader());
   stream->Write(TileRequest(1, 0, 0, 64, 64));
   v1::TraceTilesResponse response;
   ASSERT_TRUE(stream->Read(&response));

@@ -263,8 +263,8 @@ TEST_F(FaultTest, OutOfMemoryARequestFailsAndNothingElse) {
   if (testing_support::kSanitizerBuild) {
     GTEST_SKIP() << "sanitizers reserve terabytes of addresses, and cannot start under a limit";
   }
-  // About 700 MiB of it are the stacks and arenas of a server at rest.
-  ServingProcess server({tiles_.flag()}, {.limits = {{RLIMIT_AS, 1024 * kMiB}}});
+  // About 870 MiB of it are the stacks and arenas of a server at rest.
+  ServingProcess server({tiles_.flag()}, {.limits = {{RLIMIT_AS, 1408 * kMiB}}});
   TileLoad load(tiles_, {.address = server.address(), .clients = 1});
   load.WaitForAnswers(50);
   const auto stub = v1::SceneService::NewStub(server.Channel());

@@ -207,6 +207,15 @@ struct SegmentStream : TestStream<v1::TestSegmentsRequest, v1::TestSegmentsRespo
                    header) {}
 };
 
+// Opens a stream of tiles of scenes/box, made of box:1000, in a picture of 64×64.
+inline v1::TraceTilesRequest BoxHeader() {
+  v1::TraceTilesRequest request;
+  request.mutable_header()->mutable_stream()->set_scene("scenes/box");
+  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
+                   request.mutable_header()->mutable_camera());
+  return request;
+}
+
 inline v1::TraceTilesRequest TileRequest(uint64_t id, uint32_t x, uint32_t y, uint32_t width,
                                          uint32_t height) {
   v1::TraceTilesRequest request;

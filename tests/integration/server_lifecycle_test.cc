@@ -219,11 +219,7 @@ TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
   auto stub = v1::VisibilityService::NewStub(channel);
   grpc::ClientContext context;
   auto stream = stub->TraceTiles(&context);
-  v1::TraceTilesRequest request;
-  request.mutable_header()->mutable_stream()->set_scene("scenes/box");
-  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
-                   request.mutable_header()->mutable_camera());
-  stream->Write(request);
+  stream->Write(BoxHeader());
   stream->Write(TileRequest(1, 0, 0, 64, 64));
   v1::TraceTilesResponse response;
   ASSERT_TRUE(stream->Read(&response));

@@ -41,11 +41,7 @@ TEST(ServerLogTest, AFullPipeHoldsNothingUp) {
   const auto channel = ServingProcess::ChannelTo(absl::StrCat("127.0.0.1:", port));
   grpc::ClientContext context;
   const auto stream = v1::VisibilityService::NewStub(channel)->TraceTiles(&context);
-  v1::TraceTilesRequest header;
-  header.mutable_header()->mutable_stream()->set_scene("scenes/box");
-  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
-                   header.mutable_header()->mutable_camera());
-  stream->Write(header);
+  stream->Write(BoxHeader());
   v1::TraceTilesResponse response;
   ASSERT_TRUE(stream->Read(&response));
   const std::string dropped = "sightline_dropped_log_lines_total";

@@ -35,14 +35,6 @@ double Sample(const ServerHarness& harness, const std::string& name) {
   return -1;
 }
 
-v1::TraceTilesRequest BoxHeader() {
-  v1::TraceTilesRequest request;
-  request.mutable_header()->mutable_stream()->set_scene("scenes/box");
-  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
-                   request.mutable_header()->mutable_camera());
-  return request;
-}
-
 TEST(ServerMetricsTest, WhatWasAskedIsCounted) {
   ServerOptions options = WithMetrics();
   options.scenes = {"builtin:box:1000"};

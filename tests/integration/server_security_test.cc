@@ -195,11 +195,7 @@ TEST_F(SecurityTest, StreamsAreCheckedToo) {
   options.scenes = {"builtin:box:1000"};
   options.access_file = Write("access", absl::StrCat("query token t plain:", kQueryToken, "\n"));
   ServerHarness harness(options);
-  v1::TraceTilesRequest header;
-  header.mutable_header()->mutable_stream()->set_scene("scenes/box");
-  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
-                   header.mutable_header()->mutable_camera());
-  TileStream stream(harness, header);
+  TileStream stream(harness, BoxHeader());
   v1::TraceTilesResponse response;
   EXPECT_FALSE(stream.Read(&response));
   EXPECT_EQ(stream.Finish().error_code(), grpc::StatusCode::UNAUTHENTICATED);
@@ -231,12 +227,8 @@ TEST_F(SecurityTest, LimitsBelongToTheTokenAndNotToTheAddress) {
       stream->Finish();
     }
     bool Opens() {
-      v1::TraceTilesRequest header;
-      header.mutable_header()->mutable_stream()->set_scene("scenes/box");
-      EncodeTestCamera(ViewCamera(FirstView("box:1000"), 64, 64),
-                       header.mutable_header()->mutable_camera());
       stream = v1::VisibilityService::NewStub(channel)->TraceTiles(&context);
-      stream->Write(header);
+      stream->Write(BoxHeader());
       v1::TraceTilesResponse response;
       return stream->Read(&response) && response.has_opened();
     }
