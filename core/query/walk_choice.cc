@@ -124,7 +124,9 @@ void WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkSta
 
 WalkChoice& WalkChoices::Of(uint32_t light) {
   if (light >= choices_.size()) choices_.resize(size_t{light} + 1);
-  if (!choices_[light].has_value()) choices_[light] = last_ ? *choices_[*last_] : untaught_;
+  if (!choices_[light].has_value()) {
+    choices_[light].emplace(last_ ? *choices_[*last_] : untaught_);
+  }
   last_ = light;
   return *choices_[light];
 }

@@ -71,7 +71,7 @@ class WalkChoice {
   // The cheapest of those known.
   Walk Best() const;
 
-  Others others_;
+  const Others others_;
   std::array<Record, kWalks> records_;
 };
 

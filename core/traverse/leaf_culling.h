@@ -46,6 +46,9 @@ enum class PacketSplit : uint8_t {
   kSingleRays,  // Every ray by itself (paper 004).
 };
 
+// The most that ray_box_min_triangles may be: no leaf of use has as many.
+inline constexpr uint32_t kMaxRayBoxMinTriangles = 1u << 20;
+
 inline constexpr std::array kAllFrustumRays = {FrustumRays::kAll, FrustumRays::kRows,
                                                FrustumRays::kMasked};
 inline constexpr std::array kAllNodeTests = {NodeTest::kAllRays, NodeTest::kFirstActive,

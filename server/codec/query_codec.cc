@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
+#include "core/traverse/leaf_culling.h"
 #include "core/traverse/rtt.h"
 #include "server/base/error.h"
 #include "server/base/resource_name.h"

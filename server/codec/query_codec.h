@@ -36,9 +36,6 @@ struct DecodedOptions {
   bool statistics = false;
 };
 
-// The most that v1::LeafCulling's ray_box_min_triangles may be.
-inline constexpr uint32_t kMaxRayBoxMinTriangles = 1u << 20;
-
 absl::StatusOr<DecodedOptions> DecodeOptions(const v1::QueryOptions& options);
 v1::Strategy EncodeStrategy(Strategy strategy);
 // Those that this server has, AUTO first.

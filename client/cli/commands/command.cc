@@ -15,7 +15,7 @@
 #include "absl/strings/strip.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/file.h"
-#include "server/codec/query_codec.h"
+#include "core/traverse/leaf_culling.h"
 
 namespace sightline::cli {
 namespace {
