@@ -114,7 +114,7 @@ struct Trial {
   std::vector<QueryStats> stats;
 };
 
-Trial TryAll(Workload& workload, const std::vector<Choice>& choices) {
+Trial TryAll(Workload& workload, const std::vector<Choice>& choices, const Clock& now) {
   Trial trial{std::vector<double>(choices.size()), std::vector<uint64_t>(choices.size()),
               std::vector<QueryStats>(choices.size())};
   for (size_t unit = 0; unit < workload.units(); ++unit) {
@@ -122,9 +122,9 @@ Trial TryAll(Workload& workload, const std::vector<Choice>& choices) {
     workload.RunOurs(unit);  // So that AUTO is not the one to find everything cold.
     for (size_t c = 0; c < choices.size(); ++c) {
       workload.Use(choices[c].options);
-      const double begin = Now();
+      const double begin = now();
       workload.RunOurs(unit);
-      trial.seconds[c] += Now() - begin;
+      trial.seconds[c] += now() - begin;
       trial.stats[c].Add(workload.OurStats());
       const uint64_t digest = workload.OurDigest();
       if (c == 0) truth = digest;
@@ -156,7 +156,8 @@ absl::Status RunWorkload(const Options& options, const SceneSource& source,
                       MakeWorkload(spec, source, scene, pool));
   SL_ASSIGN_OR_RETURN(const std::vector<Choice> choices, Choices(spec.options.simd, options.only));
   context.err << title << ": every choice once" << std::endl;
-  const Trial trial = TryAll(*workload, choices);
+  const Clock clock = ClockFor(pool.threads());
+  const Trial trial = TryAll(*workload, choices, clock);
   const std::vector<size_t> timed = Promising(trial);
   std::vector<Side> sides;
   for (const size_t c : timed) {
@@ -165,12 +166,14 @@ absl::Status RunWorkload(const Options& options, const SceneSource& source,
       workload->RunOurs(unit);
     }});
   }
-  const Timings timings =
-      TimeByTurns({workload->units(), [&](size_t unit) { return workload->queries(unit); }}, sides,
-                  options.work.repeats, [&](size_t repetition) {
-                    context.err << title << ": repetition " << repetition + 1 << " of "
-                                << options.work.repeats << std::endl;
-                  });
+  const Timings timings = TimeByTurns(
+      {workload->units(), [&](size_t unit) { return workload->queries(unit); }}, sides,
+      options.work.repeats,
+      [&](size_t repetition) {
+        context.err << title << ": repetition " << repetition + 1 << " of " << options.work.repeats
+                    << std::endl;
+      },
+      clock);
   uint64_t queries = 0;
   for (size_t unit = 0; unit < workload->units(); ++unit) queries += workload->queries(unit);
   size_t best = 0;  // Of `timed`; AUTO where nothing else came near.

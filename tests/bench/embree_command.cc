@@ -145,8 +145,9 @@ absl::Status RunWorkload(const Bench& bench, const std::string& name, const Imag
   SL_ASSIGN_OR_RETURN(const std::unique_ptr<Workload> workload,
                       MakeWorkload(spec, bench.source, bench.scene, bench.pool));
   context.err << title << ": Embree's best mode" << std::endl;
-  const PeerMode mode = PickMode(*workload, bench.robust);
-  const PeerMode fast_mode = bench.fast == nullptr ? mode : PickMode(*workload, *bench.fast);
+  const Clock clock = ClockFor(bench.threads);
+  const PeerMode mode = PickMode(*workload, bench.robust, clock);
+  const PeerMode fast_mode = bench.fast == nullptr ? mode : PickMode(*workload, *bench.fast, clock);
   context.err << title << ": comparing answers" << std::endl;
   QueryStats stats;
   const std::vector<Agreement> by_view =
@@ -166,11 +167,13 @@ absl::Status RunWorkload(const Bench& bench, const std::string& name, const Imag
   }
   const Units units{workload->units(), [&](size_t unit) { return workload->queries(unit); },
                     [&](size_t unit) { return ViewOf(*workload, unit); }};
-  const Timings timings =
-      TimeByTurns(units, sides, bench.options.work.repeats, [&](size_t repetition) {
+  const Timings timings = TimeByTurns(
+      units, sides, bench.options.work.repeats,
+      [&](size_t repetition) {
         context.err << title << ": repetition " << repetition + 1 << " of "
                     << bench.options.work.repeats << std::endl;
-      });
+      },
+      clock);
   const Run run{spec, *workload, mode, fast_mode, stats.strategy};
   report->Add(MakeRow(bench, run, timings, agreement, Sum(fast_by_view)));
   if (!bench.options.per_view || workload->views() == 0) return absl::OkStatus();

@@ -29,6 +29,8 @@ double ThreadSeconds() {
   return static_cast<double>(spent.tv_sec) + 1e-9 * static_cast<double>(spent.tv_nsec);
 }
 
+Clock ClockFor(int threads) { return threads == 1 ? ThreadSeconds : Now; }
+
 double Now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
@@ -42,7 +44,7 @@ Spread SpreadOf(std::vector<double> values) {
           .max = values.back()};
 }
 
-PeerMode PickMode(Workload& workload, const EmbreeScene& peer, const std::function<double()>& now) {
+PeerMode PickMode(Workload& workload, const EmbreeScene& peer, const Clock& now) {
   const std::vector<PeerMode> modes = workload.peer_modes();
   std::vector<double> best(modes.size(), std::numeric_limits<double>::infinity());
   const double start = now();
@@ -77,7 +79,7 @@ Spread Timings::Ratio(size_t a, size_t b) const {
 
 Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
                     const std::function<void(size_t repetition)>& progress,
-                    const std::function<double()>& now) {
+                    const Clock& now) {
   Timings timings;
   Begin(sides.size(), repeats, &timings);
   size_t groups = 0;

@@ -10,10 +10,14 @@
 // that all have their turn within the repetitions. (A unit is never cut: it may take longer.) The
 // figure is the median over the repetitions of the ratio of the sides' times.
 //
+// Sides of one thread are timed by that thread's own clock, so that what else runs on a machine
+// takes caches and memory from them, but no time.
+//
 // Thread safety: functions only; nothing else should run on the machine meanwhile.
 //
-//   const PeerMode mode = PickMode(*workload, peer);
-//   Timings timings = TimeByTurns(units, sides, /*repeats=*/5, progress);
+//   const Clock clock = ClockFor(threads);
+//   const PeerMode mode = PickMode(*workload, peer, clock);
+//   Timings timings = TimeByTurns(units, sides, /*repeats=*/5, progress, clock);
 #ifndef SIGHTLINE_TESTS_BENCH_MEASURE_H_
 #define SIGHTLINE_TESTS_BENCH_MEASURE_H_
 
@@ -33,6 +37,10 @@ double Now();
 // not in them.
 double ThreadSeconds();
 
+using Clock = std::function<double()>;
+// ThreadSeconds where a single thread, the caller's, does all the work; Now for several.
+Clock ClockFor(int threads);
+
 // Median (the mean of the middle two of an even number), least and greatest. REQUIRES: not empty.
 struct Spread {
   double median = 0, min = 0, max = 0;
@@ -40,9 +48,8 @@ struct Spread {
 Spread SpreadOf(std::vector<double> values);
 
 // The fastest of the workload's modes on a sample of the work. Modes are tried by turns, several
-// times, and each is judged by its best time. `now`: the clock, for tests.
-PeerMode PickMode(Workload& workload, const EmbreeScene& peer,
-                  const std::function<double()>& now = Now);
+// times, and each is judged by its best time.
+PeerMode PickMode(Workload& workload, const EmbreeScene& peer, const Clock& now = Now);
 
 // One of the things that are timed by turns.
 struct Side {
@@ -71,11 +78,11 @@ struct Timings {
   Spread Ratio(size_t a, size_t b) const;
 };
 
-// Nothing is warmed up here: what is to be warm must have run before. `now`: the clock, for tests.
+// Nothing is warmed up here: what is to be warm must have run before.
 inline constexpr double kMinSeconds = 0.3, kMaxSeconds = 3;
 Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
                     const std::function<void(size_t repetition)>& progress,
-                    const std::function<double()>& now = Now);
+                    const Clock& now = Now);
 
 }  // namespace sightline::bench
 
