@@ -67,12 +67,13 @@ class ServingProcess : public ServerProcess {
     return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
   }
 
-  // As the kernel counts them.
-  uint64_t ResidentBytes() const {
-    std::ifstream file(absl::StrCat("/proc/", pid(), "/statm"));
-    uint64_t pages = 0, resident = 0;
-    file >> pages >> resident;
-    return resident * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
+  // As the kernel counts them: in memory, and of addresses, which RLIMIT_AS bounds.
+  uint64_t ResidentBytes() const { return MemoryNow().resident; }
+  uint64_t AddressBytes() const { return MemoryNow().addresses; }
+  // What the process may take from now on.
+  void Limit(int resource, rlim_t value) const {
+    const rlimit limit{value, value};
+    EXPECT_EQ(prlimit(pid(), static_cast<__rlimit_resource>(resource), &limit, nullptr), 0);
   }
   // To the nanosecond, of all its threads; /proc counts in ticks of ten milliseconds.
   double CpuSeconds() const {
@@ -84,6 +85,16 @@ class ServingProcess : public ServerProcess {
   }
 
  private:
+  struct Memory {
+    uint64_t addresses = 0, resident = 0;
+  };
+  Memory MemoryNow() const {
+    std::ifstream file(absl::StrCat("/proc/", pid(), "/statm"));
+    Memory memory;
+    file >> memory.addresses >> memory.resident;
+    const auto page = static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
+    return {memory.addresses * page, memory.resident * page};
+  }
   static std::vector<std::string> WithListen(std::vector<std::string> flags,
                                              const std::string& listen) {
     flags.push_back(absl::StrCat("--listen=", listen));
