@@ -90,12 +90,12 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   SL_RETURN_IF_ERROR(server->MakeScenes());
   SL_RETURN_IF_ERROR(server->Listen());
   server->serving_ = true;
-  server->sweeper_ =
-      std::make_unique<PeriodicTask>(kSweepPeriod, [&sets = server->point_sets_] { sets.Sweep(); });
   const absl::Duration idle = absl::Seconds(options.limits.max_upload_idle_seconds);
-  server->upload_sweeper_ = std::make_unique<PeriodicTask>(
-      std::min(kSweepPeriod, idle / kLooksWithinIdle),
-      [&slots = server->upload_slots_] { slots.Sweep(IdleClock::Now()); });
+  server->sweeper_ = std::make_unique<PeriodicTask>(
+      std::min(kSweepPeriod, idle / kLooksWithinIdle), [self = server.get()] {
+        self->point_sets_.Sweep();
+        self->upload_slots_.Sweep(IdleClock::Now());
+      });
   if (!options.tls.certificate.empty() || !options.access_file.empty()) {
     server->reloader_ = std::make_unique<PeriodicTask>(
         options.reload_interval, [self = server.get()] { (void)self->ReloadSecurity(); });
@@ -324,7 +324,6 @@ void Server::ShutdownWithin(absl::Duration timeout) {
   MutexLock lock(shutdown_mutex_);
   // None of their tasks takes the lock.
   sweeper_.reset();
-  upload_sweeper_.reset();
   reloader_.reset();
   if (server_ == nullptr) return;
   if (shut_down_) return;

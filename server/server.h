@@ -121,7 +121,7 @@ class Server {
   CapabilityService capability_service_;
   std::unique_ptr<FrontDoor> door_;  // Outlives the gRPC server.
   std::unique_ptr<grpc::Server> server_;
-  std::unique_ptr<PeriodicTask> sweeper_, upload_sweeper_, reloader_;
+  std::unique_ptr<PeriodicTask> sweeper_, reloader_;
   std::atomic<bool> serving_ = false;  // From the bound port until new calls are refused.
   std::atomic<bool> leaving_ = false;  // From the beginning of a drain.
   std::atomic<uint64_t> reloads_ = 0, failed_reloads_ = 0;
