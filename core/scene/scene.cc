@@ -82,6 +82,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> Build(
       const Stopwatch compile_time;
       SL_ASSIGN_OR_RETURN(scene->geometry, compile());
       scene->report.compile_seconds = compile_time.seconds();
+      if (options.accept != nullptr) SL_RETURN_IF_ERROR(options.accept(scene->geometry));
       std::function<void(double)> bvh_progress;
       if (progress) {
         progress(kCompileShare);

@@ -17,6 +17,7 @@
 #include <span>
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/accel/binary_bvh_builder.h"
 #include "core/accel/bvh.h"
@@ -63,6 +64,8 @@ struct SceneBuildOptions {
   // InvalidArgument: kd_tree is set.
   bool without_bvh = false;
   MeshLimits limits;
+  // Asked about the compiled geometry, before anything is built over it: its error is the build's.
+  std::function<absl::Status(const SceneGeometry&)> accept = nullptr;
 };
 
 // An upper estimate of what a scene of this size, built so, will hold, for a budget checked before

@@ -55,6 +55,16 @@ absl::Status ExhaustedError(absl::Status status, uint64_t budget) {
                     {{"limit", "max_scene_bytes"}, {"limit_value", absl::StrCat(budget)}});
 }
 
+// A scene that nothing can hit is some mistake of its maker's.
+absl::Status CheckCanBeHit(const SceneGeometry& geometry, const std::string& scene_id) {
+  if (geometry.triangles.size() != geometry.inert.size()) return absl::OkStatus();
+  const MeshReport& report = geometry.report;
+  return absl::InvalidArgumentError(absl::StrCat(
+      "no triangle of ", SceneName(scene_id), " can be hit: of ", report.triangles, ", ",
+      report.non_finite_triangles, " are not finite and ", report.zero_area_triangles,
+      " have no area"));
+}
+
 }  // namespace
 
 absl::Status SceneCatalog::ExplainBuild(absl::Status status, const std::string& scene_id) const {
@@ -253,30 +263,19 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   const uint64_t tag =
       AddTimes(options, Times{now, now, options.preset, options.temporary, options.kd_tree,
                               options.binary_bvh, options.without_bvh, options.anonymous});
-  // A scene that cannot be hit is taken away again: it is not worth storing.
-  const SceneKeeper keeper = KeeperOf(options.scene_id, options.temporary);
-  const SceneKeeper keep_usable = [&keeper](const Scene& made) {
-    const SceneGeometry& geometry = made.geometry;
-    return geometry.triangles.size() == geometry.inert.size() ? absl::OkStatus() : keeper(made);
+  SceneBuildOptions build =
+      BuildOptions(options.preset, options.kd_tree, options.binary_bvh, options.without_bvh);
+  build.accept = [&options](const SceneGeometry& geometry) {
+    return CheckCanBeHit(geometry, options.scene_id);
   };
-  absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Create(
-      options.scene_id, objects, options.origin,
-      BuildOptions(options.preset, options.kd_tree, options.binary_bvh, options.without_bvh),
-      cancel, keeper == nullptr ? nullptr : keep_usable, tag);
-  absl::Status status = scene.status();
-  if (status.ok() && (*scene)->geometry.triangles.size() == (*scene)->geometry.inert.size()) {
-    const MeshReport& report = (*scene)->geometry.report;
-    status = MakeError(
-        absl::StatusCode::kInvalidArgument, v1::ERROR_REASON_UNUSABLE_UPLOAD,
-        absl::StrCat("no triangle of ", SceneName(options.scene_id), " can be hit: of ",
-                     report.triangles, ", ", report.non_finite_triangles, " are not finite and ",
-                     report.zero_area_triangles, " have no area"));
-    scene->reset();
-    if (absl::Status deleted = Delete(options.scene_id); !deleted.ok()) status = deleted;
-  }
+  const absl::Status status =
+      registry_
+          .Create(options.scene_id, objects, options.origin, build, cancel,
+                  KeeperOf(options.scene_id, options.temporary), tag)
+          .status();
   if (!status.ok()) {
     DropTimes(options.scene_id, tag);
-    return ExplainBuild(std::move(status), options.scene_id);
+    return ExplainBuild(status, options.scene_id);
   }
   KeepShare(options.scene_id, tag, nullptr);
   return Get(options.scene_id);
