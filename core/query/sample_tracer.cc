@@ -119,22 +119,18 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   WalkChoice& choice = segments_choices_.Of(light_of_[s]);
   const ShaftCut* cut = nullptr;
   bool by_hulls = false;
-  // Before the first shaft and no earlier: other walks have no use for a cut.
-  bool prepared = false;
-  const auto prepare_shafts = [&] {
-    if (std::exchange(prepared, true)) return;
+  if (strategy == Strategy::kShaft && !choice.ShaftsAreRare()) {
     if (s >= hull_end_ || s < hull_begin_) CutHulls(s);
     by_hulls = hull_end_ - hull_begin_ >= kLeastHullSamples;
     if (!by_hulls && blocks() > 1) cut = CutGroup(scene_, run_, packets, &cut_);
-  };
+  }
   uint32_t* const first_leaf = &first_leaves_[s];
   for (size_t b = 0; b < blocks(); ++b) {
-    const Strategy walk = strategy == Strategy::kShaft ? choice.Next() : strategy;
-    if (walk == Strategy::kShaft) prepare_shafts();
     // What darkened the packet before this one, or this one before, for the light's last sample.
     if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
       packets_[b].first_leaf = *first_leaf;
     }
+    const Strategy walk = strategy == Strategy::kShaft ? choice.Next() : strategy;
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, walk, &packets_[b],
                                         by_hulls ? hull_cut_of_[b] : cut, scope->walk()));
@@ -191,6 +187,8 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, StatsScope* sc
   parallel_ready_ = t_min_ == 0;
   const std::span<const ParallelPacket> packets(parallel_.get(), blocks());
   WalkChoice& choice = parallel_choices_.Of(light_of_[s]);
+  // Made before the first shaft, however rare they are: one asked again without it would cost more
+  // than any to come, and never be taken.
   const ShaftCut* cut = nullptr;
   bool prepared = blocks() == 1;
   for (size_t b = 0; b < blocks(); ++b) {

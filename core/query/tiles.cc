@@ -158,8 +158,9 @@ class TileTrace {
     size_t points = 0;
     {
       StatsScope scope(&out_.primary, strategy, size_t{group.width} * group.height);
-      const ShaftCut* cut = nullptr;
-      bool prepared = one_block;
+      const ShaftCut* cut = strategy == Strategy::kShaft && !one_block && !choice_.ShaftsAreRare()
+                                ? CutOutline(group)
+                                : nullptr;
       const uint32_t side = strategy == Strategy::kRtt ? RttBlockSide()
                             : strategy == Strategy::kPacket
                                 ? static_cast<uint32_t>(run_.options().packet_side)
@@ -174,7 +175,6 @@ class TileTrace {
           }
           Place(block);
           const Strategy walk = strategy == Strategy::kShaft ? choice_.Next() : strategy;
-          if (walk == Strategy::kShaft && !std::exchange(prepared, true)) cut = CutOutline(group);
           const WalkStats before = *scope.walk();
           SL_RETURN_IF_ERROR(
               TracePacketBlock(scene_, run_, kind, walk, packet_, cut, scope.walk()));

@@ -52,6 +52,10 @@ bool WalkChoice::WorthATrial(Walk walk) const {
   return shafts.known && shafts.cost > (walk == kPackets ? kTryPackets : kTrySingleRays);
 }
 
+bool WalkChoice::ShaftsAreRare() const {
+  return Best() != kShafts && records_[kShafts].next_wait >= 2 * kFirstWait;
+}
+
 WalkChoice::Walk WalkChoice::Best() const {
   Walk best = kShafts;
   float least = records_[kShafts].cost;

@@ -46,9 +46,11 @@ class WalkChoice {
   // kNone: shafts alone, as where a strategy was asked for.
   explicit WalkChoice(Others others) : others_(others) {}
 
-  // kShaft, kPacket or kSingle. A shaft that is asked again needs its group's cut as any does:
-  // without it, it would cost more than those to come. Groups of which no shaft is asked need none.
+  // kShaft, kPacket or kSingle.
   Strategy Next() const;
+  // Whether shafts have lost so often that, for rays of one origin, it does not pay to prepare a
+  // cut for the next.
+  bool ShaftsAreRare() const;
   // What `rays` rays cost by `walk`: the difference of the statistics.
   void Learn(Strategy walk, const WalkStats& before, const WalkStats& after, size_t rays);
 
