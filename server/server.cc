@@ -91,11 +91,11 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   SL_RETURN_IF_ERROR(server->Listen());
   server->serving_ = true;
   const absl::Duration idle = absl::Seconds(options.limits.max_upload_idle_seconds);
-  server->sweeper_ = std::make_unique<PeriodicTask>(
-      std::min(kSweepPeriod, idle / kLooksWithinIdle), [self = server.get()] {
-        self->point_sets_.Sweep();
-        self->upload_slots_.Sweep(IdleClock::Now());
-      });
+  server->sweeper_ = std::make_unique<PeriodicTask>(std::min(kSweepPeriod, idle / kLooksWithinIdle),
+                                                    [self = server.get()] {
+                                                      self->point_sets_.Sweep();
+                                                      self->upload_slots_.Sweep(IdleClock::Now());
+                                                    });
   if (!options.tls.certificate.empty() || !options.access_file.empty()) {
     server->reloader_ = std::make_unique<PeriodicTask>(
         options.reload_interval, [self = server.get()] { (void)self->ReloadSecurity(); });

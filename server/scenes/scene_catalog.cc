@@ -59,10 +59,10 @@ absl::Status ExhaustedError(absl::Status status, uint64_t budget) {
 absl::Status CheckCanBeHit(const SceneGeometry& geometry, const std::string& scene_id) {
   if (geometry.triangles.size() != geometry.inert.size()) return absl::OkStatus();
   const MeshReport& report = geometry.report;
-  return absl::InvalidArgumentError(absl::StrCat(
-      "no triangle of ", SceneName(scene_id), " can be hit: of ", report.triangles, ", ",
-      report.non_finite_triangles, " are not finite and ", report.zero_area_triangles,
-      " have no area"));
+  return absl::InvalidArgumentError(
+      absl::StrCat("no triangle of ", SceneName(scene_id), " can be hit: of ", report.triangles,
+                   ", ", report.non_finite_triangles, " are not finite and ",
+                   report.zero_area_triangles, " have no area"));
 }
 
 }  // namespace
@@ -268,11 +268,10 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   build.accept = [&options](const SceneGeometry& geometry) {
     return CheckCanBeHit(geometry, options.scene_id);
   };
-  const absl::Status status =
-      registry_
-          .Create(options.scene_id, objects, options.origin, build, cancel,
-                  KeeperOf(options.scene_id, options.temporary), tag)
-          .status();
+  const absl::Status status = registry_
+                                  .Create(options.scene_id, objects, options.origin, build, cancel,
+                                          KeeperOf(options.scene_id, options.temporary), tag)
+                                  .status();
   if (!status.ok()) {
     DropTimes(options.scene_id, tag);
     return ExplainBuild(status, options.scene_id);

@@ -78,8 +78,7 @@ Spread Timings::Ratio(size_t a, size_t b) const {
 }
 
 Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
-                    const std::function<void(size_t repetition)>& progress,
-                    const Clock& now) {
+                    const std::function<void(size_t repetition)>& progress, const Clock& now) {
   Timings timings;
   Begin(sides.size(), repeats, &timings);
   size_t groups = 0;

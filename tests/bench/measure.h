@@ -81,8 +81,7 @@ struct Timings {
 // Nothing is warmed up here: what is to be warm must have run before.
 inline constexpr double kMinSeconds = 0.3, kMaxSeconds = 3;
 Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
-                    const std::function<void(size_t repetition)>& progress,
-                    const Clock& now = Now);
+                    const std::function<void(size_t repetition)>& progress, const Clock& now = Now);
 
 }  // namespace sightline::bench
 

@@ -79,7 +79,9 @@ class RepositoryMemoryTest : public ::testing::Test {
                 static_cast<long long>(cycles), static_cast<unsigned long long>(scene_.triangles),
                 static_cast<double>(before) / (1 << 20), static_cast<double>(after) / (1 << 20));
     // Sanitizers hold on to what is freed, to find its use.
-    if (!kSanitizerBuild) EXPECT_LE(after, before + before / 20) << cycles << " cycles";
+    if (!kSanitizerBuild) {
+      EXPECT_LE(after, before + before / 20) << cycles << " cycles";
+    }
   }
 
   const TempDir dir_;
@@ -133,7 +135,9 @@ TEST_F(RepositoryMemoryTest, AMappedSceneAnswersAtOnce) {
       "to %.3f s\n",
       static_cast<unsigned long long>(scene_.triangles), build, Median(cpu),
       *std::min_element(wall.begin(), wall.end()), *std::max_element(wall.begin(), wall.end()));
-  if (!kSanitizerBuild) EXPECT_LT(Median(cpu) * kLeastBuildsPerLoad, build);
+  if (!kSanitizerBuild) {
+    EXPECT_LT(Median(cpu) * kLeastBuildsPerLoad, build);
+  }
 }
 
 }  // namespace

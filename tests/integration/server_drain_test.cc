@@ -14,12 +14,14 @@
 #include "tests/integration/server_harness.h"
 #include "tests/integration/serving_process.h"
 #include "tests/support/http_get.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 namespace {
 
 using testing_support::HttpGet;
 using testing_support::MetricOf;
+using testing_support::Until;
 
 constexpr char kMetricsFlag[] = "--metrics-listen=127.0.0.1:0";
 // Far longer than any test: nothing here ends because time has passed.
@@ -33,14 +35,19 @@ grpc::Status GetCapabilities(const ServingProcess& server) {
       ->GetCapabilities(&context, {}, &capabilities);
 }
 
+testing::AssertionResult UntilNotReady(const ServingProcess& server) {
+  return Until("the server is not ready any more",
+               [&] { return HttpGet(server.metrics_port(), "/readyz").code == 503; });
+}
+
 // A plain call whose answer waits for its client to take it: the server has computed it, and it is
 // under way until `client` sends a WindowUpdate.
 void SendUntakenCall(const ServingProcess& server, const RawConnection& client) {
   client.Send(CallBytes("/sightline.v1.CapabilityService/GetCapabilities", {""},
                         {.whole = true, .initial_window = 0}));
   const std::string answered = "sightline_requests_total{method=\"GetCapabilities\",result=\"ok\"}";
-  while (MetricOf(server.metrics_port(), answered) != 1) {
-  }
+  ASSERT_TRUE(Until("the call is answered",
+                    [&] { return MetricOf(server.metrics_port(), answered) == 1; }));
   EXPECT_EQ(MetricOf(server.metrics_port(), "sightline_active_calls"), 1);
 }
 
@@ -50,8 +57,7 @@ TEST(DrainTest, AnAnswerThatIsNotYetTakenIsWaitedFor) {
   ASSERT_TRUE(client.connected());
   SendUntakenCall(server, client);
   server.Signal(SIGTERM);
-  while (HttpGet(server.metrics_port(), "/readyz").code != 503) {
-  }
+  ASSERT_TRUE(UntilNotReady(server));
   client.Send(WindowUpdate(1 << 20));
   // The message, then the trailers.
   const std::string reply = client.ReadUntil(absl::StrCat("grpc-status", "\x01", "0"));
@@ -76,8 +82,9 @@ TEST(DrainTest, CallsThatWaitForTheirTurnAreAnswered) {
     writer->WritesDone();
     created = writer->Finish();
   });
-  while (MetricOf(server.metrics_port(), "sightline_active_calls") < 1) {
-  }
+  EXPECT_TRUE(Until("the creation is under way", [&] {
+    return MetricOf(server.metrics_port(), "sightline_active_calls") >= 1;
+  }));
   std::thread deleter([&] {
     grpc::ClientContext context;
     v1::DeleteSceneRequest request;
@@ -106,8 +113,7 @@ TEST(DrainTest, ReadinessTurnsBeforeAnybodyIsRefused) {
   EXPECT_EQ(HttpGet(server.metrics_port(), "/readyz").code, 200);
   EXPECT_EQ(MetricOf(server.metrics_port(), "sightline_draining"), 0);
   server.Signal(SIGTERM);
-  while (HttpGet(server.metrics_port(), "/readyz").code != 503) {
-  }
+  ASSERT_TRUE(UntilNotReady(server));
   EXPECT_EQ(MetricOf(server.metrics_port(), "sightline_draining"), 1);
   EXPECT_EQ(HttpGet(server.metrics_port(), "/livez").body, "alive\n");
   // Nor does what would end a process that does not expect it.

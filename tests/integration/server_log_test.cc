@@ -16,6 +16,7 @@
 #include "tests/integration/serving_process.h"
 #include "tests/support/http_get.h"
 #include "tests/support/temp_dir.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 namespace {
@@ -81,8 +82,8 @@ TEST(ServerLogTest, AFullPipeHoldsUpNoEnd) {
   };
   const testing_support::TempDir dir;
   ServerProcess good({"--listen=127.0.0.1:0", "--port-file", dir.File("port")}, fill);
-  while (access(dir.File("port").c_str(), F_OK) != 0) {
-  }
+  ASSERT_TRUE(testing_support::Until("the server says its port",
+                                     [&] { return access(dir.File("port").c_str(), F_OK) == 0; }));
   std::string port;
   std::ifstream(dir.File("port")) >> port;
   // This one cannot start, since its port is taken.

@@ -21,6 +21,7 @@
 #include "tests/support/http_get.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/test_certificates.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 namespace {
@@ -79,10 +80,14 @@ class ReloadTest : public ::testing::Test {
     return testing_support::MetricOf(server.metrics_port(), name,
                                      absl::StrCat("Authorization: Bearer ", kMetricsToken, "\r\n"));
   }
-  static void WaitForReloads(const ServingProcess& server, double more) {
-    const double until = Count(server, kReloads) + more;
-    while (Count(server, kReloads) < until) {
-    }
+  // Until the server has counted so many in all.
+  static testing::AssertionResult UntilCounted(const ServingProcess& server,
+                                               const std::string& name, double count) {
+    return testing_support::Until(absl::StrCat(name, " is ", count),
+                                  [&] { return Count(server, name) >= count; });
+  }
+  static testing::AssertionResult UntilReloaded(const ServingProcess& server, double more) {
+    return UntilCounted(server, kReloads, Count(server, kReloads) + more);
   }
 
   static constexpr char kReloads[] = "sightline_security_reloads_total";
@@ -98,22 +103,19 @@ TEST_F(ReloadTest, SighupReadsTheAccessFile) {
   EXPECT_EQ(Count(server, kReloads), 0);
   WriteAccess(kSecondToken);
   server.Signal(SIGHUP);
-  while (Count(server, kReloads) < 1) {
-  }
+  ASSERT_TRUE(UntilCounted(server, kReloads, 1));
   EXPECT_EQ(List(server, {.token = kSecondToken}), absl::OkStatus());
   EXPECT_TRUE(absl::IsUnauthenticated(List(server, {.token = kFirstToken})));
   // What makes no sense is refused, and says so.
   Write("access", "everybody everything\n");
   server.Signal(SIGHUP);
-  while (Count(server, kFailedReloads) < 1) {
-  }
+  ASSERT_TRUE(UntilCounted(server, kFailedReloads, 1));
   EXPECT_EQ(List(server, {.token = kSecondToken}), absl::OkStatus());
   EXPECT_EQ(Count(server, kReloads), 1);
   // Nor is that the end of it.
   WriteAccess(kFirstToken);
   server.Signal(SIGHUP);
-  while (Count(server, kReloads) < 2) {
-  }
+  ASSERT_TRUE(UntilCounted(server, kReloads, 2));
   EXPECT_EQ(List(server, {.token = kFirstToken}), absl::OkStatus());
   server.Signal(SIGTERM);
   EXPECT_EQ(server.Wait(), 0);
@@ -124,12 +126,11 @@ TEST_F(ReloadTest, TheIntervalReadsTheAccessFile) {
   EXPECT_EQ(List(server, {.token = kFirstToken}), absl::OkStatus());
   WriteAccess(kSecondToken);
   // The first may have begun before.
-  WaitForReloads(server, 2);
+  ASSERT_TRUE(UntilReloaded(server, 2));
   EXPECT_EQ(List(server, {.token = kSecondToken}), absl::OkStatus());
   EXPECT_TRUE(absl::IsUnauthenticated(List(server, {.token = kFirstToken})));
   std::filesystem::remove(dir_.File("access"));
-  while (Count(server, kFailedReloads) < 1) {
-  }
+  ASSERT_TRUE(UntilCounted(server, kFailedReloads, 1));
   EXPECT_EQ(List(server, {.token = kSecondToken}), absl::OkStatus());
 }
 
@@ -139,14 +140,12 @@ TEST_F(ReloadTest, SighupReadsCertificates) {
   EXPECT_TRUE(absl::IsUnavailable(List(server, Trusting(second_))));
   WriteCertificate(second_);
   server.Signal(SIGHUP);
-  while (Count(server, kReloads) < 1) {
-  }
+  ASSERT_TRUE(UntilCounted(server, kReloads, 1));
   EXPECT_EQ(List(server, Trusting(second_)), absl::OkStatus());
   EXPECT_TRUE(absl::IsUnavailable(List(server, Trusting(first_))));
   Write("cert.pem", "garbage");
   server.Signal(SIGHUP);
-  while (Count(server, kFailedReloads) < 1) {
-  }
+  ASSERT_TRUE(UntilCounted(server, kFailedReloads, 1));
   EXPECT_EQ(List(server, Trusting(second_)), absl::OkStatus());
 }
 
@@ -157,11 +156,10 @@ TEST_F(ReloadTest, TheIntervalReadsCertificates) {
   const IssuedCertificate next =
       second_.Issue({.common_name = "server", .alternative_names = "IP:127.0.0.1"});
   Write("key.pem", next.key);
-  while (Count(server, kFailedReloads) < 1) {
-  }
+  ASSERT_TRUE(UntilCounted(server, kFailedReloads, 1));
   EXPECT_EQ(List(server, Trusting(first_)), absl::OkStatus());
   Write("cert.pem", next.certificate);
-  WaitForReloads(server, 1);
+  ASSERT_TRUE(UntilReloaded(server, 1));
   EXPECT_EQ(List(server, Trusting(second_)), absl::OkStatus());
   EXPECT_TRUE(absl::IsUnavailable(List(server, Trusting(first_))));
 }

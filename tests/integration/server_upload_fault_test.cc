@@ -13,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "tests/integration/tile_load.h"
 #include "tests/support/temp_dir.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 namespace {
@@ -244,8 +245,7 @@ TEST_F(UploadFaultTest, KilledWhileItStoresItHasAllOrNothing) {
   const auto grid = GridUpload("grid");
   const size_t before = Files();
   const grpc::Status status = Upload(grid, grid.size(), [&] {
-    while (Files() == before) {
-    }
+    EXPECT_TRUE(testing_support::Until("a file is begun", [&] { return Files() != before; }));
     Kill();
   });
   Restart();

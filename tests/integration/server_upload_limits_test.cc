@@ -5,7 +5,6 @@
 #include <functional>
 #include <memory>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "absl/strings/match.h"
@@ -13,6 +12,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/integration/server_harness.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 namespace {
@@ -91,10 +91,12 @@ class UploadLimitsTest : public ::testing::Test {
   }
   uint64_t SceneBytes() const { return harness_->server->scenes().MemoryBytes(); }
   void WaitForSceneBytes(uint64_t least) const {
-    while (SceneBytes() < least) std::this_thread::yield();
+    ASSERT_TRUE(
+        testing_support::Until("the upload has arrived", [&] { return SceneBytes() >= least; }));
   }
   void WaitUntilIdle() const {
-    while (harness_->server->active_calls() > 0) std::this_thread::yield();
+    ASSERT_TRUE(testing_support::Until("no call is under way",
+                                       [&] { return harness_->server->active_calls() == 0; }));
   }
 
   std::unique_ptr<ServerHarness> harness_;

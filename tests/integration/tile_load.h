@@ -25,6 +25,7 @@
 #include "core/query/tiles.h"
 #include "tests/integration/server_harness.h"
 #include "tests/integration/serving_process.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 
@@ -94,7 +95,8 @@ class TileLoad {
   // Returns once so many more items were answered than when it was called.
   void WaitForAnswers(uint64_t more) const {
     const uint64_t until = answers_ + more;
-    while (answers_ < until) std::this_thread::yield();
+    ASSERT_TRUE(
+        testing_support::Until("the clients are answered", [&] { return answers_ >= until; }));
   }
   // Answers what is under way, and ends the clients.
   void Stop() {

@@ -53,11 +53,13 @@ Taken Take(WalkChoice& choice, int blocks, uint64_t shaft, uint64_t packet, uint
 TEST(WalkChoiceTest, CheapShaftsAreNotComparedWithAnything) {
   WalkChoice choice(Others::kPacketsAndSingleRays);
   EXPECT_EQ(Take(choice, 200, 1, 0, 0).shafts, 200);
+  EXPECT_FALSE(choice.ShaftsAreRare());
 }
 
 TEST(WalkChoiceTest, DearShaftsGiveWayToWhatIsCheapest) {
   WalkChoice singles(Others::kPacketsAndSingleRays);
   Taken taken = Take(singles, 200, 40, 40, 20);
+  EXPECT_TRUE(singles.ShaftsAreRare());
   EXPECT_GT(taken.singles, 180);
   EXPECT_GE(taken.shafts, 2);  // Asked again now and then.
   EXPECT_LE(taken.packets, 10);
@@ -69,6 +71,7 @@ TEST(WalkChoiceTest, DearShaftsGiveWayToWhatIsCheapest) {
 TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
   WalkChoice choice(Others::kPacketsAndSingleRays);
   const Taken taken = Take(choice, 1000, 10, 10, 40);
+  EXPECT_FALSE(choice.ShaftsAreRare());
   // Trials of either become rare: after 8, 16 and 32 blocks, then every 64.
   EXPECT_GT(taken.shafts, 950);
   EXPECT_GT(taken.packets, 10);
@@ -78,8 +81,10 @@ TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
 TEST(WalkChoiceTest, ReturnsToShaftsWhereRaysShareTheirWayAgain) {
   WalkChoice choice(Others::kPacketsAndSingleRays);
   Take(choice, 300, 40, 40, 20);
+  EXPECT_TRUE(choice.ShaftsAreRare());
   // The longest wait, and some more until what was dear is forgotten.
   EXPECT_GT(Take(choice, 300, 0, 40, 20).shafts, 200);
+  EXPECT_FALSE(choice.ShaftsAreRare());
 }
 
 TEST(WalkChoiceTest, KeepsToWhatThereIs) {
