@@ -94,7 +94,7 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   server->sweeper_ = std::make_unique<PeriodicTask>(std::min(kSweepPeriod, idle / kLooksWithinIdle),
                                                     [self = server.get()] {
                                                       self->point_sets_.Sweep();
-                                                      self->upload_slots_.Sweep(IdleClock::Now());
+                                                      self->EndIdleUploads(IdleClock::Now());
                                                     });
   if (!options.tls.certificate.empty() || !options.access_file.empty()) {
     server->reloader_ = std::make_unique<PeriodicTask>(

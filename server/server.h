@@ -31,6 +31,7 @@
 #include "core/base/parallel.h"
 #include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
+#include "server/admission/idle_clock.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
 #include "server/admission/upload_slots.h"
@@ -79,6 +80,10 @@ class Server {
   absl::Status Drain(absl::Duration timeout);
   // Cuts everything off, and returns when it has ended.
   void Shutdown();
+
+  // Ends the uploads that have waited for their clients for too long by `now`. The server does so
+  // itself, every few seconds.
+  void EndIdleUploads(IdleClock::Time now) { upload_slots_.Sweep(now); }
 
   SceneCatalog& scenes() { return scenes_; }
   size_t active_calls() const { return calls_.active_calls(); }

@@ -36,11 +36,13 @@ struct SceneSize {
 SceneRegistry::SceneRegistry(const RegistryOptions& options, ThreadPool& pool)
     : options_(options), pool_(pool) {}
 
-absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes, uint64_t tag) {
+absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes, uint64_t tag,
+                                     uint64_t set_aside) {
   SceneStatus status;
   std::vector<Evicted> evicted;
   {
     MutexLock lock(mutex_);
+    GiveBackLocked(set_aside);
     if (entries_.contains(name)) {
       return absl::AlreadyExistsError(absl::StrCat("there is a scene \"", name, "\" already"));
     }
@@ -65,12 +67,13 @@ absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes, ui
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::BeginNext(
     const std::string& name, uint64_t expected_revision,
-    absl::FunctionRef<uint64_t(const Scene&)> size, uint64_t* reserved) {
+    absl::FunctionRef<uint64_t(const Scene&)> size, uint64_t* reserved, uint64_t set_aside) {
   std::shared_ptr<const Scene> base;
   SceneStatus status;
   std::vector<Evicted> evicted;
   {
     MutexLock lock(mutex_);
+    GiveBackLocked(set_aside);
     const auto found = entries_.find(name);
     if (found == entries_.end()) return NoSuchScene(name);
     Entry& entry = found->second;
@@ -113,19 +116,20 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Load(const std::string& name,
                                                                  uint64_t bytes, SceneLoader loader,
                                                                  const SceneKeeper& keeper,
-                                                                 uint64_t tag) {
-  SL_RETURN_IF_ERROR(BeginNew(name, bytes, tag));
+                                                                 uint64_t tag, uint64_t set_aside) {
+  SL_RETURN_IF_ERROR(BeginNew(name, bytes, tag, set_aside));
   return RunBuild(name, bytes, /*kept=*/keeper == nullptr, keeper,
                   [&](const std::function<void(double)>& progress) { return loader(0, progress); });
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Reload(const std::string& name,
                                                                    uint64_t bytes,
-                                                                   SceneLoader loader) {
+                                                                   SceneLoader loader,
+                                                                   uint64_t set_aside) {
   uint64_t reserved = 0;
   SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> base,
                       BeginNext(
-                          name, 0, [bytes](const Scene&) { return bytes; }, &reserved));
+                          name, 0, [bytes](const Scene&) { return bytes; }, &reserved, set_aside));
   return RunBuild(name, reserved, /*kept=*/true, /*keeper=*/nullptr,
                   [&](const std::function<void(double)>& progress) {
                     return loader(base->revision + 1, progress);
@@ -296,8 +300,7 @@ std::vector<SceneStatus> SceneRegistry::List() const {
   return list;
 }
 
-absl::Status SceneRegistry::Delete(const std::string& name, bool if_kept) {
-  std::shared_ptr<const Scene> deleted;  // Let go of outside the lock: it may be large.
+absl::StatusOr<SceneStatus> SceneRegistry::Delete(const std::string& name, bool if_kept) {
   MutexLock lock(mutex_);
   const auto found = entries_.find(name);
   if (found == entries_.end()) return NoSuchScene(name);
@@ -309,9 +312,9 @@ absl::Status SceneRegistry::Delete(const std::string& name, bool if_kept) {
     return absl::FailedPreconditionError(
         absl::StrCat("scene \"", name, "\" is in memory alone: keep it first"));
   }
-  deleted = std::move(found->second.latest);
+  SceneStatus deleted = StatusOf(name, found->second);
   entries_.erase(found);
-  return absl::OkStatus();
+  return deleted;  // With its last revision, to be freed outside the lock: it may be large.
 }
 
 absl::Status SceneRegistry::SetAside(uint64_t bytes) {
@@ -328,6 +331,10 @@ absl::Status SceneRegistry::SetAside(uint64_t bytes) {
 
 void SceneRegistry::GiveBack(uint64_t bytes) {
   MutexLock lock(mutex_);
+  GiveBackLocked(bytes);
+}
+
+void SceneRegistry::GiveBackLocked(uint64_t bytes) {
   SIGHTLINE_CHECK(bytes <= reserved_bytes_) << "more was given back than was set aside";
   reserved_bytes_ -= bytes;
 }
@@ -421,7 +428,8 @@ void SceneRegistry::MakeRoom(const std::string& name, uint64_t bytes, uint64_t s
       return revision.creation == found->second.creation &&
              revision.number == found->second.latest->revision;
     });
-    evicted->push_back({victim, found->second.tag, std::move(found->second.latest)});
+    const Entry& entry = found->second;
+    evicted->push_back({victim, entry.tag, entry.creation, std::move(found->second.latest)});
     entries_.erase(found);
   }
 }
@@ -432,6 +440,7 @@ void SceneRegistry::NotifyEvicted(std::vector<Evicted> evicted) {
     SceneStatus status;
     status.name = one.name;
     status.tag = one.tag;
+    status.creation = one.creation;
     status.state = SceneState::kEvicted;
     Notify(status);
   }
@@ -441,6 +450,7 @@ SceneStatus SceneRegistry::StatusOf(const std::string& name, const Entry& entry)
   SceneStatus status;
   status.name = name;
   status.tag = entry.tag;
+  status.creation = entry.creation;
   status.state = entry.building ? SceneState::kBuilding : SceneState::kReady;
   status.progress = entry.progress;
   status.error = entry.error;

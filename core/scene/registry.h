@@ -54,7 +54,8 @@ enum class SceneState : uint8_t {
 
 struct SceneStatus {
   std::string name;
-  uint64_t tag = 0;  // What its maker gave it to be told from others of its name.
+  uint64_t tag = 0;       // What its maker gave it to be told from others of its name.
+  uint64_t creation = 0;  // Greater than that of every scene that was begun before it.
   SceneState state = SceneState::kBuilding;
   double progress = 0;      // Share of the running build, 0 .. 1.
   absl::Status error;       // Of the last build, if it failed; the revision before keeps serving.
@@ -85,15 +86,16 @@ class SceneRegistry {
       const SceneKeeper& keeper = nullptr, uint64_t tag = 0);
 
   // The same for a scene of about `bytes` in memory that `loader` makes: it is kept there, unless a
-  // keeper is given to keep it elsewhere.
+  // keeper is given to keep it elsewhere. `set_aside` bytes, for what the loader makes it of, are
+  // the scene's from here on; where it cannot be begun they are given back.
   absl::StatusOr<std::shared_ptr<const Scene>> Load(const std::string& name, uint64_t bytes,
                                                     SceneLoader loader,
                                                     const SceneKeeper& keeper = nullptr,
-                                                    uint64_t tag = 0);
+                                                    uint64_t tag = 0, uint64_t set_aside = 0);
   // Replaces a scene by the next revision, made by `loader`; if that fails the one before goes on
   // serving. Errors as Edit's.
   absl::StatusOr<std::shared_ptr<const Scene>> Reload(const std::string& name, uint64_t bytes,
-                                                      SceneLoader loader);
+                                                      SceneLoader loader, uint64_t set_aside = 0);
 
   // Builds and publishes the next revision. Edits of one scene run one at a time: Aborted when
   // another is under way; NotFound; FailedPrecondition when `expected_revision` is not 0 and not
@@ -113,9 +115,9 @@ class SceneRegistry {
 
   absl::StatusOr<SceneStatus> GetStatus(const std::string& name) const;
   std::vector<SceneStatus> List() const;  // By name.
-  // Queries that pinned a revision finish on it. NotFound; Aborted while a build runs;
-  // FailedPrecondition if `if_kept` and the latest revision is not kept.
-  absl::Status Delete(const std::string& name, bool if_kept = false);
+  // What was deleted, as it was. Queries that pinned a revision finish on it. NotFound; Aborted
+  // while a build runs; FailedPrecondition if `if_kept` and the latest revision is not kept.
+  absl::StatusOr<SceneStatus> Delete(const std::string& name, bool if_kept = false);
 
   // Has `bytes` count against the budget until they are given back, for what is no scene yet, such
   // as an upload that arrives. May let go of scenes, as a build may. ResourceExhausted.
@@ -152,20 +154,21 @@ class SceneRegistry {
   // What was let go of, to be told and freed outside the lock.
   struct Evicted {
     std::string name;
-    uint64_t tag = 0;
+    uint64_t tag = 0, creation = 0;
     std::shared_ptr<const Scene> scene;
   };
   using Build = absl::FunctionRef<absl::StatusOr<std::shared_ptr<const Scene>>(
       const std::function<void(double)>& progress)>;
 
-  // Adds an entry for a first build, with `bytes` set aside.
-  absl::Status BeginNew(const std::string& name, uint64_t bytes, uint64_t tag)
-      ABSL_LOCKS_EXCLUDED(mutex_);
+  // Adds an entry for a first build, with `bytes` set aside in the stead of `set_aside`, which are
+  // given back in any case.
+  absl::Status BeginNew(const std::string& name, uint64_t bytes, uint64_t tag,
+                        uint64_t set_aside = 0) ABSL_LOCKS_EXCLUDED(mutex_);
   // Marks an entry as being built again; its latest revision. `size` says how many bytes that
-  // takes.
+  // takes, in the stead of `set_aside` as above.
   absl::StatusOr<std::shared_ptr<const Scene>> BeginNext(
       const std::string& name, uint64_t expected_revision,
-      absl::FunctionRef<uint64_t(const Scene&)> size, uint64_t* reserved)
+      absl::FunctionRef<uint64_t(const Scene&)> size, uint64_t* reserved, uint64_t set_aside = 0)
       ABSL_LOCKS_EXCLUDED(mutex_);
   // Runs `build` for an entry marked as building, with `reserved` bytes set aside, and publishes or
   // reports. `kept`: what is built is kept already; else `keeper`, unless null, is asked to.
@@ -193,6 +196,7 @@ class SceneRegistry {
   // Whether any scene but `name` could be let go of.
   bool HasEvictable(const std::string& name) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void NotifyEvicted(std::vector<Evicted> evicted);
+  void GiveBackLocked(uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint64_t AliveBytes() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static SceneStatus StatusOf(const std::string& name, const Entry& entry);
 

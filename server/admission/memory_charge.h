@@ -48,6 +48,8 @@ class MemoryCharge {
   void Release() {
     if (bytes_ > 0) budget_.GiveBack(std::exchange(bytes_, 0));
   }
+  // Leaves what it has taken to the caller, who sees to its being given back.
+  uint64_t Leave() { return std::exchange(bytes_, 0); }
 
  private:
   MemoryBudget& budget_;

@@ -71,14 +71,20 @@ absl::Status PointSetStore::CheckRoom(const std::string& scene_id, const std::st
   std::vector<PointSetView> gone;
   MutexLock lock(mutex_);
   SweepLocked(&gone);
-  return RoomLocked({scene_id, point_set_id}, points * kBytesPerPoint + arriving);
+  return RoomLocked({scene_id, point_set_id}, BytesFor(points) + arriving);
 }
 
-absl::StatusOr<PointSetView> PointSetStore::Add(PointSet set, absl::Duration lease) {
+uint64_t PointSetStore::BytesFor(uint64_t points) {
+  return sizeof(PointSet) + points * kBytesPerPoint;
+}
+
+absl::StatusOr<PointSetView> PointSetStore::Add(PointSet set, absl::Duration lease,
+                                                uint64_t set_aside) {
   set.create_time = clock_();
   auto made = std::make_shared<const PointSet>(std::move(set));
   std::vector<PointSetView> gone;
   MutexLock lock(mutex_);
+  bytes_ -= set_aside;
   SweepLocked(&gone);
   const Key key(made->scene_id, made->point_set_id);
   SL_RETURN_IF_ERROR(RoomLocked(key, made->MemoryBytes()));

@@ -10,7 +10,9 @@
 // Thread safety: every method from any thread.
 //
 //   SL_RETURN_IF_ERROR(store.CheckRoom("hall", "floor", points));
-//   absl::StatusOr<PointSetView> made = store.Add(std::move(set), lease);
+//   MemoryCharge charge(store);
+//   SL_RETURN_IF_ERROR(charge.Add(PointSetStore::BytesFor(points)));
+//   absl::StatusOr<PointSetView> made = store.Add(std::move(set), lease, charge.Leave());
 #ifndef SIGHTLINE_SERVER_POINTS_POINT_SET_STORE_H_
 #define SIGHTLINE_SERVER_POINTS_POINT_SET_STORE_H_
 
@@ -61,7 +63,10 @@ class PointSetStore : public MemoryBudget {
   // will take itself. AlreadyExists, ResourceExhausted.
   absl::Status CheckRoom(const std::string& scene_id, const std::string& point_set_id,
                          uint64_t points, uint64_t arriving = 0);
-  absl::StatusOr<PointSetView> Add(PointSet set, absl::Duration lease);
+  // What so many points will take.
+  static uint64_t BytesFor(uint64_t points);
+  // `set_aside` bytes become the set's; where it is refused they are given back.
+  absl::StatusOr<PointSetView> Add(PointSet set, absl::Duration lease, uint64_t set_aside = 0);
 
   // NotFound (POINT_SET_NOT_FOUND) for these three.
   absl::StatusOr<PointSetView> Get(const std::string& scene_id, const std::string& point_set_id);

@@ -188,7 +188,9 @@ class SceneCatalog : public MemoryBudget {
   // another call is about it.
   class Move;
   absl::StatusOr<Move> BeginMove(const std::string& scene_id) ABSL_LOCKS_EXCLUDED(mutex_);
-  absl::StatusOr<SceneBytes> OpenFile(const std::string& file_id, const CancelToken* cancel);
+  // What is read is charged as it is read.
+  absl::StatusOr<SceneBytes> OpenFile(const std::string& file_id, MemoryCharge* charge,
+                                      const CancelToken* cancel);
   uint64_t AddTimes(const CreateOptions& options, const Times& times) ABSL_LOCKS_EXCLUDED(mutex_);
   // Of a scene that could not be made, unless it is there after all.
   void DropTimes(const std::string& scene_id, uint64_t tag) ABSL_LOCKS_EXCLUDED(mutex_);
@@ -206,8 +208,10 @@ class SceneCatalog : public MemoryBudget {
   absl::Status CheckRepository() const;
   // What stores a scene's revisions; null if nothing does.
   SceneKeeper KeeperOf(const std::string& scene_id, bool temporary) const;
+  // `charge`: of the file, which becomes the scene's.
   absl::StatusOr<SceneView> LoadFile(const CreateOptions& options, const SceneBytes& file,
-                                     const SceneKeeper& keeper, const CancelToken* cancel);
+                                     MemoryCharge* charge, const SceneKeeper& keeper,
+                                     const CancelToken* cancel);
   // Takes a scene that the registry has let go of out of the books, and tells of it.
   void Forget(SceneView view) ABSL_LOCKS_EXCLUDED(mutex_);
   void SetNote(const std::string& scene_id, std::optional<Note> note) ABSL_LOCKS_EXCLUDED(mutex_);

@@ -93,7 +93,8 @@ void SceneCatalog::SetNote(const std::string& scene_id, std::optional<Note> note
 }
 
 absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
-                                                 const SceneBytes& file, const SceneKeeper& keeper,
+                                                 const SceneBytes& file, MemoryCharge* charge,
+                                                 const SceneKeeper& keeper,
                                                  const CancelToken* cancel) {
   const std::string& id = options.scene_id;
   const absl::StatusOr<SceneFileInfo> info = InspectSceneFile(file);
@@ -109,7 +110,7 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
       [&](uint64_t, const std::function<void(double)>& progress) {
         return LoadScene(file, id, load, build_pool_, cancel, progress);
       },
-      keeper, tag);
+      keeper, tag, charge->Leave());
   if (!scene.ok()) {
     DropTimes(id, tag);
     return ExplainBuild(ExplainLoad(scene.status(), id), id);
@@ -127,7 +128,8 @@ absl::StatusOr<SceneView> SceneCatalog::CreateFromBytes(const CreateOptions& opt
                                                         const CancelToken* cancel) {
   CreateOptions temporary = options;
   temporary.temporary = true;
-  return LoadFile(temporary, file, /*keeper=*/nullptr, cancel);
+  MemoryCharge nothing(*this);  // The bytes are the caller's.
+  return LoadFile(temporary, file, &nothing, /*keeper=*/nullptr, cancel);
 }
 
 absl::StatusOr<SceneView> SceneCatalog::CreateFromFile(const CreateOptions& options,
@@ -139,16 +141,15 @@ absl::StatusOr<SceneView> SceneCatalog::CreateFromFile(const CreateOptions& opti
     KeepShare(file_id, view.status.tag, options.share);
     return view;
   }
-  SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(file_id, cancel));
-  return LoadFile(options, file, KeeperOf(options.scene_id, options.temporary), cancel);
+  MemoryCharge charge(*this);
+  SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(file_id, &charge, cancel));
+  return LoadFile(options, file, &charge, KeeperOf(options.scene_id, options.temporary), cancel);
 }
 
-absl::StatusOr<SceneBytes> SceneCatalog::OpenFile(const std::string& file_id,
+absl::StatusOr<SceneBytes> SceneCatalog::OpenFile(const std::string& file_id, MemoryCharge* charge,
                                                   const CancelToken* cancel) {
-  // What is read counts as it is read, and from then on as the scene that it becomes.
-  MemoryCharge charge(*this);
   return repository_->OpenFile(
-      file_id, [&charge](uint64_t bytes) { return charge.Add(bytes); }, cancel);
+      file_id, [charge](uint64_t bytes) { return charge->Add(bytes); }, cancel);
 }
 
 absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
@@ -164,8 +165,9 @@ absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
     return there;  // Another call was faster.
   }
   absl::StatusOr<SceneView> loaded = [&]() -> absl::StatusOr<SceneView> {
-    SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(scene_id, cancel));
-    return LoadFile({.scene_id = scene_id}, file, /*keeper=*/nullptr, cancel);
+    MemoryCharge charge(*this);
+    SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(scene_id, &charge, cancel));
+    return LoadFile({.scene_id = scene_id}, file, &charge, /*keeper=*/nullptr, cancel);
   }();
   if (loaded.ok()) {
     SetNote(scene_id, std::nullopt);
@@ -182,7 +184,8 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
   SL_RETURN_IF_ERROR(Get(scene_id).status());
   // What is wrong with the file is found within the registry's books, so that the scene says it.
   const absl::StatusOr<FileStamp> stamp = repository_->Stamp(scene_id);
-  absl::StatusOr<SceneBytes> file = OpenFile(scene_id, cancel);
+  MemoryCharge charge(*this);
+  const absl::StatusOr<SceneBytes> file = OpenFile(scene_id, &charge, cancel);
   const absl::StatusOr<SceneFileInfo> info = file.ok() ? InspectSceneFile(*file) : file.status();
   const LoadOptions load = {.limits = BuildOptions(BvhPreset::kStatic).limits};
   const absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Reload(
@@ -198,7 +201,8 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
         }
         return LoadScene(*file, scene_id, {.limits = load.limits, .revision = revision},
                          build_pool_, cancel, progress);
-      });
+      },
+      charge.Leave());
   if (!scene.ok()) {
     if (absl::IsNotFound(scene.status()) && info.ok()) return NotThere(scene_id);
     return ExplainBuild(ExplainLoad(scene.status(), scene_id), scene_id);
@@ -211,19 +215,20 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
 absl::Status SceneCatalog::Unload(const std::string& scene_id) {
   SL_RETURN_IF_ERROR(CheckRepository());
   SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
-  SL_ASSIGN_OR_RETURN(SceneView view, Get(scene_id));
-  const absl::Status deleted = registry_.Delete(scene_id, /*if_kept=*/true);
-  if (absl::IsFailedPrecondition(deleted)) {
+  absl::StatusOr<SceneStatus> unloaded = registry_.Delete(scene_id, /*if_kept=*/true);
+  if (absl::IsFailedPrecondition(unloaded.status())) {
+    const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
+    const absl::Status why = now.ok() ? now->keep_error : absl::OkStatus();
     return MakeError(
         absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_SCENE_NOT_STORED,
-        absl::StrCat(SceneName(scene_id), " is in memory alone",
-                     view.status.keep_error.ok() ? "" : ": ", view.status.keep_error.message(),
-                     ". Unloading would lose it; delete it if that is meant"),
+        absl::StrCat(SceneName(scene_id), " is in memory alone", why.ok() ? "" : ": ",
+                     why.message(), ". Unloading would lose it; delete it if that is meant"),
         SceneResource(scene_id));
   }
-  if (absl::IsNotFound(deleted)) return NotThere(scene_id);
-  SL_RETURN_IF_ERROR(ExplainBuild(deleted, scene_id));
+  if (absl::IsNotFound(unloaded.status())) return NotThere(scene_id);
+  SL_RETURN_IF_ERROR(ExplainBuild(unloaded.status(), scene_id));
   SetNote(scene_id, Note{false, "it was unloaded"});
+  SceneView view = View(*std::move(unloaded));
   view.unloaded = true;
   Forget(std::move(view));
   return absl::OkStatus();
@@ -245,19 +250,15 @@ absl::Status SceneCatalog::Delete(const std::string& scene_id) {
     removing_.erase(scene_id);
     removed_.SignalAll();
   };
-  absl::StatusOr<SceneView> view = Get(scene_id);
-  if (!view.ok() && !stored) {
+  absl::StatusOr<SceneStatus> deleted = registry_.Delete(scene_id);
+  const uint64_t tag = deleted.ok() ? deleted->tag : 0;
+  if (deleted.ok()) {
+    Forget(View(*std::move(deleted)));
+  } else if (!absl::IsNotFound(deleted.status())) {
+    return ExplainBuild(deleted.status(), scene_id);
+  } else if (!stored) {
     DropShares(scene_id, /*tag=*/0, /*all=*/!has_file);  // Whoever took its file away did not.
-    return view.status();
-  }
-  const uint64_t tag = view.ok() ? view->status.tag : 0;
-  if (view.ok()) {
-    const absl::Status deleted = registry_.Delete(scene_id);
-    // It may have made room for another just now: then its file is what is left of it.
-    if (!deleted.ok() && !(stored && absl::IsNotFound(deleted))) {
-      return absl::IsNotFound(deleted) ? NotThere(scene_id) : ExplainBuild(deleted, scene_id);
-    }
-    if (deleted.ok()) Forget(*std::move(view));
+    return NotThere(scene_id);
   }
   SetNote(scene_id, std::nullopt);
   if (stored) SL_RETURN_IF_ERROR(repository_->Remove(scene_id));

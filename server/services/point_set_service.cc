@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/admission/memory_charge.h"
 #include "server/base/error.h"
 #include "server/base/log.h"
 #include "server/base/request_log.h"
@@ -80,8 +81,12 @@ class CreateSteps {
     set.point_set_id = header.point_set_id.empty() ? MakeId("points") : header.point_set_id;
     set.revision = scene->revision;
     set.scene = scene;
+    // Before anything is traced: several of these may be under way.
+    MemoryCharge charge(env_.point_sets);
+    SL_RETURN_IF_ERROR(charge.Add(PointSetStore::BytesFor(header.point_count)));
     SL_ASSIGN_OR_RETURN(set.points, MakePoints(header, uploaded, *scene, cancel));
-    SL_ASSIGN_OR_RETURN(const PointSetView view, env_.point_sets.Add(std::move(set), header.lease));
+    SL_ASSIGN_OR_RETURN(const PointSetView view,
+                        env_.point_sets.Add(std::move(set), header.lease, charge.Leave()));
     Log(LogLevel::kInfo, "point_set_created",
         {{"point_set", view.set->name()}, {"points", absl::StrCat(view.set->points.size())}});
     EncodePointSet(view, response);

@@ -41,14 +41,14 @@ void SceneWatch::Begin(const v1::WatchSceneRequest& request) {
 
 void SceneWatch::OnScene(const SceneView& view) {
   MutexLock lock(mutex_);
-  if (finished_ || end_.has_value() || view.status.tag < tag_) return;
+  if (finished_ || end_.has_value() || view.status.creation < creation_) return;
   Push(view);
   if (view.deleted) EndWith(absl::OkStatus());
   Advance();
 }
 
 void SceneWatch::Push(const SceneView& view) {
-  tag_ = view.status.tag;
+  creation_ = view.status.creation;
   v1::WatchSceneResponse& response = next_.emplace();
   EncodeScene(view, response.mutable_scene());
   const bool building = !view.deleted && view.status.state == SceneState::kBuilding;

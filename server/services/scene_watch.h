@@ -54,7 +54,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   std::shared_ptr<SceneWatch> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
   std::string scene_id_ ABSL_GUARDED_BY(mutex_);
-  uint64_t tag_ ABSL_GUARDED_BY(mutex_) = 0;  // Of the scene that was told of last.
+  uint64_t creation_ ABSL_GUARDED_BY(mutex_) = 0;  // Of the scene that was told of last.
   std::optional<v1::WatchSceneResponse> next_ ABSL_GUARDED_BY(mutex_);
   v1::WatchSceneResponse writing_response_;  // gRPC's while `writing_`.
   bool writing_ ABSL_GUARDED_BY(mutex_) = false;

@@ -11,10 +11,11 @@ absl::Status UploadIdleError(uint64_t max_upload_idle_seconds) {
   const std::string seconds = absl::StrCat(max_upload_idle_seconds);
   return MakeError(
       absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
-      absl::StrCat("no message that brings anything has come of this upload for as long as ",
-                   "max_upload_idle = ", seconds, " s: what had arrived is dropped; send it again ",
-                   "without a pause, in smaller messages if the connection is slow, or have the ",
-                   "server wait longer (--max-upload-idle-seconds)"),
+      absl::StrCat("this upload has kept the server waiting for max_upload_idle = ", seconds,
+                   " s, less a second for every ", IdleClock::kBytesPerSecond,
+                   " bytes that it brought: what had arrived is dropped; send it again without a ",
+                   "pause, in smaller messages if the connection is slow, or have the server wait ",
+                   "longer (--max-upload-idle-seconds)"),
       {{"limit", "max_upload_idle"}, {"limit_value", seconds}});
 }
 

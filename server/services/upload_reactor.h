@@ -10,10 +10,11 @@
 //  2. One message is in memory beside what the upload holds.
 //  3. Finish is called exactly once, with no task running; the job's cancel token fires when the
 //     client goes away.
-//  4. What has arrived counts against its client's bytes until the call ends, and against the
-//     memory budget (the job's) until it is freed: where a task ends the call, before the client
-//     hears of it.
-//  5. An upload whose client brings nothing for max_upload_idle ends with DEADLINE_EXCEEDED.
+//  4. What has arrived counts against its client's bytes, and against the memory budget (the
+//     job's), until it is freed; that, and giving back the client's shares, comes before the client
+//     hears of the call's end: one that sends upload after upload never has two at once.
+//  5. An upload whose client keeps the server waiting for max_upload_idle ends with
+//     DEADLINE_EXCEEDED; what a message brings makes up for some of the wait (idle_clock.h).
 //
 // Thread safety: as visibility_stream.h.
 #ifndef SIGHTLINE_SERVER_SERVICES_UPLOAD_REACTOR_H_
@@ -73,8 +74,8 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
 
   void OnReadDone(bool ok) override {
     MutexLock lock(mutex_);
-    if (finished_) return;  // It was idle for too long, or cancelled.
-    idle_.Arrived(IdleClock::Now(), ok && Job::BytesOf(request_) > 0);
+    if (ended_) return;  // It was idle for too long, or cancelled.
+    idle_.Arrived(IdleClock::Now(), ok ? Job::BytesOf(request_) : 0);
     if (cancel_.cancelled()) return End(cancel_.ToStatus());
     if (ok) {
       const absl::Status room = bytes_.Add(request_.ByteSizeLong(), most_bytes_);
@@ -105,13 +106,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     std::shared_ptr<UploadReactor> self;  // Goes after the lock has.
     MutexLock lock(mutex_);
     self.swap(self_);
-    if (job_ == nullptr) return Release();
-    // It ended in a reaction. The call counts until its memory is free.
-    pool_.Submit([self = std::move(self)] {
-      self->job_.reset();
-      MutexLock later(self->mutex_);
-      self->Release();
-    });
+    call_.Release();  // The server may go now.
   }
 
  private:
@@ -128,8 +123,9 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     self_ = this->shared_from_this();
     const absl::Status admitted = Enter(client, env, slots);
     if (admitted.ok()) return Read();
-    job_.reset();
-    End(admitted);
+    ended_ = true;
+    job_.reset();  // It holds nothing yet.
+    Tell(admitted);
   }
   absl::Status Enter(const Client& client, const QueryEnvironment& env, UploadSlots& slots)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -159,23 +155,30 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   absl::Status FinishJob() {
     return GuardMemory([&] { return job_->Finish(cancel_, response_); });
   }
+  // What a task says at the end of the upload; no read is under way.
   void EndTask(const absl::Status& status) {
     job_.reset();
+    request_ = Request();
     MutexLock lock(mutex_);
     --running_;
-    End(status);
+    ended_ = true;
+    Tell(status);
   }
-
+  // The same in a reaction, with no task running; a read may be under way.
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (std::exchange(finished_, true)) return;
-    timer_.Record(status.code());
-    this->Finish(ToGrpcStatus(status));
+    if (std::exchange(ended_, true)) return;
+    pool_.Submit([self = this->shared_from_this(), status] {
+      self->job_.reset();
+      MutexLock lock(self->mutex_);
+      self->Tell(status);
+    });
   }
-  void Release() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  void Tell(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     slot_.Release();
     share_.Release();
     bytes_.Release();
-    call_.Release();  // The server may go now.
+    timer_.Record(status.code());
+    this->Finish(ToGrpcStatus(status));
   }
 
   Response* const response_;
@@ -195,7 +198,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   CallShare bytes_ ABSL_GUARDED_BY(mutex_);  // What has arrived.
   IdleClock idle_ ABSL_GUARDED_BY(mutex_);
   int running_ ABSL_GUARDED_BY(mutex_) = 0;
-  bool finished_ ABSL_GUARDED_BY(mutex_) = false;
+  bool ended_ ABSL_GUARDED_BY(mutex_) = false;  // The client has been told, or is about to be.
 };
 
 }  // namespace sightline

@@ -124,7 +124,6 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     std::shared_ptr<VisibilityStream> self;  // Goes after the lock has.
     MutexLock lock(mutex_);
     self.swap(self_);
-    share_.Release();
     call_.Release();
   }
 
@@ -554,6 +553,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     // One that was not opened counts itself, since no item ever will.
     if (method_ == nullptr && !status.ok()) timer_.Record(status.code());
     items_.clear();
+    share_.Release();  // Before the client hears of it, who may open the next at once.
     this->Finish(ToGrpcStatus(status));
   }
 

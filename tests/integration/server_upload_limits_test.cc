@@ -2,12 +2,14 @@
 //
 // Uploads whose clients stall, bring too much, or are too many, and connections that nobody uses:
 // what they hold is bounded and comes back, whichever way they end.
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
-#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -98,6 +100,13 @@ class UploadLimitsTest : public ::testing::Test {
     ASSERT_TRUE(testing_support::Until("no call is under way",
                                        [&] { return harness_->server->active_calls() == 0; }));
   }
+  // Ends those uploads that wait as if max_upload_idle had passed, until there are no calls.
+  void EndWaitingUploads() const {
+    ASSERT_TRUE(testing_support::Until("the uploads have ended", [&] {
+      harness_->server->EndIdleUploads(IdleClock::Now() + std::chrono::seconds(61));
+      return harness_->server->active_calls() == 0;
+    }));
+  }
 
   std::unique_ptr<ServerHarness> harness_;
 };
@@ -126,20 +135,16 @@ v1::UpdateSceneRequest EditHeaderOf(const std::string& name) {
   return request;
 }
 
-void ExpectIdle(const grpc::Status& status) {
+void ExpectIdle(const grpc::Status& status, const char* limit = "max_upload_idle = 60 s") {
   EXPECT_EQ(status.error_code(), grpc::StatusCode::DEADLINE_EXCEEDED) << status.error_message();
   EXPECT_EQ(ReasonIn(status), "DEADLINE_EXCEEDED");
-  EXPECT_THAT(status.error_message(), HasSubstr("max_upload_idle = 1 s"));
+  EXPECT_THAT(status.error_message(), HasSubstr(limit));
   EXPECT_THAT(status.error_message(), HasSubstr("--max-upload-idle-seconds"));
 }
 
 TEST_F(UploadLimitsTest, StalledOnesEndAndGiveBackWhatTheyHeld) {
-  Start([](ServerOptions* options) {
-    options->limits.max_upload_idle_seconds = 1;
-    options->limits.max_concurrent_uploads = 3;
-  });
+  Start([](ServerOptions* options) { options->limits.max_concurrent_uploads = 3; });
   MakeWall();
-  WaitUntilIdle();
   const uint64_t before = SceneBytes();
   const auto scene = CreateScene();
   const auto edit = UpdateScene();
@@ -151,10 +156,10 @@ TEST_F(UploadLimitsTest, StalledOnesEndAndGiveBackWhatTheyHeld) {
   request.mutable_header()->set_parent("scenes/wall");
   request.mutable_header()->mutable_upload()->set_point_count(2);
   points->Write(request);
+  EndWaitingUploads();
   ExpectIdle(scene->Finish());
   ExpectIdle(edit->Finish());
   ExpectIdle(points->Finish());
-  WaitUntilIdle();
   EXPECT_EQ(SceneBytes(), before);
   // Their slots are free, and so is the name that was asked for.
   v1::Scene made;
@@ -175,12 +180,58 @@ TEST_F(UploadLimitsTest, ADrainEndsStalledOnesWhenItIsOver) {
 }
 
 TEST_F(UploadLimitsTest, ADrainIsOverWhenTheStalledOnesAre) {
-  Start([](ServerOptions* options) { options->limits.max_upload_idle_seconds = 1; });
+  Start([](ServerOptions*) {});
   const auto scene = CreateScene();
   scene->Write(SceneHeaderOf("hall", 3));
   WaitForSceneBytes(1);
-  EXPECT_TRUE(harness_->server->Drain(absl::Minutes(1)).ok());
+  absl::Status drained;
+  std::thread drain([&] { drained = harness_->server->Drain(absl::Minutes(2)); });
+  EndWaitingUploads();
+  drain.join();
+  EXPECT_TRUE(drained.ok()) << drained;
   ExpectIdle(scene->Finish());
+}
+
+TEST_F(UploadLimitsTest, TheServerLooksForStalledOnesByItself) {
+  Start([](ServerOptions* options) { options->limits.max_upload_idle_seconds = 1; });
+  const auto scene = CreateScene();
+  scene->Write(SceneHeaderOf("hall", 3));
+  ExpectIdle(scene->Finish(), "max_upload_idle = 1 s");
+}
+
+// One after the other is one at once, however soon the next follows and however the last one ended.
+TEST_F(UploadLimitsTest, UploadsAndStreamsInARowAreOneAtATime) {
+  Start([](ServerOptions* options) {
+    options->limits.max_concurrent_uploads = 1;
+    options->limits.max_concurrent_uploads_per_client = 1;
+    options->limits.max_streams_per_client = 1;
+  });
+  MakeWall();
+  v1::CreateSceneRequest bad_name;
+  bad_name.mutable_header()->set_scene_id("a/b");
+  v1::TestSegmentsRequest header;
+  header.mutable_header()->mutable_stream()->set_scene("scenes/wall");
+  for (int i = 0; i < 100; ++i) {
+    v1::Scene scene;
+    const grpc::Status made =
+        harness_->CreateScene(WallUpload(absl::StrCat("wall", i % 2 == 0 ? i : 0)), &scene);
+    EXPECT_EQ(ReasonIn(made), i % 2 == 0 ? "" : "ALREADY_EXISTS") << made.error_message();
+    const auto refused = CreateScene();
+    refused->Write(bad_name);
+    const grpc::Status status = refused->Finish();
+    EXPECT_EQ(ReasonIn(status), "INVALID_FIELD") << status.error_message();
+    const auto edit = UpdateScene();
+    edit->Write(EditHeaderOf("scenes/none"));
+    const grpc::Status none = edit->Finish();
+    EXPECT_EQ(ReasonIn(none), "SCENE_NOT_FOUND") << none.error_message();
+    SegmentStream stream(*harness_, header);
+    stream.HalfClose();
+    v1::TestSegmentsResponse response;
+    EXPECT_TRUE(stream.Read(&response));
+    EXPECT_FALSE(stream.Read(&response));
+    const grpc::Status closed = stream.Finish();
+    EXPECT_TRUE(closed.ok()) << closed.error_message();
+  }
 }
 
 TEST_F(UploadLimitsTest, WhatArrivesCountsAndComesBack) {
@@ -213,7 +264,6 @@ TEST_F(UploadLimitsTest, AnEditIsStoppedAsItArrives) {
     options->limits.max_scene_bytes = options->limits.max_bytes_per_scene = 8 << 20;
   });
   MakeWall();
-  WaitUntilIdle();
   const uint64_t before = SceneBytes();
   {
     // New vertices are not announced as a growth of the scene; they arrive all the same.
@@ -286,7 +336,6 @@ TEST_F(UploadLimitsTest, AClientHasItsShareOfUploadsAndStreams) {
     options->limits.max_streams_per_client = 1;
   });
   MakeWall();
-  WaitUntilIdle();
   const uint64_t before = SceneBytes();
   const auto first = CreateScene();
   first->Write(SceneHeaderOf("hall", 3));

@@ -205,20 +205,41 @@ TEST(IdleClockTest, WaitingCountsUntilSomethingComes) {
   EXPECT_EQ(idle.Idle(start + seconds(100)), seconds(0));  // Nobody waits yet.
   idle.Wait(start);
   EXPECT_EQ(idle.Idle(start + seconds(7)), seconds(7));
-  idle.Arrived(start + seconds(7), /*brings=*/true);
+  idle.Arrived(start + seconds(7), /*bytes=*/1 << 20);
   EXPECT_EQ(idle.Idle(start + seconds(100)), seconds(0));  // The server is at work.
   idle.Wait(start + seconds(100));
   EXPECT_EQ(idle.Idle(start + seconds(102)), seconds(2));
   // Messages that bring nothing do not begin anew; what the server does with them is not counted.
-  idle.Arrived(start + seconds(103), /*brings=*/false);
+  idle.Arrived(start + seconds(103), /*bytes=*/0);
   idle.Wait(start + seconds(110));
   EXPECT_EQ(idle.Idle(start + seconds(112)), seconds(5));
-  idle.Arrived(start + seconds(112), /*brings=*/false);
+  idle.Arrived(start + seconds(112), /*bytes=*/0);
   idle.Wait(start + seconds(112));
   EXPECT_EQ(idle.Idle(start + seconds(120)), seconds(13));
-  idle.Arrived(start + seconds(120), /*brings=*/true);
+  // Others make up for as much as they bring, and for no more.
+  idle.Arrived(start + seconds(120), /*bytes=*/3 * IdleClock::kBytesPerSecond);
   idle.Wait(start + seconds(120));
-  EXPECT_EQ(idle.Idle(start + seconds(121)), seconds(1));
+  EXPECT_EQ(idle.Idle(start + seconds(121)), seconds(11));
+  idle.Arrived(start + seconds(121), /*bytes=*/~uint64_t{0});
+  idle.Wait(start + seconds(121));
+  EXPECT_EQ(idle.Idle(start + seconds(122)), seconds(1));
+}
+
+// A vertex a minute is no upload.
+TEST(IdleClockTest, ATrickleRunsOut) {
+  using std::chrono::seconds;
+  const IdleClock::Time start = IdleClock::Now();
+  const auto after_a_minute_each = [start](int messages, uint64_t bytes) {
+    IdleClock idle;
+    for (int i = 0; i < messages; ++i) {
+      idle.Wait(start + seconds(60 * i));
+      idle.Arrived(start + seconds(60 * (i + 1)), bytes);
+    }
+    idle.Wait(start + seconds(60 * messages));
+    return idle.Idle(start + seconds(60 * messages));
+  };
+  EXPECT_GT(after_a_minute_each(2, 24), seconds(119));
+  EXPECT_EQ(after_a_minute_each(2, 60 * IdleClock::kBytesPerSecond), seconds(0));
 }
 
 class SmallBudget : public MemoryBudget {

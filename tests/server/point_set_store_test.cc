@@ -73,6 +73,20 @@ TEST_F(PointSetStoreTest, LimitsAreKept) {
             v1::ERROR_REASON_LIMIT_EXCEEDED);
 }
 
+TEST_F(PointSetStoreTest, WhatWasSetAsideForASetBecomesItsOwn) {
+  const uint64_t most = limits_.max_point_set_bytes;
+  MemoryCharge charge(store_);
+  ASSERT_TRUE(charge.Add(most).ok());
+  EXPECT_EQ(ReasonOf(store_.Add(Make("s", "a"), absl::Seconds(10)).status()),
+            v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
+  ASSERT_TRUE(store_.Add(Make("s", "a"), absl::Seconds(10), charge.Leave()).ok());
+  EXPECT_EQ(store_.memory_bytes(), PointSetStore::BytesFor(10));
+  // Whether it is taken or not.
+  ASSERT_TRUE(charge.Add(100).ok());
+  EXPECT_FALSE(store_.Add(Make("s", "a"), absl::Seconds(10), charge.Leave()).ok());
+  EXPECT_EQ(store_.memory_bytes(), PointSetStore::BytesFor(10));
+}
+
 TEST_F(PointSetStoreTest, ListsBySceneInPages) {
   for (const char* id : {"c", "a"}) {
     ASSERT_TRUE(store_.Add(Make("s", id), absl::Seconds(10)).ok());

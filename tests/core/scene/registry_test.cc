@@ -58,7 +58,7 @@ TEST_F(RegistryTest, CreatesServesAndDeletes) {
   SceneRegistry registry({}, pool_);
   ExpectError(registry.Get("hall", 0).status(), absl::StatusCode::kNotFound, {"\"hall\""});
   ExpectError(registry.GetStatus("hall").status(), absl::StatusCode::kNotFound, {"\"hall\""});
-  ExpectError(registry.Delete("hall"), absl::StatusCode::kNotFound, {"\"hall\""});
+  ExpectError(registry.Delete("hall").status(), absl::StatusCode::kNotFound, {"\"hall\""});
   ExpectError(Add(registry, "hall", 0, "a").status(), absl::StatusCode::kNotFound, {"\"hall\""});
 
   ASSERT_TRUE(Create(registry, "hall").ok());
@@ -166,7 +166,7 @@ TEST_F(RegistryTest, WhileABuildRuns) {
     if (status.state != SceneState::kBuilding || tried) return;
     tried = true;
     EXPECT_EQ(registry.Get("hall", 0).status().code(), absl::StatusCode::kUnavailable);
-    EXPECT_EQ(registry.Delete("hall").code(), absl::StatusCode::kAborted);
+    EXPECT_EQ(registry.Delete("hall").status().code(), absl::StatusCode::kAborted);
     EXPECT_EQ(Add(registry, "hall", 0, "a").status().code(), absl::StatusCode::kAborted);
     EXPECT_EQ(Create(registry, "hall").status().code(), absl::StatusCode::kAlreadyExists);
     EXPECT_EQ(registry.GetStatus("hall")->state, SceneState::kBuilding);
@@ -216,7 +216,7 @@ TEST_F(RegistryTest, ManyThreads) {
           status = Add(registry, name, 0, std::to_string(100 * thread + i)).status();
           break;
         case 4:
-          status = i % 3 == 0 ? registry.Delete(name) : absl::OkStatus();
+          status = i % 3 == 0 ? registry.Delete(name).status() : absl::OkStatus();
           break;
         default: {
           const auto scene = registry.Get(name, 0);
@@ -296,8 +296,8 @@ TEST_F(KeptRegistryTest, LoadsAndReloads) {
 TEST_F(KeptRegistryTest, WhatIsNotKeptIsDeletedOnlyByWhoMeansIt) {
   SceneRegistry registry({}, pool_);
   ASSERT_TRUE(Create(registry, "memory").ok());
-  ExpectError(registry.Delete("memory", /*if_kept=*/true), absl::StatusCode::kFailedPrecondition,
-              {"\"memory\""});
+  ExpectError(registry.Delete("memory", /*if_kept=*/true).status(),
+              absl::StatusCode::kFailedPrecondition, {"\"memory\""});
   EXPECT_TRUE(registry.Get("memory", 0).ok());
   EXPECT_TRUE(registry.Delete("memory").ok());
   ASSERT_TRUE(Load(registry, "kept").ok());
@@ -326,6 +326,28 @@ TEST_F(KeptRegistryTest, WhatIsSetAsideCountsAndMakesRoom) {
   yielding.GiveBack(bytes_);
 }
 
+TEST_F(KeptRegistryTest, WhatWasSetAsideForASceneBecomesItsOwn) {
+  SceneRegistry registry({.memory_budget_bytes = bytes_}, pool_);
+  uint64_t while_loading = 0;
+  const auto loader = [&](uint64_t revision, const auto&) {
+    while_loading = registry.MemoryBytes();
+    return absl::StatusOr<std::shared_ptr<const Scene>>(MakeScene(revision));
+  };
+  // There is no room for both.
+  ASSERT_TRUE(registry.SetAside(bytes_).ok());
+  ASSERT_TRUE(registry.Load("a", bytes_, loader, nullptr, /*tag=*/0, bytes_).ok());
+  EXPECT_EQ(while_loading, bytes_);
+  EXPECT_EQ(registry.MemoryBytes(), bytes_);
+  ASSERT_TRUE(registry.Delete("a").ok());
+  // A scene that cannot be begun leaves nothing of it behind.
+  ASSERT_TRUE(registry.SetAside(bytes_).ok());
+  EXPECT_FALSE(registry.Load("b", bytes_ + 1, loader, nullptr, /*tag=*/0, bytes_).ok());
+  EXPECT_EQ(registry.MemoryBytes(), 0u);
+  ASSERT_TRUE(registry.SetAside(bytes_).ok());
+  EXPECT_FALSE(registry.Reload("none", bytes_, loader, bytes_).ok());
+  EXPECT_EQ(registry.MemoryBytes(), 0u);
+}
+
 TEST_F(KeptRegistryTest, ATagTellsScenesOfOneNameApart) {
   SceneRegistry registry({.max_scenes = 1, .evict_least_used = true}, pool_);
   std::vector<uint64_t> evicted;
@@ -345,9 +367,15 @@ TEST_F(KeptRegistryTest, ATagTellsScenesOfOneNameApart) {
   ASSERT_TRUE(load("a", 7).ok());
   EXPECT_EQ(registry.GetStatus("a")->tag, 7u);
   ASSERT_TRUE(load("b", 8).ok());
-  ASSERT_TRUE(load("a", 9).ok());
-  EXPECT_EQ(registry.GetStatus("a")->tag, 9u);
+  const uint64_t creation = registry.GetStatus("b")->creation;
+  ASSERT_TRUE(load("a", 6).ok());
+  EXPECT_EQ(registry.GetStatus("a")->tag, 6u);
+  // Makers may give their tags in any order.
+  EXPECT_GT(registry.GetStatus("a")->creation, creation);
   EXPECT_THAT(evicted, ::testing::ElementsAre(7, 8));
+  const absl::StatusOr<SceneStatus> deleted = registry.Delete("a");
+  ASSERT_TRUE(deleted.ok());
+  EXPECT_EQ(deleted->tag, 6u);
 }
 
 TEST_F(KeptRegistryTest, AKeeperIsAskedOncePublishedAndHoldsOffOtherBuilds) {
