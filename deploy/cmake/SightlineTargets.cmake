@@ -88,11 +88,16 @@ function(sightline_test NAME)
   add_executable(${NAME} ${ARG_SOURCES})
   target_link_libraries(${NAME} PRIVATE sightline_options ${ARG_DEPS} GTest::gmock GTest::gtest
                                         GTest::gtest_main)
+  # Tests of core compute over its headers and are compiled as it is. The others mostly call what is
+  # compiled elsewhere, and take a third less time to compile.
+  if(NOT CMAKE_CURRENT_SOURCE_DIR MATCHES "/tests/(bench|core|property)(/|$)")
+    target_compile_options(${NAME} PRIVATE "$<$<CONFIG:Release>:-O1>")
+  endif()
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 300)
   endif()
-  if(SIGHTLINE_SANITIZE MATCHES "thread")
-    math(EXPR ARG_TIMEOUT "5 * ${ARG_TIMEOUT}")  # It takes about ten times as long.
+  if(SIGHTLINE_SANITIZE)
+    math(EXPR ARG_TIMEOUT "5 * ${ARG_TIMEOUT}")  # What is not scaled takes about ten times as long.
   endif()
   add_test(NAME ${NAME} COMMAND ${NAME} ${ARG_ARGS})
   set(results "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/test-results/${NAME}.xml")

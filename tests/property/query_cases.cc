@@ -195,4 +195,11 @@ std::vector<Way> WaysWithoutBvh() {
   return ways;
 }
 
+std::vector<Way> InTurn(const std::vector<Way>& ways, TestRng& rng) {
+  const size_t stride = kSanitizerBuild ? 3 : 1;
+  std::vector<Way> taken;
+  for (size_t i = rng.Below(stride); i < ways.size(); i += stride) taken.push_back(ways[i]);
+  return taken;
+}
+
 }  // namespace sightline::testing_support

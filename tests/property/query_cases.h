@@ -83,6 +83,8 @@ struct Way {
 std::vector<Way> AllWays(bool kd_tree = false);
 // Those that a scene without a BVH can be asked in.
 std::vector<Way> WaysWithoutBvh();
+// All of `ways`; under a sanitizer every third, from a random one on, so that scenes share them.
+std::vector<Way> InTurn(const std::vector<Way>& ways, TestRng& rng);
 
 template <typename T>
 bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {

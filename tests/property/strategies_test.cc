@@ -24,6 +24,7 @@ namespace {
 
 using testing_support::AllWays;
 using testing_support::Bit;
+using testing_support::InTurn;
 using testing_support::MakeBuiltinQueryScenes;
 using testing_support::MakeNastyQueryScenes;
 using testing_support::MakePoints;
@@ -130,7 +131,7 @@ void CheckTiles(const QueryScene& scene, TestRng& rng) {
     size_t hits = 0;
     for (const uint32_t id : truth.triangle) hits += id != kNoTriangle;
     ASSERT_EQ(truth.point_pixel.size(), hits);
-    for (const Way& way : AllWays(scene.indexed.kd_tree.has_value())) {
+    for (const Way& way : InTurn(AllWays(scene.indexed.kd_tree.has_value()), rng)) {
       const auto [w, h] = kSides[way_index++ % std::size(kSides)];
       SCOPED_TRACE(way.Name() + ", tiles of " + std::to_string(w) + " x " + std::to_string(h));
       const QueryOptions options = way.Options(mask);
@@ -234,7 +235,7 @@ void CheckShadows(const QueryScene& scene, TestRng& rng, size_t count) {
   }
   constexpr size_t kRanges[] = {1000, 256, 3, 255, 64, 17, 257, 1};
   int way_index = 0;
-  for (const Way& way : AllWays(scene.indexed.kd_tree.has_value())) {
+  for (const Way& way : InTurn(AllWays(scene.indexed.kd_tree.has_value()), rng)) {
     const size_t range = kRanges[way_index++ % std::size(kRanges)];
     SCOPED_TRACE(way.Name() + ", ranges of " + std::to_string(range));
     ThreadPool& pool = way_index % 2 == 0 ? one : three;
@@ -284,7 +285,7 @@ void CheckSegments(const QueryScene& scene, TestRng& rng, size_t count) {
       ASSERT_LE(truth.t[i], 1);
     }
   }
-  for (const Way& way : AllWays(scene.indexed.kd_tree.has_value())) {
+  for (const Way& way : InTurn(AllWays(scene.indexed.kd_tree.has_value()), rng)) {
     SCOPED_TRACE(way.Name());
     SegmentResult full, bits;
     ASSERT_TRUE(TestSegments(scene.indexed, segments, {.bits = true, .first_hits = true},
