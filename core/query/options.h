@@ -31,7 +31,7 @@ namespace sightline {
 enum class Strategy : uint8_t {
   kAuto = 0,
   kSingle = 1,      // One ray at a time.
-  kPacket = 2,      // Rays with a common origin walk together.
+  kPacket = 2,      // Rays with a common origin, or direction, walk together.
   kBruteForce = 3,  // The predicate applied to every triangle: the definition.
   kShaft = 4,       // Rays with a common origin as one convex shaft (BVH).
   kRtt = 5,         // Relevant triangles of tiles of rays with a common origin (kd-tree).
@@ -78,7 +78,7 @@ struct QueryOptions {
   // kPacket alone, of a tile's shadows: a packet from the light is that of the pixels' own square.
   // Where one of them hits nothing, the ray goes to the packet's first hit instead (paper 004,
   // section 5): the packet stays together, at no answer's cost; statistics count it. Else packets
-  // hold hits alone, as they follow one another, and so do a sun's rays, which have no packets.
+  // hold hits alone, as they follow one another, and so do a sun's.
   bool pixel_shadow_packets = false;
   SimdTarget simd = SimdTarget::kBest;  // REQUIRES: SimdTargetAvailable(simd).
   uint32_t mask = 0xFFFFFFFFu;

@@ -56,6 +56,27 @@ bool TracePackets(const IndexedGeometry& scene, const QueryRun& run, bool any, R
   return true;
 }
 
+// Rays of one direction walk together over the BVH alone, by the predicate, and do not cull within
+// leaves.
+bool HasParallelPackets(const QueryRun& run) {
+  return !run.on_kd_tree() && !run.on_binary_bvh() && run.culling() == nullptr;
+}
+
+// As TracePackets.
+bool TraceParallelPackets(const IndexedGeometry& scene, const QueryRun& run, ParallelPacket* packet,
+                          WalkStats* stats) {
+  const TraceParallelPacketFn trace = run.kernels().occluded_parallel_packet;
+  const int rays = run.options().packet_side * run.options().packet_side;
+  if (packet->count <= rays) return trace(scene, *packet, run.cancel(), stats);
+  ParallelPacket part;
+  for (int first = 0; first < packet->count; first += rays) {
+    packet->CopyLanes(first, std::min(rays, packet->count - first), &part);
+    if (!trace(scene, part, run.cancel(), stats)) return false;
+    std::copy_n(part.triangle, part.count, packet->triangle + first);
+  }
+  return true;
+}
+
 absl::Status TraceRtt(const IndexedGeometry& scene, const QueryRun& run, bool any,
                       std::span<RayPacket> packets, int tile_rays, WalkStats* stats) {
   const RttOptions options{.tile_rays = tile_rays,
@@ -76,8 +97,8 @@ int RttTileRaysOf(const QueryOptions& options, bool points) {
 Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t rays) {
   const Strategy asked = run.options().strategy;
   const bool one_origin = form == RayForm::kOneOrigin || form == RayForm::kMirrored;
-  const bool shaft_fits =
-      form == RayForm::kOneOrigin || (form == RayForm::kParallel && kind == HitKind::kAny);
+  const bool any_parallel = form == RayForm::kParallel && kind == HitKind::kAny;
+  const bool shaft_fits = form == RayForm::kOneOrigin || any_parallel;
   switch (asked) {
     case Strategy::kAuto:
       // On the kd-tree packets were the fastest of all (core/traverse/DESIGN.md).
@@ -94,7 +115,8 @@ Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t 
              : form == RayForm::kMirrored ? Strategy::kPacket
                                           : Strategy::kSingle;
     case Strategy::kPacket:
-      return one_origin ? Strategy::kPacket : Strategy::kSingle;
+      return one_origin || (any_parallel && HasParallelPackets(run)) ? Strategy::kPacket
+                                                                     : Strategy::kSingle;
     case Strategy::kSingle:
     case Strategy::kBruteForce:
       return asked;
@@ -104,8 +126,8 @@ Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t 
 
 WalkChoice::Others OtherWalks(const QueryRun& run, RayForm form) {
   if (run.options().strategy != Strategy::kAuto) return WalkChoice::Others::kNone;
-  return form == RayForm::kParallel ? WalkChoice::Others::kSingleRays
-                                    : WalkChoice::Others::kPacketsAndSingleRays;
+  return form == RayForm::kParallel ? WalkChoice::Others::kParallel
+                                    : WalkChoice::Others::kOneOrigin;
 }
 
 absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
@@ -219,6 +241,9 @@ absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& ru
                                      stats));
     for (int i = 0; i < packet->count; ++i) packet->triangle[i] = hits[i].triangle;
     return absl::OkStatus();
+  }
+  if (strategy == Strategy::kPacket) {
+    return TraceParallelPackets(scene, run, packet, stats) ? absl::OkStatus() : run.Stopped();
   }
   SIGHTLINE_CHECK(strategy == Strategy::kShaft);
   return run.kernels().occluded_parallel_shaft(scene, *packet, cut, run.cancel(), stats)

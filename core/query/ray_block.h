@@ -33,7 +33,7 @@ enum class RayForm : uint8_t { kFree, kOneOrigin, kMirrored, kParallel };
 // What is used where a strategy was asked for: what AUTO chooses for so many rays together, and
 // what stands in for a strategy that such rays have no walk of. Never kAuto.
 Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t rays);
-// What blocks of rays may be walked by instead, one by one, where that chose shafts.
+// What blocks of rays may be walked by instead, block by block, where that chose shafts.
 WalkChoice::Others OtherWalks(const QueryRun& run, RayForm form);
 
 // All below take what ChooseStrategy gave, and add to *stats what they did. REQUIRES: CheckOptions.
@@ -68,7 +68,8 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
 absl::Status TraceRttTile(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                           std::span<RayPacket> packets, WalkStats* stats);
 
-// Up to kBlockRays rays with one direction, any hit: as one shaft, or by kSingle.
+// Up to kBlockRays rays with one direction, any hit: as one shaft, as packets (over the BVH, by the
+// predicate), or by kSingle.
 absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& run,
                                 Strategy strategy, ParallelPacket* packet, const ShaftCut* cut,
                                 WalkStats* stats);

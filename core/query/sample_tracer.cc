@@ -88,8 +88,8 @@ absl::Status SampleTracer::Trace(size_t s) {
   absl::Status traced;
   if (!sample.directional) {
     traced = TraceSegments(s, mask, strategy, &scope);
-  } else if (strategy == Strategy::kShaft) {
-    traced = TraceParallel(s, mask, &scope);
+  } else if (strategy == Strategy::kShaft || strategy == Strategy::kPacket) {
+    traced = TraceParallel(s, mask, strategy, &scope);
   } else {
     traced = TraceOneByOne(sample, mask, strategy, scope.walk());
   }
@@ -168,7 +168,8 @@ void SampleTracer::CutHulls(size_t s) {
   }
 }
 
-absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, StatsScope* scope) {
+absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strategy,
+                                         StatsScope* scope) {
   const LightSample& sample = samples_[s];
   uint32_t* const first_leaf = &first_leaves_[s];
   parallel_traced_ = true;
@@ -193,14 +194,16 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, StatsScope* sc
   bool prepared = blocks() == 1;
   for (size_t b = 0; b < blocks(); ++b) {
     parallel_[b].first_leaf = *first_leaf;
-    const Strategy walk = choice.Next();
+    const Strategy walk = strategy == Strategy::kShaft ? choice.Next() : strategy;
     if (walk == Strategy::kShaft && !std::exchange(prepared, true)) {
       cut = CutGroup(scene_, run_, packets, &cut_);
     }
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, walk, &parallel_[b], cut, scope->walk()));
     scope->Took(walk);
-    choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
+    if (strategy == Strategy::kShaft) {
+      choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
+    }
     *first_leaf = parallel_[b].first_leaf;
   }
   return absl::OkStatus();

@@ -83,7 +83,7 @@ class SampleTracer {
   absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   // Cuts by the hull of sample s's light and each block's points, if it has samples enough.
   void CutHulls(size_t s);
-  absl::Status TraceParallel(size_t s, uint32_t mask, StatsScope* scope);
+  absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask, Strategy strategy,
                              WalkStats* stats);
   // Where a block's packet says it; null where it is not recorded.

@@ -446,7 +446,7 @@ class TileTrace {
     }
     if (!outputs_.lit) return absl::OkStatus();
     SL_RETURN_IF_ERROR(ShadeBy(points, /*directional=*/false));
-    // A sun's rays have no packets to fill.
+    // A sun's packets are of hits alone.
     return ShadeBy(PixelShadowPackets() ? DropStandIns(points) : points, /*directional=*/true);
   }
 

@@ -3,8 +3,6 @@
 
 #include <algorithm>
 
-#include "core/base/check.h"
-
 namespace sightline {
 namespace {
 
@@ -13,19 +11,25 @@ namespace {
 // to 15 %. A packet's leaf is dear, since all of its vectors of rays are put to it; a single ray's
 // tests, sixteen at a time, are in its leaf's. Those of single rays were fitted anew, to random
 // segments of nine scenes, when walks that take turns had become faster.
+//
+// Those of packets are from thin points alone, for which packets matter: 64 lights and the sky over
+// 60,000 points of city, kitchen, forest and hall, taken down by what shafts and single rays took
+// there over their own estimates (1.65: nothing is in a cache).
 struct Weights {
   float node, leaf, test, ray;
 };
 constexpr Weights kOfWalks[] = {
-    {55, 250, 3.4f, 6}, {150, 1300, 3.8f, 10}, {27, 75, 0, 30}};  // By Walk.
+    {55, 250, 3.4f, 6}, {250, 1050, 2, 10}, {27, 75, 0, 30}};  // By Walk; packets of one origin.
+constexpr Weights kOfParallelPackets = {440, 475, 3.5f, 1};
 
 // What follows was chosen by replaying what every block of 49 rows had cost by each walk (nine
 // scenes; 64 lights and the sky over thin points, small pictures' shadows, suns and area lights):
 // on each row at 0.9 or more of the rate of the best walk, on the whole 2 % ahead of it. Measured,
 // the kitchen's sky is at 0.8 (core/traverse/DESIGN.md, "What AUTO walks").
 
-// Shafts that cost less a ray are not worth comparing: packets and single rays seldom do.
+// Shafts that cost less a ray are not worth comparing: the others seldom do.
 constexpr float kTryPackets = 150;
+constexpr float kTryParallelPackets = 60;
 constexpr float kTrySingleRays = 350;
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
 // cheapest by chance is taken more often.
@@ -42,14 +46,12 @@ constexpr size_t kLeastRays = 32;
 
 }  // namespace
 
-bool WalkChoice::Offers(Walk walk) const {
-  return walk == kShafts || others_ == Others::kPacketsAndSingleRays ||
-         (walk == kSingles && others_ == Others::kSingleRays);
-}
-
 bool WalkChoice::WorthATrial(Walk walk) const {
   const Record& shafts = records_[kShafts];
-  return shafts.known && shafts.cost > (walk == kPackets ? kTryPackets : kTrySingleRays);
+  const float dear = walk == kSingles               ? kTrySingleRays
+                     : others_ == Others::kParallel ? kTryParallelPackets
+                                                    : kTryPackets;
+  return others_ != Others::kNone && shafts.known && shafts.cost > dear;
 }
 
 bool WalkChoice::ShaftsAreRare() const {
@@ -75,7 +77,7 @@ Strategy WalkChoice::Next() const {
     if (records_[kShafts].wait == 0) next = kShafts;
   } else {
     for (const Walk walk : {kPackets, kSingles}) {
-      if (!Offers(walk) || !WorthATrial(walk) || records_[walk].wait > 0) continue;
+      if (!WorthATrial(walk) || records_[walk].wait > 0) continue;
       next = walk;
       break;
     }
@@ -91,8 +93,8 @@ void WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkSta
   const Walk walk = strategy == Strategy::kPacket   ? kPackets
                     : strategy == Strategy::kSingle ? kSingles
                                                     : kShafts;
-  SIGHTLINE_DCHECK(Offers(walk));
-  const Weights& weights = kOfWalks[walk];
+  const Weights& weights =
+      walk == kPackets && others_ == Others::kParallel ? kOfParallelPackets : kOfWalks[walk];
   const float cost =
       (weights.node * static_cast<float>(after.nodes - before.nodes) +
        weights.leaf * static_cast<float>(after.leaves - before.leaves) +

@@ -18,7 +18,7 @@
 //
 // Thread safety: none; belongs to one call.
 //
-//   WalkChoice choice(WalkChoice::Others::kPacketsAndSingleRays);
+//   WalkChoice choice(WalkChoice::Others::kOneOrigin);
 //   for each block of rays:
 //     const Strategy walk = choice.Next();
 //     const WalkStats before = stats;
@@ -40,10 +40,10 @@ namespace sightline {
 
 class WalkChoice {
  public:
-  // What there is beside shafts. Rays of one direction have no packets.
-  enum class Others : uint8_t { kNone, kSingleRays, kPacketsAndSingleRays };
+  // What there is beside shafts: nothing, as where a strategy was asked for; or packets, of rays
+  // with one origin or of rays with one direction, whose costs differ, and single rays.
+  enum class Others : uint8_t { kNone, kOneOrigin, kParallel };
 
-  // kNone: shafts alone, as where a strategy was asked for.
   explicit WalkChoice(Others others) : others_(others) {}
 
   // kShaft, kPacket or kSingle.
@@ -66,7 +66,6 @@ class WalkChoice {
     uint32_t next_wait = 0;
   };
 
-  bool Offers(Walk walk) const;
   // Whether shafts are so dear that it might be cheaper.
   bool WorthATrial(Walk walk) const;
   // The cheapest of those known.

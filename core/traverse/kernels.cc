@@ -18,6 +18,7 @@
 #include "core/traverse/kd_packet-inl.h"
 #include "core/traverse/kd_single-inl.h"
 #include "core/traverse/packet-inl.h"
+#include "core/traverse/parallel_packet-inl.h"
 #include "core/traverse/rtt-inl.h"
 #include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
@@ -36,6 +37,7 @@ const Kernels& TargetKernels() {
       .closest_brute = &TraceBrute<false>,
       .occluded_packet = &TracePacket<true>,
       .closest_packet = &TracePacket<false>,
+      .occluded_parallel_packet = &TraceParallelPacket,
       .occluded_kd_single = &TraceKdSingle<true>,
       .closest_kd_single = &TraceKdSingle<false>,
       .occluded_kd_packet = &TraceKdPacket<true>,

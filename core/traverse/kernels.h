@@ -34,6 +34,8 @@ using TraceShaftFn = bool (*)(const IndexedGeometry& scene, RayPacket& packet, c
                               const CancelToken* cancel, WalkStats* stats);
 using TraceParallelFn = bool (*)(const IndexedGeometry& scene, ParallelPacket& packet,
                                  const ShaftCut* cut, const CancelToken* cancel, WalkStats* stats);
+using TraceParallelPacketFn = bool (*)(const IndexedGeometry& scene, ParallelPacket& packet,
+                                       const CancelToken* cancel, WalkStats* stats);
 // A cut for packets with one origin (and all or none `segments`), or one direction. False: there is
 // none, and each starts at the root.
 using CutShaftFn = bool (*)(const IndexedGeometry& scene, std::span<const RayPacket> packets,
@@ -56,6 +58,7 @@ struct Kernels {
   TraceRaysFn occluded_single, closest_single;    // Depth-first over the BVH, one ray at a time.
   TraceRaysFn occluded_brute, closest_brute;      // Every triangle of the geometry; no structure.
   TracePacketFn occluded_packet, closest_packet;  // Depth-first, rays together.
+  TraceParallelPacketFn occluded_parallel_packet;
   // The same over the kd-tree. REQUIRES: the scene has one.
   TraceRaysFn occluded_kd_single, closest_kd_single;
   TracePacketFn occluded_kd_packet, closest_kd_packet;

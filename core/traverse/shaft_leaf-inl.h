@@ -54,6 +54,29 @@ struct LeafForms {
 // are worth having.
 constexpr float kTrustedDepth = 0x1p-8f;
 
+// Settles the turns that floats leave open (`unsure`, of `chosen`; bit i for triangle first + i),
+// and drops what blocks nothing: triangles whose plane holds the rays' common origin (or
+// direction), and those whose object hides from rays with this mask. Returns those kept.
+template <bool kParallel>
+uint32_t SettleTurns(const SceneGeometry& geometry, const LeafView& leaf, uint32_t first,
+                     uint32_t chosen, uint32_t unsure, uint32_t mask, Vec3f common, float* turns) {
+  const bool ask = MustAskObjects(geometry, mask);
+  uint32_t kept = chosen;
+  for (uint32_t left = ask ? chosen : unsure; left != 0; left &= left - 1) {
+    const uint32_t i = std::countr_zero(left), lane = first + i;
+    int turn = turns[i] > 0 ? 1 : -1;
+    if ((unsure >> i & 1) != 0) {
+      const Vec3f a = leaf.corner(0, lane), b = leaf.corner(1, lane), c = leaf.corner(2, lane);
+      turn = kParallel ? SideOfDirection(a, b, c, common) : -SideOfPlane(a, b, c, common);
+      turns[i] = static_cast<float>(turn);
+    }
+    if (turn == 0 || (ask && !ObjectBlocks(geometry, leaf.id(lane), mask, -turn))) {
+      kept &= ~(1u << i);
+    }
+  }
+  return kept;
+}
+
 template <bool kAny, bool kParallel>
 class ShaftLeaf {
  public:
@@ -159,11 +182,12 @@ class ShaftLeaf {
       relevant &= ~MaskBits(du, hn::Eq(ids, hn::Set(du, rays_.common_source())));
     }
     const uint32_t unsure = relevant & MaskBits(d, hn::Le(hn::Abs(turn), turn_bound));
-    const bool ask = MustAskObjects(scene_.geometry, rays_.packet().mask);
-    if (unsure != 0 || ask) {
+    const uint32_t mask = rays_.packet().mask;
+    if (unsure != 0 || MustAskObjects(scene_.geometry, mask)) {
       HWY_ALIGN float turns[kMaxLeafTriangles];
       hn::Store(turn, d, turns);
-      relevant = TurnExactly(leaf, first, relevant, unsure, ask, turns);
+      relevant = SettleTurns<kParallel>(scene_.geometry, leaf, first, relevant, unsure, mask,
+                                        rays_.common(), turns);
       turn = hn::Load(d, turns);
     }
     if (relevant == 0) return 0;
@@ -297,31 +321,6 @@ class ShaftLeaf {
       return hn::NegMulAdd(DotV(n_abs, p_abs), margin, DotV(n, p));
     };
     return hn::Le(hn::Min(hn::Min(low(a), low(b)), low(c)), hn::Set(d, most + kFloatUnderflow));
-  }
-
-  // Settles the turn of those that floats leave open, and drops what blocks nothing: triangles
-  // whose plane holds the origin (or D), and those whose object hides from these rays.
-  uint32_t TurnExactly(const LeafView& leaf, uint32_t first, uint32_t relevant, uint32_t unsure,
-                       bool ask, float* turns) const {
-    uint32_t kept = relevant;
-    for (uint32_t left = ask ? relevant : unsure; left != 0; left &= left - 1) {
-      const uint32_t i = std::countr_zero(left), lane = first + i;
-      int turn = turns[i] > 0 ? 1 : -1;
-      if ((unsure >> i & 1) != 0) {
-        const Vec3f a = leaf.corner(0, lane), b = leaf.corner(1, lane), c = leaf.corner(2, lane);
-        if constexpr (kParallel) {
-          turn = SideOfDirection(a, b, c, rays_.packet().direction);
-        } else {
-          turn = -SideOfPlane(a, b, c, rays_.apex());
-        }
-        turns[i] = static_cast<float>(turn);
-      }
-      if (turn == 0 ||
-          (ask && !ObjectBlocks(scene_.geometry, leaf.id(lane), rays_.packet().mask, -turn))) {
-        kept &= ~(1u << i);
-      }
-    }
-    return kept;
   }
 
   static void Put(V v, uint32_t first, float* row) { hn::Store(v, ShaftD(), row + first); }

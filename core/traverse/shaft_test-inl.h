@@ -29,7 +29,8 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-template <bool kAny, bool kParallel>
+// Rays: a shaft's, or what has their Own, Point, common and segments (parallel_packet-inl.h).
+template <bool kAny, bool kParallel, class Rays = ShaftRays<kAny, kParallel>>
 class ShaftTest {
  public:
   using V = ShaftV;
@@ -42,7 +43,7 @@ class ShaftTest {
   };
 
   // Triangles of `leaf`, whose forms are `forms`.
-  ShaftTest(const ShaftRays<kAny, kParallel>& rays, const LeafView& leaf, const LeafForms& forms)
+  ShaftTest(const Rays& rays, const LeafView& leaf, const LeafForms& forms)
       : rays_(rays), leaf_(leaf), forms_(forms) {}
 
   // What floats say of triangle i and the rays at .. at + Lanes().
@@ -168,7 +169,7 @@ class ShaftTest {
     return inner;
   }
 
-  const ShaftRays<kAny, kParallel>& rays_;
+  const Rays& rays_;
   const LeafView& leaf_;
   const LeafForms& forms_;
 };

@@ -113,6 +113,18 @@ struct alignas(64) ParallelPacket {
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
   alignas(64) uint32_t triangle[kMaxRays];       // Result: some blocker's id, or kNoTriangle.
 
+  // The question of `lanes` lanes from `first` on, as another packet's.
+  void CopyLanes(int first, int lanes, ParallelPacket* to) const {
+    to->direction = direction;
+    to->mask = mask;
+    to->direction_source = direction_source;
+    to->count = lanes;
+    std::copy_n(origin_x + first, lanes, to->origin_x);
+    std::copy_n(origin_y + first, lanes, to->origin_y);
+    std::copy_n(origin_z + first, lanes, to->origin_z);
+    std::copy_n(origin_source + first, lanes, to->origin_source);
+  }
+
   Vec3f origin(int lane) const { return {origin_x[lane], origin_y[lane], origin_z[lane]}; }
   PredicateRay ray(int lane) const { return PredicateRay::Ray(origin(lane), direction); }
 };

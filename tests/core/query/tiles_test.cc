@@ -56,7 +56,7 @@ TEST(TilesTest, PixelShadowPacketsAreWholeSquaresAndChangeNoAnswer) {
   const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kSide);
   std::vector<LightSample> samples;
   ASSERT_TRUE(AppendSamples(Light::Point({1, 0.5, 5}), 0, {}, &samples).ok());
-  // A sun's rays have no packets to fill.
+  // A sun's packets are of hits alone.
   ASSERT_TRUE(AppendSamples(Light::Directional({0.3, 0.2, 1}), 1, {}, &samples).ok());
   ASSERT_TRUE(AppendSamples(Light::Point({-2, 1, 4}), 2, {}, &samples).ok());
   ASSERT_EQ(samples.size(), 3u);

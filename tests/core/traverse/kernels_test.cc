@@ -232,23 +232,30 @@ TEST_P(KernelsTest, ParallelPacketsGiveBruteForcesBits) {
                            .to_source = packet->direction_source});
       }
       const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
-      std::fill_n(packet->triangle, ParallelPacket::kMaxRays, 12345u);
-      packet->first_leaf = RayPacket::kNoLeaf;
       WalkStats stats;
       ShaftCut cut;
       const bool has_cut = kernels().cut_parallel_shaft(
           scene.indexed, std::span<const ParallelPacket>(packet.get(), 1), &cut);
-      ASSERT_TRUE(kernels().occluded_parallel_shaft(
-          scene.indexed, *packet, has_cut && i % 2 == 0 ? &cut : nullptr, nullptr, &stats));
-      for (int lane = 0; lane < count; ++lane) {
-        const Hit hit = {0.0f, packet->triangle[lane]};
-        ASSERT_EQ(hit.triangle != kNoTriangle, truth[lane].triangle != kNoTriangle)
-            << "lane " << lane << " of " << count << ", " << Printed{queries[lane]};
-        if (hit.triangle != kNoTriangle) {
-          ExpectBlocker(scene.indexed.geometry, queries[lane], hit);
-          ++hits;
+      for (const bool as_shaft : {true, false}) {
+        SCOPED_TRACE(as_shaft ? "shaft" : "packet");
+        std::fill_n(packet->triangle, ParallelPacket::kMaxRays, 12345u);
+        // For packets now and then the leaf that darkened another one.
+        if (as_shaft || i % 3 != 0) packet->first_leaf = RayPacket::kNoLeaf;
+        ASSERT_TRUE(
+            as_shaft ? kernels().occluded_parallel_shaft(scene.indexed, *packet,
+                                                         has_cut && i % 2 == 0 ? &cut : nullptr,
+                                                         nullptr, &stats)
+                     : kernels().occluded_parallel_packet(scene.indexed, *packet, nullptr, &stats));
+        for (int lane = 0; lane < count; ++lane) {
+          const Hit hit = {0.0f, packet->triangle[lane]};
+          ASSERT_EQ(hit.triangle != kNoTriangle, truth[lane].triangle != kNoTriangle)
+              << "lane " << lane << " of " << count << ", " << Printed{queries[lane]};
+          if (hit.triangle != kNoTriangle) {
+            ExpectBlocker(scene.indexed.geometry, queries[lane], hit);
+            ++hits;
+          }
+          ++all;
         }
-        ++all;
       }
     }
   }
@@ -313,6 +320,8 @@ TEST_P(KernelsTest, EveryWalkPollsItsToken) {
     parallel->origin_source[lane] = kNoTriangle;
   }
   EXPECT_FALSE(kernels().occluded_parallel_shaft(scene, *parallel, nullptr, &cancel, &stats));
+  parallel->first_leaf = RayPacket::kNoLeaf;
+  EXPECT_FALSE(kernels().occluded_parallel_packet(scene, *parallel, &cancel, &stats));
   packet->segments = false;
   for (int lane = 0; lane < packet->count; ++lane) packet->target_z[lane] = 4;
   EXPECT_FALSE(kernels().closest_shaft(scene, *packet, nullptr, &cancel, &stats));
