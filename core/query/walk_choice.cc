@@ -22,10 +22,8 @@ constexpr Weights kOfWalks[] = {
     {55, 250, 3.4f, 6}, {250, 1050, 2, 10}, {27, 75, 0, 30}};  // By Walk; packets of one origin.
 constexpr Weights kOfParallelPackets = {440, 475, 3.5f, 1};
 
-// What follows was chosen by replaying what every block of 49 rows had cost by each walk (nine
-// scenes; 64 lights and the sky over thin points, small pictures' shadows, suns and area lights):
-// on each row at 0.9 or more of the rate of the best walk, on the whole 2 % ahead of it. Measured,
-// the kitchen's sky is at 0.8 (core/traverse/DESIGN.md, "What AUTO walks").
+// What follows was chosen by replaying what every block of some fifty rows had cost by each walk
+// (core/traverse/DESIGN.md, "What AUTO walks").
 
 // Shafts that cost less a ray are not worth comparing: the others seldom do.
 constexpr float kTryPackets = 150;
@@ -34,8 +32,9 @@ constexpr float kTrySingleRays = 350;
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
 // cheapest by chance is taken more often.
 constexpr float kClearlyCheaper = 0.9f;
-// What the last block says of the next; the rest is said by those before it.
-constexpr float kNewest = 0.3f;
+// What the last block says of the next; the rest is said by those before it. Little: costs of thin
+// points vary tenfold from block to block, and one that happened to be cheap should not win.
+constexpr float kNewest = 0.1f;
 // How long a walk that has lost is left alone, in blocks: doubled each time.
 constexpr uint32_t kFirstWait = 8, kLongestWait = 64;
 // Blocks after which what a walk has cost is history. A light's sixteen of one group of points
