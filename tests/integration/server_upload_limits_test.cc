@@ -145,6 +145,7 @@ void ExpectIdle(const grpc::Status& status, const char* limit = "max_upload_idle
 TEST_F(UploadLimitsTest, StalledOnesEndAndGiveBackWhatTheyHeld) {
   Start([](ServerOptions* options) { options->limits.max_concurrent_uploads = 3; });
   MakeWall();
+  WaitUntilIdle();
   const uint64_t before = SceneBytes();
   const auto scene = CreateScene();
   const auto edit = UpdateScene();
@@ -156,6 +157,8 @@ TEST_F(UploadLimitsTest, StalledOnesEndAndGiveBackWhatTheyHeld) {
   request.mutable_header()->set_parent("scenes/wall");
   request.mutable_header()->mutable_upload()->set_point_count(2);
   points->Write(request);
+  ASSERT_TRUE(testing_support::Until("all three have come",
+                                     [&] { return harness_->server->active_calls() == 3; }));
   EndWaitingUploads();
   ExpectIdle(scene->Finish());
   ExpectIdle(edit->Finish());

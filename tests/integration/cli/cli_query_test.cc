@@ -204,9 +204,9 @@ TEST_F(CliTest, StrategyPictureTellsWhatAnswered) {
   EXPECT_GT(rtt["packet"].get<double>(), 0.1);
   EXPECT_EQ(rtt["ray"], 0.0);
   EXPECT_EQ(shares({"--strategy", "PACKET"})["packet"], 1.0);
-  // Of the shadows of a light: packets have no walk for suns.
+  // Of the shadows of a light, and of a sun.
   EXPECT_EQ(shares({"--strategy", "PACKET", "--light", "0,0,1", "--sun", "1,2,3", "--strategy-of",
-                    "1"})["ray"],
+                    "1"})["packet"],
             1.0);
   EXPECT_EQ(shares({"--strategy", "PACKET", "--light", "0,0,1", "--sun", "1,2,3", "--strategy-of",
                     "0"})["packet"],
