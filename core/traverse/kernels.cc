@@ -17,8 +17,8 @@
 #include "core/traverse/hull_cut-inl.h"
 #include "core/traverse/kd_packet-inl.h"
 #include "core/traverse/kd_single-inl.h"
+#include "core/traverse/occluded_packet-inl.h"
 #include "core/traverse/packet-inl.h"
-#include "core/traverse/parallel_packet-inl.h"
 #include "core/traverse/rtt-inl.h"
 #include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
@@ -35,9 +35,9 @@ const Kernels& TargetKernels() {
       .closest_single = &TraceSingle<false>,
       .occluded_brute = &TraceBrute<true>,
       .closest_brute = &TraceBrute<false>,
-      .occluded_packet = &TracePacket<true>,
-      .closest_packet = &TracePacket<false>,
-      .occluded_parallel_packet = &TraceParallelPacket,
+      .occluded_packet = &TraceOccludedPacket<OriginLanes>,
+      .closest_packet = &TraceClosestPacket,
+      .occluded_parallel_packet = &TraceOccludedPacket<ParallelLanes>,
       .occluded_kd_single = &TraceKdSingle<true>,
       .closest_kd_single = &TraceKdSingle<false>,
       .occluded_kd_packet = &TraceKdPacket<true>,

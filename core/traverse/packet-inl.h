@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Rays with one origin walk together (paper 004, section 3; paper 000 for the shared origin's
-// gains).
+// Rays with one origin walk together to their closest hits (paper 004, section 3; paper 000 for the
+// shared origin's gains); for any hit, occluded_packet-inl.h.
 //
 // A node's eight boxes are first put to the whole packet by interval arithmetic; a box that
 // survives is tried on groups of lanes, from the group that was first to enter the parent
@@ -31,7 +31,6 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-template <bool kAny>
 class PacketWalk {
  public:
   PacketWalk(const IndexedGeometry& scene, RayPacket& packet, WalkStats* stats)
@@ -53,7 +52,7 @@ class PacketWalk {
       if (++visited % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
       const ChildRef ref = ChildRef::FromBits(pending.ref_bits);
       if (ref.is_leaf()) {
-        if (VisitLeaf(ref, pending)) return true;
+        VisitLeaf(ref, pending);
         continue;
       }
       ++stats_->nodes;
@@ -139,13 +138,12 @@ class PacketWalk {
     return lanes_.active(group) != 0 && !hn::AllFalse(D(), LanesMeet(group, slab));
   }
 
-  // Returns true when no lane is left to answer.
-  bool VisitLeaf(ChildRef ref, const Pending& pending) {
+  void VisitLeaf(ChildRef ref, const Pending& pending) {
     ++stats_->leaves;
     const LeafView leaf(scene_, ref);
     FacingTriangle facing[kMaxLeafTriangles];
     const uint32_t count = TurnTriangles(lanes_, leaf, (1u << leaf.count) - 1, facing);
-    if (count == 0) return false;
+    if (count == 0) return;
     for (uint32_t group = pending.first_group; group < lanes_.groups(); ++group) {
       if (lanes_.active(group) == 0) continue;
       uint32_t in_leaf = MaskBits(D(), LanesMeet(group, pending.slab)) & lanes_.active(group);
@@ -153,28 +151,22 @@ class PacketWalk {
         in_leaf &= ~lanes_.Test(leaf, facing[i], group, in_leaf);
       }
     }
-    if constexpr (kAny) {
-      return lanes_.live() == 0;
-    } else {
-      limit_ = lanes_.LargestLimit();
-      return false;
-    }
+    limit_ = lanes_.LargestLimit();
   }
 
   const IndexedGeometry& scene_;
   WalkStats* stats_;
-  PacketLanes<kAny> lanes_;
+  PacketLanes<false> lanes_;
   float limit_;  // No live lane looks beyond this.
-  typename PacketLanes<kAny>::ReciprocalRange ranges_[3];
+  PacketLanes<false>::ReciprocalRange ranges_[3];
 };
 
-template <bool kAny>
-bool TracePacket(const IndexedGeometry& scene, RayPacket& packet, const CancelToken* cancel,
-                 WalkStats* stats) {
+inline bool TraceClosestPacket(const IndexedGeometry& scene, RayPacket& packet,
+                               const CancelToken* cancel, WalkStats* stats) {
   if (packet.count == 0) return true;
-  PacketWalk<kAny> walk(scene, packet, stats);
+  PacketWalk walk(scene, packet, stats);
   if (!walk.Run(cancel)) return false;
-  if (!kAny && packet.want_barycentrics) {
+  if (packet.want_barycentrics) {
     ReadyTriangles ready(scene.geometry, packet.origin, /*weights=*/true);
     FinishHits(ready, packet);
   }

@@ -101,6 +101,7 @@ class PacketLanes {
   int count() const { return packet_.count; }
   const float* inv_row(int axis) const { return inv_[axis]; }
   const float* direction_row(int axis) const { return direction_[axis]; }
+  const float* direction_inf_row() const { return direction_inf_; }
   bool segments() const { return packet_.segments; }
   uint32_t mask() const { return packet_.mask; }
   uint32_t origin_source() const { return packet_.origin_source; }

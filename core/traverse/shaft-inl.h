@@ -31,6 +31,7 @@
 #include "core/base/cancel.h"
 #include "core/intersect/hit.h"
 #include "core/traverse/finish-inl.h"
+#include "core/traverse/occluded_packet-inl.h"
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/shaft_cut-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
@@ -553,7 +554,11 @@ bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut*
   ShaftWalk<kAny, false> walk(scene, packet, stats);
   if (walk.Prepare()) return walk.Run(cut, cancel);
   MarkAll(packet, AnsweredBy::kPacket);
-  return TracePacket<kAny>(scene, packet, cancel, stats);
+  if constexpr (kAny) {
+    return TraceOccludedPacket<OriginLanes>(scene, packet, cancel, stats);
+  } else {
+    return TraceClosestPacket(scene, packet, cancel, stats);
+  }
 }
 
 // Rays that no frame holds walk by themselves.

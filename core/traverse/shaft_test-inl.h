@@ -29,7 +29,8 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Rays: a shaft's, or what has their Own, Point, common and segments (parallel_packet-inl.h).
+// Rays: a shaft's, or what has their Own, OwnInf, Point, common and segments
+// (occluded_packet-inl.h).
 template <bool kAny, bool kParallel, class Rays = ShaftRays<kAny, kParallel>>
 class ShaftTest {
  public:

@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Rays with one origin, or with one direction, walk together for any hit. A node's eight boxes are
+// put to the whole packet by interval arithmetic, those that survive to groups of rays, a vector
+// each, that came into the parent, until one enters (paper 004, section 3); along one direction to
+// intervals of all groups first, which leaves out more of them. In a leaf, rays that miss the
+// leaf's own box are left out; triangles are put to the rectangle in which a group's rays are seen,
+// sixteen at a time, and their forms serve all that come to a test.
+//
+// For neighbours that share what they walk through but not what they end on, where a shaft culls
+// little: a million points of a city, and a light of it or a patch of its sky.
+//
+// Thread safety: a walk is one thread's own.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_OCCLUDED_PACKET_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_OCCLUDED_PACKET_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_OCCLUDED_PACKET_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_OCCLUDED_PACKET_INL_H_
+#endif
+
+#include <bit>
+#include <limits>
+
+#include "core/base/cancel.h"
+#include "core/shaft/margins.h"
+#include "core/traverse/origin_lanes-inl.h"
+#include "core/traverse/parallel_lanes-inl.h"
+#include "core/traverse/shaft_leaf-inl.h"
+#include "core/traverse/shaft_test-inl.h"
+#include "core/traverse/single-inl.h"
+#include "core/traverse/trace_ray.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// What ShaftTest and rectangles need of a leaf's triangles, sixteen at a time; the other rows are
+// left as they are. Bounds are those of core/shaft/margins.h, for rays relative to the lanes' apex.
+// Returns the triangles that may block anything (bit i for triangle i).
+template <class Lanes>
+HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafView& leaf,
+                                     const Lanes& lanes, LeafForms* forms) {
+  using V = ShaftV;
+  using V3 = Vec3V<V>;
+  constexpr bool kParallel = Lanes::kParallel;
+  const ShaftD d;
+  const V3 apex = Broadcast(d, lanes.apex().x, lanes.apex().y, lanes.apex().z);
+  const V3 common = Broadcast(d, lanes.common().x, lanes.common().y, lanes.common().z);
+  const V common_inf = hn::Set(d, MaxAbs(lanes.common()));
+  const V spread = hn::Set(d, lanes.spread()), underflow = hn::Set(d, kFloatUnderflow);
+  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+  const uint32_t mask = lanes.packet().mask;
+  uint32_t all = 0;
+  for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
+    const auto load = [&](int corner) HWY_ATTR -> V3 {
+      const float* rows = leaf.rows + 3 * corner * leaf.stride + first;
+      return {hn::LoadU(d, rows), hn::LoadU(d, rows + leaf.stride),
+              hn::LoadU(d, rows + 2 * leaf.stride)};
+    };
+    const V3 corner[3] = {load(0), load(1), load(2)};
+    const V3 along[3] = {SubV(corner[1], corner[0]), SubV(corner[2], corner[1]),
+                         SubV(corner[0], corner[2])};
+    const V along1[3] = {Norm1V(along[0]), Norm1V(along[1]), Norm1V(along[2])};
+    const V3 from_apex[3] = {SubV(corner[0], apex), SubV(corner[1], apex), SubV(corner[2], apex)};
+    const V3 normal = CrossV(along[0], along[1]);
+    const V normal_bound =
+        hn::MulAdd(hn::Set(d, kFloatUnits), hn::Mul(along1[0], along1[1]), underflow);
+    // Which way the triangle is to be turned: by where the direction leads, or the origin's side.
+    V turn = DotV(normal, kParallel ? common : from_apex[0]);
+    const V turn_bound =
+        hn::MulAdd(normal_bound, kParallel ? common_inf : NormInfV(from_apex[0]), underflow);
+    uint32_t chosen = leaf.count - first >= hn::Lanes(d) ? (1u << hn::Lanes(d)) - 1
+                                                         : (1u << (leaf.count - first)) - 1;
+    if (lanes.common_source() != kNoTriangle) {
+      for (uint32_t i = 0; first + i < leaf.count && i < hn::Lanes(d); ++i) {
+        if (leaf.id(first + i) == lanes.common_source()) chosen &= ~(1u << i);
+      }
+    }
+    const uint32_t unsure = chosen & MaskBits(d, hn::Le(hn::Abs(turn), turn_bound));
+    if (unsure != 0 || MustAskObjects(geometry, mask)) {
+      HWY_ALIGN float turns[kMaxLeafTriangles];
+      hn::Store(turn, d, turns);
+      chosen = SettleTurns<kParallel>(geometry, leaf, first, chosen, unsure, mask, lanes.common(),
+                                      turns);
+      turn = hn::Load(d, turns);
+    }
+    if (chosen == 0) continue;
+    all |= chosen << first;
+    const V flip = hn::And(turn, hn::SignBit(d));
+    const auto put = [first, d, flip](const V3& v, float(*rows)[kMaxLeafTriangles]) HWY_ATTR {
+      hn::Store(hn::Xor(v.x, flip), d, rows[0] + first);
+      hn::Store(hn::Xor(v.y, flip), d, rows[1] + first);
+      hn::Store(hn::Xor(v.z, flip), d, rows[2] + first);
+    };
+    V reach = hn::Zero(d), x0 = infinity, x1 = hn::Neg(infinity), y0 = x0, y1 = x1;
+    ShaftM held = hn::FirstN(d, hn::Lanes(d));  // Whose corners the frame can hold.
+    const ShaftFrame* const frame = lanes.frame();
+    for (int e = 0; e < 3; ++e) {
+      const V size = Norm1V(from_apex[e]);
+      reach = hn::Max(reach, size);
+      if (frame != nullptr) {
+        V x = DotV(Broadcast(d, frame->u.x, frame->u.y, frame->u.z), from_apex[e]);
+        V y = DotV(Broadcast(d, frame->v.x, frame->v.y, frame->v.z), from_apex[e]);
+        if constexpr (!kParallel) {
+          const V z = DotV(Broadcast(d, frame->w.x, frame->w.y, frame->w.z), from_apex[e]);
+          held = hn::And(held, hn::Ge(z, hn::Max(hn::Mul(size, hn::Set(d, kMinCornerShare)),
+                                                 hn::Set(d, kLeastDepth))));
+          const V inverse = hn::Div(hn::Set(d, 1.0f), z);
+          x = hn::Mul(x, inverse);
+          y = hn::Mul(y, inverse);
+        }
+        x0 = hn::Min(x0, x);
+        x1 = hn::Max(x1, x);
+        y0 = hn::Min(y0, y);
+        y1 = hn::Max(y1, y);
+      }
+      if constexpr (kParallel) {
+        const V3 edge = CrossV(along[e], common);
+        put(edge, forms->edge[e]);
+        hn::Store(hn::Xor(DotV(edge, from_apex[e]), flip), d, forms->edge_offset[e] + first);
+      } else {
+        put(CrossV(from_apex[e], along[e]), forms->edge[e]);
+      }
+    }
+    // One bound for the three, of the farthest corner and the longest edge.
+    V edge_k = hn::Max(hn::Max(along1[0], along1[1]), along1[2]);
+    if constexpr (kParallel) edge_k = hn::Mul(edge_k, common_inf);
+    edge_k = hn::Mul(edge_k, hn::Add(reach, spread));
+    hn::Store(hn::MulAdd(hn::Set(d, kParallel ? kParallelUnits : kFloatUnits), edge_k, underflow),
+              d, forms->edge_bound + first);
+    const V margin = kParallel
+                         ? hn::MulAdd(hn::Add(reach, spread), hn::Set(d, kBoxMargin), underflow)
+                         : hn::Set(d, kCornerMargin);
+    const V minus_infinity = hn::Neg(infinity);
+    hn::Store(hn::IfThenElse(held, hn::Sub(x0, margin), minus_infinity), d, forms->x0 + first);
+    hn::Store(hn::IfThenElse(held, hn::Add(x1, margin), infinity), d, forms->x1 + first);
+    hn::Store(hn::IfThenElse(held, hn::Sub(y0, margin), minus_infinity), d, forms->y0 + first);
+    hn::Store(hn::IfThenElse(held, hn::Add(y1, margin), infinity), d, forms->y1 + first);
+    put(normal, forms->normal);
+    hn::Store(normal_bound, d, forms->normal_bound + first);
+    hn::Store(hn::Xor(hn::Set(d, 1.0f), flip), d, forms->turn + first);
+  }
+  return all;
+}
+
+// Lanes: OriginLanes or ParallelLanes.
+template <class Lanes>
+class OccludedPacketWalk {
+ public:
+  using Packet = typename Lanes::Packet;
+
+  OccludedPacketWalk(const IndexedGeometry& scene, Packet& packet, WalkStats* stats)
+      : scene_(scene), packet_(packet), stats_(stats), lanes_(scene, packet, stats) {}
+
+  // Returns false if `cancel` fired.
+  bool Run(const CancelToken* cancel) {
+    if (cancel != nullptr && cancel->cancelled()) return false;
+    if (scene_.bvh.empty()) return true;
+    Pending stack[kBvhStackSize];
+    int depth = 0;
+    if (packet_.first_leaf != RayPacket::kNoLeaf) {
+      // Wherever it lies: what darkened the packet before often darkens this one.
+      if (VisitLeaf(ChildRef::FromBits(packet_.first_leaf), {0, ~0u, Lanes::Everywhere()})) {
+        return true;
+      }
+      packet_.first_leaf = RayPacket::kNoLeaf;
+    }
+    stack[depth++] = {ChildRef::Inner(0).bits(), ~0u, Lanes::Everywhere()};
+    const VisitFetcher fetcher(scene_.bvh);
+    uint64_t visited = 0;
+    while (depth > 0) {
+      const Pending pending = stack[--depth];
+      if (++visited % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
+      const ChildRef ref = ChildRef::FromBits(pending.ref_bits);
+      if (ref.is_leaf()) {
+        if (VisitLeaf(ref, pending)) {
+          packet_.first_leaf = ref.bits();
+          return true;
+        }
+        continue;
+      }
+      ++stats_->nodes;
+      const BvhNode& node = scene_.bvh.nodes[ref.node()];
+      // The cheapest child is the last, and is taken first.
+      for (uint32_t bits = lanes_.MeetNode(node); bits != 0; bits &= bits - 1) {
+        const int i = std::countr_zero(bits);
+        const typename Lanes::Slab slab = lanes_.SlabOf(node, i);
+        uint32_t groups = lanes_.GroupsMeet(slab, pending.groups);
+        while (groups != 0 && lanes_.LanesMeet(std::countr_zero(groups), slab) == 0) {
+          groups &= groups - 1;
+        }
+        if (groups == 0) continue;
+        fetcher.FetchAll(node.child[i]);
+        stack[depth++] = {node.child[i].bits(), groups, slab};
+      }
+    }
+    return true;
+  }
+
+ private:
+  struct Pending {  // Trivial: the stack is not initialized.
+    uint32_t ref_bits;
+    uint32_t groups;  // No lane of any other enters.
+    typename Lanes::Slab slab;
+  };
+
+  // Returns true when no lane is left to answer.
+  bool VisitLeaf(ChildRef ref, const Pending& pending) {
+    uint32_t met[Lanes::kMaxRays / 8];
+    uint32_t groups = 0;  // Those of which a lane enters.
+    for (uint32_t left = pending.groups & lanes_.open_groups(); left != 0; left &= left - 1) {
+      const uint32_t g = std::countr_zero(left);
+      met[g] = lanes_.LanesMeet(g, pending.slab);
+      groups |= (met[g] != 0 ? 1u : 0u) << g;
+    }
+    if (groups == 0) return false;
+    ++stats_->leaves;
+    const LeafView leaf(scene_, ref);
+    const uint32_t relevant = PrepareOccluders(scene_.geometry, leaf, lanes_, &forms_);
+    const ShaftD d;
+    const ShaftTest<true, Lanes::kParallel, Lanes> test(lanes_, leaf, forms_);
+    const auto ray = [this](int lane) { return packet_.ray(lane); };
+    for (; groups != 0; groups &= groups - 1) {
+      const uint32_t g = std::countr_zero(groups);
+      for (uint32_t left = relevant & InRectangle(leaf, g); left != 0 && met[g] != 0;
+           left &= left - 1) {
+        const uint32_t i = std::countr_zero(left), id = leaf.id(i);
+        const uint32_t asked[2] = {met[g] & ~lanes_.SourceLanes(g, id)};
+        stats_->triangle_tests += static_cast<uint64_t>(std::popcount(asked[0]));
+        const ShaftM blocked =
+            test.Certain(i, g * hn::Lanes(d),
+                         hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(asked)), ray, stats_);
+        if (hn::AllFalse(d, blocked)) continue;
+        const uint32_t hits = MaskBits(d, blocked);
+        lanes_.Block(id, g, hits);
+        met[g] &= ~hits;
+      }
+    }
+    return lanes_.live() == 0;
+  }
+
+  // The leaf's triangles that are seen where a group's lanes are.
+  uint32_t InRectangle(const LeafView& leaf, uint32_t group) const {
+    if (lanes_.frame() == nullptr) return ~0u;
+    const ShaftD d;
+    const typename Lanes::Rectangle& at = lanes_.rectangle(group);
+    uint32_t in = 0;
+    for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
+      const ShaftM x = hn::And(hn::Le(hn::Load(d, forms_.x0 + first), hn::Set(d, at.x1)),
+                               hn::Ge(hn::Load(d, forms_.x1 + first), hn::Set(d, at.x0)));
+      const ShaftM y = hn::And(hn::Le(hn::Load(d, forms_.y0 + first), hn::Set(d, at.y1)),
+                               hn::Ge(hn::Load(d, forms_.y1 + first), hn::Set(d, at.y0)));
+      in |= MaskBits(d, hn::And(x, y)) << first;
+    }
+    return in;
+  }
+
+  const IndexedGeometry& scene_;
+  Packet& packet_;
+  WalkStats* const stats_;
+  Lanes lanes_;
+  LeafForms forms_;
+};
+
+template <class Lanes>
+bool TraceOccludedPacket(const IndexedGeometry& scene, typename Lanes::Packet& packet,
+                         const CancelToken* cancel, WalkStats* stats) {
+  if (packet.count == 0) return true;
+  return OccludedPacketWalk<Lanes>(scene, packet, stats).Run(cancel);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard

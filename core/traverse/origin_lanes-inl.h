@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The rays of a packet with one origin, as the walk for any hit asks for them
+// (occluded_packet-inl.h).
+//
+// The interval test is exact about floats: a lane's slab parameter is fl(x·inv) with x common and
+// inv between the packet's extremes, and rounding is monotone, so the lane's value lies between the
+// two end products. Axes along which the rays do not share a sign say nothing of the whole packet.
+//
+// Thread safety: a packet's lanes are one walk's own.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_ORIGIN_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_ORIGIN_LANES_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_ORIGIN_LANES_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_ORIGIN_LANES_INL_H_
+#endif
+
+#include <algorithm>
+#include <limits>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/geometry/box_ray.h"
+#include "core/shaft/frame.h"
+#include "core/shaft/margins.h"
+#include "core/traverse/packet_lanes-inl.h"
+#include "core/traverse/shaft_rays-inl.h"
+#include "core/traverse/trace_ray.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+class OriginLanes {
+ public:
+  using Packet = RayPacket;
+  using D = ShaftD;
+  using V = ShaftV;
+  using M = ShaftM;
+  static constexpr bool kParallel = false;
+  static constexpr int kMaxRays = RayPacket::kMaxRays;
+
+  // A box's faces relative to the origin, by axis: nearest first where the rays share a sign along
+  // it, else lowest first.
+  struct Slab {
+    float first[3], second[3];
+  };
+
+  // One that no lane misses: what is no number culls nothing.
+  static Slab Everywhere() {
+    constexpr float kNoNumber = std::numeric_limits<float>::quiet_NaN();
+    return {{kNoNumber, kNoNumber, kNoNumber}, {kNoNumber, kNoNumber, kNoNumber}};
+  }
+
+  OriginLanes(const IndexedGeometry& scene, RayPacket& packet, WalkStats* stats)
+      : packet_(packet), lanes_(scene, packet, stats) {
+    for (int axis = 0; axis < 3; ++axis) ranges_[axis] = lanes_.Reciprocals(axis);
+    open_groups_ = groups() < 32 ? (1u << groups()) - 1 : ~0u;
+    PlaceGroups();
+  }
+
+  uint32_t groups() const { return lanes_.groups(); }
+  uint32_t active(uint32_t group) const { return lanes_.active(group); }  // Still asked about.
+  int live() const { return lanes_.live(); }                              // How many of them.
+  RayPacket& packet() { return packet_; }
+  const RayPacket& packet() const { return packet_; }
+  Vec3f apex() const { return packet_.origin; }
+  float spread() const { return 0; }
+  uint32_t common_source() const { return packet_.origin_source; }
+  // Slopes are taken in it; null: the rays lead nowhere together.
+  const ShaftFrame* frame() const { return has_frame_ ? &frame_ : nullptr; }
+  // Of a group's lanes: extents of their slopes, wide enough for their rounding; without end where
+  // a lane leads too far aside for the frame.
+  struct Rectangle {
+    float x0, x1, y0, y1;
+  };
+  const Rectangle& rectangle(uint32_t group) const { return rectangles_[group]; }
+
+  // What ShaftTest asks for.
+  bool segments() const { return packet_.segments; }
+  Vec3f common() const { return packet_.origin; }
+  HWY_INLINE Vec3V<V> Own(size_t at) const {
+    const D d;
+    return {hn::Load(d, lanes_.direction_row(0) + at), hn::Load(d, lanes_.direction_row(1) + at),
+            hn::Load(d, lanes_.direction_row(2) + at)};
+  }
+  HWY_INLINE V OwnInf(size_t at) const { return hn::Load(D(), lanes_.direction_inf_row() + at); }
+  HWY_INLINE V Point(int axis, size_t at) const {
+    return hn::Load(D(), (axis == 0   ? packet_.target_x
+                          : axis == 1 ? packet_.target_y
+                                      : packet_.target_z) +
+                             at);
+  }
+
+  uint32_t open_groups() const { return open_groups_; }  // With lanes still asked about.
+  // Which of the node's boxes some lane may enter.
+  HWY_INLINE uint32_t MeetNode(const BvhNode& node) const {
+    const hn::CappedTag<float, kBvhWidth> d8;
+    using V8 = hn::Vec<decltype(d8)>;
+    V8 entry = hn::Zero(d8), exit = hn::Set(d8, lanes_.first_limit());
+    for (int k = 0; k < 3; ++k) {
+      const auto& range = ranges_[k];
+      if (!range.usable) continue;
+      const V8 o = hn::Set(d8, packet_.origin[k]);
+      const V8 i0 = hn::Set(d8, range.least), i1 = hn::Set(d8, range.most);
+      const V8 near = hn::Sub(hn::Load(d8, node.bounds[range.negative ? k + 3 : k]), o);
+      const V8 far = hn::Sub(hn::Load(d8, node.bounds[range.negative ? k : k + 3]), o);
+      entry = hn::Max(hn::Min(hn::Mul(near, i0), hn::Mul(near, i1)), entry);
+      exit = hn::Min(hn::Max(hn::Mul(far, i0), hn::Mul(far, i1)), exit);
+    }
+    const auto met =
+        hn::Le(entry, hn::MulAdd(exit, hn::Set(d8, kBoxExitScale), hn::Set(d8, kBoxExitShift)));
+    return MaskBits(d8, met) & ((1u << node.child_count) - 1);
+  }
+  HWY_INLINE Slab SlabOf(const BvhNode& node, int child) const {
+    Slab slab;
+    for (int k = 0; k < 3; ++k) {
+      const bool turned = ranges_[k].usable && ranges_[k].negative;
+      slab.first[k] = node.bounds[turned ? k + 3 : k][child] - packet_.origin[k];
+      slab.second[k] = node.bounds[turned ? k : k + 3][child] - packet_.origin[k];
+    }
+    return slab;
+  }
+  // The lanes of a group, still asked about, that may hit something in the box.
+  HWY_INLINE uint32_t LanesMeet(uint32_t group, const Slab& slab) const {
+    if (lanes_.active(group) == 0) return 0;
+    const D d;
+    const size_t at = group * hn::Lanes(d);
+    V entry = hn::Zero(d), exit = hn::Set(d, lanes_.first_limit());
+    for (int k = 0; k < 3; ++k) {
+      const V inv = hn::Load(d, lanes_.inv_row(k) + at);
+      const V a = hn::Mul(hn::Set(d, slab.first[k]), inv);
+      const V b = hn::Mul(hn::Set(d, slab.second[k]), inv);
+      if (ranges_[k].usable) {
+        entry = hn::Max(a, entry);
+        exit = hn::Min(b, exit);
+      } else {
+        // By sign, not by minimum: a face on the ray's line gives NaN, which must stay with its own
+        // face; and the running value second, which NaN leaves as it is.
+        entry = hn::Max(hn::IfNegativeThenElse(inv, b, a), entry);
+        exit = hn::Min(hn::IfNegativeThenElse(inv, a, b), exit);
+      }
+    }
+    const M met =
+        hn::Le(entry, hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
+    return MaskBits(d, met) & lanes_.active(group);
+  }
+
+  // Those of the groups `asked` (bit g for group g) of which some lane may enter the box, as far as
+  // can be told at once. Intervals by group, as ParallelLanes has them, say little of reciprocals.
+  HWY_INLINE uint32_t GroupsMeet(const Slab&, uint32_t asked) const { return asked & open_groups_; }
+
+  // Lanes of a group whose own source is triangle `id`.
+  HWY_INLINE uint32_t SourceLanes(uint32_t group, uint32_t id) const {
+    return lanes_.SourceLanes(group, id);
+  }
+  // Ends lanes: triangle `id` blocks them.
+  HWY_INLINE void Block(uint32_t id, uint32_t group, uint32_t hits) {
+    lanes_.Block(id, group, hits);
+    if (lanes_.active(group) == 0) open_groups_ &= ~(1u << group);
+  }
+
+ private:
+  // Finds the frame, and the groups' places in it.
+  void PlaceGroups() {
+    const D d;
+    const size_t lanes = hn::Lanes(d);
+    Vec3V<V> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+    for (uint32_t g = 0; g < groups(); ++g) {
+      const Vec3V<V> own = Own(g * lanes);
+      const V scale = hn::Div(hn::Set(d, 1.0f), OwnInf(g * lanes));
+      sum = {hn::MulAdd(own.x, scale, sum.x), hn::MulAdd(own.y, scale, sum.y),
+             hn::MulAdd(own.z, scale, sum.z)};
+    }
+    const Vec3d axis = {hn::GetLane(hn::SumOfLanes(d, sum.x)),
+                        hn::GetLane(hn::SumOfLanes(d, sum.y)),
+                        hn::GetLane(hn::SumOfLanes(d, sum.z))};
+    const Vec3d sideways =
+        ToDouble(packet_.target(std::min(3, packet_.count - 1))) - ToDouble(packet_.target(0));
+    has_frame_ = MakeShaftFrame(axis, sideways, &frame_);
+    if (!has_frame_) return;
+    const Vec3V<V> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
+    const Vec3V<V> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
+    const Vec3V<V> w = Broadcast(d, frame_.w.x, frame_.w.y, frame_.w.z);
+    for (uint32_t g = 0; g < groups(); ++g) {
+      const Vec3V<V> own = Own(g * lanes);
+      const V depth = DotV(w, own);
+      if (!hn::AllTrue(d, FitsFrame(own, depth))) {
+        constexpr float kInfinity = std::numeric_limits<float>::infinity();
+        rectangles_[g] = {-kInfinity, kInfinity, -kInfinity, kInfinity};
+        continue;
+      }
+      const V inverse = hn::Div(hn::Set(d, 1.0f), depth);
+      const V x = hn::Mul(DotV(u, own), inverse), y = hn::Mul(DotV(v, own), inverse);
+      rectangles_[g] = {hn::GetLane(hn::MinOfLanes(d, x)) - kSlopeMargin,
+                        hn::GetLane(hn::MaxOfLanes(d, x)) + kSlopeMargin,
+                        hn::GetLane(hn::MinOfLanes(d, y)) - kSlopeMargin,
+                        hn::GetLane(hn::MaxOfLanes(d, y)) + kSlopeMargin};
+    }
+  }
+
+  RayPacket& packet_;
+  PacketLanes<true> lanes_;
+  PacketLanes<true>::ReciprocalRange ranges_[3];
+  bool has_frame_ = false;
+  ShaftFrame frame_;
+  Rectangle rectangles_[kMaxRays / 8];
+  uint32_t open_groups_;  // With a lane that is still asked about.
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
