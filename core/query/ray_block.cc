@@ -124,10 +124,11 @@ Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t 
   return Strategy::kSingle;
 }
 
-WalkChoice::Others OtherWalks(const QueryRun& run, RayForm form) {
+WalkChoice::Others OtherWalks(const QueryRun& run, RayForm form, HitKind kind) {
   if (run.options().strategy != Strategy::kAuto) return WalkChoice::Others::kNone;
   return form == RayForm::kParallel ? WalkChoice::Others::kParallel
-                                    : WalkChoice::Others::kOneOrigin;
+         : kind == HitKind::kAny    ? WalkChoice::Others::kOneOrigin
+                                    : WalkChoice::Others::kClosest;
 }
 
 absl::Status TraceRayBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,

@@ -34,7 +34,7 @@ enum class RayForm : uint8_t { kFree, kOneOrigin, kMirrored, kParallel };
 // what stands in for a strategy that such rays have no walk of. Never kAuto.
 Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t rays);
 // What blocks of rays may be walked by instead, block by block, where that chose shafts.
-WalkChoice::Others OtherWalks(const QueryRun& run, RayForm form);
+WalkChoice::Others OtherWalks(const QueryRun& run, RayForm form, HitKind kind);
 
 // All below take what ChooseStrategy gave, and add to *stats what they did. REQUIRES: CheckOptions.
 

@@ -41,8 +41,8 @@ class SampleTracer {
         record_answered_by_(run.options().count_answers),
         first_leaves_(samples.size(), RayPacket::kNoLeaf),
         light_of_(samples.size()),
-        segments_choices_(OtherWalks(run, RayForm::kOneOrigin)),
-        parallel_choices_(OtherWalks(run, RayForm::kParallel)) {
+        segments_choices_(OtherWalks(run, RayForm::kOneOrigin, kind)),
+        parallel_choices_(OtherWalks(run, RayForm::kParallel, kind)) {
     for (size_t s = 1; s < samples.size(); ++s) {
       light_of_[s] = light_of_[s - 1] + (samples[s].light != samples[s - 1].light);
     }

@@ -91,9 +91,9 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     // Mostly they follow one another and are taken where they are.
     const bool dense = count > 0 && (next == end || count == kGroupRays) && first % 8 == 0;
     if (dense) {
-      tracer.SetPoints(points.positions.subspan(first, count),
-                       points.sources.empty() ? points.sources
-                                              : points.sources.subspan(first, count));
+      tracer.SetPoints(
+          points.positions.subspan(first, count),
+          points.sources.empty() ? points.sources : points.sources.subspan(first, count));
     } else {
       positions.resize(std::min<size_t>(kGroupRays, n));
       if (!points.sources.empty()) sources.resize(positions.size());

@@ -62,7 +62,7 @@ class TileTrace {
         pixels_(size_t{tile.width} * tile.height),
         row_bytes_((pixels_ + 7) / 8),
         out_(*out),
-        choice_(OtherWalks(run_, RayForm::kOneOrigin)),
+        choice_(OtherWalks(run_, RayForm::kOneOrigin, HitKind::kClosest)),
         tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, samples, &out->shadow) {
     const auto prepare = [&](RayPacket& packet) {
       packet.origin = eye;

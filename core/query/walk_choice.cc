@@ -6,29 +6,32 @@
 namespace sightline {
 namespace {
 
-// Cycles by what a walk counts. Fitted to the time stamp counter over some 70,000 blocks of seven
-// scenes (pictures, suns, area lights, thinly scattered points): the median error of a block is 5
-// to 15 %. A packet's leaf is dear, since all of its vectors of rays are put to it; a single ray's
-// tests, sixteen at a time, are in its leaf's. Those of single rays were fitted anew, to random
-// segments of nine scenes, when walks that take turns had become faster.
-//
-// Those of packets are from thin points alone, for which packets matter: 64 lights and the sky over
-// 60,000 points of city, kitchen, forest and hall, taken down by what shafts and single rays took
-// there over their own estimates (1.65: nothing is in a cache).
+// Cycles by what a walk counts. Shafts' were fitted to the time stamp counter over some 70,000
+// blocks of seven scenes (pictures, suns, area lights, thinly scattered points), where the median
+// error of a block was 5 to 15 %. Thin points lie in no cache and cost half as much again; so do
+// blocks by packets and single rays, where they matter. Theirs were fitted to such, the form of
+// rays by itself, and scaled by what made AUTO choose best (below). A packet's leaf is dear, since
+// all of its vectors of rays are put to it; a single ray's tests, sixteen at a time, are in its
+// leaf's.
 struct Weights {
   float node, leaf, test, ray;
 };
-constexpr Weights kOfWalks[] = {
-    {55, 250, 3.4f, 6}, {250, 1050, 2, 10}, {27, 75, 0, 30}};  // By Walk; packets of one origin.
-constexpr Weights kOfParallelPackets = {440, 475, 3.5f, 1};
+// Shafts that cost less a ray than `try_packets` or `try_singles` are not worth comparing: the
+// others seldom do.
+struct Costs {
+  Weights of[3];  // By Walk.
+  float try_packets, try_singles;
+};
+// What follows was chosen by replaying what every block of some forty rows had cost by each walk
+// (core/traverse/DESIGN.md, "What AUTO walks"); packets' and single rays' for closest hits were
+// fitted to packets that test all triangles of a leaf, as those do.
+constexpr Weights kShaftWeights = {55, 250, 3.4f, 6};
+constexpr Costs kCosts[] = {
+    {},                                                                    // By Others: none,
+    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350},      // closest hits,
+    {{kShaftWeights, {78, 750, 1.55f, 11}, {26, 83, 0, 115}}, 80, 350},    // one origin,
+    {{kShaftWeights, {145, 540, 1.8f, 1}, {17.5f, 53, 0, 33}}, 40, 350}};  // one direction.
 
-// What follows was chosen by replaying what every block of some fifty rows had cost by each walk
-// (core/traverse/DESIGN.md, "What AUTO walks").
-
-// Shafts that cost less a ray are not worth comparing: the others seldom do.
-constexpr float kTryPackets = 150;
-constexpr float kTryParallelPackets = 60;
-constexpr float kTrySingleRays = 350;
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
 // cheapest by chance is taken more often.
 constexpr float kClearlyCheaper = 0.9f;
@@ -47,9 +50,8 @@ constexpr size_t kLeastRays = 32;
 
 bool WalkChoice::WorthATrial(Walk walk) const {
   const Record& shafts = records_[kShafts];
-  const float dear = walk == kSingles               ? kTrySingleRays
-                     : others_ == Others::kParallel ? kTryParallelPackets
-                                                    : kTryPackets;
+  const Costs& costs = kCosts[static_cast<size_t>(others_)];
+  const float dear = walk == kSingles ? costs.try_singles : costs.try_packets;
   return others_ != Others::kNone && shafts.known && shafts.cost > dear;
 }
 
@@ -92,8 +94,7 @@ void WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkSta
   const Walk walk = strategy == Strategy::kPacket   ? kPackets
                     : strategy == Strategy::kSingle ? kSingles
                                                     : kShafts;
-  const Weights& weights =
-      walk == kPackets && others_ == Others::kParallel ? kOfParallelPackets : kOfWalks[walk];
+  const Weights& weights = kCosts[static_cast<size_t>(others_)].of[walk];
   const float cost =
       (weights.node * static_cast<float>(after.nodes - before.nodes) +
        weights.leaf * static_cast<float>(after.leaves - before.leaves) +

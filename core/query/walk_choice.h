@@ -40,9 +40,10 @@ namespace sightline {
 
 class WalkChoice {
  public:
-  // What there is beside shafts: nothing, as where a strategy was asked for; or packets, of rays
-  // with one origin or of rays with one direction, whose costs differ, and single rays.
-  enum class Others : uint8_t { kNone, kOneOrigin, kParallel };
+  // What there is beside shafts: nothing, as where a strategy was asked for; or packets and single
+  // rays, whose costs differ between rays with one origin, for their closest hits or for any, and
+  // rays with one direction, for any.
+  enum class Others : uint8_t { kNone, kClosest, kOneOrigin, kParallel };
 
   explicit WalkChoice(Others others) : others_(others) {}
 

@@ -22,16 +22,17 @@ using Others = WalkChoice::Others;
 
 constexpr size_t kRays = 256;
 
-// A walk of `kRays` rays that visited so many halves of a leaf a ray, and nothing else.
-void Teach(WalkChoice& choice, Strategy walk, uint64_t half_leaves, size_t rays = kRays) {
+// A walk of `kRays` rays that visited so many quarters of a leaf a ray, and nothing else.
+void Teach(WalkChoice& choice, Strategy walk, uint64_t quarter_leaves, size_t rays = kRays) {
   WalkStats before, after;
   before.nodes = after.nodes = 7;
   before.leaves = 5;
-  after.leaves = before.leaves + half_leaves * kRays / 2;
+  after.leaves = before.leaves + quarter_leaves * kRays / 4;
   choice.Learn(walk, before, after, rays);
 }
 
-// How often each walk was taken in `blocks` blocks, given what each costs in half leaves a ray.
+// How often each walk was taken in `blocks` blocks, given what each costs in quarters of a leaf a
+// ray.
 struct Taken {
   int shafts = 0, packets = 0, singles = 0;
 };
@@ -58,19 +59,19 @@ TEST(WalkChoiceTest, CheapShaftsAreNotComparedWithAnything) {
 
 TEST(WalkChoiceTest, DearShaftsGiveWayToWhatIsCheapest) {
   WalkChoice singles(Others::kOneOrigin);
-  Taken taken = Take(singles, 200, 40, 40, 20);
+  Taken taken = Take(singles, 200, 80, 80, 40);
   EXPECT_TRUE(singles.ShaftsAreRare());
   EXPECT_GT(taken.singles, 180);
   EXPECT_GE(taken.shafts, 2);  // Asked again now and then.
   EXPECT_LE(taken.packets, 10);
   WalkChoice packets(Others::kOneOrigin);
-  taken = Take(packets, 200, 40, 1, 40);
+  taken = Take(packets, 200, 80, 1, 80);
   EXPECT_GT(taken.packets, 180);
 }
 
 TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
   WalkChoice choice(Others::kOneOrigin);
-  const Taken taken = Take(choice, 1000, 10, 10, 40);
+  const Taken taken = Take(choice, 1000, 20, 20, 80);
   EXPECT_FALSE(choice.ShaftsAreRare());
   // Trials of either become rare: after 8, 16 and 32 blocks, then every 64.
   EXPECT_GT(taken.shafts, 950);
@@ -80,27 +81,33 @@ TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
 
 TEST(WalkChoiceTest, ReturnsToShaftsWhereRaysShareTheirWayAgain) {
   WalkChoice choice(Others::kOneOrigin);
-  Take(choice, 300, 40, 40, 20);
+  Take(choice, 300, 80, 80, 40);
   EXPECT_TRUE(choice.ShaftsAreRare());
   // The longest wait, and some more until what was dear is forgotten.
-  EXPECT_GT(Take(choice, 300, 0, 40, 20).shafts, 200);
+  EXPECT_GT(Take(choice, 300, 0, 80, 40).shafts, 200);
   EXPECT_FALSE(choice.ShaftsAreRare());
 }
 
 TEST(WalkChoiceTest, KeepsToWhatThereIs) {
   WalkChoice shafts(Others::kNone);
-  EXPECT_EQ(Take(shafts, 100, 40, 0, 0).shafts, 100);
+  EXPECT_EQ(Take(shafts, 100, 80, 0, 0).shafts, 100);
 }
 
-// A leaf costs packets of one direction half of what it costs those of one origin, and they are
-// tried sooner.
-TEST(WalkChoiceTest, PacketsOfOneDirectionAreCheaper) {
+// A leaf costs packets of one direction less than those of one origin, and those less than packets
+// for closest hits; they are tried sooner, too.
+TEST(WalkChoiceTest, PacketsForAnyHitAreCheaperMostOfAllAlongOneDirection) {
   WalkChoice one_origin(Others::kOneOrigin), parallel(Others::kParallel);
-  EXPECT_LT(Take(one_origin, 200, 6, 2, 40).packets, 20);
-  EXPECT_GT(Take(parallel, 200, 6, 2, 40).packets, 150);
+  EXPECT_LT(Take(one_origin, 200, 12, 4, 80).packets, 20);
+  EXPECT_GT(Take(parallel, 200, 12, 4, 80).packets, 150);
   WalkChoice cheap_origin(Others::kOneOrigin), cheap_parallel(Others::kParallel);
-  EXPECT_EQ(Take(cheap_origin, 200, 1, 0, 40).packets, 0);
-  EXPECT_GT(Take(cheap_parallel, 200, 1, 0, 40).packets, 150);
+  EXPECT_EQ(Take(cheap_origin, 200, 1, 0, 80).packets, 0);
+  EXPECT_GT(Take(cheap_parallel, 200, 1, 0, 80).packets, 150);
+  WalkChoice any(Others::kOneOrigin), closest(Others::kClosest);
+  EXPECT_GT(Take(any, 200, 12, 3, 80).packets, 150);
+  EXPECT_LT(Take(closest, 200, 12, 3, 80).packets, 20);
+  WalkChoice cheap_any(Others::kOneOrigin), cheap_closest(Others::kClosest);
+  EXPECT_GT(Take(cheap_any, 200, 2, 0, 80).packets, 150);
+  EXPECT_EQ(Take(cheap_closest, 200, 2, 0, 80).packets, 0);
 }
 
 TEST(WalkChoiceTest, AFewRaysTeachNothing) {
@@ -114,12 +121,12 @@ TEST(WalkChoiceTest, AFewRaysTeachNothing) {
 TEST(WalkChoicesTest, EachLightLearnsForItselfAndBeginsWhereTheLastLeftOff) {
   WalkChoices choices(Others::kOneOrigin);
   EXPECT_EQ(Take(choices.Of(0), 100, 1, 0, 0).shafts, 100);
-  EXPECT_GT(Take(choices.Of(1), 100, 40, 40, 20).singles, 80);
+  EXPECT_GT(Take(choices.Of(1), 100, 80, 80, 40).singles, 80);
   EXPECT_EQ(choices.Of(0).Next(), Strategy::kShaft);
   EXPECT_EQ(choices.Of(1).Next(), Strategy::kSingle);
   // New ones know what the one before knows, and are their own from then on.
   EXPECT_EQ(choices.Of(7).Next(), Strategy::kSingle);
-  EXPECT_GT(Take(choices.Of(7), 300, 0, 40, 20).shafts, 100);
+  EXPECT_GT(Take(choices.Of(7), 300, 0, 80, 40).shafts, 100);
   EXPECT_EQ(choices.Of(1).Next(), Strategy::kSingle);
   EXPECT_EQ(choices.Of(0).Next(), Strategy::kShaft);
   EXPECT_EQ(choices.Of(2).Next(), Strategy::kShaft);
