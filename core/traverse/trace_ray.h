@@ -48,7 +48,7 @@ struct alignas(64) RayPacket {
   uint32_t mask = 0xFFFFFFFFu;
   uint32_t origin_source = kNoTriangle;
   int count = 0;
-  // Any hit, as a shaft: a leaf to try first (ChildRef bits), of the same scene. The walk leaves
+  // Any hit, over the BVH: a leaf to try first (ChildRef bits), of the same scene. The walk leaves
   // the one behind that blocked the last ray, or kNoLeaf: what darkens one packet may darken the
   // next.
   uint32_t first_leaf = kNoLeaf;

@@ -140,6 +140,7 @@ TEST(WatertightTest, NoRayLeavesAClosedMeshThroughAVertexOrAnEdge) {
   WalkStats stats;
   for (const ClosedMesh& mesh : meshes) {
     SCOPED_TRACE(mesh.name);
+    packet->first_leaf = RayPacket::kNoLeaf;  // Not the mesh before's.
     for (int64_t block = 0; block < blocks; ++block) {
       packet->origin = Inside(mesh, rng);
       packet->segments = false;
