@@ -6,15 +6,16 @@
 //
 // Rays with a common origin O
 //
-// Slopes (kSlopeMargin). s = fl((u·D)/(w·D)). The numerator errs by at most 3.1u|D|_1 <= 5.4u|D|,
-// so does the denominator, which is at least 0.4|D|; with |s| <= 2.3 the quotient (a product with
-// the reciprocal) errs by 5.4u(1 + 2.3)/0.4 + 2u·2.3 < 50u. Every rectangle of slopes is widened by
+// Slopes (kSlopeMargin). s = fl((u·D)/(w·D)). The terms of the numerator add up to at most |D|
+// (Cauchy-Schwarz), so it errs by at most 4.1u|D|, a segment's rounding of D included; so does the
+// denominator, which is at least 0.4|D|. With |s| <= 2.3 the quotient (a product with the
+// reciprocal) errs by 4.1u(1 + 2.3)/0.4 + 2u·2.3 < 39u. Every rectangle of slopes is widened by
 // 64u, and so holds its rays' true slopes.
 //
 // Rays between others (kOutlineMargin). A camera's rays are sums of a term by column and one by
 // row, rounded: before the rounding (u per component; the doubles' own is far below) a tile's rays
 // are weighted means of its corners', and so are their slopes. |D| moves by u|D|, a slope by at
-// most u(1 + 2.3)/0.4 = 8.3u, for the ray and for the corners: with kSlopeMargin's 50u below 67u.
+// most u(1 + 2.3)/0.4 = 8.3u, for the ray and for the corners: with kSlopeMargin's 39u below 56u.
 // The outline of a group of tiles is widened by 96u.
 //
 // Slopes of corners (kCornerMargin). p = fl(A - O) errs by u, its products with the axes by 3.1u:

@@ -148,6 +148,7 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
         const ShaftCut* cut;
       } kWalks[] = {{"packet", false, false, nullptr},
                     {"packet", true, false, nullptr},
+                    {"packet that begins where another ended", true, false, nullptr},
                     {"shaft", false, true, nullptr},
                     {"shaft", true, true, nullptr},
                     {"shaft from a cut", false, true, cut_alone ? &alone : nullptr},
