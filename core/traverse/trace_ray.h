@@ -25,8 +25,8 @@ struct TriangleRange {
 };
 
 // Closest hits alone, of rays that begin where they leave a mirror (core/query/mirrors.h): hits at
-// t <= near do not count, and the triangles of `unseen` do not block. All walks for closest hits know
-// both but the shaft's; those for any hit need not.
+// t <= near do not count, and the triangles of `unseen` do not block. All walks for closest hits
+// know both but the shaft's; those for any hit need not.
 struct TraceRay {
   PredicateRay ray;
   uint32_t mask = 0xFFFFFFFFu;         // An object is seen when (object mask & mask) != 0.
