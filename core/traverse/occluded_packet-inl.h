@@ -20,7 +20,6 @@
 #endif
 
 #include <bit>
-#include <limits>
 
 #include "core/base/cancel.h"
 #include "core/shaft/margins.h"
@@ -50,7 +49,6 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
   const V3 common = Broadcast(d, lanes.common().x, lanes.common().y, lanes.common().z);
   const V common_inf = hn::Set(d, MaxAbs(lanes.common()));
   const V spread = hn::Set(d, lanes.spread()), underflow = hn::Set(d, kFloatUnderflow);
-  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
   const uint32_t mask = lanes.packet().mask;
   uint32_t all = 0;
   for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
@@ -94,28 +92,9 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
       hn::Store(hn::Xor(v.y, flip), d, rows[1] + first);
       hn::Store(hn::Xor(v.z, flip), d, rows[2] + first);
     };
-    V reach = hn::Zero(d), x0 = infinity, x1 = hn::Neg(infinity), y0 = x0, y1 = x1;
-    ShaftM held = hn::FirstN(d, hn::Lanes(d));  // Whose corners the frame can hold.
-    const ShaftFrame* const frame = lanes.frame();
+    const V from_apex1[3] = {Norm1V(from_apex[0]), Norm1V(from_apex[1]), Norm1V(from_apex[2])};
+    const V reach = hn::Max(hn::Max(from_apex1[0], from_apex1[1]), from_apex1[2]);
     for (int e = 0; e < 3; ++e) {
-      const V size = Norm1V(from_apex[e]);
-      reach = hn::Max(reach, size);
-      if (frame != nullptr) {
-        V x = DotV(Broadcast(d, frame->u.x, frame->u.y, frame->u.z), from_apex[e]);
-        V y = DotV(Broadcast(d, frame->v.x, frame->v.y, frame->v.z), from_apex[e]);
-        if constexpr (!kParallel) {
-          const V z = DotV(Broadcast(d, frame->w.x, frame->w.y, frame->w.z), from_apex[e]);
-          held = hn::And(held, hn::Ge(z, hn::Max(hn::Mul(size, hn::Set(d, kMinCornerShare)),
-                                                 hn::Set(d, kLeastDepth))));
-          const V inverse = hn::Div(hn::Set(d, 1.0f), z);
-          x = hn::Mul(x, inverse);
-          y = hn::Mul(y, inverse);
-        }
-        x0 = hn::Min(x0, x);
-        x1 = hn::Max(x1, x);
-        y0 = hn::Min(y0, y);
-        y1 = hn::Max(y1, y);
-      }
       if constexpr (kParallel) {
         const V3 edge = CrossV(along[e], common);
         put(edge, forms->edge[e]);
@@ -130,14 +109,12 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
     edge_k = hn::Mul(edge_k, hn::Add(reach, spread));
     hn::Store(hn::MulAdd(hn::Set(d, kParallel ? kParallelUnits : kFloatUnits), edge_k, underflow),
               d, forms->edge_bound + first);
-    const V margin = kParallel
-                         ? hn::MulAdd(hn::Add(reach, spread), hn::Set(d, kBoxMargin), underflow)
-                         : hn::Set(d, kCornerMargin);
-    const V minus_infinity = hn::Neg(infinity);
-    hn::Store(hn::IfThenElse(held, hn::Sub(x0, margin), minus_infinity), d, forms->x0 + first);
-    hn::Store(hn::IfThenElse(held, hn::Add(x1, margin), infinity), d, forms->x1 + first);
-    hn::Store(hn::IfThenElse(held, hn::Sub(y0, margin), minus_infinity), d, forms->y0 + first);
-    hn::Store(hn::IfThenElse(held, hn::Add(y1, margin), infinity), d, forms->y1 + first);
+    if (lanes.frame() != nullptr) {
+      const V margin = hn::MulAdd(hn::Add(reach, spread), hn::Set(d, kBoxMargin), underflow);
+      PutRectangles<kParallel>(*lanes.frame(), {&from_apex[0], &from_apex[1], &from_apex[2]},
+                               {&from_apex1[0], &from_apex1[1], &from_apex1[2]}, margin, first,
+                               forms);
+    }
     put(normal, forms->normal);
     hn::Store(normal_bound, d, forms->normal_bound + first);
     hn::Store(hn::Xor(hn::Set(d, 1.0f), flip), d, forms->turn + first);

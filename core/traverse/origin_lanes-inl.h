@@ -61,9 +61,7 @@ class OriginLanes {
   }
 
   uint32_t groups() const { return lanes_.groups(); }
-  uint32_t active(uint32_t group) const { return lanes_.active(group); }  // Still asked about.
-  int live() const { return lanes_.live(); }                              // How many of them.
-  RayPacket& packet() { return packet_; }
+  int live() const { return lanes_.live(); }  // Lanes still asked about.
   const RayPacket& packet() const { return packet_; }
   Vec3f apex() const { return packet_.origin; }
   float spread() const { return 0; }
@@ -169,7 +167,10 @@ class OriginLanes {
     Vec3V<V> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     for (uint32_t g = 0; g < groups(); ++g) {
       const Vec3V<V> own = Own(g * lanes);
-      const V scale = hn::Div(hn::Set(d, 1.0f), OwnInf(g * lanes));
+      // Without those that lead nowhere: their groups are left open below.
+      const V inf = OwnInf(g * lanes);
+      const V scale =
+          hn::IfThenElseZero(hn::Ge(inf, hn::Set(d, kLeastDepth)), hn::Div(hn::Set(d, 1.0f), inf));
       sum = {hn::MulAdd(own.x, scale, sum.x), hn::MulAdd(own.y, scale, sum.y),
              hn::MulAdd(own.z, scale, sum.z)};
     }

@@ -114,9 +114,7 @@ class ParallelLanes {
   }
 
   uint32_t groups() const { return groups_; }
-  uint32_t active(uint32_t group) const { return active_[group]; }  // Lanes still asked about.
-  int live() const { return live_; }                                // How many of them.
-  ParallelPacket& packet() { return packet_; }
+  int live() const { return live_; }  // Lanes still asked about.
   const ParallelPacket& packet() const { return packet_; }
   Vec3f apex() const { return apex_; }      // What `Own` is relative to.
   float spread() const { return spread_; }  // Bounds |P - apex|_1.

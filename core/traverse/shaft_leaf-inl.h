@@ -77,6 +77,42 @@ uint32_t SettleTurns(const SceneGeometry& geometry, const LeafView& leaf, uint32
   return kept;
 }
 
+// Where a frame sees triangles, sixteen at a time, as rows first .. of *forms: slopes of their
+// corners, or for parallel rays offsets, which `margin` widens. A corner that a frame could not hold
+// opens its triangle wide. Corners are relative to the apex (or R), `norms` their 1-norms.
+template <bool kParallel>
+HWY_INLINE void PutRectangles(const ShaftFrame& frame, const Vec3V<ShaftV>* const (&corners)[3],
+                              const ShaftV* const (&norms)[3], ShaftV margin, uint32_t first,
+                              LeafForms* forms) {
+  using V = ShaftV;
+  const ShaftD d;
+  const auto along = [d](Vec3f axis, const Vec3V<V>& p)
+                         HWY_ATTR { return DotV(Broadcast(d, axis.x, axis.y, axis.z), p); };
+  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+  V x0 = infinity, y0 = infinity, x1 = hn::Neg(infinity), y1 = x1;
+  ShaftM held = hn::FirstN(d, hn::Lanes(d));
+  for (int k = 0; k < 3; ++k) {
+    V x = along(frame.u, *corners[k]), y = along(frame.v, *corners[k]);
+    if constexpr (!kParallel) {
+      const V z = along(frame.w, *corners[k]);
+      held = hn::And(held, hn::Ge(z, hn::Max(hn::Mul(*norms[k], hn::Set(d, kMinCornerShare)),
+                                             hn::Set(d, kLeastDepth))));
+      const V inverse = hn::Div(hn::Set(d, 1.0f), z);
+      x = hn::Mul(x, inverse);
+      y = hn::Mul(y, inverse);
+    }
+    x0 = hn::Min(x0, x);
+    x1 = hn::Max(x1, x);
+    y0 = hn::Min(y0, y);
+    y1 = hn::Max(y1, y);
+  }
+  const V widen = kParallel ? margin : hn::Set(d, kCornerMargin);
+  hn::Store(hn::IfThenElse(held, hn::Sub(x0, widen), hn::Neg(infinity)), d, forms->x0 + first);
+  hn::Store(hn::IfThenElse(held, hn::Add(x1, widen), infinity), d, forms->x1 + first);
+  hn::Store(hn::IfThenElse(held, hn::Sub(y0, widen), hn::Neg(infinity)), d, forms->y0 + first);
+  hn::Store(hn::IfThenElse(held, hn::Add(y1, widen), infinity), d, forms->y1 + first);
+}
+
 template <bool kAny, bool kParallel>
 class ShaftLeaf {
  public:
@@ -235,7 +271,7 @@ class ShaftLeaf {
     relevant = MaskBits(d, met);
     if (relevant == 0) return 0;
 
-    PutRectangle(first, corner_of, corner_1, margin);
+    PutRectangles<kParallel>(rays_.frame(), corner_of, corner_1, margin, first, &forms_);
     const V3 n = turned(normal);
     depth = hn::Xor(depth, flip);
     for (int e = 0; e < 3; ++e) {
@@ -277,35 +313,6 @@ class ShaftLeaf {
       }
     }
     return relevant;
-  }
-
-  // Where the triangle is seen from the apex. A corner that a frame could not hold opens it wide.
-  void PutRectangle(uint32_t first, const V3* const (&corner_of)[3], const V* const (&corner_1)[3],
-                    V margin) {
-    const ShaftD d;
-    const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
-    V x0 = infinity, y0 = infinity, x1 = hn::Neg(infinity), y1 = x1;
-    ShaftM held = hn::FirstN(d, hn::Lanes(d));
-    for (int k = 0; k < 3; ++k) {
-      V x = Along(axes_[0], *corner_of[k]), y = Along(axes_[1], *corner_of[k]);
-      if constexpr (!kParallel) {
-        const V z = Along(axes_[2], *corner_of[k]);
-        held = hn::And(held, hn::Ge(z, hn::Max(hn::Mul(*corner_1[k], hn::Set(d, kMinCornerShare)),
-                                               hn::Set(d, kLeastDepth))));
-        const V inverse = hn::Div(hn::Set(d, 1.0f), z);
-        x = hn::Mul(x, inverse);
-        y = hn::Mul(y, inverse);
-      }
-      x0 = hn::Min(x0, x);
-      x1 = hn::Max(x1, x);
-      y0 = hn::Min(y0, y);
-      y1 = hn::Max(y1, y);
-    }
-    const V widen = kParallel ? margin : hn::Set(d, kCornerMargin);
-    Put(hn::IfThenElse(held, hn::Sub(x0, widen), hn::Neg(infinity)), first, forms_.x0);
-    Put(hn::IfThenElse(held, hn::Add(x1, widen), infinity), first, forms_.x1);
-    Put(hn::IfThenElse(held, hn::Sub(y0, widen), hn::Neg(infinity)), first, forms_.y0);
-    Put(hn::IfThenElse(held, hn::Add(y1, widen), infinity), first, forms_.y1);
   }
 
   // Some corner on the inner side of the receivers' cap.
