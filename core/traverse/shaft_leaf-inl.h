@@ -78,8 +78,8 @@ uint32_t SettleTurns(const SceneGeometry& geometry, const LeafView& leaf, uint32
 }
 
 // Where a frame sees triangles, sixteen at a time, as rows first .. of *forms: slopes of their
-// corners, or for parallel rays offsets, which `margin` widens. A corner that a frame could not hold
-// opens its triangle wide. Corners are relative to the apex (or R), `norms` their 1-norms.
+// corners, or for parallel rays offsets, which `margin` widens. A corner that a frame could not
+// hold opens its triangle wide. Corners are relative to the apex (or R), `norms` their 1-norms.
 template <bool kParallel>
 HWY_INLINE void PutRectangles(const ShaftFrame& frame, const Vec3V<ShaftV>* const (&corners)[3],
                               const ShaftV* const (&norms)[3], ShaftV margin, uint32_t first,
