@@ -101,8 +101,9 @@ function(sightline_test NAME)
   endif()
   add_test(NAME ${NAME} COMMAND ${NAME} ${ARG_ARGS})
   set(results "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/test-results/${NAME}.xml")
+  # COST: what may take long begins first, so that no core waits for it at the end.
   set_tests_properties(${NAME} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}"
-                                          RUN_SERIAL ${ARG_SERIAL}
+                                          RUN_SERIAL ${ARG_SERIAL} COST ${ARG_TIMEOUT}
                                           ENVIRONMENT "${SIGHTLINE_TEST_ENVIRONMENT};${results}")
 endfunction()
 
