@@ -18,7 +18,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <memory>
+#include <new>
 #include <span>
 #include <type_traits>
 #include <utility>
@@ -154,7 +154,11 @@ class VisitFetcher {
         bytes_{
             sizeof(BvhNode),
             bvh.has_leaf_rows() ? kUnitFloats * sizeof(float) : kUnitTriangles * sizeof(uint32_t),
-            0} {}
+            0},
+        leaves_are_far_(bvh.leaves.size() * sizeof(float) > kNearLeafBytes) {}
+
+  // Whether a leaf's later lines, too, are worth asking for beforehand.
+  HWY_INLINE bool leaves_are_far() const { return leaves_are_far_; }
 
   // A node, or as much of a leaf.
   HWY_INLINE void Fetch(NextVisit next, ChildRef ref) const {
@@ -180,6 +184,8 @@ class VisitFetcher {
 
  private:
   static constexpr size_t kMaxLeafBytes = kMaxLeafTriangles * kLeafRows * sizeof(float);
+  // Up to here leaves stay in a cache whose latency a walk's other work hides.
+  static constexpr size_t kNearLeafBytes = size_t{16} << 20;
   HWY_INLINE const char* At(NextVisit next, ChildRef ref) const {
     static_assert(ChildRef::Inner(1).leaf_unit() == 1, "a node's number lies where a leaf's does");
     return base_[next] + size_t{ref.leaf_unit()} * bytes_[next];
@@ -187,6 +193,7 @@ class VisitFetcher {
 
   const char* base_[3];
   size_t bytes_[3];
+  bool leaves_are_far_;
 };
 
 // A child to visit; for closest hits with its entry, so that those behind a hit are passed over.
@@ -240,7 +247,7 @@ HWY_INLINE int PushNearestOnTop(const BvhNode& node, uint32_t met, const float* 
 // blocker. It goes a visit at a time, so that several can take turns: what one will visit next is
 // fetched while the others work.
 template <bool kAny>
-class SingleWalk {
+class alignas(kCacheLine) SingleWalk {
  public:
   // Both are kept by reference until the walk has ended. REQUIRES: something to hit.
   HWY_INLINE void Start(const IndexedGeometry& scene, const TraceRay& query) {
@@ -398,13 +405,16 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   }
   static_assert(std::is_trivially_destructible_v<Walk>);
   for (int i = 0; i < kTurns && next_ray < rays.size(); ++i) {
-    start(std::construct_at(&places[i].walk));
+    // Not std::construct_at, which would set every walk's stack to zero.
+    start(::new (static_cast<void*>(&places[i].walk)) Walk);
   }
   while (then->count[0] + then->count[1] + then->count[2] > 0) {
     std::swap(now, then);
     std::fill_n(then->count, 3, 0u);
     const auto in_leaves = now->next(kVisitLeaf);
-    for (const Walk* walk : in_leaves) fetcher.FetchRest(walk->next());
+    if (fetcher.leaves_are_far()) {
+      for (const Walk* walk : in_leaves) fetcher.FetchRest(walk->next());
+    }
     for (Walk* walk : now->next(kVisitNode)) {
       walk->VisitNode(stats);
       file(walk);
