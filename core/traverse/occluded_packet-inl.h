@@ -111,7 +111,7 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
               d, forms->edge_bound + first);
     if (lanes.frame() != nullptr) {
       const V margin = hn::MulAdd(hn::Add(reach, spread), hn::Set(d, kBoxMargin), underflow);
-      PutRectangles<kParallel>(*lanes.frame(), {&from_apex[0], &from_apex[1], &from_apex[2]},
+      PutRectangles<kParallel>({*lanes.frame(), {&from_apex[0], &from_apex[1], &from_apex[2]}},
                                {&from_apex1[0], &from_apex1[1], &from_apex1[2]}, margin, first,
                                forms);
     }

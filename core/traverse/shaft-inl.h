@@ -45,9 +45,9 @@ namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // Work (nodes + 2·leaves + relevant triangles) after which a walk's rays are split in two.
-constexpr uint32_t kSplitBudget = 100;
+constexpr uint32_t kSplitBudget = 80;
 // Sets this small are not split: their walk costs about what two halves would.
-constexpr int kLeastSplitRays = 16;
+constexpr int kLeastSplitRays = 6;
 // Work per ray after which the rays of a small set are traced one by one: they are spread too far,
 // or too far from their reference, for a shaft to cull anything.
 constexpr uint32_t kSingleWork = 16;
@@ -89,7 +89,7 @@ class ShaftWalk {
       ShaftLeaf<kAny, kParallel> leaf(scene_, rays_);
       leaf_ = &leaf;
       Pending stack[kStackSize];
-      if (!Walk(rays_.active(), cut, stack, 0)) return false;
+      if (!Walk(rays_.all(), cut, stack, 0)) return false;
       if constexpr (kAny) {
         if (single_count_ > 0 && !TraceSingles()) return false;
       }
@@ -191,7 +191,6 @@ class ShaftWalk {
       for (uint32_t rest = bounds_.open[b]; rest != 0; rest &= rest - 1) {
         const uint32_t r = std::countr_zero(rest);
         singles_[single_count_++] = static_cast<uint8_t>(b * kShaftBlockRays + r);
-        rays_.active().rays[b] &= static_cast<uint16_t>(~(1u << r));
       }
       bounds_.open[b] = 0;
     }
@@ -257,16 +256,21 @@ class ShaftWalk {
     MarkTested(rays_, bounds_, leaf, {pairs, count}, packet_.answered_by);
     // Those in doubt wait, so that no test has to know how the one before ended.
     size_t doubtful = 0;
+    uint64_t tests = 0, covers = 0;
     for (size_t k = 0; k < count; ++k) {
       const uint32_t pair = pairs[k];
-      const bool settled = TestBlock(leaf, pair);
+      const bool settled = TestBlock(leaf, pair, &tests, &covers);
       pairs[doubtful] = pair;
       doubtful += settled ? 0 : 1;
     }
     for (size_t k = 0; k < doubtful; ++k) SettleBlock(leaf, pairs[k]);
-    if constexpr (!kAny) {
+    if constexpr (kAny) {
+      bounds_.open_blocks = OpenBlocks(bounds_.open);
+    } else {
       if (found_) UpdateFar();
     }
+    stats_->triangle_tests += tests;
+    stats_->shaft.covers += covers;
     const auto relevant_count = static_cast<uint32_t>(std::popcount(relevant));
     stats_->shaft.triangles += leaf.count;
     stats_->shaft.relevant += relevant_count;
@@ -356,14 +360,15 @@ class ShaftWalk {
 
   // The rays of one block that are still asked about, by floats, without a branch that depends on
   // them: whether a ray is hit cannot be foretold. False: some are left in doubt.
-  HWY_INLINE bool TestBlock(const LeafView& leaf, uint32_t pair) {
+  HWY_INLINE bool TestBlock(const LeafView& leaf, uint32_t pair, uint64_t* tests,
+                            uint64_t* cover_count) {
     const ShaftD d;
     const uint32_t b = pair % kShaftBlocks, i = pair >> kTriangleShift & (kMaxLeafTriangles - 1);
     const uint32_t id = leaf.id(i);
     const Test test(rays_, leaf, leaf_->forms());
     const bool covered = (pair & kCovered) != 0;
     const M covers = hn::FirstN(d, covered ? kLanes : 0);
-    stats_->shaft.covers += covered ? 1 : 0;
+    *cover_count += covered ? 1 : 0;
     uint32_t doubt = 0;
     for (size_t at = size_t{b} * kShaftBlockRays; at < (size_t{b} + 1) * kShaftBlockRays;
          at += kLanes) {
@@ -371,7 +376,7 @@ class ShaftWalk {
       M hit = asked;
       // Where any hit will do, covers are too few to be foretold: they pay for the test.
       if (kAny || !covered) {
-        stats_->triangle_tests += covered ? 0 : hn::CountTrue(d, asked);
+        *tests += covered ? 0 : hn::CountTrue(d, asked);
         const typename Test::Floats said = test.InFloats(i, at);
         const M certain = kAny ? hn::Or(said.hit, covers) : said.hit;
         hit = hn::And(asked, certain);
@@ -411,13 +416,8 @@ class ShaftWalk {
       const ShaftD d;
       const hn::RebindToUnsigned<ShaftD> du;
       const size_t b = at / kShaftBlockRays;
-      uint32_t* out = packet_.triangle + at;
-      hn::Store(hn::IfThenElse(hn::RebindMask(du, hit), hn::Set(du, id), hn::Load(du, out)), du,
-                out);
-      const uint32_t done = MaskBits(d, hit) << (at % kShaftBlockRays);
-      bounds_.open[b] &= static_cast<uint16_t>(~done);
-      rays_.active().rays[b] &= static_cast<uint16_t>(~done);
-      bounds_.open_blocks &= ~(static_cast<uint32_t>(bounds_.open[b] == 0) << b);
+      hn::BlendedStore(hn::Set(du, id), hn::RebindMask(du, hit), du, packet_.triangle + at);
+      bounds_.open[b] &= static_cast<uint16_t>(~(MaskBits(d, hit) << (at % kShaftBlockRays)));
     } else {
       KeepCloser(leaf, i, id, at, hit);
     }

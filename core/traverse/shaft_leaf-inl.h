@@ -77,24 +77,35 @@ uint32_t SettleTurns(const SceneGeometry& geometry, const LeafView& leaf, uint32
   return kept;
 }
 
+// The corners of sixteen triangles, relative to the apex (or R), along a frame's axes.
+struct FrameCorners {
+  Vec3V<ShaftV> at[3];
+
+  HWY_INLINE FrameCorners(const ShaftFrame& frame, const Vec3V<ShaftV>* const (&corners)[3]) {
+    const ShaftD d;
+    for (int k = 0; k < 3; ++k) {
+      at[k] = {DotV(Broadcast(d, frame.u.x, frame.u.y, frame.u.z), *corners[k]),
+               DotV(Broadcast(d, frame.v.x, frame.v.y, frame.v.z), *corners[k]),
+               DotV(Broadcast(d, frame.w.x, frame.w.y, frame.w.z), *corners[k])};
+    }
+  }
+};
+
 // Where a frame sees triangles, sixteen at a time, as rows first .. of *forms: slopes of their
 // corners, or for parallel rays offsets, which `margin` widens. A corner that a frame could not
-// hold opens its triangle wide. Corners are relative to the apex (or R), `norms` their 1-norms.
+// hold opens its triangle wide. `norms` are the corners' 1-norms.
 template <bool kParallel>
-HWY_INLINE void PutRectangles(const ShaftFrame& frame, const Vec3V<ShaftV>* const (&corners)[3],
-                              const ShaftV* const (&norms)[3], ShaftV margin, uint32_t first,
-                              LeafForms* forms) {
+HWY_INLINE void PutRectangles(const FrameCorners& corners, const ShaftV* const (&norms)[3],
+                              ShaftV margin, uint32_t first, LeafForms* forms) {
   using V = ShaftV;
   const ShaftD d;
-  const auto along = [d](Vec3f axis, const Vec3V<V>& p)
-                         HWY_ATTR { return DotV(Broadcast(d, axis.x, axis.y, axis.z), p); };
   const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
   V x0 = infinity, y0 = infinity, x1 = hn::Neg(infinity), y1 = x1;
   ShaftM held = hn::FirstN(d, hn::Lanes(d));
   for (int k = 0; k < 3; ++k) {
-    V x = along(frame.u, *corners[k]), y = along(frame.v, *corners[k]);
+    V x = corners.at[k].x, y = corners.at[k].y;
     if constexpr (!kParallel) {
-      const V z = along(frame.w, *corners[k]);
+      const V z = corners.at[k].z;
       held = hn::And(held, hn::Ge(z, hn::Max(hn::Mul(*norms[k], hn::Set(d, kMinCornerShare)),
                                              hn::Set(d, kLeastDepth))));
       const V inverse = hn::Div(hn::Set(d, 1.0f), z);
@@ -160,19 +171,13 @@ class ShaftLeaf {
     };
     const V3 a = load(0), b = load(1), c = load(2);
     const V3 oa = SubV(a, o), ob = SubV(b, o), oc = SubV(c, o);
-    const V oa1 = Norm1V(oa), ob1 = Norm1V(ob), oc1 = Norm1V(oc);
-    const V reach = hn::Max(hn::Max(oa1, ob1), oc1);
-    const V margin = hn::MulAdd(hn::Add(reach, hn::Set(d, rays_.spread())), hn::Set(d, kBoxMargin),
-                                hn::Set(d, kFloatUnderflow));
-    V least = hn::Set(d, std::numeric_limits<float>::infinity());
-    for (int i = 0; i < bounds.side_count; ++i) {
-      const ShaftSide& side = bounds.sides[i];
-      const V most = hn::Max(hn::Max(Along(side.n, oa), Along(side.n, ob)), Along(side.n, oc));
-      least = hn::Min(least, hn::Sub(most, hn::Set(d, side.local)));
-    }
+    const V3* corner_of[3] = {&oa, &ob, &oc};
+    const FrameCorners frame_corners(rays_.frame(), corner_of);
+    const V least = InnerSide(frame_corners, bounds);
     const uint32_t in_use = leaf.count - first >= hn::Lanes(d) ? (1u << hn::Lanes(d)) - 1
                                                                : (1u << (leaf.count - first)) - 1;
-    ShaftM in = hn::Ge(hn::Add(least, margin), hn::Zero(d));
+    // A node's margin holds for any triangle, and spares those that end here their norms.
+    ShaftM in = hn::Ge(hn::Add(least, hn::Set(d, rays_.node_margin())), hn::Zero(d));
     if constexpr (!kAny) {
       // A closest hit's distance may leave an ill-conditioned triangle, but not its box (hit.h).
       V nearest = hn::Zero(d), corner_reach = hn::Zero(d);
@@ -188,10 +193,17 @@ class ShaftLeaf {
                         hn::Set(d, kFloatUnderflow));
       in = hn::And(in, hn::Le(nearest, hn::Set(d, far)));
     }
-    if (rays_.has_cap()) in = hn::And(in, WithinCap(a, b, c, bounds.cap_most));
     uint32_t relevant = MaskBits(d, in) & in_use;
     if (relevant == 0) return 0;
+    if (rays_.has_cap()) {
+      relevant &= MaskBits(d, WithinCap(a, b, c, bounds.cap_most));
+      if (relevant == 0) return 0;
+    }
 
+    const V oa1 = Norm1V(oa), ob1 = Norm1V(ob), oc1 = Norm1V(oc);
+    const V reach = hn::Max(hn::Max(oa1, ob1), oc1);
+    const V margin = hn::MulAdd(hn::Add(reach, hn::Set(d, rays_.spread())), hn::Set(d, kBoxMargin),
+                                hn::Set(d, kFloatUnderflow));
     const V3 ab = SubV(b, a), bc = SubV(c, b), ca = SubV(a, c);
     const V ab1 = Norm1V(ab), bc1 = Norm1V(bc), ca1 = Norm1V(ca);
     const V underflow = hn::Set(d, kFloatUnderflow), units = hn::Set(d, kFloatUnits);
@@ -235,7 +247,6 @@ class ShaftLeaf {
     // Forms, and all of them against the whole shaft's rectangle: positive somewhere in it?
     V3 edge[3];
     V edge_offset[3];
-    const V3* corner_of[3] = {&oa, &ob, &oc};
     const V* corner_1[3] = {&oa1, &ob1, &oc1};
     const V3* along[3] = {&ab, &bc, &ca};
     // One bound for the three, of the farthest corner and the longest edge.
@@ -271,7 +282,7 @@ class ShaftLeaf {
     relevant = MaskBits(d, met);
     if (relevant == 0) return 0;
 
-    PutRectangles<kParallel>(rays_.frame(), corner_of, corner_1, margin, first, &forms_);
+    PutRectangles<kParallel>(frame_corners, corner_1, margin, first, &forms_);
     const V3 n = turned(normal);
     depth = hn::Xor(depth, flip);
     for (int e = 0; e < 3; ++e) {
@@ -313,6 +324,32 @@ class ShaftLeaf {
       }
     }
     return relevant;
+  }
+
+  // How far the triangles reach, at least, to the inner side of the shaft's sides.
+  HWY_INLINE V InnerSide(const FrameCorners& corners, const ShaftBounds& bounds) const {
+    const ShaftD d;
+    const V left = hn::Set(d, bounds.left), right = hn::Set(d, bounds.right);
+    const V below = hn::Set(d, bounds.below), above = hn::Set(d, bounds.above);
+    V most[4];  // Of the three corners.
+    V depth = corners.at[0].z;
+    for (int k = 0; k < 3; ++k) {
+      const V3& p = corners.at[k];
+      // Slopes' ends are planes through the apex.
+      const V in[4] = {kParallel ? hn::Sub(p.x, left) : hn::NegMulAdd(left, p.z, p.x),
+                       kParallel ? hn::Sub(right, p.x) : hn::MulSub(right, p.z, p.x),
+                       kParallel ? hn::Sub(p.y, below) : hn::NegMulAdd(below, p.z, p.y),
+                       kParallel ? hn::Sub(above, p.y) : hn::MulSub(above, p.z, p.y)};
+      for (int i = 0; i < 4; ++i) most[i] = k == 0 ? in[i] : hn::Max(most[i], in[i]);
+      depth = kParallel ? hn::Max(depth, p.z) : hn::Min(depth, p.z);
+    }
+    V least = hn::Min(hn::Min(most[0], most[1]), hn::Min(most[2], most[3]));
+    if constexpr (kParallel) {
+      least = hn::Min(least, hn::Sub(depth, hn::Set(d, bounds.all_near)));
+    } else if (kAny && rays_.segments()) {
+      least = hn::Min(least, hn::Sub(hn::Set(d, bounds.all_far), depth));
+    }
+    return least;
   }
 
   // Some corner on the inner side of the receivers' cap.

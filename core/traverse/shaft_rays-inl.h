@@ -54,6 +54,12 @@ HWY_INLINE ShaftM LanesOf(const uint16_t* bits, size_t at) {
   return hn::LoadMaskBits(ShaftD(), reinterpret_cast<const uint8_t*>(bits) + at / 8);
 }
 
+// Bit b of the result: block b has a ray. `rays` is aligned as a vector.
+HWY_INLINE uint32_t OpenBlocks(const uint16_t* rays) {
+  const hn::CappedTag<uint16_t, kShaftBlocks> d;
+  return MaskBits(d, hn::Ne(hn::Load(d, rays), hn::Zero(d)));
+}
+
 // out[b] = op over the sixteen values of block b. fetch(i) gives values i .. i + Lanes(). A tree of
 // pairwise steps: each halves the vectors, and brings two of them together.
 template <class Op, class Fetch>
@@ -155,7 +161,7 @@ inline Vec3d SumOfNormals(const SceneGeometry& geometry, const uint32_t* sources
     return Vec3d{rows[0][lane], rows[1][lane], rows[2][lane]};
   };
   Vec3d sum;
-  for (int k = 1; k < 8; k += 2) {
+  for (int k = 2; k < 8; k += 4) {
     const int lane = count * k / 8;
     Vec3d n;
     if (sources[lane] < geometry.triangles.size()) {
@@ -185,9 +191,9 @@ HWY_INLINE ShaftM FitsFrame(const Vec3V<ShaftV>& direction, ShaftV depth) {
                                                        DotV(direction, direction))));
 }
 
-// The rays of a set that are still asked about, block by block and together.
+// The rays of a set, block by block and together.
 struct ShaftBounds {
-  alignas(64) uint16_t open[kShaftBlocks];
+  alignas(64) uint16_t open[kShaftBlocks];  // Those that are still asked about.
   uint32_t open_blocks;
   // Rectangles of slopes or offsets: ends (inverted where a block has no open ray), middle and half
   // extent (0 there).
@@ -196,7 +202,8 @@ struct ShaftBounds {
   // Depths. One origin: where the nearest and farthest rays end (far: or, for closest hits, where
   // all have found a hit; +inf without an end). Parallel: of the origins.
   alignas(64) float near[kShaftBlocks], far[kShaftBlocks];
-  float cx, cy, ex, ey;  // Of all: middle and half extent.
+  float left, right, below, above;  // Of all: ends,
+  float cx, cy, ex, ey;             // middle and half extent.
   float all_near, all_far;
   ShaftSide sides[6];  // Left, right, below, above; for any hit: the end (the start, if parallel)
                        // and the receivers' cap.
@@ -243,10 +250,13 @@ class ShaftRays {
       } else {
         const ShaftV inf = NormInfV(own);
         hn::Store(inf, d, own_inf_ + i);
-        const ShaftV scale = hn::Div(hn::Set(d, 1.0f), inf);
-        sum.x = hn::MulAdd(own.x, scale, sum.x);
-        sum.y = hn::MulAdd(own.y, scale, sum.y);
-        sum.z = hn::MulAdd(own.z, scale, sum.z);
+        // Blocks 0, 5, 10 and 15, the diagonal of a square of them, stand for all.
+        if (i / kShaftBlockRays % 5 == 0) {
+          const ShaftV scale = hn::Div(hn::Set(d, 1.0f), inf);
+          sum.x = hn::MulAdd(own.x, scale, sum.x);
+          sum.y = hn::MulAdd(own.y, scale, sum.y);
+          sum.z = hn::MulAdd(own.z, scale, sum.z);
+        }
       }
     }
     Vec3d axis;
@@ -265,17 +275,17 @@ class ShaftRays {
     std::fill_n(packet_.triangle, padded_, kNoTriangle);
     for (int b = 0; b < kShaftBlocks; ++b) {
       const int left = count - b * kShaftBlockRays;
-      active_.rays[b] = left >= kShaftBlockRays ? 0xFFFF
-                        : left > 0              ? static_cast<uint16_t>((1u << left) - 1)
-                                                : 0;
+      all_.rays[b] = left >= kShaftBlockRays ? 0xFFFF
+                     : left > 0              ? static_cast<uint16_t>((1u << left) - 1)
+                                             : 0;
     }
     has_sources_ = false;
     if (kParallel || segments()) {
+      static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
       const hn::RebindToUnsigned<ShaftD> du;
-      for (size_t i = 0; i < padded_ && !has_sources_; i += lanes) {
-        has_sources_ =
-            !hn::AllTrue(du, hn::Eq(hn::Load(du, sources() + i), hn::Set(du, kNoTriangle)));
-      }
+      auto all = hn::Set(du, kNoTriangle);
+      for (size_t i = 0; i < padded_; i += lanes) all = hn::And(all, hn::Load(du, sources() + i));
+      has_sources_ = !hn::AllTrue(du, hn::Eq(all, hn::Set(du, kNoTriangle)));
     }
     float farthest = FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread_;
     if (has_cap_) {
@@ -286,8 +296,7 @@ class ShaftRays {
     return true;
   }
 
-  const RaySet& active() const { return active_; }
-  RaySet& active() { return active_; }
+  const RaySet& all() const { return all_; }
   size_t padded() const { return padded_; }
   const ShaftFrame& frame() const { return frame_; }
   Vec3f apex() const { return apex_; }
@@ -336,18 +345,17 @@ class ShaftRays {
   // Ends of segments, origins of parallel rays.
   ShaftV Point(int axis, size_t at) const { return hn::Load(ShaftD(), row(axis) + at); }
 
-  // Bounds the rays of `set` that are still asked about. Returns how many there are.
+  // Bounds the rays of `set`, all of them still asked about. Returns how many there are.
   int Bound(const RaySet& set, ShaftBounds* out) const {
     const ShaftD d;
     const ShaftV infinity = hn::Set(d, std::numeric_limits<float>::infinity());
     const ShaftV minus_infinity = hn::Neg(infinity);
     int count = 0;
-    out->open_blocks = 0;
     for (int b = 0; b < kShaftBlocks; ++b) {
-      out->open[b] = set.rays[b] & active_.rays[b];
+      out->open[b] = set.rays[b];
       count += std::popcount(out->open[b]);
-      out->open_blocks |= (out->open[b] != 0 ? 1u : 0u) << b;
     }
+    out->open_blocks = OpenBlocks(out->open);
     if (count == 0) return 0;
     const auto least = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); };
     const auto most = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); };
@@ -408,6 +416,10 @@ class ShaftRays {
     const float above = hn::GetLane(hn::MaxOfLanes(d, ay1));
     out->all_near = hn::GetLane(hn::MinOfLanes(d, az0));
     out->all_far = hn::GetLane(hn::MaxOfLanes(d, az1));
+    out->left = left;
+    out->right = right;
+    out->below = below;
+    out->above = above;
     out->cx = 0.5f * (left + right);
     out->cy = 0.5f * (below + above);
     out->ex = 0.5f * (right - left) + widen;
@@ -418,25 +430,37 @@ class ShaftRays {
 
   // Parts the open rays at the middle of their widest extent. False: one side would be empty.
   bool Split(const ShaftBounds& bounds, RaySet* halves) const {
-    float x0 = std::numeric_limits<float>::infinity(), x1 = -x0, y0 = x0, y1 = x1;
-    ForEachOpen(bounds, [&](int lane) {
-      x0 = std::min(x0, x_[lane]);
-      x1 = std::max(x1, x_[lane]);
-      y0 = std::min(y0, y_[lane]);
-      y1 = std::max(y1, y_[lane]);
-    });
-    const bool by_x = x1 - x0 >= y1 - y0;
-    const float* at = by_x ? x_ : y_;
-    const float middle = by_x ? 0.5f * (x0 + x1) : 0.5f * (y0 + y1);
+    const ShaftD d;
+    const ShaftV infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+    ShaftV x0 = infinity, x1 = hn::Neg(infinity), y0 = x0, y1 = x1;
+    for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
+      const ShaftM open = LanesOf(bounds.open, i);
+      const ShaftV x = hn::Load(d, x_ + i), y = hn::Load(d, y_ + i);
+      x0 = hn::Min(x0, hn::IfThenElse(open, x, infinity));
+      x1 = hn::Max(x1, hn::IfThenElse(open, x, hn::Neg(infinity)));
+      y0 = hn::Min(y0, hn::IfThenElse(open, y, infinity));
+      y1 = hn::Max(y1, hn::IfThenElse(open, y, hn::Neg(infinity)));
+    }
+    const float left = hn::GetLane(hn::MinOfLanes(d, x0));
+    const float right = hn::GetLane(hn::MaxOfLanes(d, x1));
+    const float below = hn::GetLane(hn::MinOfLanes(d, y0));
+    const float above = hn::GetLane(hn::MaxOfLanes(d, y1));
+    const bool by_x = right - left >= above - below;
+    const float* const at = by_x ? x_ : y_;
+    const ShaftV middle = hn::Set(d, by_x ? 0.5f * (left + right) : 0.5f * (below + above));
     halves[0] = halves[1] = RaySet{};
-    int counts[2] = {0, 0};
-    ForEachOpen(bounds, [&](int lane) {
-      const int half = at[lane] > middle;
-      ++counts[half];
-      halves[half].rays[lane / kShaftBlockRays] |=
-          static_cast<uint16_t>(1u << (lane % kShaftBlockRays));
-    });
-    return counts[0] > 0 && counts[1] > 0;
+    uint32_t in[2] = {0, 0};
+    for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
+      const size_t b = i / kShaftBlockRays;
+      const uint32_t lanes = MaskBits(d, LanesOf(bounds.open, i)) << (i % kShaftBlockRays);
+      const uint32_t beyond = MaskBits(d, hn::Gt(hn::Load(d, at + i), middle))
+                              << (i % kShaftBlockRays);
+      halves[0].rays[b] |= static_cast<uint16_t>(lanes & ~beyond);
+      halves[1].rays[b] |= static_cast<uint16_t>(lanes & beyond);
+      in[0] |= lanes & ~beyond;
+      in[1] |= lanes & beyond;
+    }
+    return in[0] != 0 && in[1] != 0;
   }
 
  private:
@@ -547,15 +571,6 @@ class ShaftRays {
     }
   }
 
-  template <class Fn>
-  static void ForEachOpen(const ShaftBounds& bounds, const Fn& fn) {
-    for (int b = 0; b < kShaftBlocks; ++b) {
-      for (uint32_t rest = bounds.open[b]; rest != 0; rest &= rest - 1) {
-        fn(b * kShaftBlockRays + std::countr_zero(rest));
-      }
-    }
-  }
-
   Packet& packet_;
   const IndexedGeometry& scene_;
   ShaftFrame frame_;
@@ -566,7 +581,7 @@ class ShaftRays {
   bool has_cap_ = false, has_sources_ = false;
   Vec3f cap_normal_, cap_at_;
   float cap_of_apex_ = 0;
-  RaySet active_;  // Rays that no blocker has been found for.
+  RaySet all_;
   alignas(64) float own_[3][kMaxRays];
   alignas(64) float own_inf_[kMaxRays];                        // |D|_inf; one origin only.
   alignas(64) float x_[kMaxRays], y_[kMaxRays], z_[kMaxRays];  // Slopes or offsets, and depths.
