@@ -42,6 +42,7 @@ bool TracePackets(const IndexedGeometry& scene, const QueryRun& run, bool any, R
   const int rays = run.options().packet_side * run.options().packet_side;
   if (packet->count <= rays) return TraceOnePacket(scene, run, any, *packet, stats);
   RayPacket part;
+  part.first_leaf = packet->first_leaf;  // Each part's leaf is the next one's.
   for (int first = 0; first < packet->count; first += rays) {
     const int count = std::min(rays, packet->count - first);
     packet->CopyLanes(first, count, &part);
@@ -53,6 +54,7 @@ bool TracePackets(const IndexedGeometry& scene, const QueryRun& run, bool any, R
     std::copy_n(part.u, count, packet->u + first);
     std::copy_n(part.v, count, packet->v + first);
   }
+  packet->first_leaf = part.first_leaf;
   return true;
 }
 
@@ -69,11 +71,13 @@ bool TraceParallelPackets(const IndexedGeometry& scene, const QueryRun& run, Par
   const int rays = run.options().packet_side * run.options().packet_side;
   if (packet->count <= rays) return trace(scene, *packet, run.cancel(), stats);
   ParallelPacket part;
+  part.first_leaf = packet->first_leaf;
   for (int first = 0; first < packet->count; first += rays) {
     packet->CopyLanes(first, std::min(rays, packet->count - first), &part);
     if (!trace(scene, part, run.cancel(), stats)) return false;
     std::copy_n(part.triangle, part.count, packet->triangle + first);
   }
+  packet->first_leaf = part.first_leaf;
   return true;
 }
 
