@@ -88,6 +88,12 @@ struct Bvh {
 
   bool empty() const { return nodes.empty(); }
   bool has_leaf_rows() const { return leaf_ids.empty(); }
+  // Whether `ref` is a leaf within what is stored of them.
+  bool HoldsLeaf(ChildRef ref) const {
+    const size_t end = size_t{ref.leaf_unit()} + ref.leaf_units();
+    return ref.is_leaf() && (has_leaf_rows() ? end * kUnitFloats + kLeafPadding <= leaves.size()
+                                             : end * kUnitTriangles <= leaf_ids.size());
+  }
   size_t MemoryBytes() const {
     return nodes.size() * sizeof(BvhNode) + leaves.size() * sizeof(float) +
            leaf_ids.size() * sizeof(uint32_t);

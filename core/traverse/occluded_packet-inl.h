@@ -22,6 +22,7 @@
 #include <bit>
 
 #include "core/base/cancel.h"
+#include "core/base/check.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/origin_lanes-inl.h"
 #include "core/traverse/parallel_lanes-inl.h"
@@ -139,9 +140,9 @@ class OccludedPacketWalk {
     int depth = 0;
     if (packet_.first_leaf != RayPacket::kNoLeaf) {
       // Wherever it lies: what darkened the packet before often darkens this one.
-      if (VisitLeaf(ChildRef::FromBits(packet_.first_leaf), {0, ~0u, Lanes::Everywhere()})) {
-        return true;
-      }
+      const ChildRef first = ChildRef::FromBits(packet_.first_leaf);
+      SIGHTLINE_DCHECK(scene_.bvh.HoldsLeaf(first)) << "first leaf " << packet_.first_leaf;
+      if (VisitLeaf(first, {0, ~0u, Lanes::Everywhere()})) return true;
       packet_.first_leaf = RayPacket::kNoLeaf;
     }
     stack[depth++] = {ChildRef::Inner(0).bits(), ~0u, Lanes::Everywhere()};

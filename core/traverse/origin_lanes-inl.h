@@ -20,6 +20,7 @@
 #include <limits>
 
 #include "core/accel/indexed_geometry.h"
+#include "core/base/check.h"
 #include "core/geometry/box_ray.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
@@ -55,6 +56,8 @@ class OriginLanes {
 
   OriginLanes(const IndexedGeometry& scene, RayPacket& packet, WalkStats* stats)
       : packet_(packet), lanes_(scene, packet, stats) {
+    // Any hit knows neither (TraceRay).
+    SIGHTLINE_DCHECK(packet.near == nullptr && packet.unseen.count == 0);
     for (int axis = 0; axis < 3; ++axis) ranges_[axis] = lanes_.Reciprocals(axis);
     open_groups_ = groups() < 32 ? (1u << groups()) - 1 : ~0u;
     PlaceGroups();

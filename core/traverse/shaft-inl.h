@@ -29,6 +29,7 @@
 #endif
 
 #include "core/base/cancel.h"
+#include "core/base/check.h"
 #include "core/intersect/hit.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
@@ -124,7 +125,9 @@ class ShaftWalk {
     if (depth == 0) {
       if constexpr (kAny) {
         if (packet_.first_leaf != RayPacket::kNoLeaf) {
-          VisitLeaf(ChildRef::FromBits(packet_.first_leaf));
+          const ChildRef first = ChildRef::FromBits(packet_.first_leaf);
+          SIGHTLINE_DCHECK(scene_.bvh.HoldsLeaf(first)) << "first leaf " << packet_.first_leaf;
+          VisitLeaf(first);
           if (bounds_.open_blocks == 0) return true;
           packet_.first_leaf = RayPacket::kNoLeaf;
         }
@@ -544,6 +547,7 @@ class ShaftWalk {
 template <bool kAny>
 bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut* cut,
                 const CancelToken* cancel, WalkStats* stats) {
+  SIGHTLINE_DCHECK(packet.near == nullptr && packet.unseen.count == 0);  // It knows neither.
   if (packet.count == 0) return true;
   if (cut != nullptr && cut->node_count == 0) {
     // Nothing is in reach of any ray.
