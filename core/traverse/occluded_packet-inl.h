@@ -24,6 +24,7 @@
 #include "core/base/cancel.h"
 #include "core/base/check.h"
 #include "core/shaft/margins.h"
+#include "core/traverse/lane_bounds.h"
 #include "core/traverse/origin_lanes-inl.h"
 #include "core/traverse/parallel_lanes-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
@@ -142,10 +143,10 @@ class OccludedPacketWalk {
       // Wherever it lies: what darkened the packet before often darkens this one.
       const ChildRef first = ChildRef::FromBits(packet_.first_leaf);
       SIGHTLINE_DCHECK(scene_.bvh.HoldsLeaf(first)) << "first leaf " << packet_.first_leaf;
-      if (VisitLeaf(first, {0, ~0u, Lanes::Everywhere()})) return true;
+      if (VisitLeaf(first, {0, ~0u, LaneSlab::Everywhere()})) return true;
       packet_.first_leaf = RayPacket::kNoLeaf;
     }
-    stack[depth++] = {ChildRef::Inner(0).bits(), ~0u, Lanes::Everywhere()};
+    stack[depth++] = {ChildRef::Inner(0).bits(), ~0u, LaneSlab::Everywhere()};
     const VisitFetcher fetcher(scene_.bvh);
     uint64_t visited = 0;
     while (depth > 0) {
@@ -164,7 +165,7 @@ class OccludedPacketWalk {
       // The cheapest child is the last, and is taken first.
       for (uint32_t bits = lanes_.MeetNode(node); bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
-        const typename Lanes::Slab slab = lanes_.SlabOf(node, i);
+        const LaneSlab slab = lanes_.SlabOf(node, i);
         uint32_t groups = lanes_.GroupsMeet(slab, pending.groups);
         while (groups != 0 && lanes_.LanesMeet(std::countr_zero(groups), slab) == 0) {
           groups &= groups - 1;
@@ -181,7 +182,7 @@ class OccludedPacketWalk {
   struct Pending {  // Trivial: the stack is not initialized.
     uint32_t ref_bits;
     uint32_t groups;  // No lane of any other enters.
-    typename Lanes::Slab slab;
+    LaneSlab slab;
   };
 
   // Returns true when no lane is left to answer.
@@ -223,7 +224,7 @@ class OccludedPacketWalk {
   uint32_t InRectangle(const LeafView& leaf, uint32_t group) const {
     if (lanes_.frame() == nullptr) return ~0u;
     const ShaftD d;
-    const typename Lanes::Rectangle& at = lanes_.rectangle(group);
+    const LaneRectangle& at = lanes_.rectangle(group);
     uint32_t in = 0;
     for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
       const ShaftM x = hn::And(hn::Le(hn::Load(d, forms_.x0 + first), hn::Set(d, at.x1)),

@@ -24,6 +24,7 @@
 #include "core/geometry/box_ray.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
+#include "core/traverse/lane_bounds.h"
 #include "core/traverse/packet_lanes-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/trace_ray.h"
@@ -42,18 +43,6 @@ class OriginLanes {
   static constexpr bool kParallel = false;
   static constexpr int kMaxRays = RayPacket::kMaxRays;
 
-  // A box's faces relative to the origin, by axis: nearest first where the rays share a sign along
-  // it, else lowest first.
-  struct Slab {
-    float first[3], second[3];
-  };
-
-  // One that no lane misses: what is no number culls nothing.
-  static Slab Everywhere() {
-    constexpr float kNoNumber = std::numeric_limits<float>::quiet_NaN();
-    return {{kNoNumber, kNoNumber, kNoNumber}, {kNoNumber, kNoNumber, kNoNumber}};
-  }
-
   OriginLanes(const IndexedGeometry& scene, RayPacket& packet, WalkStats* stats)
       : packet_(packet), lanes_(scene, packet, stats) {
     // Any hit knows neither (TraceRay).
@@ -71,12 +60,8 @@ class OriginLanes {
   uint32_t common_source() const { return packet_.origin_source; }
   // Slopes are taken in it; null: the rays lead nowhere together.
   const ShaftFrame* frame() const { return has_frame_ ? &frame_ : nullptr; }
-  // Of a group's lanes: extents of their slopes, wide enough for their rounding; without end where
-  // a lane leads too far aside for the frame.
-  struct Rectangle {
-    float x0, x1, y0, y1;
-  };
-  const Rectangle& rectangle(uint32_t group) const { return rectangles_[group]; }
+  // Of slopes; without end where a lane leads too far aside for the frame.
+  const LaneRectangle& rectangle(uint32_t group) const { return rectangles_[group]; }
 
   // What ShaftTest asks for.
   bool segments() const { return packet_.segments; }
@@ -114,8 +99,9 @@ class OriginLanes {
         hn::Le(entry, hn::MulAdd(exit, hn::Set(d8, kBoxExitScale), hn::Set(d8, kBoxExitShift)));
     return MaskBits(d8, met) & ((1u << node.child_count) - 1);
   }
-  HWY_INLINE Slab SlabOf(const BvhNode& node, int child) const {
-    Slab slab;
+  // Relative to the origin; the lower face first where the rays do not share a sign.
+  HWY_INLINE LaneSlab SlabOf(const BvhNode& node, int child) const {
+    LaneSlab slab;
     for (int k = 0; k < 3; ++k) {
       const bool turned = ranges_[k].usable && ranges_[k].negative;
       slab.first[k] = node.bounds[turned ? k + 3 : k][child] - packet_.origin[k];
@@ -124,7 +110,7 @@ class OriginLanes {
     return slab;
   }
   // The lanes of a group, still asked about, that may hit something in the box.
-  HWY_INLINE uint32_t LanesMeet(uint32_t group, const Slab& slab) const {
+  HWY_INLINE uint32_t LanesMeet(uint32_t group, const LaneSlab& slab) const {
     if (lanes_.active(group) == 0) return 0;
     const D d;
     const size_t at = group * hn::Lanes(d);
@@ -150,7 +136,9 @@ class OriginLanes {
 
   // Those of the groups `asked` (bit g for group g) of which some lane may enter the box, as far as
   // can be told at once. Intervals by group, as ParallelLanes has them, say little of reciprocals.
-  HWY_INLINE uint32_t GroupsMeet(const Slab&, uint32_t asked) const { return asked & open_groups_; }
+  HWY_INLINE uint32_t GroupsMeet(const LaneSlab&, uint32_t asked) const {
+    return asked & open_groups_;
+  }
 
   // Lanes of a group whose own source is triangle `id`.
   HWY_INLINE uint32_t SourceLanes(uint32_t group, uint32_t id) const {
@@ -191,8 +179,7 @@ class OriginLanes {
       const Vec3V<V> own = Own(g * lanes);
       const V depth = DotV(w, own);
       if (!hn::AllTrue(d, FitsFrame(own, depth))) {
-        constexpr float kInfinity = std::numeric_limits<float>::infinity();
-        rectangles_[g] = {-kInfinity, kInfinity, -kInfinity, kInfinity};
+        rectangles_[g] = LaneRectangle::Everywhere();
         continue;
       }
       const V inverse = hn::Div(hn::Set(d, 1.0f), depth);
@@ -209,7 +196,7 @@ class OriginLanes {
   PacketLanes<true>::ReciprocalRange ranges_[3];
   bool has_frame_ = false;
   ShaftFrame frame_;
-  Rectangle rectangles_[kMaxRays / 8];
+  LaneRectangle rectangles_[kMaxRays / 8];
   uint32_t open_groups_;  // With a lane that is still asked about.
 };
 

@@ -25,6 +25,7 @@
 #include "core/geometry/box_ray.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
+#include "core/traverse/lane_bounds.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/trace_ray.h"
 
@@ -41,17 +42,6 @@ class ParallelLanes {
   using M = ShaftM;
   static constexpr bool kParallel = true;
   static constexpr int kMaxRays = ParallelPacket::kMaxRays;
-
-  // A box's faces along the direction, by axis.
-  struct Slab {
-    float near[3], far[3];
-  };
-
-  // One that no lane misses: what is no number culls nothing.
-  static Slab Everywhere() {
-    constexpr float kNoNumber = std::numeric_limits<float>::quiet_NaN();
-    return {{kNoNumber, kNoNumber, kNoNumber}, {kNoNumber, kNoNumber, kNoNumber}};
-  }
 
   ParallelLanes(const IndexedGeometry&, ParallelPacket& packet, WalkStats*) : packet_(packet) {
     const D d;
@@ -121,11 +111,8 @@ class ParallelLanes {
   uint32_t common_source() const { return packet_.direction_source; }
   // Axes across the direction; null where there are none.
   const ShaftFrame* frame() const { return has_frame_ ? &frame_ : nullptr; }
-  // Of a group's lanes: extents along the frame's axes, wide enough for their rounding.
-  struct Rectangle {
-    float x0, x1, y0, y1;
-  };
-  const Rectangle& rectangle(uint32_t group) const { return rectangles_[group]; }
+  // Of offsets.
+  const LaneRectangle& rectangle(uint32_t group) const { return rectangles_[group]; }
 
   // What ShaftTest asks for.
   static constexpr bool segments() { return false; }
@@ -154,24 +141,24 @@ class ParallelLanes {
         hn::Le(entry, hn::MulAdd(exit, hn::Set(d8, kBoxExitScale), hn::Set(d8, kBoxExitShift)));
     return MaskBits(d8, met) & ((1u << node.child_count) - 1);
   }
-  HWY_INLINE Slab SlabOf(const BvhNode& node, int child) const {
-    Slab slab;
+  HWY_INLINE LaneSlab SlabOf(const BvhNode& node, int child) const {
+    LaneSlab slab;
     for (int k = 0; k < 3; ++k) {
-      slab.near[k] = node.bounds[backward_[k] ? k + 3 : k][child];
-      slab.far[k] = node.bounds[backward_[k] ? k : k + 3][child];
+      slab.first[k] = node.bounds[backward_[k] ? k + 3 : k][child];
+      slab.second[k] = node.bounds[backward_[k] ? k : k + 3][child];
     }
     return slab;
   }
   // The lanes of a group, still asked about, that may hit something in the box.
-  HWY_INLINE uint32_t LanesMeet(uint32_t group, const Slab& slab) const {
+  HWY_INLINE uint32_t LanesMeet(uint32_t group, const LaneSlab& slab) const {
     if (active_[group] == 0) return 0;
     const D d;
     const size_t at = group * hn::Lanes(d);
     V entry = hn::Zero(d), exit = hn::Set(d, std::numeric_limits<float>::infinity());
     for (int k = 0; k < 3; ++k) {
       const V p = Point(k, at), inv = hn::Set(d, inv_[k]);
-      entry = hn::Max(hn::Mul(hn::Sub(hn::Set(d, slab.near[k]), p), inv), entry);
-      exit = hn::Min(hn::Mul(hn::Sub(hn::Set(d, slab.far[k]), p), inv), exit);
+      entry = hn::Max(hn::Mul(hn::Sub(hn::Set(d, slab.first[k]), p), inv), entry);
+      exit = hn::Min(hn::Mul(hn::Sub(hn::Set(d, slab.second[k]), p), inv), exit);
     }
     const M met =
         hn::Le(entry, hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
@@ -180,7 +167,7 @@ class ParallelLanes {
 
   // Those of the groups `asked` (bit g for group g) of which some lane may enter the box, by
   // intervals of each group's origins, all groups at once.
-  HWY_INLINE uint32_t GroupsMeet(const Slab& slab, uint32_t asked) const {
+  HWY_INLINE uint32_t GroupsMeet(const LaneSlab& slab, uint32_t asked) const {
     const D d;
     uint32_t met = 0;
     for (uint32_t g = 0; g < groups_; g += static_cast<uint32_t>(hn::Lanes(d))) {
@@ -188,8 +175,8 @@ class ParallelLanes {
       for (int k = 0; k < 3; ++k) {
         const V inv = hn::Set(d, inv_[k]);
         const V first = hn::Load(d, group_first_[k] + g), last = hn::Load(d, group_last_[k] + g);
-        entry = hn::Max(hn::Mul(hn::Sub(hn::Set(d, slab.near[k]), first), inv), entry);
-        exit = hn::Min(hn::Mul(hn::Sub(hn::Set(d, slab.far[k]), last), inv), exit);
+        entry = hn::Max(hn::Mul(hn::Sub(hn::Set(d, slab.first[k]), first), inv), entry);
+        exit = hn::Min(hn::Mul(hn::Sub(hn::Set(d, slab.second[k]), last), inv), exit);
       }
       met |= MaskBits(d, hn::Le(entry, hn::MulAdd(exit, hn::Set(d, kBoxExitScale),
                                                   hn::Set(d, kBoxExitShift))))
@@ -252,7 +239,7 @@ class ParallelLanes {
   alignas(64) float group_first_[3][kMaxRays / 8], group_last_[3][kMaxRays / 8];
   bool has_frame_ = false;
   ShaftFrame frame_;
-  Rectangle rectangles_[kMaxRays / 8];
+  LaneRectangle rectangles_[kMaxRays / 8];
   alignas(64) float own_[3][kMaxRays];
 };
 
