@@ -81,8 +81,8 @@ struct Option {
   std::string default_text;
   // InvalidArgument: "VALUE": what it must be. Called once per value.
   std::function<absl::Status(absl::string_view, ParsedOptions*)> set;
-  bool repeated = false;            // May be given more than once; else the last one counts.
-  std::string default_origin = "";  // Where the default is from, if that differs between machines.
+  bool repeated = false;         // May be given more than once; else the last one counts.
+  std::string default_origin{};  // Where the default is from, if that differs between machines.
 };
 
 // What `sightlined` starts with: budgets are shares of the memory that it may take.

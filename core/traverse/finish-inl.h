@@ -97,7 +97,7 @@ class ReadyTriangles {
 
   // Not set to anything before it is filled.
   union Slot {
-    Slot() {}
+    Slot() {}  // NOLINT(modernize-use-equals-default): defaulted, it would be deleted.
     TriangleTerms terms;
   };
 

@@ -378,7 +378,7 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   };
   // Begins to live when its first ray does: a call may be about a few.
   union Place {
-    Place() {}
+    Place() {}  // NOLINT(modernize-use-equals-default): defaulted, it would be deleted.
     Walk walk;
   };
   Place places[kTurns];

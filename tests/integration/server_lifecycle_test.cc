@@ -241,7 +241,7 @@ TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
 
 TEST(SightlinedTest, MetricsForEverybodyAreWarnedAbout) {
   ServerProcess process({"--listen=127.0.0.1:0", "--metrics-listen=0.0.0.0:0"});
-  const std::string line = process.ReadUntil("event=");
+  const std::string line = process.ReadUntil("event=metrics_without_roles");
   EXPECT_TRUE(absl::StrContains(line, "level=warning event=metrics_without_roles")) << line;
   EXPECT_TRUE(absl::StrContains(line, "address=0.0.0.0:0")) << line;
 }

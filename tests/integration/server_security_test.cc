@@ -65,7 +65,7 @@ class SecurityTest : public ::testing::Test {
     return authority_.Issue(
         {.common_name = name, .alternative_names = "IP:127.0.0.1,URI:spiffe://test/" + name});
   }
-  void Start(ServerOptions options) {
+  void Start(const ServerOptions& options) {
     absl::StatusOr<std::unique_ptr<Server>> started = Server::Start(options);
     ASSERT_TRUE(started.ok()) << started.status();
     server_ = *std::move(started);

@@ -9,6 +9,7 @@
 #ifndef SIGHTLINE_TESTS_SUPPORT_TEST_CERTIFICATES_H_
 #define SIGHTLINE_TESTS_SUPPORT_TEST_CERTIFICATES_H_
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -18,7 +19,7 @@ struct CertificateRequest {
   std::string common_name;
   // As OpenSSL writes them: "DNS:localhost,IP:127.0.0.1,URI:spiffe://a/b"; empty: none.
   std::string alternative_names;
-  long from_seconds = -3600, until_seconds = 86400;  // Relative to now.
+  int64_t from_seconds = -3600, until_seconds = 86400;  // Relative to now.
 };
 
 struct IssuedCertificate {

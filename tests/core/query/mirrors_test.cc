@@ -118,6 +118,8 @@ TEST(MirrorsTest, EveryStrategySeesWhatTheDefinitionSays) {
     }
     objects.push_back(Quad({-6, -6, -8}, {7, -6, -8}, {7, 6, -8.5}, {-6, 6, -8.5}));
     objects.push_back(Quad({4, -6, -6}, {8, 6, -6}, {8, 6, 6}, {4, -6, 6}));
+    // Halfway from that wall to where it mirrors the eye.
+    objects.push_back(Named("behind", MakeIcosphere(2, 2, At({10.8, -3.6, 2.5}))));
     const IndexedGeometry scene = WithKdTree(MakeScene(objects));
     // The second plane is not its object's at all: any plane is a mirror's.
     const std::vector<Mirror> mirrors = {

@@ -9,21 +9,20 @@
 #include "core/query/shadows.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
-#include "tests/support/random.h"
 
 namespace sightline {
 namespace {
 
 using testing_support::MakeScene;
 using testing_support::MakeTerrain;
-using testing_support::TestRng;
 
 // Points in rows over a terrain of [0, 8]², or below it.
 PreparedPoints MakePoints(int rows, float z) {
   PreparedPoints points;
   for (int i = 0; i < rows * rows; ++i) {
-    points.positions.push_back({8.0f * static_cast<float>(i % rows) / static_cast<float>(rows),
-                                8.0f * static_cast<float>(i / rows) / static_cast<float>(rows), z});
+    const int row = i / rows, column = i % rows;
+    points.positions.push_back({8.0f * static_cast<float>(column) / static_cast<float>(rows),
+                                8.0f * static_cast<float>(row) / static_cast<float>(rows), z});
     points.sources.push_back(kNoTriangle);
     points.valid.push_back(1);
   }
@@ -82,7 +81,7 @@ TEST(PacketPartsTest, BeginAtTheLeafThatDarkenedTheLast) {
     for (const int side : kPacketSides) {
       SCOPED_TRACE(testing::Message() << "side " << side << ", directional " << directional);
       const QueryOptions options = {.strategy = Strategy::kPacket, .packet_side = side};
-      const auto first = Shadows(scene, points, static_cast<size_t>(side * side), light, options);
+      const auto first = Shadows(scene, points, size_t{1} * side * side, light, options);
       const auto all = Shadows(scene, points, points.size(), light, options);
       EXPECT_GT(first.stats.nodes, 0u);
       EXPECT_EQ(all.stats.nodes, first.stats.nodes);
