@@ -55,6 +55,7 @@ struct BinaryTree {
 struct BinaryTreeOptions {
   int bins = 16;
   bool longest_axis_only = false;
+  bool cells = false;        // Small ranges by the cells of a grid (range_cells.cc): faster.
   bool full_leaves = false;  // Whatever fits a leaf becomes one.
   int max_depth = 64;        // Inner nodes on a path. REQUIRES: >= kMinDepthBound.
 };

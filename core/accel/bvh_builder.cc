@@ -63,6 +63,7 @@ absl::StatusOr<Bvh> Build(const SceneGeometry& geometry, const BvhBuildOptions& 
                                 .area_scale = AreaScale(geometry.bounds)};
   const bvh_build::BinaryTreeOptions tree_options{.bins = options.bins,
                                                   .longest_axis_only = options.longest_axis_only,
+                                                  .cells = options.grid,
                                                   .full_leaves = options.full_leaves,
                                                   .max_depth = static_cast<int>(kMaxBvhDepth)};
   const auto build_tree = options.grid ? bvh_build::BuildGridTree : bvh_build::BuildBinaryTree;

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "core/accel/binary_tree.h"
+#include "core/accel/cell_grid.h"
 #include "core/accel/range_builder.h"
 #include "core/base/check.h"
 #include "core/base/parallel.h"
@@ -23,10 +24,7 @@ namespace sightline::bvh_build {
 namespace {
 
 // Cells: some for each few triangles, no more than tables for them fit a second-level cache.
-constexpr int kMaxCellBits = 12;
 constexpr int kTrianglesPerCellBits = 7;
-constexpr int kMaxAxisBits = 6;
-constexpr int kMaxLines = 1 << kMaxAxisBits;
 // Fixed by the number of triangles alone. Each has a table of the cells.
 constexpr size_t kMinChunk = 1 << 14;
 constexpr size_t kMaxChunks = 32;
@@ -40,73 +38,6 @@ static_assert(kMaxCostDepth + kMaxCellBits + 31 <= kMinDepthBound);  // 31: medi
 constexpr uint16_t kNoCell = 0xFFFF;
 static_assert(1 << kMaxCellBits <= kNoCell);
 
-// Which cell a triangle belongs to: its doubled centroid's, in a grid over the doubled bounds.
-class Grid {
- public:
-  Grid(const Box3f& bounds, size_t triangles) {
-    const int bits = std::clamp(static_cast<int>(std::bit_width(triangles)) - kTrianglesPerCellBits,
-                                0, kMaxCellBits);
-    Vec3f cell = bounds.Extent();
-    for (int bit = 0; bit < bits; ++bit) {
-      int axis = -1;
-      for (int i = 0; i < 3; ++i) {
-        if (bits_[i] < kMaxAxisBits && (axis < 0 || cell[i] > cell[axis])) axis = i;
-      }
-      ++bits_[axis];
-      cell[axis] *= 0.5f;
-    }
-    for (int axis = 0; axis < 3; ++axis) {
-      base_[axis] = 2 * bounds.lo[axis];
-      const float lines = static_cast<float>(1 << bits_[axis]);
-      const float extent = 2 * bounds.hi[axis] - base_[axis];
-      if (extent >= kMinExtent) scale_[axis] = lines / extent;
-      last_[axis] = (1 << bits_[axis]) - 1;
-    }
-    stride_ = Int4{1, 1 << bits_[0], 1 << (bits_[0] + bits_[1]), 0};
-  }
-
-  size_t cells() const { return size_t{1} << (bits_[0] + bits_[1] + bits_[2]); }
-  uint32_t CellOf(const Primitive& p) const {
-    Int4 at = __builtin_convertvector((LowHalf(p.centroid()) - base_) * scale_, Int4);
-    at = at < last_ ? at : last_;
-    at = at > Int4{} ? at : Int4{};
-    at *= stride_;
-    return static_cast<uint32_t>(at[0] + at[1] + at[2]);
-  }
-  std::array<uint8_t, 3> Place(uint32_t cell) const {
-    std::array<uint8_t, 3> at;
-    for (int axis = 0; axis < 3; ++axis) {
-      at[axis] = static_cast<uint8_t>(cell & static_cast<uint32_t>(last_[axis]));
-      cell >>= bits_[axis];
-    }
-    return at;
-  }
-
- private:
-  // Extents below this make lines / extent overflow.
-  static constexpr float kMinExtent = 0x1p-119f;
-  static_assert(kMaxLines / kMinExtent < std::numeric_limits<float>::max());
-  int bits_[3] = {};
-  Float4 base_{}, scale_{};
-  Int4 last_{}, stride_{};
-};
-
-struct CellSum {
-  BuildBox bounds;
-  uint32_t count = 0;
-
-  void Extend(const CellSum& other) {
-    bounds.Extend(other.bounds);
-    count += other.count;
-  }
-};
-
-struct Cell {
-  CellSum sum;
-  uint16_t index;
-  std::array<uint8_t, 3> place;
-};
-
 struct Bucket {
   uint32_t node;
   int depth;
@@ -118,6 +49,12 @@ struct InnerNode {
   uint32_t node, child;
 };
 
+Float4 Doubled(Vec3f v) { return Float4{2 * v.x, 2 * v.y, 2 * v.z, 0}; }
+int CellBits(size_t triangles) {
+  return std::clamp(static_cast<int>(std::bit_width(triangles)) - kTrianglesPerCellBits, 0,
+                    kMaxCellBits);
+}
+
 class GridTreeBuilder {
  public:
   GridTreeBuilder(const SceneGeometry& geometry, const SahCost& cost,
@@ -128,7 +65,7 @@ class GridTreeBuilder {
         cancel_(cancel),
         triangles_(geometry.triangles.size()),
         live_(triangles_ - geometry.inert.size()),
-        grid_(geometry.bounds, live_),
+        grid_(Doubled(geometry.bounds.lo), Doubled(geometry.bounds.hi), CellBits(live_)),
         chunk_(std::max(kMinChunk, (triangles_ + kMaxChunks - 1) / kMaxChunks)),
         // Every bucket but the large ones holds more than half a bucket together with its sibling.
         builder_(tree_, live_, grid_.cells(), cost, options, cancel, progress) {
@@ -179,8 +116,7 @@ class GridTreeBuilder {
             const Primitive p = MakePrimitive(geometry_, static_cast<uint32_t>(id));
             const uint32_t cell = grid_.CellOf(p);
             cell_of_[id] = static_cast<uint16_t>(cell);
-            sums[cell].bounds.Extend(p);
-            ++sums[cell].count;
+            sums[cell].Extend(p);
           }
         },
         cancel_);
@@ -190,9 +126,12 @@ class GridTreeBuilder {
   std::vector<Cell> SumCells() const {
     std::vector<Cell> cells;
     for (uint32_t i = 0; i < grid_.cells(); ++i) {
-      Cell cell{.index = static_cast<uint16_t>(i), .place = grid_.Place(i)};
-      for (const auto& sums : sums_) cell.sum.Extend(sums[i]);
-      if (cell.sum.count > 0) cells.push_back(cell);
+      Cell cell;
+      for (const auto& sums : sums_) cell.Extend(sums[i]);
+      if (cell.count == 0) continue;
+      cell.index = static_cast<uint16_t>(i);
+      cell.place = grid_.Place(i);
+      cells.push_back(cell);
     }
     return cells;
   }
@@ -200,7 +139,7 @@ class GridTreeBuilder {
   // Makes `node` a bucket, or an inner node over two halves of the cells.
   void Divide(std::span<Cell> cells, uint32_t node, int depth, RangeBuilder::NodeBlock& block) {
     CellSum sum;
-    for (const Cell& cell : cells) sum.Extend(cell.sum);
+    for (const Cell& cell : cells) sum.Extend(cell);
     BinaryNode& out = tree_.nodes[node];
     out.SetBox(sum.bounds);
     out.count = sum.count;
@@ -211,79 +150,12 @@ class GridTreeBuilder {
       buckets_.push_back({.node = node, .depth = depth, .sum = sum});
       return;
     }
-    const auto [axis, line] = depth < kMaxCostDepth ? CheapestLine(cells) : MiddleLine(cells);
-    const auto middle =
-        std::partition(cells.begin(), cells.end(), [axis = axis, line = line](const Cell& cell) {
-          return cell.place[static_cast<size_t>(axis)] < line;
-        });
-    const size_t left = static_cast<size_t>(middle - cells.begin());
+    const size_t left = PartitionCells(
+        cells, depth < kMaxCostDepth ? CheapestLine(cells, cost_) : MiddleLine(cells));
     const uint32_t child = builder_.AllocatePair(block);
     inner_.push_back({node, child});
     Divide(cells.first(left), child, depth + 1, block);
     Divide(cells.subspan(left), child + 1, depth + 1, block);
-  }
-
-  struct Line {
-    int axis = -1;
-    int line = 0;  // Places below it go left.
-  };
-
-  static std::array<std::pair<int, int>, 3> Extents(std::span<const Cell> cells) {
-    std::array<std::pair<int, int>, 3> extents;
-    extents.fill({kMaxLines, -1});
-    for (const Cell& cell : cells) {
-      for (size_t axis = 0; axis < 3; ++axis) {
-        extents[axis].first = std::min<int>(extents[axis].first, cell.place[axis]);
-        extents[axis].second = std::max<int>(extents[axis].second, cell.place[axis]);
-      }
-    }
-    return extents;
-  }
-
-  static Line MiddleLine(std::span<const Cell> cells) {
-    const auto extents = Extents(cells);
-    Line line;
-    int widest = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto [first, last] = extents[static_cast<size_t>(axis)];
-      if (last - first > widest) {
-        widest = last - first;
-        line = {axis, first + (widest + 1) / 2};
-      }
-    }
-    return line;
-  }
-
-  Line CheapestLine(std::span<const Cell> cells) const {
-    const auto extents = Extents(cells);
-    Line best;
-    float best_cost = std::numeric_limits<float>::infinity();
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto [first, last] = extents[static_cast<size_t>(axis)];
-      if (first == last) continue;
-      CellSum slabs[kMaxLines];
-      for (const Cell& cell : cells) slabs[cell.place[static_cast<size_t>(axis)]].Extend(cell.sum);
-      float right_cost[kMaxLines];
-      CellSum right;
-      for (int i = last; i > first; --i) {
-        right.Extend(slabs[i]);
-        right_cost[i] = Cost(right);
-      }
-      CellSum left;
-      for (int i = first + 1; i <= last; ++i) {
-        left.Extend(slabs[i - 1]);
-        const float cost = Cost(left) + right_cost[i];
-        if (cost < best_cost) {
-          best_cost = cost;
-          best = {axis, i};
-        }
-      }
-    }
-    return best.axis >= 0 ? best : MiddleLine(cells);
-  }
-
-  float Cost(const CellSum& sum) const {
-    return sum.bounds.HalfArea(cost_.area_scale) * cost_.Subtree(sum.count);
   }
 
   // Each bucket's triangles together, in the order of their ids.
@@ -335,7 +207,7 @@ class GridTreeBuilder {
   const SahCost& cost_;
   const CancelToken* const cancel_;
   const size_t triangles_, live_;
-  const Grid grid_;
+  const CellGrid grid_;
   const size_t chunk_;
   BinaryTree tree_;
   RangeBuilder builder_;

@@ -122,6 +122,10 @@ void RangeBuilder::Build(const Buffers& buffers, const Range& range, uint32_t no
   const size_t n = range.size();
   out.SetBox(range.bounds);
   out.count = static_cast<uint32_t>(n);
+  if (options_.cells && n <= kCellTriangles && n > static_cast<size_t>(cost_.max_leaf_triangles) &&
+      BuildByCells(buffers, range, node, depth, block)) {
+    return;
+  }
   const float area = out.HalfArea(cost_.area_scale);
   const bool stop = n >= kCancelTriangles && cancelled();
   Range left, right;

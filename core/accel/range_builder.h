@@ -22,6 +22,7 @@
 
 #include "core/accel/binary_tree.h"
 #include "core/accel/build_primitive.h"
+#include "core/accel/cell_grid.h"
 #include "core/accel/sah_split.h"
 #include "core/base/cancel.h"
 
@@ -74,8 +75,23 @@ class RangeBuilder {
 
   // Subtrees of at least this many triangles are tasks of their own, and count as placed when done.
   static constexpr size_t kTaskTriangles = 1 << 11;
+  // Ranges of at most this many may be divided by cells.
+  static constexpr size_t kCellTriangles = 1 << 9;
 
  private:
+  struct CellDivision;
+
+  // Of a range that becomes a leaf whatever that costs.
+  bool IsLeafSize(size_t n) const {
+    return n == 1 || (options_.full_leaves && n <= static_cast<size_t>(cost_.max_leaf_triangles));
+  }
+  // All below `node`; false if it did nothing, since the range's primitives are in one cell, or the
+  // node is too deep. REQUIRES: the range is larger than a leaf, but no larger than
+  // kCellTriangles.
+  bool BuildByCells(const Buffers& buffers, const Range& range, uint32_t node, int depth,
+                    NodeBlock& block);
+  void DivideCells(std::span<Cell> cells, uint32_t node, int depth, CellDivision& division);
+
   bool Split(const Buffers& buffers, const Range& range, float area, int depth, Range& left,
              Range& right) const;
   SahSplit FindSahSplit(std::span<const Primitive> primitives, const BinMapping& mapping,
