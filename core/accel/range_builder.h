@@ -76,7 +76,7 @@ class RangeBuilder {
   // Subtrees of at least this many triangles are tasks of their own, and count as placed when done.
   static constexpr size_t kTaskTriangles = 1 << 11;
   // Ranges of at most this many may be divided by cells.
-  static constexpr size_t kCellTriangles = 1 << 9;
+  static constexpr size_t kCellTriangles = 1 << 12;
 
  private:
   struct CellDivision;

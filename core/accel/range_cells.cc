@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Ranges that fit the first-level cache, divided by the cells of a grid of their own: their
+// Ranges that fit a second-level cache, divided by the cells of a grid of their own: their
 // primitives are looked at three times, for what would be five levels of binning and moving them.
 #include <algorithm>
 #include <array>
