@@ -18,12 +18,13 @@
 #include <limits>
 
 #include "core/geometry/box3.h"
+#include "core/geometry/float4.h"
 #include "core/mesh/scene_geometry.h"
 
 namespace sightline::bvh_build {
 
-using Float4 = float __attribute__((vector_size(16)));
-using Int4 = int32_t __attribute__((vector_size(16)));
+using sightline::Max;
+using sightline::Min;
 using Float8 = float __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
 
@@ -32,12 +33,9 @@ inline Float8 LoadFloat8(const void* p) {
   std::memcpy(&v, p, sizeof(v));
   return v;
 }
-inline Float4 Broadcast(float x) { return Float4{x, x, x, x}; }
 inline Float8 Broadcast8(float x) { return Float8{x, x, x, x, x, x, x, x}; }
 inline Int8 Broadcast8(int32_t x) { return Int8{x, x, x, x, x, x, x, x}; }
 inline Float8 Min(Float8 a, Float8 b) { return a < b ? a : b; }
-inline Float4 Min(Float4 a, Float4 b) { return a < b ? a : b; }
-inline Float4 Max(Float4 a, Float4 b) { return a > b ? a : b; }
 inline Float4 LowHalf(Float8 v) { return Float4{v[0], v[1], v[2], v[3]}; }
 inline Float4 HighHalf(Float8 v) { return Float4{v[4], v[5], v[6], v[7]}; }
 
@@ -62,15 +60,6 @@ struct alignas(32) Primitive {
   }
 };
 static_assert(sizeof(Primitive) == 32);
-
-// The coordinates of a vertex and a zero.
-inline Float4 LoadVertex(const Vec3f& v) {
-  using Float2 = float __attribute__((vector_size(8)));
-  Float2 xy;
-  std::memcpy(&xy, &v, sizeof(xy));
-  return __builtin_shufflevector(Float4{v.z, 0, 0, 0}, __builtin_shufflevector(xy, xy, 0, 1, 0, 1),
-                                 4, 5, 0, 1);
-}
 
 inline Primitive MakePrimitive(const SceneGeometry& geometry, uint32_t id) {
   const std::array<uint32_t, 3>& corners = geometry.triangles[id];

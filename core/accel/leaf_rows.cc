@@ -4,13 +4,10 @@
 #include <array>
 #include <cstring>
 
-#include "core/accel/build_primitive.h"
 #include "core/accel/bvh.h"
+#include "core/geometry/float4.h"
 
 namespace sightline {
-
-using bvh_build::Float4;
-using bvh_build::LoadVertex;
 
 // Four triangles at a time: their corners are transposed in registers.
 void WriteLeafRows(const SceneGeometry& geometry, std::span<const uint32_t> ids, size_t stride,

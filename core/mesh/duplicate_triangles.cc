@@ -1,4 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+//
+// In rounds: each candidate writes its id to a place of a table that its hash tells; then each that
+// finds another's id there compares itself with that one. Those that differ are the next round's
+// candidates: a seventh or so, since the table has two to four places for each. Who wrote last
+// depends on the threads, what is counted does not: of triangles at the same positions one remains,
+// whether the others met it in this round or go on together.
 #include "core/mesh/duplicate_triangles.h"
 
 #include <algorithm>
@@ -7,6 +13,7 @@
 #include <numeric>
 #include <vector>
 
+#include "core/base/aligned_vector.h"
 #include "core/base/parallel.h"
 
 namespace sightline {
@@ -16,13 +23,9 @@ using Triangle = std::array<uint32_t, 3>;
 using Position = std::array<uint32_t, 3>;  // The bits of x, y, z.
 using Key = std::array<Position, 3>;       // Sorted.
 
-constexpr size_t kGrain = 1 << 16;
-// Partitions of about this many triangles keep a hash table of theirs within a second-level cache.
-constexpr size_t kPartitionTriangles = 1 << 13;
-constexpr int kMaxPartitionBits = 12;
-// Beyond this many probes the hashes collide by design of whoever made the mesh: sort instead.
-constexpr int kMaxProbes = 256;
-constexpr uint64_t kFree = ~uint64_t{0};
+constexpr size_t kGrain = 1 << 14;
+// Candidates left after so many have hashes made to collide: sort them instead.
+constexpr int kMaxRounds = 8;
 
 uint64_t Mix(uint64_t h) {  // MurmurHash3's finalizer: a bijection of 64 bits.
   h = (h ^ (h >> 33)) * 0xFF51AFD7ED558CCDull;
@@ -31,52 +34,48 @@ uint64_t Mix(uint64_t h) {  // MurmurHash3's finalizer: a bijection of 64 bits.
 }
 
 class Counter {
+  // Both return a function that calls visit(id) for the candidates of [begin, end).
+  auto AllLive() const {
+    return [this](size_t begin, size_t end, auto visit) {
+      auto inert = std::lower_bound(inert_.begin(), inert_.end(), begin);
+      for (size_t id = begin; id < end; ++id) {
+        if (inert != inert_.end() && *inert == id) {
+          ++inert;
+        } else {
+          visit(static_cast<uint32_t>(id));
+        }
+      }
+    };
+  }
+  static auto Listed(const std::vector<uint32_t>& ids) {
+    return [&ids](size_t begin, size_t end, auto visit) {
+      for (size_t i = begin; i < end; ++i) visit(ids[i]);
+    };
+  }
+
  public:
   Counter(std::span<const Vec3f> vertices, std::span<const Triangle> triangles,
           std::span<const uint32_t> inert, const CancelToken* cancel)
       : vertices_(vertices), triangles_(triangles), inert_(inert), cancel_(cancel) {}
 
   uint64_t Count() {
-    const size_t n = triangles_.size();
-    if (n < 2) return 0;
-    Partition();
-    if (Stopped()) return 0;
-    std::atomic<uint64_t> distinct{0};
-    ParallelFor(
-        partitions(), 1,
-        [&](size_t begin, size_t end) {
-          for (size_t p = begin; p < end; ++p) {
-            const std::span<uint64_t> entries(entries_.data() + partition_begin_[p],
-                                              partition_begin_[p + 1] - partition_begin_[p]);
-            distinct.fetch_add(CountDistinct(entries), std::memory_order_relaxed);
-          }
-        },
-        cancel_);
-    return entries_.size() - distinct.load();
+    if (triangles_.size() - inert_.size() < 2) return 0;
+    HashTriangles();
+    uint64_t duplicates = 0;
+    std::vector<uint32_t> rest = Round(0, triangles_.size(), AllLive(), &duplicates);
+    for (int round = 1; round < kMaxRounds && rest.size() > 1 && !Stopped(); ++round) {
+      rest = Round(round, rest.size(), Listed(rest), &duplicates);
+    }
+    return Stopped() ? 0 : duplicates + CountBySorting(rest);
   }
 
  private:
   bool Stopped() const { return cancel_ != nullptr && cancel_->cancelled(); }
-  size_t partitions() const { return size_t{1} << partition_bits_; }
-  // By the topmost bits; an entry keeps the lowest 32 beside the id.
-  size_t PartitionOf(uint64_t hash) const {
-    return partition_bits_ == 0 ? 0 : hash >> (64 - partition_bits_);
-  }
 
   Position PositionOf(uint32_t vertex) const {
     const Vec3f v = vertices_[vertex];
     return {std::bit_cast<uint32_t>(v.x), std::bit_cast<uint32_t>(v.y),
             std::bit_cast<uint32_t>(v.z)};
-  }
-
-  // The same for any order of the corners.
-  uint64_t HashOf(uint32_t id) const {
-    uint64_t sum = 0;
-    for (uint32_t vertex : triangles_[id]) {
-      const Position p = PositionOf(vertex);
-      sum += Mix((uint64_t{p[0]} << 32 | p[1]) ^ Mix(p[2]));
-    }
-    return Mix(sum);
   }
 
   Key KeyOf(uint32_t id) const {
@@ -88,111 +87,110 @@ class Counter {
     return key;
   }
 
-  // Calls visit(id) for the ids of [begin, end) that are not inert.
-  template <typename Visit>
-  void ForEachLive(size_t begin, size_t end, Visit visit) const {
-    auto inert = std::lower_bound(inert_.begin(), inert_.end(), begin);
-    for (size_t id = begin; id < end; ++id) {
-      if (inert != inert_.end() && *inert == id) {
-        ++inert;
-      } else {
-        visit(static_cast<uint32_t>(id));
-      }
-    }
+  bool AreEqual(uint32_t a, uint32_t b) const {
+    return hashes_[a] == hashes_[b] && KeyOf(a) == KeyOf(b);
   }
 
-  // Fills entries_ with (low half of the hash, id), gathered by partition, ids ascending within
-  // each.
-  void Partition() {
-    const size_t n = triangles_.size();
-    partition_bits_ =
-        std::clamp<int>(std::bit_width(n / kPartitionTriangles), 0, kMaxPartitionBits);
-    const size_t grain = std::max(kGrain, n / 256);
-    const size_t blocks = (n + grain - 1) / grain;
-    std::vector<uint64_t> hashes(n);
-    std::vector<uint32_t> counts(blocks * partitions(), 0);
+  // The same for any order of the corners, and for vertices at the same position.
+  void HashTriangles() {
+    AlignedVector<uint32_t> corners;
+    corners.ResizeUninitialized(vertices_.size());
     ParallelFor(
-        n, grain,
+        vertices_.size(), kGrain,
         [&](size_t begin, size_t end) {
-          uint32_t* const count = &counts[begin / grain * partitions()];
-          ForEachLive(begin, end, [&](uint32_t id) {
-            hashes[id] = HashOf(id);
-            ++count[PartitionOf(hashes[id])];
-          });
+          for (size_t i = begin; i < end; ++i) {
+            const Position p = PositionOf(static_cast<uint32_t>(i));
+            corners[i] = static_cast<uint32_t>(Mix((uint64_t{p[0]} << 32 | p[1]) ^ Mix(p[2])));
+          }
         },
         cancel_);
+    hashes_.ResizeUninitialized(triangles_.size());
     if (Stopped()) return;
-    partition_begin_.assign(partitions() + 1, 0);
-    size_t next = 0;
-    for (size_t p = 0; p < partitions(); ++p) {
-      partition_begin_[p] = next;
-      for (size_t block = 0; block < blocks; ++block) {
-        next += std::exchange(counts[block * partitions() + p], static_cast<uint32_t>(next));
-      }
-    }
-    partition_begin_.back() = next;
-    entries_.resize(next);
     ParallelFor(
-        n, grain,
+        triangles_.size(), kGrain,
         [&](size_t begin, size_t end) {
-          uint32_t* const cursor = &counts[begin / grain * partitions()];
-          ForEachLive(begin, end, [&](uint32_t id) {
-            entries_[cursor[PartitionOf(hashes[id])]++] = hashes[id] << 32 | id;
-          });
+          for (size_t id = begin; id < end; ++id) {
+            const Triangle& t = triangles_[id];
+            const uint64_t sum = uint64_t{corners[t[0]]} + corners[t[1]] + corners[t[2]];
+            hashes_[id] = static_cast<uint32_t>(Mix(sum) >> 32);
+          }
         },
         cancel_);
   }
 
-  uint64_t CountDistinct(std::span<uint64_t> entries) const {
-    std::vector<uint64_t> table(2 * kPartitionTriangles, kFree);
-    uint64_t distinct = 0;
-    for (uint64_t entry : entries) {
-      const size_t mask = table.size() - 1;
-      size_t slot = (entry >> 32) & mask;
-      for (int probes = 0; table[slot] != kFree; slot = (slot + 1) & mask) {
-        if (table[slot] >> 32 == entry >> 32 && SamePositions(table[slot], entry)) break;
-        if (++probes > kMaxProbes) return CountDistinctBySorting(entries);
-      }
-      if (table[slot] != kFree) continue;
-      table[slot] = entry;
-      if (2 * ++distinct > table.size()) Grow(table);
+  // Counts the candidates that are equal to the one in their place; returns those that differ.
+  template <typename ForEach>
+  std::vector<uint32_t> Round(int round, size_t n, ForEach for_each, uint64_t* duplicates) const {
+    const int bits = std::bit_width(n);  // n < 2^32.
+    const uint32_t salt = static_cast<uint32_t>(round);
+    AlignedVector<uint32_t> table;  // Every place that is read was written before.
+    table.ResizeUninitialized(size_t{2} << bits);
+    const auto place = [&](uint32_t id) {
+      const uint64_t hash = round == 0 ? hashes_[id] * 0x9E3779B97F4A7C15ull
+                                       : Mix(uint64_t{hashes_[id]} << 32 | salt);
+      return std::atomic_ref<uint32_t>(table[hash >> (63 - bits)]);
+    };
+    if (Stopped()) return {};
+    ParallelFor(
+        n, kGrain,
+        [&](size_t begin, size_t end) {
+          for_each(begin, end,
+                   [&](uint32_t id) { place(id).store(id, std::memory_order_relaxed); });
+        },
+        cancel_);
+    if (Stopped()) return {};
+    struct Found {
+      std::vector<uint32_t> rest;
+      uint64_t duplicates = 0;
+    };
+    std::vector<Found> blocks((n + kGrain - 1) / kGrain);
+    ParallelFor(
+        n, kGrain,
+        [&](size_t begin, size_t end) {
+          Found& found = blocks[begin / kGrain];
+          // Whether an id is still there cannot be foretold: so without a branch, those that are
+          // not are gathered, then compared.
+          std::vector<uint32_t> others(end - begin);
+          found.rest.resize(end - begin);
+          size_t n_gone = 0;
+          for_each(begin, end, [&](uint32_t id) {
+            const uint32_t there = place(id).load(std::memory_order_relaxed);
+            found.rest[n_gone] = id;
+            others[n_gone] = there;
+            n_gone += there != id ? 1 : 0;
+          });
+          size_t n_rest = 0;
+          for (size_t i = 0; i < n_gone; ++i) {
+            const bool equal = AreEqual(found.rest[i], others[i]);
+            found.rest[n_rest] = found.rest[i];
+            n_rest += equal ? 0 : 1;
+          }
+          found.rest.resize(n_rest);
+          found.duplicates = n_gone - n_rest;
+        },
+        cancel_);
+    std::vector<uint32_t> rest;
+    for (const Found& found : blocks) {
+      *duplicates += found.duplicates;
+      rest.insert(rest.end(), found.rest.begin(), found.rest.end());
     }
-    return distinct;
+    return rest;
   }
 
-  static void Grow(std::vector<uint64_t>& table) {
-    std::vector<uint64_t> larger(2 * table.size(), kFree);
-    for (uint64_t entry : table) {
-      if (entry == kFree) continue;
-      size_t slot = (entry >> 32) & (larger.size() - 1);
-      while (larger[slot] != kFree) slot = (slot + 1) & (larger.size() - 1);
-      larger[slot] = entry;
-    }
-    table.swap(larger);
-  }
-
-  bool SamePositions(uint64_t a, uint64_t b) const {
-    return KeyOf(static_cast<uint32_t>(a)) == KeyOf(static_cast<uint32_t>(b));
-  }
-
-  uint64_t CountDistinctBySorting(std::span<uint64_t> entries) const {
-    std::sort(entries.begin(), entries.end(), [this](uint64_t a, uint64_t b) {
-      return KeyOf(static_cast<uint32_t>(a)) < KeyOf(static_cast<uint32_t>(b));
+  uint64_t CountBySorting(std::vector<uint32_t>& ids) const {
+    std::sort(ids.begin(), ids.end(), [this](uint32_t a, uint32_t b) {
+      return hashes_[a] != hashes_[b] ? hashes_[a] < hashes_[b] : KeyOf(a) < KeyOf(b);
     });
-    uint64_t distinct = 1;
-    for (size_t i = 1; i < entries.size(); ++i) {
-      distinct += SamePositions(entries[i - 1], entries[i]) ? 0 : 1;
-    }
-    return distinct;
+    uint64_t duplicates = 0;
+    for (size_t i = 1; i < ids.size(); ++i) duplicates += AreEqual(ids[i - 1], ids[i]) ? 1 : 0;
+    return duplicates;
   }
 
   const std::span<const Vec3f> vertices_;
   const std::span<const Triangle> triangles_;
   const std::span<const uint32_t> inert_;
   const CancelToken* const cancel_;
-  int partition_bits_ = 0;
-  std::vector<size_t> partition_begin_;
-  std::vector<uint64_t> entries_;
+  AlignedVector<uint32_t> hashes_;  // By triangle.
 };
 
 }  // namespace

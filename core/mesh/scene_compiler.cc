@@ -16,6 +16,7 @@
 #include "core/base/limit_error.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
+#include "core/geometry/float4.h"
 #include "core/mesh/duplicate_triangles.h"
 #include "core/mesh/zero_area.h"
 
@@ -23,6 +24,8 @@ namespace sightline {
 namespace {
 
 constexpr size_t kGrain = 1 << 14;
+// Vertices placed before anybody looks whether one of them needs care.
+constexpr size_t kPlacedTogether = 64;
 constexpr uint64_t kNowhere = std::numeric_limits<uint64_t>::max();
 
 std::string Describe(Vec3d v) { return absl::StrFormat("(%.17g, %.17g, %.17g)", v.x, v.y, v.z); }
@@ -145,8 +148,8 @@ class Compiler {
       SL_RETURN_IF_ERROR(Add("vertices", vertex_count, limits_.max_vertices, vertices));
       out_.uniform = out_.uniform && record.mask == 0xFFFFFFFFu && record.culling == Culling::kNone;
     }
-    out_.triangles.resize(triangles);
-    out_.vertices.resize(vertices);
+    out_.triangles.ResizeUninitialized(triangles);
+    out_.vertices.ResizeUninitialized(vertices);
     out_.report.triangles = triangles;
     out_.report.vertices = vertices;
     return absl::OkStatus();
@@ -269,27 +272,65 @@ class Compiler {
     ObjectRecord& record = out_.objects[i];
     const std::vector<Vec3d>& local = LocalVertices(i);
     Vec3f* const target = &out_.vertices[record.first_vertex];
-    constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
     uint64_t bad = 0;
     double rounding = 0;
-    for (size_t k = from; k < to; ++k) {
+    for (size_t begin = from; begin < to; begin += kPlacedTogether) {
+      const size_t n = std::min(to - begin, kPlacedTogether);
+      const std::span<const Vec3d> some(&local[begin], n);
+      if (PlaceSound(record.transform, some, &target[begin], rounding)) continue;
+      const size_t placed = PlaceEach(record.transform, some, &target[begin], rounding, bad);
+      if (placed < n) {
+        Lower(first_fault, record.first_vertex + begin + placed);
+        break;
+      }
+    }
+    Raise(record.largest_rounding, rounding);
+    return bad;
+  }
+
+  // Places, rounds and measures vertices that all are finite and in bounds: else it returns false,
+  // and what it wrote is of no use. The same operations as PlaceEach.
+  bool PlaceSound(const Affine3d& transform, std::span<const Vec3d> local, Vec3f* target,
+                  double& rounding) const {
+    const bool moved = !transform.IsIdentity();
+    const Double4 origin = LoadVertex(out_.origin);
+    const Double4 bound = {kMaxCoordinate, kMaxCoordinate, kMaxCoordinate, kMaxCoordinate};
+    Long4 sound = {-1, -1, -1, -1};
+    Double4 largest{};
+    for (const Vec3d& v : local) {
+      const Double4 world = LoadVertex(moved ? transform.Apply(v) : v);
+      const Double4 relative = world - origin;
+      sound &= (Abs(world) <= bound) & (Abs(relative) <= bound);
+      const Float4 rounded = ToFloat(relative) + Float4{};  // -0 becomes +0.
+      StoreVertex(rounded, target++);
+      largest = Max(Abs(world - (origin + ToDouble(rounded))), largest);
+    }
+    if (!AllOfThree(sound)) return false;
+    rounding = std::max({rounding, largest[0], largest[1], largest[2]});
+    return true;
+  }
+
+  // The number placed: fewer than there are where the next one is out of bounds. Counts those that
+  // are not finite in `bad`.
+  size_t PlaceEach(const Affine3d& transform, std::span<const Vec3d> local, Vec3f* target,
+                   double& rounding, uint64_t& bad) const {
+    constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+    for (size_t k = 0; k < local.size(); ++k) {
       if (!IsFinite(local[k])) {
         target[k] = {kNan, kNan, kNan};
         ++bad;
         continue;
       }
-      const Vec3d world = Place(record.transform, local[k]);
+      const Vec3d world = Place(transform, local[k]);
       const Vec3d relative = world - out_.origin;
       if (!(MaxAbs(world) <= kMaxCoordinate) || !(MaxAbs(relative) <= kMaxCoordinate)) {
-        Lower(first_fault, record.first_vertex + k);
-        break;
+        return k;
       }
       // Adding zero turns -0 into +0 and changes nothing else.
       target[k] = ToFloat(relative) + Vec3f{0.0f, 0.0f, 0.0f};
       rounding = std::max(rounding, MaxAbs(world - (out_.origin + ToDouble(target[k]))));
     }
-    Raise(record.largest_rounding, rounding);
-    return bad;
+    return local.size();
   }
 
   absl::Status VertexFault(uint64_t vertex) const {
@@ -374,18 +415,23 @@ class Compiler {
         n, kGrain,
         [&](size_t begin, size_t end) {
           Block& block = blocks[begin / kGrain];
+          constexpr float kInfinity = std::numeric_limits<float>::infinity();
+          Float4 lo = Broadcast(kInfinity), hi = Broadcast(-kInfinity);
           for (size_t id = begin; id < end; ++id) {
             const auto [a, b, c] = out_.Corners(static_cast<uint32_t>(id));
-            const bool finite = IsFinite(a) && IsFinite(b) && IsFinite(c);
-            if (finite && !IsZeroArea(a, b, c)) {
-              block.bounds.Extend(a);
-              block.bounds.Extend(b);
-              block.bounds.Extend(c);
-            } else {
-              block.inert.push_back(static_cast<uint32_t>(id));
-              block.non_finite += finite ? 0 : 1;
+            const Float4 a4 = LoadVertex(a), b4 = LoadVertex(b), c4 = LoadVertex(c);
+            if (!SurelyHasArea(a4, b4, c4)) {
+              const bool finite = IsFinite(a) && IsFinite(b) && IsFinite(c);
+              if (!finite || IsZeroArea(a, b, c)) {
+                block.inert.push_back(static_cast<uint32_t>(id));
+                block.non_finite += finite ? 0 : 1;
+                continue;
+              }
             }
+            lo = Min(Min(a4, b4), Min(c4, lo));
+            hi = Max(Max(a4, b4), Max(c4, hi));
           }
+          block.bounds = {{lo[0], lo[1], lo[2]}, {hi[0], hi[1], hi[2]}};
         },
         cancel_);
     for (const Block& block : blocks) {

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/mesh/scene_compiler.h"
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -59,6 +63,39 @@ TEST_F(SceneCompilerTest, ANewTransformUsesTheKeptDoubles) {
   EXPECT_EQ(next->objects[0].transform, transform);
   // Shared with the base, not copied.
   EXPECT_EQ(next->objects[0].source_vertices, base_.objects[2].source_vertices);
+}
+
+// Among vertices that are placed many at a time: each as if it were alone, and the first fault is
+// the one that is named.
+TEST_F(SceneCompilerTest, FaultsAndNonFiniteVerticesAmongMany) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  ObjectInput input{.name = "many", .indices = {0, 1, 2}};
+  for (int i = 0; i < 300; ++i) input.vertices.push_back({i / 3.0, -0.0, i * i / 7.0});
+  input.vertices[63].y = kNan;
+  input.vertices[64].z = -std::numeric_limits<double>::infinity();
+  for (const bool moved : {false, true}) {
+    if (moved) input.transform.m[3] = 0.1;
+    const absl::StatusOr<SceneGeometry> one = CompileScene({&input, 1}, Vec3d{1, 2, 3}, {});
+    ASSERT_TRUE(one.ok()) << one.status();
+    EXPECT_EQ(one->report.non_finite_vertices, 2u);
+    double rounding = 0;
+    for (size_t i = 0; i < input.vertices.size(); ++i) {
+      if (!IsFinite(input.vertices[i])) {
+        EXPECT_TRUE(std::isnan(one->vertices[i].x)) << i;
+        continue;
+      }
+      const Vec3d world = input.transform.Apply(input.vertices[i]);
+      const Vec3f stored = ToFloat(world - Vec3d{1, 2, 3});
+      EXPECT_EQ(one->vertices[i], stored) << i;
+      EXPECT_FALSE(std::signbit(one->vertices[i].y) && one->vertices[i].y == 0);
+      rounding = std::max(rounding, MaxAbs(world - (Vec3d{1, 2, 3} + ToDouble(stored))));
+    }
+    EXPECT_EQ(one->report.largest_rounding, rounding);
+  }
+  input.vertices[250].x = 1e15;
+  input.vertices[131].x = -1e15;
+  const absl::StatusOr<SceneGeometry> bad = CompileScene({&input, 1}, Vec3d{1, 2, 3}, {});
+  EXPECT_THAT(bad.status().message(), HasSubstr("vertex 131"));
 }
 
 TEST_F(SceneCompilerTest, MovedVerticesAreLocal) {
