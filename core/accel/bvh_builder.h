@@ -42,7 +42,8 @@ struct BvhBuildOptions {        // As made, those of kStatic.
   // Whatever fits a leaf becomes one, instead of being split where that is expected to pay: a third
   // less time to build, and pictures as fast (within 3 %, some faster).
   bool full_leaves = true;
-  // The upper levels over the cells of a grid, most of them at once: another half less.
+  // Upper levels and small ranges over the cells of grids, several levels at once: another half
+  // less.
   bool grid = false;
   // Whether leaves hold their triangles' corners. Without, they hold ids alone: 4 bytes a triangle
   // instead of 40, and a walk has to gather the corners of every leaf that it visits.
