@@ -104,7 +104,7 @@ TEST(CellLineTest, IsTheCheapestOfAll) {
   for (int i = 0; i < 200; ++i) {
     const int side = static_cast<int>(2 + rng.Below(7));
     std::vector<Cell> cells =
-        RandomCells(rng, side, 2 + rng.Below(static_cast<uint64_t>(side * side)));
+        RandomCells(rng, side, 2 + rng.Below(static_cast<uint64_t>(side) * side));
     float least = std::numeric_limits<float>::infinity();
     for (int axis = 0; axis < 3; ++axis) {
       for (int line = 1; line < side; ++line) {
