@@ -3,13 +3,14 @@
 
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <utility>
 
 namespace sightline::bvh_build {
 namespace {
 
 constexpr int kMaxLines = 1 << kMaxCellAxisBits;
-// Extents below this make lines / extent overflow.
+// lines / extent of extents from this on is finite.
 constexpr float kMinExtent = 0x1p-119f;
 static_assert(kMaxLines / kMinExtent < std::numeric_limits<float>::max());
 
@@ -73,7 +74,7 @@ CellLine CheapestLine(std::span<const Cell> cells, const SahCost& cost) {
     const int first = extents.first[axis], last = extents.last[axis];
     if (first == last) continue;
     Unset<CellSum, kMaxLines> slabs;
-    std::fill(slabs.at + first, slabs.at + last + 1, CellSum());
+    std::uninitialized_fill(slabs.at + first, slabs.at + last + 1, CellSum());
     for (const Cell& cell : cells) slabs.at[cell.place[static_cast<size_t>(axis)]].Extend(cell);
     float right_cost[kMaxLines];
     CellSum right;

@@ -26,8 +26,8 @@ namespace sightline::bvh_build {
 inline constexpr int kMaxCellBits = 12;
 inline constexpr int kMaxCellAxisBits = 6;
 
-// Which cell a primitive belongs to: its doubled centroid's. What lies outside belongs to the cell
-// beside it.
+// Which cell a primitive belongs to: its doubled centroid's. What lies outside, by less than 2^31
+// cells, belongs to the cell beside it.
 class CellGrid {
  public:
   // 2^bits cells between `lo` and `hi`, doubled, as cubic as they can be. REQUIRES: lo <= hi in the

@@ -90,6 +90,8 @@ class RangeBuilder {
   // kCellTriangles.
   bool BuildByCells(const Buffers& buffers, const Range& range, uint32_t node, int depth,
                     NodeBlock& block);
+  bool DivideByCells(const Buffers& buffers, const Range& range, uint32_t node, int depth,
+                     CellDivision& division);
   void DivideCells(std::span<Cell> cells, uint32_t node, int depth, CellDivision& division);
 
   bool Split(const Buffers& buffers, const Range& range, float area, int depth, Range& left,

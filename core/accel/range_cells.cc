@@ -3,9 +3,9 @@
 // Ranges that fit a second-level cache, divided by the cells of a grid of their own: their
 // primitives are looked at three times, for what would be five levels of binning and moving them.
 #include <algorithm>
-#include <array>
 #include <bit>
-#include <utility>
+#include <memory>
+#include <span>
 
 #include "core/accel/cell_grid.h"
 #include "core/accel/range_builder.h"
@@ -13,7 +13,8 @@
 namespace sightline::bvh_build {
 namespace {
 
-// Some cells for each leaf, so that lines fill leaves.
+// Some cells for each leaf, so that lines fill leaves: one for each two to four triangles, until
+// there are kRangeCells.
 constexpr int kTrianglesPerCellBits = 2;
 constexpr int kRangeCellBits = 7;
 constexpr size_t kRangeCells = 1 << kRangeCellBits;
@@ -68,19 +69,18 @@ void RangeBuilder::DivideCells(std::span<Cell> cells, uint32_t node, int depth,
   DivideCells(cells.subspan(left), child + 1, depth + 1, division);
 }
 
-// Not inlined: all this would be on the stack of every level.
-__attribute__((noinline)) bool RangeBuilder::BuildByCells(const Buffers& buffers,
-                                                          const Range& range, uint32_t node,
-                                                          int depth, NodeBlock& block) {
+// Not inlined, for its tables are not to be on the stack of every level below. Places the ids, and
+// the primitives of parts that are no leaves, in the order of the parts.
+__attribute__((noinline)) bool RangeBuilder::DivideByCells(const Buffers& buffers,
+                                                           const Range& range, uint32_t node,
+                                                           int depth, CellDivision& division) {
   const size_t n = range.size();
-  const int last_cost_depth = options_.max_depth - kRangeCellBits - MedianLevels(n);
-  if (depth > last_cost_depth) return false;
   const Float4 lo = LowHalf(range.centroids.faces), hi = -HighHalf(range.centroids.faces);
   const CellGrid grid(lo, hi, CellBits(n));
   const Primitive* const primitives = buffers.primitives[range.buffer] + range.begin;
   uint8_t cell_of[kCellTriangles];
   Unset<CellSum, kRangeCells> sums;
-  std::fill_n(sums.at, grid.cells(), CellSum());
+  std::uninitialized_fill_n(sums.at, grid.cells(), CellSum());
   for (size_t i = 0; i < n; ++i) {
     const uint32_t cell = grid.CellOf(primitives[i]);
     cell_of[i] = static_cast<uint8_t>(cell);
@@ -90,21 +90,19 @@ __attribute__((noinline)) bool RangeBuilder::BuildByCells(const Buffers& buffers
   size_t cell_count = 0;
   for (uint32_t i = 0; i < grid.cells(); ++i) {
     if (sums.at[i].count == 0) continue;
-    Cell& cell = cells.at[cell_count++];
+    Cell& cell = *std::construct_at(&cells.at[cell_count++]);
     static_cast<CellSum&>(cell) = sums.at[i];
     cell.index = static_cast<uint16_t>(i);
     cell.place = grid.Place(i);
   }
   if (cell_count == 1) return false;
-  CellDivision division(block, last_cost_depth);
   DivideCells({cells.at, cell_count}, node, depth, division);
 
-  const std::span<const CellDivision::Part> parts(division.parts, division.part_count);
   uint32_t next[kRangeCells];
   bool all_leaves = true;
-  for (size_t p = 0; p < parts.size(); ++p) {
-    next[p] = parts[p].first;
-    all_leaves = all_leaves && IsLeafSize(parts[p].count);
+  for (size_t p = 0; p < division.part_count; ++p) {
+    next[p] = division.parts[p].first;
+    all_leaves = all_leaves && IsLeafSize(division.parts[p].count);
   }
   uint32_t* const ids = buffers.ids + range.begin;
   Primitive* const target = buffers.primitives[1 - range.buffer] + range.begin;
@@ -113,7 +111,19 @@ __attribute__((noinline)) bool RangeBuilder::BuildByCells(const Buffers& buffers
     ids[place] = primitives[i].id;
     if (!all_leaves) target[place] = Primitive(primitives[i].box());
   }
-  for (const CellDivision::Part& part : parts) {
+  return true;
+}
+
+bool RangeBuilder::BuildByCells(const Buffers& buffers, const Range& range, uint32_t node,
+                                int depth, NodeBlock& block) {
+  const size_t n = range.size();
+  const int last_cost_depth = options_.max_depth - kRangeCellBits - MedianLevels(n);
+  if (depth > last_cost_depth) return false;
+  CellDivision division(block, last_cost_depth);
+  if (!DivideByCells(buffers, range, node, depth, division)) return false;
+  size_t placed = n;  // But for parts that count as placed by themselves.
+  for (const CellDivision::Part& part :
+       std::span<const CellDivision::Part>(division.parts, division.part_count)) {
     const size_t begin = range.begin + part.first;
     if (IsLeafSize(part.count)) {
       BinaryNode& leaf = tree_.nodes[part.node];
@@ -128,11 +138,13 @@ __attribute__((noinline)) bool RangeBuilder::BuildByCells(const Buffers& buffers
       rest.centroids.Extend(p.centroid());
     }
     Build(buffers, rest, part.node, part.depth, block);
+    if (part.count >= kTaskTriangles) placed -= part.count;
   }
   // Children were divided after their parents.
   for (size_t i = division.inner_count; i-- > 0;) {
     SetInner(division.inner[i].node, division.inner[i].child);
   }
+  if (n >= kTaskTriangles) ReportPlaced(placed);
   return true;
 }
 

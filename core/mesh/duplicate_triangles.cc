@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <atomic>
 #include <bit>
+#include <cstddef>
 #include <numeric>
 #include <vector>
 
@@ -150,26 +151,28 @@ class Counter {
           Found& found = blocks[begin / kGrain];
           // Whether an id is still there cannot be foretold: so without a branch, those that are
           // not are gathered, then compared.
-          std::vector<uint32_t> others(end - begin);
-          found.rest.resize(end - begin);
+          std::vector<uint32_t> ids(end - begin), others(end - begin);
           size_t n_gone = 0;
           for_each(begin, end, [&](uint32_t id) {
             const uint32_t there = place(id).load(std::memory_order_relaxed);
-            found.rest[n_gone] = id;
+            ids[n_gone] = id;
             others[n_gone] = there;
             n_gone += there != id ? 1 : 0;
           });
           size_t n_rest = 0;
           for (size_t i = 0; i < n_gone; ++i) {
-            const bool equal = AreEqual(found.rest[i], others[i]);
-            found.rest[n_rest] = found.rest[i];
+            const bool equal = AreEqual(ids[i], others[i]);
+            ids[n_rest] = ids[i];
             n_rest += equal ? 0 : 1;
           }
-          found.rest.resize(n_rest);
+          found.rest.assign(ids.begin(), ids.begin() + static_cast<ptrdiff_t>(n_rest));
           found.duplicates = n_gone - n_rest;
         },
         cancel_);
     std::vector<uint32_t> rest;
+    size_t n_rest = 0;
+    for (const Found& found : blocks) n_rest += found.rest.size();
+    rest.reserve(n_rest);
     for (const Found& found : blocks) {
       *duplicates += found.duplicates;
       rest.insert(rest.end(), found.rest.begin(), found.rest.end());

@@ -21,8 +21,9 @@
 namespace sightline {
 
 // Triangles less the number of distinct ones; those in `inert` (ascending ids) are left out of
-// both. Meaningless once `cancel` has fired. Needs up to 20 bytes a triangle and 4 a vertex while
-// it runs. REQUIRES: no coordinate is -0; indices in range.
+// both. Meaningless once `cancel` has fired. Needs up to 22 bytes a triangle while it runs, or 4 of
+// them and 4 a vertex; more where most hashes are made to collide. REQUIRES: no coordinate is -0;
+// indices in range.
 uint64_t CountDuplicateTriangles(std::span<const Vec3f> vertices,
                                  std::span<const std::array<uint32_t, 3>> triangles,
                                  std::span<const uint32_t> inert,

@@ -25,8 +25,9 @@ bool IsZeroArea(Vec3f a, Vec3f b, Vec3f c);
 // u)^4 < 5u, and the product of the constant with that sum is rounded once more: 6u covers it.
 inline constexpr double kCrossErrorBound = 6.0 / 9007199254740992.0;  // 6 · 2^-53.
 
-// True if double arithmetic proves a component of it nonzero; false where a coordinate is not
-// finite. Of lanes as LoadVertex gives them. REQUIRES: as IsZeroArea, of finite coordinates.
+// True if double arithmetic proves a component of it nonzero; false where a corner is not a number.
+// Of lanes as LoadVertex gives them. REQUIRES: as IsZeroArea, but that a corner may be NaN in all
+// three coordinates, as the stored ones are that were not finite.
 inline bool SurelyHasArea(Float4 a, Float4 b, Float4 c) {
   const Double4 e = ToDouble(b) - ToDouble(a), f = ToDouble(c) - ToDouble(a);
   const Double4 p =
@@ -34,8 +35,6 @@ inline bool SurelyHasArea(Float4 a, Float4 b, Float4 c) {
   const Double4 q =
       __builtin_shufflevector(e, e, 2, 0, 1, 3) * __builtin_shufflevector(f, f, 1, 2, 0, 3);
   const Double4 bound = {kCrossErrorBound, kCrossErrorBound, kCrossErrorBound, kCrossErrorBound};
-  // Infinite edges make p, q or their difference infinite or no number, and none of those is more
-  // than what the bound makes of it.
   return AnyOfThree(Abs(p - q) > bound * (Abs(p) + Abs(q)));
 }
 

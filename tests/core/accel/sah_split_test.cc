@@ -44,12 +44,18 @@ BuildBox Centroids(const std::vector<Primitive>& primitives) {
 
 // A product of denormals takes some processors as long as a hundred others, and the bits of an id
 // are one.
+__attribute__((noinline)) float AreaElsewhere(const BuildBox& box, float scale) {
+  return box.HalfArea(scale);
+}
 TEST(BuildBoxTest, NoIdIsMultiplied) {
+  volatile uint32_t id = 12345;
+  volatile float scale = 1.0f;
   BuildBox box;
-  box.Extend(MakePrimitive(12345, {1, 2, 3}, {2, 4, 7}));
+  box.Extend(MakePrimitive(id, {1, 2, 3}, {2, 4, 7}));
   ASSERT_EQ(std::feclearexcept(FE_ALL_EXCEPT), 0);
-  EXPECT_EQ(box.HalfArea(1.0f), 1 * 2 + 2 * 4 + 4 * 1);
+  volatile const float area = AreaElsewhere(box, scale);
   EXPECT_EQ(std::fetestexcept(FE_UNDERFLOW), 0);
+  EXPECT_EQ(area, 1 * 2 + 2 * 4 + 4 * 1);
 }
 
 TEST(BinMappingTest, BinsAreMonotoneAndTheEndsAreInTheEndBins) {

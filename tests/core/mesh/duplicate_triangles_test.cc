@@ -2,6 +2,8 @@
 #include "core/mesh/duplicate_triangles.h"
 
 #include <algorithm>
+#include <bit>
+#include <cstdint>
 #include <numeric>
 #include <set>
 #include <vector>
@@ -69,7 +71,7 @@ TEST(DuplicateTrianglesTest, AgreesWithASetOnRandomMeshesAndAnyNumberOfThreads) 
   }
 }
 
-// All in one partition and one place of its table.
+// All in one place of the table.
 TEST(DuplicateTrianglesTest, ManyIdenticalAndManyDistinct) {
   const size_t n = static_cast<size_t>(ScaledCount(300'000));
   const std::vector<Vec3f> corner = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
@@ -81,6 +83,44 @@ TEST(DuplicateTrianglesTest, ManyIdenticalAndManyDistinct) {
   for (uint32_t i = 0; i < strip.size(); ++i) strip[i] = {static_cast<float>(i), 0.5f, 0};
   for (uint32_t i = 0; i < n; ++i) distinct[i] = {i, i + 1, i + 2};
   EXPECT_EQ(CountDuplicateTriangles(strip, distinct, {}), 0u);
+}
+
+// The hash of a position, and its inverse: h ^ h >> 33 undoes itself, an odd factor has an inverse.
+constexpr uint64_t kFactors[] = {0xFF51AFD7ED558CCDull, 0xC4CEB9FE1A85EC53ull};
+uint64_t Mix(uint64_t h) {
+  for (const uint64_t factor : kFactors) h = (h ^ (h >> 33)) * factor;
+  return h ^ (h >> 33);
+}
+uint64_t Unmix(uint64_t h) {
+  const auto inverse = [](uint64_t x) {
+    uint64_t y = x;  // Right in three bits, then in twice as many each time.
+    for (int i = 0; i < 5; ++i) y *= 2 - x * y;
+    return y;
+  };
+  h ^= h >> 33;
+  h = h * inverse(kFactors[1]);
+  h ^= h >> 33;
+  h = h * inverse(kFactors[0]);
+  return h ^ (h >> 33);
+}
+
+// Triangles over vertices of one hash meet in every round: only sorting tells them apart.
+TEST(DuplicateTrianglesTest, HashesMadeToCollide) {
+  TestRng rng;
+  ASSERT_EQ(Unmix(Mix(123456789)), 123456789u);
+  std::vector<Vec3f> v;
+  while (v.size() < 40) {
+    const uint32_t z = std::bit_cast<uint32_t>(static_cast<float>(rng.Uniform(-1, 1)));
+    const uint64_t xy = Unmix(rng.Below(uint64_t{1} << 32) << 32 | 7) ^ Mix(z);
+    const Vec3f p = {std::bit_cast<float>(static_cast<uint32_t>(xy >> 32)),
+                     std::bit_cast<float>(static_cast<uint32_t>(xy)), std::bit_cast<float>(z)};
+    if (IsFinite(p) && p.x != 0 && p.y != 0 && p.z != 0) v.push_back(p);
+  }
+  std::vector<Triangle> t(3000);
+  for (Triangle& corners : t) {
+    for (uint32_t& k : corners) k = static_cast<uint32_t>(rng.Below(v.size()));
+  }
+  EXPECT_EQ(CountDuplicateTriangles(v, t, {}), CountByASet(v, t, {}));
 }
 
 }  // namespace

@@ -75,7 +75,7 @@ TEST_F(SceneCompilerTest, FaultsAndNonFiniteVerticesAmongMany) {
   input.vertices[64].z = -std::numeric_limits<double>::infinity();
   for (const bool moved : {false, true}) {
     if (moved) input.transform.m[3] = 0.1;
-    const absl::StatusOr<SceneGeometry> one = CompileScene({&input, 1}, Vec3d{1, 2, 3}, {});
+    const absl::StatusOr<SceneGeometry> one = CompileScene({&input, 1}, Vec3d{1, 0, 3}, {});
     ASSERT_TRUE(one.ok()) << one.status();
     EXPECT_EQ(one->report.non_finite_vertices, 2u);
     double rounding = 0;
@@ -85,13 +85,16 @@ TEST_F(SceneCompilerTest, FaultsAndNonFiniteVerticesAmongMany) {
         continue;
       }
       const Vec3d world = input.transform.Apply(input.vertices[i]);
-      const Vec3f stored = ToFloat(world - Vec3d{1, 2, 3});
+      const Vec3f stored = ToFloat(world - Vec3d{1, 0, 3});
       EXPECT_EQ(one->vertices[i], stored) << i;
       EXPECT_FALSE(std::signbit(one->vertices[i].y) && one->vertices[i].y == 0);
-      rounding = std::max(rounding, MaxAbs(world - (Vec3d{1, 2, 3} + ToDouble(stored))));
+      rounding = std::max(rounding, MaxAbs(world - (Vec3d{1, 0, 3} + ToDouble(stored))));
     }
     EXPECT_EQ(one->report.largest_rounding, rounding);
   }
+  // In bounds from an origin far out, but not in the world.
+  ObjectInput far = Triangle("far", 0x1.2p40);
+  EXPECT_FALSE(CompileScene({&far, 1}, Vec3d{0x1p39, 0, 0}, {}).ok());
   input.vertices[250].x = 1e15;
   input.vertices[131].x = -1e15;
   const absl::StatusOr<SceneGeometry> bad = CompileScene({&input, 1}, Vec3d{1, 2, 3}, {});
