@@ -26,7 +26,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
 #include "core/geometry/box_ray.h"
-#include "core/intersect/predicate-inl.h"
+#include "core/intersect/ray_forms-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/cache_control.h"
@@ -53,41 +53,28 @@ struct LeafLanes {
 HWY_INLINE LeafLanes ClassifyLeaf(const LeafView& leaf, const PredicateRay& ray) {
   const hn::CappedTag<float, kMaxLeafTriangles> d;
   using V = hn::Vec<decltype(d)>;
-  const size_t lanes = hn::Lanes(d);
-  const Vec3f direction = ray.RoundedDirection();
-  const Vec3V<V> o = Broadcast(d, ray.origin.x, ray.origin.y, ray.origin.z);
-  const Vec3V<V> dir = Broadcast(d, direction.x, direction.y, direction.z);
-  const V dir_inf = NormInfV(dir);
-  const V underflow = hn::Set(d, kFloatUnderflow);
+  constexpr size_t kLanes = hn::MaxLanes(d);
+  const auto lanes = RayLanes<V>::Of(d, ray);
+  const auto beyond = [](V x, V bound) HWY_ATTR { return hn::Gt(x, bound); };
   LeafLanes found;
-  for (size_t first = 0; first < leaf.count; first += lanes) {
-    const OriginTriangles<V> t = PrepareTriangles(d, leaf.rows + first, leaf.stride, o);
-    const V e0 = DotV(t.edge[0], dir), e1 = DotV(t.edge[1], dir), e2 = DotV(t.edge[2], dir);
-    // One bound for the three edges: fewer operations, for hardly more doubt.
-    const V bound = hn::MulAdd(hn::Max(hn::Max(t.edge_bound[0], t.edge_bound[1]), t.edge_bound[2]),
-                               dir_inf, underflow);
+  for (size_t first = 0; first < (kLanes == kMaxLeafTriangles ? 1 : leaf.count); first += kLanes) {
+    const RayForms<V> forms = EvaluateForms(d, leaf.rows + first, leaf.stride, lanes, ray.segment);
+    // All signs as seen with O behind, which must leave toward the front: a hit's are positive.
+    const V turn = hn::And(forms.origin_side, hn::Set(d, -0.0f));
+    const auto side_is_known = beyond(hn::Abs(forms.origin_side), forms.origin_bound);
+    const V e0 = hn::Xor(forms.edge[0], turn), e1 = hn::Xor(forms.edge[1], turn),
+            e2 = hn::Xor(forms.edge[2], turn);
     const V least = hn::Min(hn::Min(e0, e1), e2), most = hn::Max(hn::Max(e0, e1), e2);
-    const auto all_positive = hn::Gt(least, bound);
-    const auto all_negative = hn::Lt(most, hn::Neg(bound));
-    const auto any_negative = hn::Lt(least, hn::Neg(bound));
-    const auto any_positive = hn::Gt(most, bound);
-    const auto behind =
-        hn::Gt(t.origin_side, t.origin_bound);  // O behind: must leave toward the front.
-    const auto front = hn::Lt(t.origin_side, hn::Neg(t.origin_bound));
-    auto miss = hn::Or(hn::And(any_positive, any_negative),
-                       hn::Or(hn::And(behind, any_negative), hn::And(front, any_positive)));
-    auto hit = hn::Or(hn::And(all_positive, behind), hn::And(all_negative, front));
+    // Edges of either sign are a miss whatever the side.
+    auto miss = hn::And(beyond(hn::Neg(least), forms.edge_bound),
+                        hn::Or(side_is_known, beyond(most, forms.edge_bound)));
+    auto hit = hn::And(side_is_known, beyond(least, forms.edge_bound));
     if (ray.segment) {
-      const Vec3V<V> p = Broadcast(d, ray.target.x, ray.target.y, ray.target.z);
-      const Vec3V<V> ap = SubV(p, t.a);
-      const V side = DotV(t.normal, ap);
-      const V side_bound = hn::MulAdd(t.normal_bound, NormInfV(ap), underflow);
-      const auto p_front = hn::Gt(side, side_bound);
-      const auto p_behind = hn::Lt(side, hn::Neg(side_bound));
-      miss = hn::Or(miss, hn::Or(hn::And(behind, p_behind), hn::And(front, p_front)));
-      hit = hn::And(hit, hn::Or(hn::And(behind, p_front), hn::And(front, p_behind)));
+      const V target_side = hn::Xor(forms.target_side, turn);
+      miss = hn::Or(miss, hn::And(side_is_known, beyond(hn::Neg(target_side), forms.target_bound)));
+      hit = hn::And(hit, beyond(target_side, forms.target_bound));
     }
-    found.left |= (MaskBits(d, miss) ^ ((1u << lanes) - 1)) << first;
+    found.left |= (MaskBits(d, miss) ^ ((1u << kLanes) - 1)) << first;
     found.hit |= MaskBits(d, hit) << first;
   }
   found.left &= (1u << leaf.count) - 1;

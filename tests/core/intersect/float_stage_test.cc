@@ -15,6 +15,7 @@
 
 #include "core/intersect/predicate-inl.h"
 #include "core/intersect/predicate.h"
+#include "core/intersect/ray_forms-inl.h"
 #include "hwy/highway.h"
 
 #ifndef SIGHTLINE_TESTS_FLOAT_STAGE_TYPES_
@@ -48,8 +49,9 @@ HWY_BEFORE_NAMESPACE();
 namespace sightline {
 namespace HWY_NAMESPACE {
 
-// The forms and bounds as the walks compute them (core/traverse/single-inl.h, packet-inl.h).
-void EvaluateStage(const PredicateRay& ray, StageLanes& lanes) {
+// The forms and bounds of rays with one origin, as walks of packets compute them
+// (core/traverse/packet_lanes-inl.h).
+void EvaluateOriginStage(const PredicateRay& ray, StageLanes& lanes) {
   const hn::CappedTag<float, kStageLanes> d;
   using V = hn::Vec<decltype(d)>;
   const Vec3f direction = ray.RoundedDirection();
@@ -68,6 +70,26 @@ void EvaluateStage(const PredicateRay& ray, StageLanes& lanes) {
     const Vec3V<V> ap = SubV(p, t.a);
     hn::Store(DotV(t.normal, ap), d, lanes.value[4] + first);
     hn::Store(hn::MulAdd(t.normal_bound, NormInfV(ap), underflow), d, lanes.bound[4] + first);
+  }
+}
+
+// Those of one ray (core/traverse/single-inl.h).
+void EvaluateRayStage(const PredicateRay& ray, StageLanes& lanes) {
+  const hn::CappedTag<float, kStageLanes> d;
+  using V = hn::Vec<decltype(d)>;
+  const auto ray_lanes = RayLanes<V>::Of(d, ray);
+  for (size_t first = 0; first < kStageLanes; first += hn::Lanes(d)) {
+    const RayForms<V> forms =
+        EvaluateForms(d, lanes.rows + first, kStageLanes, ray_lanes, ray.segment);
+    for (int e = 0; e < 3; ++e) {
+      hn::Store(forms.edge[e], d, lanes.value[e] + first);
+      hn::Store(forms.edge_bound, d, lanes.bound[e] + first);
+    }
+    hn::Store(forms.origin_side, d, lanes.value[3] + first);
+    hn::Store(forms.origin_bound, d, lanes.bound[3] + first);
+    if (!ray.segment) continue;
+    hn::Store(forms.target_side, d, lanes.value[4] + first);
+    hn::Store(forms.target_bound, d, lanes.bound[4] + first);
   }
 }
 
@@ -109,42 +131,57 @@ Quad Determinant(Vec3q x, Vec3q y, Vec3q z) {
          (x.x * y.y - x.y * y.x) * z.z;
 }
 
-// The form's value, to 113 bits of its permanent, and its exact sign.
+// The stages: of rays with one origin, and of one ray.
+enum class Stage { kOneOrigin, kOneRay };
+
+// The form's value, to 113 bits of the permanents that the stage's bound is made of, and its exact
+// sign.
 struct Truth {
   Quad value;
   int sign;
 };
-Truth TruthOf(const PredicateRay& ray, const StageLanes& lanes, int form, int lane) {
+Truth TruthOf(Stage stage, const PredicateRay& ray, const StageLanes& lanes, int form, int lane) {
   const Vec3f o = ray.origin, t = ray.target;
   const Vec3f a = lanes.corner(0, lane), b = lanes.corner(1, lane), c = lanes.corner(2, lane);
+  const Vec3q d = ray.segment ? Difference(t, o) : Vec3q{t.x, t.y, t.z};
   if (form < 3) {
     const Vec3f p = lanes.corner(form, lane), q = lanes.corner((form + 1) % 3, lane);
-    const Vec3q d = ray.segment ? Difference(t, o) : Vec3q{t.x, t.y, t.z};
-    return {Determinant(Difference(p, o), Difference(q, p), d),
-            ray.segment ? SideOfPlane(o, p, q, t) : SideOfDirection(o, p, q, t)};
+    const int sign = ray.segment ? SideOfPlane(o, p, q, t) : SideOfDirection(o, p, q, t);
+    if (stage == Stage::kOneOrigin) {
+      return {Determinant(Difference(p, o), Difference(q, p), d), sign};
+    }
+    const Vec3q oa = Difference(a, o), ab = Difference(b, a), ac = Difference(c, a);
+    const Quad first = Determinant(oa, ab, d), last = Determinant(ac, oa, d);
+    const Quad edges[3] = {first, Determinant(ab, ac, d) - first - last, last};
+    return {edges[form], sign};
   }
+  const Vec3q ab = Difference(b, a);
+  const Vec3q other = stage == Stage::kOneOrigin ? Difference(c, b) : Difference(c, a);
   if (form == 3) {  // N·(A-O): the origin's side, turned.
-    return {Determinant(Difference(b, a), Difference(c, b), Difference(a, o)),
-            -SideOfPlane(a, b, c, o)};
+    return {Determinant(ab, other, Difference(a, o)), -SideOfPlane(a, b, c, o)};
   }
-  return {Determinant(Difference(b, a), Difference(c, b), Difference(t, a)),
-          SideOfPlane(a, b, c, t)};
+  return {Determinant(ab, other, Difference(t, a)), SideOfPlane(a, b, c, t)};
 }
 
 struct Target {
   const char* name;
+  Stage stage;
   void (*evaluate)(const PredicateRay&, StageLanes&);
 };
 
 std::vector<Target> Targets() {
-  std::vector<Target> targets = {{"AVX2", &N_AVX2::EvaluateStage}};
-  if ((hwy::SupportedTargets() & HWY_AVX3) != 0)
-    targets.push_back({"AVX-512", &N_AVX3::EvaluateStage});
+  std::vector<Target> targets = {
+      {"AVX2, one origin", Stage::kOneOrigin, &N_AVX2::EvaluateOriginStage},
+      {"AVX2, one ray", Stage::kOneRay, &N_AVX2::EvaluateRayStage}};
+  if ((hwy::SupportedTargets() & HWY_AVX3) != 0) {
+    targets.push_back({"AVX-512, one origin", Stage::kOneOrigin, &N_AVX3::EvaluateOriginStage});
+    targets.push_back({"AVX-512, one ray", Stage::kOneRay, &N_AVX3::EvaluateRayStage});
+  }
   return targets;
 }
 
-double Ratio(const PredicateRay& ray, const StageLanes& lanes, int form, int lane) {
-  const Quad error = Quad(lanes.value[form][lane]) - TruthOf(ray, lanes, form, lane).value;
+double Ratio(Stage stage, const PredicateRay& ray, const StageLanes& lanes, int form, int lane) {
+  const Quad error = Quad(lanes.value[form][lane]) - TruthOf(stage, ray, lanes, form, lane).value;
   return static_cast<double>((error < 0 ? -error : error) / lanes.bound[form][lane]);
 }
 
@@ -200,11 +237,11 @@ TEST(FloatStageTest, ErrorsStayWithinTheirBoundsAndCertainSignsAreExact) {
         for (int form = 0; form < (c.ray.segment ? kForms : kForms - 1); ++form) {
           const float value = lanes.value[form][lane], bound = lanes.bound[form][lane];
           ASSERT_TRUE(std::isfinite(value) && std::isfinite(bound)) << c << ", form " << form;
-          const double ratio = Ratio(c.ray, lanes, form, lane);
+          const double ratio = Ratio(target.stage, c.ray, lanes, form, lane);
           ASSERT_LE(ratio, 1.0) << c << ", form " << form << ", lane " << lane;
           worst[form] = std::max(worst[form], ratio);
           if (value > bound || value < -bound) {
-            ASSERT_EQ(TruthOf(c.ray, lanes, form, lane).sign, value > 0 ? 1 : -1)
+            ASSERT_EQ(TruthOf(target.stage, c.ray, lanes, form, lane).sign, value > 0 ? 1 : -1)
                 << c << ", form " << form << ", lane " << lane;
           }
         }
@@ -284,7 +321,7 @@ TEST(FloatStageTest, AHillClimbFindsNoErrorBeyondItsBound) {
         int at = 0;
         double ratio = 0;
         for (int lane = 0; lane < kStageLanes; ++lane) {
-          const double r = Ratio(next.ray, lanes, form, lane);
+          const double r = Ratio(target.stage, next.ray, lanes, form, lane);
           ASSERT_LE(r, 1.0) << next << ", form " << form << ", lane " << lane;
           if (r > ratio) ratio = r, at = lane;
         }
@@ -303,32 +340,35 @@ TEST(FloatStageTest, AHillClimbFindsNoErrorBeyondItsBound) {
   }
 }
 
-// The largest coordinates there are: nothing overflows, and signs are right.
-TEST(FloatStageTest, NothingOverflowsAtTheCornersOfTheRange) {
+// The largest coordinates there are, and what placing points may make of them: nothing overflows
+// among the first, no sign is wrong among the second.
+TEST(FloatStageTest, SignsAreRightAtTheCornersOfTheRange) {
   for (const Target& target : Targets()) {
-    SCOPED_TRACE(target.name);
-    StageLanes lanes;
-    const auto corner = [](uint64_t bits) {
-      return Vec3f{bits & 1 ? 0x1p40f : -0x1p40f, bits & 2 ? 0x1p40f : -0x1p40f,
-                   bits & 4 ? 0x1p40f : -0x1p40f};
-    };
-    for (uint64_t bits = 0; bits < 8 * 8; ++bits) {
-      const Vec3f o = corner(bits), t = corner(bits >> 3);
-      for (const bool segment : {true, false}) {
-        const PredicateRay ray{o, t, segment};
-        for (uint64_t triangles = 0; triangles < 512; triangles += kStageLanes) {
-          for (int lane = 0; lane < kStageLanes; ++lane) {
-            const uint64_t id = triangles + lane;
-            lanes.SetTriangle(lane, corner(id), corner(id >> 3), corner(id >> 6));
-          }
-          target.evaluate(ray, lanes);
-          for (int lane = 0; lane < kStageLanes; ++lane) {
-            for (int form = 0; form < (segment ? kForms : kForms - 1); ++form) {
-              const float value = lanes.value[form][lane], bound = lanes.bound[form][lane];
-              ASSERT_TRUE(std::isfinite(value) && std::isfinite(bound));
-              const int sign = value > bound ? 1 : value < -bound ? -1 : 0;
-              if (sign != 0) {
-                ASSERT_EQ(sign, TruthOf(ray, lanes, form, lane).sign);
+    for (const float most : {0x1p40f, 0x1.8p40f}) {
+      SCOPED_TRACE(testing::Message() << target.name << " at " << most);
+      StageLanes lanes;
+      const auto corner = [&](uint64_t bits) {
+        return Vec3f{bits & 1 ? most : -most, bits & 2 ? most : -most, bits & 4 ? most : -most};
+      };
+      for (uint64_t bits = 0; bits < 8 * 8; ++bits) {
+        const Vec3f o = corner(bits), t = corner(bits >> 3);
+        for (const bool segment : {true, false}) {
+          const PredicateRay ray{o, t, segment};
+          for (uint64_t triangles = 0; triangles < 512; triangles += kStageLanes) {
+            for (int lane = 0; lane < kStageLanes; ++lane) {
+              const uint64_t id = triangles + lane;
+              lanes.SetTriangle(lane, corner(id), corner(id >> 3), corner(id >> 6));
+            }
+            target.evaluate(ray, lanes);
+            for (int lane = 0; lane < kStageLanes; ++lane) {
+              for (int form = 0; form < (segment ? kForms : kForms - 1); ++form) {
+                const float value = lanes.value[form][lane], bound = lanes.bound[form][lane];
+                ASSERT_TRUE(std::isfinite(bound) && !std::isnan(value));
+                ASSERT_TRUE(std::isfinite(value) || most > 0x1p40f);
+                const int sign = value > bound ? 1 : value < -bound ? -1 : 0;
+                if (sign != 0) {
+                  ASSERT_EQ(sign, TruthOf(target.stage, ray, lanes, form, lane).sign);
+                }
               }
             }
           }
