@@ -8,18 +8,19 @@
 // since the three add up to N·D. That is two thirds of the operations, and half the norms.
 //
 // Error bound. As in predicate-inl.h, with u = 2^-24, each of s·b, s·c and N·D is off by at most
-// 8(1 + 9u)u times its permanent, and the permanents are at most |a|_1·|b|_1·|D|_inf,
-// |a|_1·|c|_1·|D|_inf and |b|_1·|c|_1·|D|_inf. A product is at most its permanent and that error, so
-// that the two additions add at most 2u(1 + 10u) times the three permanents together. One bound for
-// all three edges,
+// 8(1 + 9u)u times its permanent; the permanents are at most |a|_1·|b|_1·|D|_inf,
+// |a|_1·|c|_1·|D|_inf and |b|_1·|c|_1·|D|_inf. A product is at most its permanent and that error,
+// so that the two additions add at most 2(1 + 10u)u times the three permanents together. One bound
+// for all three edges,
 //     (|a|_1·(|b|_1 + |c|_1) + |b|_1·|c|_1)·|D|_inf
 // times (8(1 + 9u) + 2(1 + 10u))u, therefore holds; as computed it carries at most 12 roundings:
 // 10(1 + 10u)(1 + 12u) < 11 = kRayUnits. Products of D and a that underflow lose 2^-149 each, which
-// b and c scale, those of b and c lose as much, which D scales: kFloatUnderflow is added to what
+// b and c scale; those of b and c lose as much, which D scales: kFloatUnderflow is added to what
 // either is multiplied by, and once more for the products that come last. Values stay below 2^126.7
 // for coordinates within 2^40. Up to 1.5·2^40 the difference N·D - s·b may overflow, and the middle
 // edge be infinite: no determinant of them reaches 2^127.2, so that its sign is right even then.
-// Measured: tests/core/intersect/float_stage_test.cc.
+// Measured (tests/core/intersect/float_stage_test.cc): the largest error that a hill climb finds is
+// 0.37 of its bound.
 //
 // Thread safety: pure functions.
 
