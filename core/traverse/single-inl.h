@@ -213,21 +213,60 @@ HWY_INLINE int PushChildren(D /*d*/, const BvhNode& node, M met, PendingAny* end
   return static_cast<int>(hn::CountTrue(du, used));
 }
 
-// Pushes the children `met` (bit i for child i) so that the nearest is on top: insertion from the
-// far end, since few are met. Returns the new depth.
+// Sorts eight numbers, the greatest first, without a branch: Batcher's bitonic network.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE V SortDescending(D d, V v) {
+  static_assert(hn::MaxLanes(d) == kBvhWidth, "a node's eight children fill one vector");
+  HWY_ALIGN static constexpr uint32_t kOther[2][kBvhWidth] = {{0, 0, ~0u, ~0u, 0, 0, ~0u, ~0u},
+                                                              {0, 0, 0, 0, ~0u, ~0u, ~0u, ~0u}};
+  const auto odd_pairs = hn::MaskFromVec(hn::Load(d, kOther[0]));
+  const auto upper_half = hn::MaskFromVec(hn::Load(d, kOther[1]));
+  const auto pairs = [&] HWY_ATTR {
+    const V other = hn::Shuffle2301(v);
+    v = hn::OddEven(hn::Min(v, other), hn::Max(v, other));
+  };
+  const auto exchange = [&](V other, auto takes_less) HWY_ATTR {
+    v = hn::IfThenElse(takes_less, hn::Min(v, other), hn::Max(v, other));
+  };
+  pairs();
+  exchange(hn::Shuffle0123(v), odd_pairs);
+  pairs();
+  exchange(hn::Reverse(d, v), upper_half);
+  exchange(hn::Shuffle1032(v), odd_pairs);
+  pairs();
+  return v;
+}
+
+// Pushes the children `met` (bit i for child i) so that the nearest is on top, without a branch:
+// how many are met, and which comes first, cannot be foretold. Entries below zero are as near as
+// zero. Writes kBvhWidth entries from stack[depth] on; returns the new depth.
 HWY_INLINE int PushNearestOnTop(const BvhNode& node, uint32_t met, const float* entries,
                                 PendingClosest* stack, int depth) {
-  const int base = depth;
-  for (uint32_t bits = met & ((1u << node.child_count) - 1); bits != 0; bits &= bits - 1) {
-    const int i = std::countr_zero(bits);
-    int at = depth++;
-    while (at > base && stack[at - 1].entry < entries[i]) {
-      stack[at] = stack[at - 1];
-      --at;
-    }
-    stack[at] = {entries[i], node.child[i].bits()};
-  }
-  return depth;
+  const hn::CappedTag<float, kBvhWidth> d;
+  const hn::RebindToUnsigned<decltype(d)> du;
+  const auto bits = static_cast<uint8_t>(met & ((1u << node.child_count) - 1));
+  const auto entry = hn::Load(d, entries);
+  // Positive floats are ordered as their bits are. The last three make way for the child's number:
+  // which of two boxes is entered a trifle earlier does not matter. Those not met come last.
+  constexpr uint32_t kNumber = kBvhWidth - 1;
+  const auto nearness = hn::BitCast(du, hn::Max(entry, hn::Zero(d)));
+  const auto keys = hn::IfThenElseZero(
+      hn::LoadMaskBits(du, &bits),
+      hn::Or(hn::AndNot(hn::Set(du, kNumber), hn::Add(nearness, hn::Set(du, kBvhWidth))),
+             hn::Iota(du, 0)));
+  const auto order =
+      hn::IndicesFromVec(du, hn::And(SortDescending(du, keys), hn::Set(du, kNumber)));
+  const auto sorted = hn::TableLookupLanes(hn::BitCast(du, entry), order);
+  const auto children =
+      hn::TableLookupLanes(hn::Load(du, reinterpret_cast<const uint32_t*>(node.child)), order);
+  static_assert(sizeof(PendingClosest) == 2 * sizeof(uint32_t) &&
+                offsetof(PendingClosest, entry) == 0 && sizeof(ChildRef) == sizeof(uint32_t));
+  const auto lower = hn::InterleaveLower(du, sorted, children);
+  const auto upper = hn::InterleaveUpper(du, sorted, children);
+  auto* const to = reinterpret_cast<uint32_t*>(stack + depth);
+  hn::StoreU(hn::ConcatLowerLower(du, upper, lower), du, to);
+  hn::StoreU(hn::ConcatUpperUpper(du, upper, lower), du, to + kBvhWidth);
+  return depth + std::popcount(bits);
 }
 
 // A depth-first walk, for closest hits nearer children first. With kAny it stops at the first
