@@ -26,14 +26,13 @@ struct Costs {
 // (core/traverse/DESIGN.md, "What AUTO walks"); packets' and single rays' for closest hits were
 // fitted to packets that test all triangles of a leaf, as those do.
 constexpr Weights kShaftWeights = {55, 250, 3.4f, 6};
-// Shafts for any hit have become an eighth faster since, by what a walk counts and by itself, and a
-// single ray's leaf costs two thirds of what it did.
+// Shafts for any hit have become an eighth faster since, by what a walk counts and by itself.
 constexpr Weights kAnyShaftWeights = {48, 220, 3, 5};
 constexpr Costs kCosts[] = {
     {},                                                                       // By Others: none,
-    {{kShaftWeights, {250, 1050, 2, 10}, {27, 49, 0, 30}}, 150, 350},         // closest hits,
-    {{kAnyShaftWeights, {78, 750, 1.55f, 11}, {25, 52, 0, 110}}, 70, 310},    // one origin,
-    {{kAnyShaftWeights, {145, 540, 1.8f, 1}, {16.5f, 33, 0, 31}}, 35, 310}};  // one direction.
+    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350},         // closest hits,
+    {{kAnyShaftWeights, {78, 750, 1.55f, 11}, {25, 80, 0, 110}}, 70, 310},    // one origin,
+    {{kAnyShaftWeights, {145, 540, 1.8f, 1}, {16.5f, 50, 0, 31}}, 35, 310}};  // one direction.
 
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
 // cheapest by chance is taken more often.
