@@ -8,6 +8,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
 #include "core/base/check.h"
+#include "core/base/hand_over.h"
 
 namespace sightline {
 namespace {
@@ -46,17 +47,23 @@ absl::Status CheckCall(const TransportCredentials::Options& options,
   return options.access->Check(method, shown);
 }
 
-// gRPC's C functions know no captures: the state is a copy of the options.
+// gRPC's C functions know no captures. It asks after it was told of the state, in other threads.
+struct CheckState {
+  const TransportCredentials::Options options;
+  HandOver order = {};
+};
+
 void Process(void* state, grpc_auth_context* context, const grpc_metadata* metadata, size_t count,
              grpc_process_auth_metadata_done_cb done, void* user_data) {
-  const absl::Status status =
-      CheckCall(*static_cast<TransportCredentials::Options*>(state), context, metadata, count);
+  auto* const check = static_cast<CheckState*>(state);
+  check->order.Acquire();
+  const absl::Status status = CheckCall(check->options, context, metadata, count);
   const std::string message(status.message());
   done(user_data, nullptr, 0, nullptr, 0, static_cast<grpc_status_code>(status.code()),
        status.ok() ? nullptr : message.c_str());
 }
 
-void DeleteState(void* state) { delete static_cast<TransportCredentials::Options*>(state); }
+void DeleteState(void* state) { delete static_cast<CheckState*>(state); }
 
 }  // namespace
 
@@ -110,8 +117,10 @@ grpc_ssl_certificate_config_reload_status TransportCredentials::Fetch(
 }
 
 void TransportCredentials::CheckCalls() {
+  auto* const state = new CheckState{.options = options_};
+  state->order.Release();
   grpc_server_credentials_set_auth_metadata_processor(
-      credentials_, {.process = &Process, .destroy = &DeleteState, .state = new Options(options_)});
+      credentials_, {.process = &Process, .destroy = &DeleteState, .state = state});
 }
 
 }  // namespace sightline

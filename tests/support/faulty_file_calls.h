@@ -3,7 +3,7 @@
 // A file system that fails where a test wants it to: each kind of call has a script of what its
 // next calls do, and goes on as the real one when the script has run out.
 //
-// Thread safety: as the real one, but set the faults while nobody calls.
+// Thread safety: full. Faults set while calls are under way meet some of them.
 //
 //   FaultyFileCalls calls;
 //   calls.write_error = ENOSPC;
@@ -19,10 +19,35 @@
 #include <cerrno>
 #include <cstddef>
 #include <functional>
+#include <utility>
 
+#include "absl/base/thread_annotations.h"
+#include "absl/synchronization/mutex.h"
 #include "core/base/file_calls.h"
 
 namespace sightline::testing_support {
+
+// Something of the test's to call, if there is anything. Thread safety: full.
+class FileCallHook {
+ public:
+  FileCallHook& operator=(std::function<void()> call) {
+    const absl::MutexLock lock(&mutex_);
+    call_ = std::move(call);
+    return *this;
+  }
+  void operator()() {
+    std::function<void()> call;
+    {
+      const absl::MutexLock lock(&mutex_);
+      call = call_;
+    }
+    if (call) call();
+  }
+
+ private:
+  absl::Mutex mutex_;
+  std::function<void()> call_ ABSL_GUARDED_BY(mutex_);
+};
 
 class FaultyFileCalls final : public FileCalls {
  public:
@@ -36,8 +61,8 @@ class FaultyFileCalls final : public FileCalls {
   std::atomic<size_t> short_read{0};  // The most that a read gives.
   // Writes that are interrupted before one goes through.
   std::atomic<int> interrupts{0};
-  // Called at the beginning of every Map and every UnlinkAt, where they are set.
-  std::function<void()> on_map, on_unlink;
+  // Called at the beginning of every Map and every UnlinkAt.
+  FileCallHook on_map, on_unlink;
 
   int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
     if (open_error != 0) return Fail(open_error);
@@ -70,12 +95,12 @@ class FaultyFileCalls final : public FileCalls {
     return FileCalls::RenameAt(folder, from, to);
   }
   int UnlinkAt(int folder, const char* name) override {
-    if (on_unlink) on_unlink();
+    on_unlink();
     if (unlink_error != 0) return Fail(unlink_error);
     return FileCalls::UnlinkAt(folder, name);
   }
   void* Map(int file, size_t bytes) override {
-    if (on_map) on_map();
+    on_map();
     if (map_error != 0) {
       errno = map_error;
       return MAP_FAILED;
