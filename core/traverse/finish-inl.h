@@ -61,10 +61,32 @@ class ReadyTriangles {
   // `geometry` must outlive it. Without `weights` it gives no terms with kWeights.
   ReadyTriangles(const SceneGeometry& geometry, Vec3f origin, bool weights)
       : geometry_(geometry), origin_(origin), weights_(weights) {
-    std::fill_n(ready_, kReady, kNoTriangle);
+    Forget();
+    std::fill_n(row_of_, kNumbers, uint8_t{0});
   }
 
-  const SceneGeometry& geometry() const { return geometry_; }
+  // Sets up those that Fill is going to be asked about, a vector of them at a time: one by one they
+  // take several times as long. `count` ids; kNoTriangle is passed over. REQUIRES: `ids` may be
+  // read up to the end of a vector.
+  void Prepare(const uint32_t* ids, int count) {
+    Forget();
+    for (int i = 0; i < count && rows_ < kReady; i += static_cast<int>(kLanes)) {
+      const int lanes = std::min(static_cast<int>(kLanes), count - i);
+      List(ids + i, static_cast<uint32_t>((uint64_t{1} << lanes) - 1));
+    }
+    for (uint32_t row = 0; row < rows_; ++row) {
+      for (const uint32_t vertex : geometry_.triangles[ready_[row]]) {
+        hwy::Prefetch(&geometry_.vertices[vertex]);
+      }
+    }
+    for (uint32_t row = 0; row < rows_; row += kLanes) {
+      if (weights_) {
+        SetUp<true>(row);
+      } else {
+        SetUp<false>(row);
+      }
+    }
+  }
 
   // The terms of each lane's triangle, for the lanes of `here`, which is not zero; others are any.
   // ids[i] is that of lane i.
@@ -74,7 +96,7 @@ class ReadyTriangles {
     const auto lanes = hn::Load(du, ids);
     const uint32_t first = ids[std::countr_zero(here)];
     uint32_t left = here & ~MaskBits(du, hn::Eq(lanes, hn::Set(du, first)));
-    const TriangleTerms& ready = Get(first);
+    const TriangleTerms ready = Get(first);
     terms->Set(ready.distance, &ready.weights);
     for (int blends = 1; left != 0; ++blends) {
       if (blends == kMostBlends) {
@@ -83,41 +105,133 @@ class ReadyTriangles {
       }
       const uint32_t id = ids[std::countr_zero(left)];
       const uint32_t same = left & MaskBits(du, hn::Eq(lanes, hn::Set(du, id)));
-      const TriangleTerms& other = Get(id);
+      const TriangleTerms other = Get(id);
       terms->Blend(same, other.distance, &other.weights);
       left &= ~same;
     }
   }
 
  private:
-  // Triangles kept, by the low bits of their ids: neighbouring vectors share theirs.
-  static constexpr uint32_t kReady = 16;
+  using Lanes = hn::CappedTag<float, 16>;
+  static constexpr uint32_t kLanes = hn::MaxLanes(Lanes());
+  // Rows of triangles kept, taken one after another, and found by the low bits of their ids.
+  static constexpr uint32_t kReady = 64, kNumbers = 256;
+  static_assert(kReady % kLanes == 0 && kReady <= 256);
   // Lanes of a vector with more triangles than this are set up each for itself.
   static constexpr int kMostBlends = 4;
 
-  // Not set to anything before it is filled.
-  union Slot {
-    Slot() {}  // NOLINT(modernize-use-equals-default): defaulted, it would be deleted.
-    TriangleTerms terms;
-  };
+  void Forget() {
+    rows_ = 0;
+    std::fill_n(ready_, kReady, kNoTriangle);
+  }
 
-  const TriangleTerms& Get(uint32_t id) {
-    const uint32_t slot = id % kReady;
-    TriangleTerms& terms = terms_[slot].terms;
-    if (ready_[slot] != id) {
-      const auto [a, b, c] = geometry_.Corners(id);
-      terms.distance = TriangleDistance::Make(origin_, a, b, c);
-      if (weights_) terms.weights = TriangleWeights::Make(origin_, a, b, c);
-      ready_[slot] = id;
+  bool IsReady(uint32_t id) const { return ready_[row_of_[id % kNumbers]] == id; }
+
+  uint32_t TakeRow(uint32_t id) {
+    const uint32_t row = rows_++ % kReady;
+    ready_[row] = id;
+    row_of_[id % kNumbers] = static_cast<uint8_t>(row);
+    return row;
+  }
+
+  // Takes rows for the triangles of a vector's lanes `used`, if Fill will ask for them, and as far
+  // as there are rows. Asks for their indices.
+  void List(const uint32_t* ids, uint32_t used) {
+    const hn::RebindToUnsigned<Lanes> du;
+    const auto lanes = hn::Load(du, ids);
+    const auto same = [&](uint32_t id)
+                          HWY_ATTR { return MaskBits(du, hn::Eq(lanes, hn::Set(du, id))); };
+    uint32_t own[kMostBlends];
+    int count = 0;
+    uint32_t left = used & ~same(kNoTriangle);
+    for (; left != 0 && count < kMostBlends; ++count) {
+      own[count] = ids[std::countr_zero(left)];
+      left &= ~same(own[count]);
     }
-    return terms;
+    if (left != 0) return;
+    for (int k = 0; k < count && rows_ < kReady; ++k) {
+      if (IsReady(own[k])) continue;
+      TakeRow(own[k]);
+      hwy::Prefetch(&geometry_.triangles[own[k]]);
+    }
+  }
+
+  // The triangles of rows from `row` on, a vector of them.
+  template <bool kWeights>
+  HWY_INLINE void SetUp(uint32_t row) {
+    const Lanes d;
+    const hn::Rebind<double, hn::Half<Lanes>> dd;
+    HWY_ALIGN float corners[9][kLanes];
+    for (uint32_t lane = 0; lane < kLanes; ++lane) {
+      const uint32_t id = ready_[std::min(row + lane, rows_ - 1)];
+      for (int k = 0; k < 3; ++k) {
+        const Vec3f at = geometry_.vertices[geometry_.triangles[id][k]];
+        for (int axis = 0; axis < 3; ++axis) corners[3 * k + axis][lane] = at[axis];
+      }
+    }
+    const auto corner = [&](int k) HWY_ATTR -> Vec3V<hn::Vec<Lanes>> {
+      return {hn::Load(d, corners[3 * k]), hn::Load(d, corners[3 * k + 1]),
+              hn::Load(d, corners[3 * k + 2])};
+    };
+    HitTerms<Lanes, kWeights> terms;
+    terms.Make(origin_, corner(0), corner(1), corner(2));
+    for (int h = 0; h < 2; ++h) {
+      const uint32_t at = row + static_cast<uint32_t>(h) * kLanes / 2;
+      const auto put = [&](const auto& v, double(*to)[kReady]) HWY_ATTR {
+        hn::Store(v.x, dd, to[0] + at);
+        hn::Store(v.y, dd, to[1] + at);
+        hn::Store(v.z, dd, to[2] + at);
+      };
+      put(terms.normal[h], normal_);
+      hn::Store(terms.numerator[h], dd, numerator_ + at);
+      if constexpr (kWeights) {
+        put(terms.e0[h], e0_);
+        put(terms.e2[h], e2_);
+      }
+    }
+    for (int k = 0; k < 3; ++k) {
+      hn::Store(terms.lo[k], d, lo_[k] + row);
+      hn::Store(terms.hi[k], d, hi_[k] + row);
+    }
+  }
+
+  // One triangle that nobody had foreseen.
+  HWY_NOINLINE void SetUpOne(uint32_t id) {
+    const uint32_t row = TakeRow(id);
+    const auto [a, b, c] = geometry_.Corners(id);
+    const auto distance = TriangleDistance::Make(origin_, a, b, c);
+    const auto weights = weights_ ? TriangleWeights::Make(origin_, a, b, c) : TriangleWeights();
+    numerator_[row] = distance.numerator;
+    for (int k = 0; k < 3; ++k) {
+      normal_[k][row] = distance.normal[k];
+      e0_[k][row] = weights.e0[k];
+      e2_[k][row] = weights.e2[k];
+      lo_[k][row] = distance.lo[k];
+      hi_[k][row] = distance.hi[k];
+    }
+  }
+
+  HWY_INLINE TriangleTerms Get(uint32_t id) {
+    if (!IsReady(id)) SetUpOne(id);
+    const uint32_t row = row_of_[id % kNumbers];
+    const auto of = [row](const double(&rows)[3][kReady]) {
+      return Vec3d{rows[0][row], rows[1][row], rows[2][row]};
+    };
+    const auto face = [row](const float(&rows)[3][kReady]) {
+      return Vec3f{rows[0][row], rows[1][row], rows[2][row]};
+    };
+    return {{of(normal_), numerator_[row], face(lo_), face(hi_)}, {of(e0_), of(e2_)}};
   }
 
   const SceneGeometry& geometry_;
   const Vec3f origin_;
   const bool weights_;
-  uint32_t ready_[kReady];
-  Slot terms_[kReady];
+  uint32_t rows_;  // Taken so far.
+  alignas(64) uint32_t ready_[kReady];
+  uint8_t row_of_[kNumbers];
+  // By row, none of them set before its row is taken: what TriangleTerms holds.
+  alignas(64) double normal_[3][kReady], numerator_[kReady], e0_[3][kReady], e2_[3][kReady];
+  alignas(64) float lo_[3][kReady], hi_[3][kReady];
 };
 
 template <bool kWeights>
@@ -127,7 +241,7 @@ class HitFinisher {
 
   // Misses included.
   void Finish() {
-    FetchCorners();
+    ready_.Prepare(packet_.triangle, packet_.count);
     FindOctant();
     const DU du;
     for (int i = 0; i < packet_.count; i += kLanes) {
@@ -154,27 +268,6 @@ class HitFinisher {
     const Vec3f o = packet_.origin;
     const Vec3V<V> target = Targets(i);
     return packet_.segments ? SubV(target, Broadcast(D(), o.x, o.y, o.z)) : target;
-  }
-
-  // Asks for the corners of what each vector's first and last rays see, so that one comes from
-  // memory while others do.
-  void FetchCorners() const {
-    const SceneGeometry& geometry = ready_.geometry();
-    uint32_t last = kNoTriangle, ids[2 * RayPacket::kMaxRays / kLanes];
-    int count = 0;
-    for (int i = 0; i < packet_.count; i += kLanes) {
-      for (const int lane : {i, std::min(i + kLanes, packet_.count) - 1}) {
-        const uint32_t id = packet_.triangle[lane];
-        if (id == last || id == kNoTriangle) continue;
-        last = ids[count++] = id;
-        hwy::Prefetch(&geometry.triangles[id]);
-      }
-    }
-    for (int k = 0; k < count; ++k) {
-      for (const uint32_t vertex : geometry.triangles[ids[k]]) {
-        hwy::Prefetch(&geometry.vertices[vertex]);
-      }
-    }
   }
 
   // Whether all rays point into one octant, with no component that is zero or subnormal.

@@ -34,6 +34,7 @@
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
 #include "core/traverse/packet-inl.h"
+#include "core/traverse/shaft_blocks-inl.h"
 #include "core/traverse/shaft_cut-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_pair-inl.h"
@@ -57,10 +58,6 @@ constexpr float kLargestInverse = 0x1p100f;
 // A segment's hit is not beyond its end: the inverse of kSegmentEnd, rounding included.
 constexpr float kEndInverse = 1.0f - 0x1p-19f;
 static_assert(double{kEndInverse} * double{kSegmentEnd} < 1);
-
-// hn::Iota of a value known at run time goes through memory, a number at a time.
-alignas(64) constexpr uint32_t kCountUp[kShaftBlocks] = {0, 1, 2,  3,  4,  5,  6,  7,
-                                                         8, 9, 10, 11, 12, 13, 14, 15};
 
 template <bool kAny, bool kParallel>
 class ShaftWalk {
@@ -253,8 +250,9 @@ class ShaftWalk {
     found_ = false;
     HWY_ALIGN uint32_t pairs[kMaxLeafTriangles * kShaftBlocks + kShaftBlocks];
     size_t count = 0;
+    const TriangleBlocks<kAny, kParallel> blocks(rays_, bounds_, leaf_->forms());
     for (uint32_t left = relevant; left != 0; left &= left - 1) {
-      count += ListBlocks(std::countr_zero(left), pairs + count);
+      count += blocks.List(std::countr_zero(left), pairs + count);
     }
     MarkTested(rays_, bounds_, leaf, {pairs, count}, packet_.answered_by);
     // Those in doubt wait, so that no test has to know how the one before ended.
@@ -279,86 +277,6 @@ class ShaftWalk {
     stats_->shaft.relevant += relevant_count;
     stats_->shaft.pairs += count;
     return relevant_count;
-  }
-
-  // Range of a form over the blocks first .. first + kLanes: middle ± (radius + `margin`).
-  HWY_INLINE void Range(const FrameForm& form, uint32_t i, size_t first, V margin, V* middle,
-                        V* radius) const {
-    const ShaftD d;
-    const V f0 = hn::Set(d, form.f[0][i]), f1 = hn::Set(d, form.f[1][i]);
-    *middle = hn::MulAdd(f0, hn::Load(d, bounds_.mx + first),
-                         hn::MulAdd(f1, hn::Load(d, bounds_.my + first), hn::Set(d, form.f[2][i])));
-    *radius = hn::MulAdd(hn::Abs(f0), hn::Load(d, bounds_.hx + first),
-                         hn::MulAdd(hn::Abs(f1), hn::Load(d, bounds_.hy + first), margin));
-  }
-
-  // One relevant triangle against all blocks. Lists those it may touch, as pairs of triangle and
-  // block, and returns how many.
-  HWY_INLINE size_t ListBlocks(uint32_t i, uint32_t* pairs) {
-    const ShaftD d;
-    const hn::RebindToUnsigned<ShaftD> du;
-    const LeafForms& forms = leaf_->forms();
-    size_t count = 0;
-    for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
-      V most = hn::Set(d, kInfinity), least = most;  // Over the edges: of largest, least values.
-      V middle, radius;
-      for (const FrameForm& form : forms.edge_form) {
-        Range(form, i, first, hn::Set(d, forms.edge_margin[i]), &middle, &radius);
-        most = hn::Min(most, hn::Add(middle, radius));
-        least = hn::Min(least, hn::Sub(middle, radius));
-      }
-      M in = hn::And(
-          hn::Ge(most, hn::Zero(d)),
-          hn::And(hn::And(hn::Le(hn::Load(d, bounds_.x0 + first), hn::Set(d, forms.x1[i])),
-                          hn::Ge(hn::Load(d, bounds_.x1 + first), hn::Set(d, forms.x0[i]))),
-                  hn::And(hn::Le(hn::Load(d, bounds_.y0 + first), hn::Set(d, forms.y1[i])),
-                          hn::Ge(hn::Load(d, bounds_.y1 + first), hn::Set(d, forms.y0[i])))));
-      M cover = hn::Gt(least, hn::Zero(d));
-      Range(forms.plane_form, i, first, hn::Set(d, forms.plane_margin[i]), &middle, &radius);
-      if constexpr (kParallel) {
-        // N·(A-P): some origin must lie behind the triangle; all must for a cover.
-        const V z0 = hn::Load(d, bounds_.near + first), z1 = hn::Load(d, bounds_.far + first);
-        const V f3 = hn::Set(d, forms.plane_form.f[3][i]);
-        const V at0 = hn::MulAdd(f3, z0, middle), at1 = hn::MulAdd(f3, z1, middle);
-        in = hn::And(in, hn::Gt(hn::Add(hn::Max(at0, at1), radius), hn::Zero(d)));
-        cover = hn::And(cover, hn::Gt(hn::Sub(hn::Min(at0, at1), radius), hn::Zero(d)));
-      } else {
-        // The rays' rate of approach to the plane, per unit of depth; and the depth along the
-        // normal at which the plane stands, with rounding both ways.
-        const V fastest = hn::Add(middle, radius), slowest = hn::Sub(middle, radius);
-        const V far = hn::Load(d, bounds_.far + first);
-        const V depth = hn::Set(d, forms.depth[i]), bound = hn::Set(d, forms.depth_bound[i]);
-        const V plane_lo = hn::Mul(hn::Sub(depth, bound), hn::Set(d, 2.0f - kDepthScale));
-        if constexpr (kAny) {
-          if (rays_.segments()) {
-            // Some ray must reach the plane; all must pass it for a cover.
-            in = hn::And(
-                in, hn::And(hn::Gt(fastest, hn::Zero(d)), hn::Ge(hn::Mul(far, fastest), plane_lo)));
-            const V near =
-                hn::Mul(hn::Load(d, bounds_.near + first), hn::Set(d, 2.0f - kDepthScale));
-            const V plane_hi = hn::Mul(hn::Add(depth, bound), hn::Set(d, kDepthScale));
-            cover = hn::And(cover, hn::And(hn::Gt(slowest, hn::Zero(d)),
-                                           hn::Gt(hn::Mul(near, slowest), plane_hi)));
-          }
-        } else {
-          // Where every ray certainly approaches, the plane quotient is good to a few float
-          // roundings, and no hit on this triangle comes before plane / fastest. Elsewhere
-          // (grazing) only the vertices' depths have a say.
-          const M certain = hn::Gt(slowest, hn::Zero(d));
-          in = hn::AndNot(hn::And(certain, hn::Lt(hn::Mul(far, fastest), plane_lo)), in);
-          if (rays_.segments()) cover = hn::FirstN(d, 0);
-        }
-      }
-      const uint8_t* open = reinterpret_cast<const uint8_t*>(&bounds_.open_blocks) + first / 8;
-      in = hn::And(in, hn::LoadMaskBits(d, open));
-      const auto covered = hn::IfThenElseZero(hn::RebindMask(du, cover), hn::Set(du, kCovered));
-      const uint32_t pair_bits = i << kTriangleShift | static_cast<uint32_t>(first);
-      const auto pair = hn::Add(hn::Add(hn::Load(du, kCountUp), hn::Set(du, pair_bits)), covered);
-      // Compressed in a register: a compressing store is microcode.
-      hn::StoreU(hn::Compress(pair, hn::RebindMask(du, in)), du, pairs + count);
-      count += hn::CountTrue(d, in);
-    }
-    return count;
   }
 
   // The rays of one block that are still asked about, by floats, without a branch that depends on

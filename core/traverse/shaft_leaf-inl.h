@@ -40,6 +40,7 @@ struct LeafForms {
   alignas(64) float depth[kMaxLeafTriangles];         // normal·(A-O), or normal·(A-R).
   alignas(64) float depth_bound[kMaxLeafTriangles];   // One origin: its error. Parallel: of the
                                                       // whole plane form per ray.
+  alignas(64) float nearest[kMaxLeafTriangles];       // Closest: the least depth in its box.
   alignas(64) float inverse_lo[kMaxLeafTriangles];    // Closest: bounds of 1 / (normal·(A-O)).
   alignas(64) float inverse_hi[kMaxLeafTriangles];    // +inf where it cannot be trusted.
   // Against a block of rays: forms, good to their margins, and the triangle's own rectangle of
@@ -192,6 +193,7 @@ class ShaftLeaf {
       nearest = hn::Sub(hn::NegMulAdd(corner_reach, hn::Set(d, kBoxMargin), nearest),
                         hn::Set(d, kFloatUnderflow));
       in = hn::And(in, hn::Le(nearest, hn::Set(d, far)));
+      Put(nearest, first, forms_.nearest);
     }
     uint32_t relevant = MaskBits(d, in) & in_use;
     if (relevant == 0) return 0;

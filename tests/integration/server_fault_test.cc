@@ -250,7 +250,9 @@ TEST_F(FaultTest, OutOfItsMemoryBudgetItGoesOnServing) {
     EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
     EXPECT_EQ(ReasonIn(status), "OUT_OF_MEMORY_BUDGET");
   }
-  EXPECT_LT(server.ResidentBytes(), before + 64 * kMiB);
+  // Sanitizers keep several bytes of their own for each one of the server's.
+  const uint64_t grace = (testing_support::kSanitizerBuild ? 256 : 64) * kMiB;
+  EXPECT_LT(server.ResidentBytes(), before + grace);
   load.WaitForAnswers(100);
   load.Stop();
   EXPECT_EQ(load.wrong(), 0u);

@@ -22,8 +22,8 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 #include "core/base/file_calls.h"
+#include "core/base/mutex.h"
 
 namespace sightline::testing_support {
 
@@ -31,21 +31,21 @@ namespace sightline::testing_support {
 class FileCallHook {
  public:
   FileCallHook& operator=(std::function<void()> call) {
-    const absl::MutexLock lock(&mutex_);
+    const MutexLock lock(mutex_);
     call_ = std::move(call);
     return *this;
   }
   void operator()() {
     std::function<void()> call;
     {
-      const absl::MutexLock lock(&mutex_);
+      const MutexLock lock(mutex_);
       call = call_;
     }
     if (call) call();
   }
 
  private:
-  absl::Mutex mutex_;
+  Mutex mutex_;
   std::function<void()> call_ ABSL_GUARDED_BY(mutex_);
 };
 
