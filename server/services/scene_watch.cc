@@ -12,6 +12,7 @@ namespace sightline {
 SceneWatch* SceneWatch::Start(const v1::WatchSceneRequest& request, const QueryEnvironment& env) {
   auto watch = std::shared_ptr<SceneWatch>(new SceneWatch(env));
   watch->Begin(request);
+  watch->begun_.Release();
   return watch.get();
 }
 
@@ -71,6 +72,7 @@ void SceneWatch::OnWriteDone(bool ok) {
 }
 
 void SceneWatch::OnCancel() {
+  begun_.Acquire();
   MutexLock lock(mutex_);
   next_.reset();
   EndWith(absl::CancelledError("the call was cancelled or its deadline passed"));

@@ -18,6 +18,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "core/base/hand_over.h"
 #include "core/base/mutex.h"
 #include "server/metrics/metrics.h"
 #include "server/scenes/scene_catalog.h"
@@ -50,6 +51,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
 
   const QueryEnvironment env_;
   const CallTimer timer_;
+  HandOver begun_;  // gRPC knows the call before it says that it was cancelled.
   Mutex mutex_;
   std::shared_ptr<SceneWatch> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);

@@ -30,6 +30,7 @@
 
 #include "absl/status/status.h"
 #include "core/base/cancel.h"
+#include "core/base/hand_over.h"
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
@@ -69,6 +70,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     const Client client = ClientOf(context, env.access);
     std::shared_ptr<UploadReactor> reactor(new UploadReactor(response, env, client));
     reactor->Begin(client, env, slots);
+    reactor->begun_.Release();
     return reactor.get();
   }
 
@@ -90,6 +92,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   }
 
   void OnCancel() override {
+    begun_.Acquire();
     MutexLock lock(mutex_);
     cancel_.Cancel();
     if (running_ == 0) End(cancel_.ToStatus());
@@ -190,6 +193,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   Request request_;
   CancelToken cancel_;
 
+  HandOver begun_;  // gRPC knows the call before it says that it was cancelled.
   Mutex mutex_;
   std::shared_ptr<UploadReactor> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);

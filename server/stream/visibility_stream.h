@@ -19,8 +19,7 @@
 //     kMaxDiscarded messages.
 //
 // Thread safety: gRPC calls the reactions from its threads, tasks run on the pool's; one mutex
-// guards all state, and gRPC's Start* and Finish are called with it held (their completions never
-// run inside them).
+// guards all state, and gRPC's Start* and Finish are called with it held (completions run later).
 #ifndef SIGHTLINE_SERVER_STREAM_VISIBILITY_STREAM_H_
 #define SIGHTLINE_SERVER_STREAM_VISIBILITY_STREAM_H_
 
@@ -42,6 +41,7 @@
 #include "absl/time/time.h"
 #include "core/base/cancel.h"
 #include "core/base/check.h"
+#include "core/base/hand_over.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "server/admission/call_tracker.h"
@@ -75,6 +75,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
                                  const QueryEnvironment& env) {
     auto stream = std::shared_ptr<VisibilityStream>(new VisibilityStream(context, env));
     stream->Begin(env.calls.Admit(stream));
+    stream->begun_.Release();
     return stream.get();
   }
 
@@ -115,6 +116,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   }
 
   void OnCancel() override {
+    begun_.Acquire();
     MutexLock lock(mutex_);
     Abandon();
     Advance();
@@ -563,6 +565,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   grpc::ByteBuffer incoming_;  // Written by gRPC between StartRead and OnReadDone.
   CancelToken token_;          // Parent of every item's.
 
+  HandOver begun_;  // gRPC knows the stream before it says that it was cancelled.
   Mutex mutex_;
   std::shared_ptr<VisibilityStream> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
@@ -570,8 +573,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   // Set once, before the first message is read; null for a call that was refused.
   RayAccount account_;
   std::unique_ptr<Scheduler::Flow> flow_;
-  // Set once, before the first item; read without the lock by tasks of items.
-  std::unique_ptr<Method> method_;
+  std::unique_ptr<Method> method_;  // Set once, before items; their tasks read it without the lock.
   bool header_seen_ ABSL_GUARDED_BY(mutex_) = false;
   bool half_closed_ ABSL_GUARDED_BY(mutex_) = false;
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
