@@ -13,6 +13,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "tests/integration/raw_connection.h"
 #include "tests/integration/tile_load.h"
@@ -176,7 +177,8 @@ TEST_F(FaultTest, GarbageOnThePortHurtsNobody) {
         connection->Send(preface + settings + garbage);
         break;
       default:  // A header frame that promises 16 KiB and brings a few bytes.
-        connection->Send(preface + settings + std::string("\0\x40\0\1\4\0\0\0\1", 9) + "abc");
+        connection->Send(
+            absl::StrCat(preface, settings, absl::string_view("\0\x40\0\1\4\0\0\0\1", 9), "abc"));
         break;
     }
     if (rng.Chance(0.5)) connection->Abort();
