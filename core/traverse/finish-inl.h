@@ -92,22 +92,18 @@ class ReadyTriangles {
   // ids[i] is that of lane i.
   template <class D, bool kWeights>
   HWY_INLINE void Fill(const uint32_t* ids, uint32_t here, HitTerms<D, kWeights>* terms) {
-    const hn::RebindToUnsigned<D> du;
-    const auto lanes = hn::Load(du, ids);
-    const uint32_t first = ids[std::countr_zero(here)];
-    uint32_t left = here & ~MaskBits(du, hn::Eq(lanes, hn::Set(du, first)));
-    const TriangleTerms ready = Get(first);
-    terms->Set(ready.distance, &ready.weights);
-    for (int blends = 1; left != 0; ++blends) {
-      if (blends == kMostBlends) {
-        GatherTerms(geometry_, origin_, lanes, first, here, terms);
-        return;
-      }
-      const uint32_t id = ids[std::countr_zero(left)];
-      const uint32_t same = left & MaskBits(du, hn::Eq(lanes, hn::Set(du, id)));
-      const TriangleTerms other = Get(id);
-      terms->Blend(same, other.distance, &other.weights);
-      left &= ~same;
+    uint32_t own[kMostBlends], same[kMostBlends];
+    const int count = Distinct<D>(ids, here, own, same);
+    if (count > kMostBlends) {
+      const hn::RebindToUnsigned<D> du;
+      GatherTerms(geometry_, origin_, hn::Load(du, ids), own[0], here, terms);
+      return;
+    }
+    const TriangleTerms first = Get(own[0]);
+    terms->Set(first.distance, &first.weights);
+    for (int k = 1; k < count; ++k) {
+      const TriangleTerms other = Get(own[k]);
+      terms->Blend(same[k], other.distance, &other.weights);
     }
   }
 
@@ -118,7 +114,7 @@ class ReadyTriangles {
   static constexpr uint32_t kReady = 64, kNumbers = 256;
   static_assert(kReady % kLanes == 0 && kReady <= 256);
   // Lanes of a vector with more triangles than this are set up each for itself.
-  static constexpr int kMostBlends = 4;
+  static constexpr int kMostBlends = 3;
 
   void Forget() {
     rows_ = 0;
@@ -134,21 +130,31 @@ class ReadyTriangles {
     return row;
   }
 
+  // The triangles of a vector's lanes `here`, each once, and who has it; returns how many, or
+  // kMostBlends + 1 for more than that.
+  template <class D>
+  static HWY_INLINE int Distinct(const uint32_t* ids, uint32_t here, uint32_t* own,
+                                 uint32_t* same) {
+    const hn::RebindToUnsigned<D> du;
+    const auto lanes = hn::Load(du, ids);
+    int count = 0;
+    for (uint32_t left = here; left != 0; ++count) {
+      if (count == kMostBlends) return kMostBlends + 1;
+      own[count] = ids[std::countr_zero(left)];
+      same[count] = left & MaskBits(du, hn::Eq(lanes, hn::Set(du, own[count])));
+      left &= ~same[count];
+    }
+    return count;
+  }
+
   // Takes rows for the triangles of a vector's lanes `used`, if Fill will ask for them, and as far
   // as there are rows. Asks for their indices.
   void List(const uint32_t* ids, uint32_t used) {
     const hn::RebindToUnsigned<Lanes> du;
-    const auto lanes = hn::Load(du, ids);
-    const auto same = [&](uint32_t id)
-                          HWY_ATTR { return MaskBits(du, hn::Eq(lanes, hn::Set(du, id))); };
-    uint32_t own[kMostBlends];
-    int count = 0;
-    uint32_t left = used & ~same(kNoTriangle);
-    for (; left != 0 && count < kMostBlends; ++count) {
-      own[count] = ids[std::countr_zero(left)];
-      left &= ~same(own[count]);
-    }
-    if (left != 0) return;
+    const uint32_t missed = MaskBits(du, hn::Eq(hn::Load(du, ids), hn::Set(du, kNoTriangle)));
+    uint32_t own[kMostBlends], same[kMostBlends];
+    const int count = Distinct<Lanes>(ids, used & ~missed, own, same);
+    if (count > kMostBlends) return;
     for (int k = 0; k < count && rows_ < kReady; ++k) {
       if (IsReady(own[k])) continue;
       TakeRow(own[k]);
