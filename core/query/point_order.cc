@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "core/geometry/box3.h"
+#include "core/query/point_parter.h"
 #include "hwy/highway.h"
 
 namespace sightline {
@@ -13,8 +14,7 @@ namespace {
 
 // Fewer points than this are a few blocks whatever their order.
 constexpr size_t kLeastPoints = 1024;
-// What a walk puts to a triangle at once (core/traverse/shaft_rays-inl.h).
-constexpr size_t kSmallestBlock = 16;
+constexpr size_t kSmallestBlock = PointParter::kSmallestBlock;
 // What shares a shaft (RayPacket::kMaxRays). A picture's rows come as narrow blocks of the one kind
 // and as long ones of the other: 262,144 hits in rows of 512 are answered for 145 lights at six
 // times the rate once they are ordered, for three lights at twice.
@@ -124,32 +124,6 @@ double Spread(std::span<const Vec3f> positions, std::span<const uint8_t> valid, 
   return spread;
 }
 
-struct Numbered {
-  Vec3f position;
-  uint32_t index;
-};
-
-// Parts the points across their widest axis, again and again. The first part takes the largest
-// power of two of smallest blocks that leaves something over, so that every block of 16, 32, 64 ..
-// points from the start of the order is one part.
-void Part(std::span<Numbered> points) {
-  while (points.size() > kSmallestBlock) {
-    Box3f box;
-    for (const Numbered& p : points) box.Extend(p.position);
-    const Vec3f extent = box.hi - box.lo;
-    int axis = extent.y > extent.x ? 1 : 0;
-    if (extent.z > extent[axis]) axis = 2;
-    size_t first = kSmallestBlock;
-    while (2 * first < points.size()) first *= 2;
-    std::nth_element(points.begin(), points.begin() + static_cast<ptrdiff_t>(first), points.end(),
-                     [axis](const Numbered& a, const Numbered& b) {
-                       return a.position[axis] < b.position[axis];
-                     });
-    Part(points.subspan(first));
-    points = points.first(first);
-  }
-}
-
 }  // namespace
 
 bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
@@ -161,15 +135,9 @@ bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> val
 
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
                                    std::span<const uint8_t> valid) {
-  std::vector<Numbered> points;
-  points.reserve(positions.size());
-  for (size_t i = 0; i < positions.size(); ++i) {
-    if (valid[i]) points.push_back({positions[i], static_cast<uint32_t>(i)});
-  }
-  Part(points);
-  std::vector<uint32_t> order(points.size());
-  for (size_t i = 0; i < points.size(); ++i) order[i] = points[i].index;
-  return order;
+  PointParter points(positions, valid);
+  points.Part();
+  return points.Order();
 }
 
 }  // namespace sightline

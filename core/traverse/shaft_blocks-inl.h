@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "core/base/compress-inl.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_pair-inl.h"
@@ -113,7 +114,7 @@ class TriangleBlocks {
       const auto covered = hn::IfThenElseZero(hn::RebindMask(du, cover), hn::Set(du, kCovered));
       const auto pair = hn::Add(hn::Add(hn::Load(du, kCountUp), hn::Set(du, pair_bits)), covered);
       // Compressed in a register: a compressing store is microcode.
-      hn::StoreU(hn::Compress(pair, hn::RebindMask(du, in)), du, pairs + count);
+      hn::StoreU(CompressLanes(du, pair, hn::RebindMask(du, in)), du, pairs + count);
       count += hn::CountTrue(d, in);
     }
     return count;

@@ -25,6 +25,7 @@
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
+#include "core/base/compress-inl.h"
 #include "core/geometry/box_ray.h"
 #include "core/intersect/ray_forms-inl.h"
 #include "core/traverse/leaf_view.h"
@@ -209,7 +210,7 @@ HWY_INLINE int PushChildren(D /*d*/, const BvhNode& node, M met, PendingAny* end
   const auto used =
       hn::And(hn::RebindMask(du, met), hn::Ne(children, hn::Set(du, ChildRef::Empty().bits())));
   // Compressed in a register: a compressing store is microcode.
-  hn::StoreU(hn::Compress(children, used), du, reinterpret_cast<uint32_t*>(end));
+  hn::StoreU(CompressLanes(du, children, used), du, reinterpret_cast<uint32_t*>(end));
   return static_cast<int>(hn::CountTrue(du, used));
 }
 

@@ -6,10 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
+#include <iterator>
 #include <numeric>
 #include <span>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "core/geometry/box3.h"
 #include "core/query/shadows.h"
 #include "gmock/gmock.h"
@@ -126,15 +129,12 @@ TEST(PointOrderTest, TheOrderHoldsEachValidPointOnce) {
 }
 
 // Blocks of 2^k are parted from each other: of any two that share a parent, some axis has all of
-// one before all of the other.
-TEST(PointOrderTest, BlocksOfTheOrderArePartedByPlanes) {
-  TestRng rng;
-  std::vector<Vec3f> points(3000);
-  for (Vec3f& p : points) {
-    for (int k = 0; k < 3; ++k) p[k] = static_cast<float>(std::floor(rng.Uniform(0, 40)));
-  }
-  const std::vector<uint32_t> order = SpatialOrder(points, std::vector<uint8_t>(points.size(), 1));
+// one before all of the other. Each point is there once.
+void ExpectParted(const std::vector<Vec3f>& points, const std::vector<uint32_t>& order) {
   ASSERT_EQ(order.size(), points.size());
+  std::vector<int> seen(points.size());
+  for (uint32_t i : order) ++seen[i];
+  EXPECT_EQ(std::count(seen.begin(), seen.end(), 1), static_cast<ptrdiff_t>(seen.size()));
   int pairs = 0;
   for (size_t size = 16; size < points.size(); size *= 2) {
     for (size_t first = 0; first + size < points.size(); first += 2 * size, ++pairs) {
@@ -147,7 +147,46 @@ TEST(PointOrderTest, BlocksOfTheOrderArePartedByPlanes) {
       EXPECT_TRUE(parted) << "blocks of " << size << " from " << first;
     }
   }
-  EXPECT_GT(pairs, 180);
+  EXPECT_GE(pairs + 1, static_cast<int>(points.size() / 16));
+}
+
+TEST(PointOrderTest, BlocksOfTheOrderArePartedByPlanes) {
+  TestRng rng;
+  std::vector<Vec3f> points(3000);
+  for (Vec3f& p : points) {
+    for (int k = 0; k < 3; ++k) p[k] = static_cast<float>(std::floor(rng.Uniform(0, 40)));
+  }
+  ExpectParted(points, SpatialOrder(points, std::vector<uint8_t>(points.size(), 1)));
+}
+
+// Of every size, and spread so that no guess at where the middle lies is any good.
+TEST(PointOrderTest, PointsArePartedHoweverTheyAreSpread) {
+  TestRng rng;
+  const auto any_magnitude = [&] {
+    return static_cast<float>(std::exp2(rng.Uniform(-149, 40)) * (rng.Below(2) == 0 ? 1 : -1));
+  };
+  const std::function<float(size_t)> spreads[] = {
+      [](size_t) { return 7.0f; },                                  // All in one place.
+      [&](size_t) { return rng.Below(2) == 0 ? 0.0f : -0.0f; },     // Equal, not the same.
+      [&](size_t) { return rng.Below(9) == 0 ? 1e12f : -1e-30f; },  // Two places.
+      [&](size_t) { return any_magnitude(); },                      // Near zero, most.
+      [](size_t i) { return static_cast<float>(i); },               // In order.
+      [](size_t i) { return static_cast<float>(i % 2 == 0 ? i : 5000 - i); },  // From both ends.
+      [](size_t i) { return i == 40 ? 1e12f : static_cast<float>(i % 100); },  // One far away.
+      [](size_t i) { return static_cast<float>(std::exp2(-static_cast<double>(i % 140))); },
+  };
+  for (size_t kind = 0; kind < std::size(spreads); ++kind) {
+    for (size_t n = 1; n < 4000; n += 1 + n / 7 + rng.Below(3)) {
+      SCOPED_TRACE(absl::StrCat("kind ", kind, ", ", n, " points"));
+      std::vector<Vec3f> points(n);
+      for (size_t i = 0; i < n; ++i) {
+        points[i] = {spreads[kind](i), kind % 2 == 0 ? spreads[kind](n - i) : 3.0f,
+                     any_magnitude()};
+        if (kind < 3) points[i].z = -1;
+      }
+      ExpectParted(points, SpatialOrder(points, std::vector<uint8_t>(n, 1)));
+    }
+  }
 }
 
 // Points that name no triangle, one by one or as a whole, in rows and shuffled.

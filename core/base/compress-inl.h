@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Some lanes of a vector, moved together. AVX-512 has an instruction for it. For AVX2 Highway 1.0.3
+// looks the order up in a table that GCC, since it is no static one, copies to the stack each time:
+// a kilobyte, for every node and every triangle. So here is one that stays where it is.
+//
+// Thread safety: pure functions.
+
+#if defined(SIGHTLINE_CORE_BASE_COMPRESS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_BASE_COMPRESS_INL_H_
+#undef SIGHTLINE_CORE_BASE_COMPRESS_INL_H_
+#else
+#define SIGHTLINE_CORE_BASE_COMPRESS_INL_H_
+#endif
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// By mask: the lanes of its bits, then the others.
+using LaneOrders = std::array<std::array<uint8_t, 8>, 256>;
+constexpr LaneOrders MakeLaneOrders() {
+  LaneOrders orders = {};
+  for (size_t mask = 0; mask < orders.size(); ++mask) {
+    size_t at = 0;
+    for (const size_t chosen : {size_t{1}, size_t{0}}) {
+      for (uint8_t lane = 0; lane < 8; ++lane) {
+        if ((mask >> lane & 1) == chosen) orders[mask][at++] = lane;
+      }
+    }
+  }
+  return orders;
+}
+alignas(64) inline constexpr LaneOrders kLaneOrders = MakeLaneOrders();
+
+// The lanes of `chosen`, in their order, from the first on; those behind them are any. Of four bytes
+// each.
+template <class D, class V = hn::Vec<D>, class M>
+HWY_INLINE V CompressLanes(D d, V v, M chosen) {
+  static_assert(sizeof(hn::TFromD<D>) == sizeof(uint32_t));
+#if HWY_TARGET == HWY_AVX2
+  if constexpr (hn::MaxLanes(d) == 8) {
+    uint8_t bits[8];  // As many as StoreMaskBits may write.
+    hn::StoreMaskBits(d, chosen, bits);
+    const hn::RebindToUnsigned<D> du;
+    const hn::Rebind<uint8_t, D> bytes;
+    const auto order = hn::PromoteTo(du, hn::LoadU(bytes, kLaneOrders[bits[0]].data()));
+    return hn::TableLookupLanes(v, hn::IndicesFromVec(d, order));
+  }
+#endif
+  return hn::Compress(v, chosen);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
