@@ -14,24 +14,23 @@ namespace {
 
 // Fewer points than this are a few blocks whatever their order.
 constexpr size_t kLeastPoints = 1024;
-constexpr size_t kSmallestBlock = PointParter::kSmallestBlock;
+constexpr size_t kSmallBlock = PointParter::kSmallestBlock;
 // What shares a shaft (RayPacket::kMaxRays). A picture's rows come as narrow blocks of the one kind
-// and as long ones of the other: 262,144 hits in rows of 512 are answered for 145 lights at six
-// times the rate once they are ordered, for three lights at twice.
-constexpr size_t kLargestBlock = 256;
-// About so many blocks of each are looked at: enough for a mean.
-constexpr size_t kMostSmallBlocks = 32, kMostLargeBlocks = 16;
-// With fewer samples fewer are, and for one no large ones: there only shuffled points, which any
-// block gives away, are worth ordering, and looking at 1,300 of 4,096 is a tenth of a light's work.
-constexpr size_t kThoroughSamples = 4;
-// Every so manieth point of a large block tells how wide it is. Odd, so that it meets no row's.
-constexpr size_t kLargeBlockStride = 5;
-// Ordering a point costs about what two lights do. A light's cost grows with the blocks' spread,
-// which is 1 to 2 for the hits of a smooth surface by tiles, 2 to 5 for those in rows or of
-// foliage, 1 to 16 for the points of a mesh as they come and 18 to 27 for shuffled ones.
-constexpr double kWorthwhile = 8;
-// What an order leaves: its own blocks are no squares.
-constexpr double kLeastSpread = 1.25;
+// and as long ones of the other: hits in rows of 512 are answered for four lights at two to three
+// times the rate once they are ordered.
+constexpr size_t kLargeBlock = 256;
+// Blocks are looked at where so many large ones follow one another, in so many places.
+constexpr size_t kWindowBlocks = 64, kMostWindows = 4;
+// Ordering a point costs about what one light does. What an order saves grows with how many times
+// as wide the blocks are that it would make narrow: for two lights it pays from 3.7 times on, for
+// four from 2.5 times on (the pictures of seven scenes in rows, in tiles and in strips).
+constexpr double kWorthwhile = 5;
+constexpr double kLeastExcess = 1.25;
+// One light alone pays for no such look: there only shuffled points, which any block gives away,
+// are worth ordering. Theirs are 18 to 27 times as wide as pieces of the surface that all lie
+// on, those of a picture 1 to 5 times.
+constexpr size_t kFewBlocks = 8;
+constexpr double kShuffled = 9;
 
 Vec3d Extent(const Box3f& box) { return ToDouble(box.hi) - ToDouble(box.lo); }
 
@@ -47,7 +46,7 @@ static_assert(hn::MaxLanes(Eight()) == 8, "x86-64-v3 holds eight floats in a vec
 
 // Of sixteen points, all valid.
 Box3f BoxOfBlock(const Vec3f* points) {
-  static_assert(kSmallestBlock == 2 * hn::MaxLanes(Eight()) && sizeof(Vec3f) == 3 * sizeof(float));
+  static_assert(kSmallBlock == 2 * hn::MaxLanes(Eight()) && sizeof(Vec3f) == 3 * sizeof(float));
   const Eight d;
   const float* from = &points->x;
   hn::Vec<Eight> x0, y0, z0, x1, y1, z1;
@@ -63,65 +62,110 @@ Box3f BoxOfBlock(const Vec3f* points) {
           {most(x0, x1), most(y0, y1), most(z0, z1)}};
 }
 
-// Some blocks of so many points as they come.
-struct Blocks {
-  size_t size, most, stride;
-  double sum = 0;  // Of their boxes' norms.
-  size_t count = 0;
+// How wide blocks are, in the mean.
+class MeanWidth {
+ public:
+  void Add(const Box3f& box) {
+    sum_ += Norm1(box);
+    ++count_;
+  }
+  double Get() const { return count_ > 0 ? sum_ / static_cast<double>(count_) : 0; }
+
+ private:
+  double sum_ = 0;
+  size_t count_ = 0;
 };
 
-void Look(std::span<const Vec3f> positions, std::span<const uint8_t> valid, Blocks* blocks,
-          Box3f* all) {
+// How wide a few small blocks are in the order given, in units of what they would be if they
+// divided the surface that all lie on among them.
+double WidthOnSurface(std::span<const Vec3f> positions, std::span<const uint8_t> valid) {
   // Multiples of the golden ratio keep no step with rows.
   constexpr double kGolden = 0.6180339887498949;
-  const size_t there = positions.size() / blocks->size;
-  for (size_t i = 0; i < std::min(there, blocks->most); ++i) {
+  const size_t there = positions.size() / kSmallBlock;
+  Box3f all;
+  MeanWidth width;
+  for (size_t i = 0; i < kFewBlocks; ++i) {
     const double at = kGolden * static_cast<double>(i);
-    const auto chosen = static_cast<size_t>((at - std::floor(at)) * static_cast<double>(there));
-    const size_t first = (there <= blocks->most ? i : chosen) * blocks->size;
+    const size_t first =
+        static_cast<size_t>((at - std::floor(at)) * static_cast<double>(there)) * kSmallBlock;
     Box3f block;
-    if (blocks->size == kSmallestBlock &&
-        std::memchr(valid.data() + first, 0, kSmallestBlock) == nullptr) {
+    if (std::memchr(valid.data() + first, 0, kSmallBlock) == nullptr) {
       block = BoxOfBlock(&positions[first]);
     } else {
-      size_t seen = 0, met = 0;
-      for (size_t p = first; p < first + blocks->size; p += blocks->stride, ++seen) {
+      size_t met = 0;
+      for (size_t p = first; p < first + kSmallBlock; ++p) {
         if (!valid[p]) continue;
         block.Extend(positions[p]);
         ++met;
       }
-      if (2 * met < seen) continue;
+      if (2 * met < kSmallBlock) continue;
     }
-    all->Extend(block);
-    blocks->sum += Norm1(block);
-    ++blocks->count;
+    all.Extend(block);
+    width.Add(block);
   }
+  if (!(width.Get() > 0)) return 0;
+  const double part = static_cast<double>(kSmallBlock) / static_cast<double>(positions.size());
+  // Squares of the surface; or, where that is but a line, pieces of it.
+  const Vec3d e = Extent(all);
+  const double area = e.x * e.y + e.y * e.z + e.z * e.x;
+  return width.Get() / std::max(2 * std::sqrt(area * part), Norm1(all) * part);
 }
 
-// How wide blocks of points are in the order given, in units of what they would be if they divided
-// the surface that all lie on among them; of small blocks or large ones, whichever are wider.
-double Spread(std::span<const Vec3f> positions, std::span<const uint8_t> valid, size_t samples) {
-  Box3f all;
-  if (samples == 0) return 0;
-  const size_t share = std::min(samples, kThoroughSamples);
-  Blocks small = {
-      .size = kSmallestBlock, .most = kMostSmallBlocks * share / kThoroughSamples, .stride = 1};
-  Blocks large = {.size = kLargestBlock,
-                  .most = kMostLargeBlocks * (share - 1) / (kThoroughSamples - 1),
-                  .stride = kLargeBlockStride};
-  Look(positions, valid, &small, &all);
-  Look(positions, valid, &large, &all);
-  double spread = 0;
-  for (const Blocks& blocks : {small, large}) {
-    if (!(blocks.sum > 0)) continue;
-    const double part = static_cast<double>(blocks.size) / static_cast<double>(positions.size());
-    // Squares of the surface; or, where that is but a line, pieces of it.
-    const Vec3d e = Extent(all);
-    const double area = e.x * e.y + e.y * e.z + e.z * e.x;
-    const double least = std::max(2 * std::sqrt(area * part), Norm1(all) * part);
-    spread = std::max(spread, blocks.sum / (static_cast<double>(blocks.count) * least));
+// How many times as wide blocks are in the order given as they would be in one of their own.
+class Excess {
+ public:
+  // Some points that follow one another: blocks of them, `stride` apart, that are told by sixteen
+  // points each.
+  void Look(std::span<const Vec3f> positions, std::span<const uint8_t> valid, size_t stride) {
+    std::vector<Vec3f> sample;
+    sample.reserve(positions.size() / stride);
+    for (size_t first = 0; first + kSmallBlock * stride <= positions.size();
+         first += kSmallBlock * stride) {
+      const size_t before = sample.size();
+      Box3f block;
+      for (size_t k = 0; k < kSmallBlock; ++k) {
+        // Anywhere within the stride, so that points of several rows do not stand below each other.
+        const auto number = static_cast<uint32_t>(first + k * stride);
+        const size_t p = number + (number * uint64_t{0x9e3779b1} % (uint64_t{1} << 32)) * stride /
+                                      (uint64_t{1} << 32);
+        if (!valid[p]) continue;
+        block.Extend(positions[p]);
+        sample.push_back(positions[p]);
+      }
+      if (2 * (sample.size() - before) >= kSmallBlock) given_.Add(block);
+    }
+    PointParter parter(sample, std::vector<uint8_t>(sample.size(), 1));
+    parter.Part();
+    const std::vector<uint32_t> order = parter.Order();
+    for (size_t first = 0; first + kSmallBlock <= order.size(); first += kSmallBlock) {
+      Box3f block;
+      for (size_t k = 0; k < kSmallBlock; ++k) block.Extend(sample[order[first + k]]);
+      parted_.Add(block);
+    }
   }
-  return spread;
+
+  double Get() const { return parted_.Get() > 0 ? given_.Get() / parted_.Get() : 0; }
+
+ private:
+  MeanWidth given_, parted_;
+};
+
+// Of small blocks or large ones, whichever is more.
+double ExcessWidth(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
+                   size_t samples) {
+  const size_t there = positions.size() / kLargeBlock;
+  // Two lights pay for half a look.
+  const size_t blocks = std::min(there, kWindowBlocks * std::min<size_t>(samples, 4) / 4);
+  const size_t windows = std::clamp<size_t>(there / (2 * kWindowBlocks), 1, kMostWindows);
+  Excess small, large;
+  for (size_t w = 0; w < windows; ++w) {
+    const size_t first = (2 * w + 1) * (there - blocks) / (2 * windows) * kLargeBlock;
+    large.Look(positions.subspan(first, blocks * kLargeBlock),
+               valid.subspan(first, blocks * kLargeBlock), kLargeBlock / kSmallBlock);
+    const size_t middle = first + blocks / 2 * kLargeBlock;
+    small.Look(positions.subspan(middle, kLargeBlock), valid.subspan(middle, kLargeBlock), 1);
+  }
+  return std::max(small.Get(), large.Get());
 }
 
 }  // namespace
@@ -129,7 +173,10 @@ double Spread(std::span<const Vec3f> positions, std::span<const uint8_t> valid, 
 bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
                   size_t samples) {
   if (positions.size() < kLeastPoints) return false;
-  return static_cast<double>(samples) * (Spread(positions, valid, samples) - kLeastSpread) >=
+  if (samples == 0) return false;
+  if (WidthOnSurface(positions, valid) >= kShuffled) return true;
+  if (samples == 1) return false;
+  return static_cast<double>(samples) * (ExcessWidth(positions, valid, samples) - kLeastExcess) >=
          kWorthwhile;
 }
 
