@@ -40,8 +40,8 @@ constexpr LaneOrders MakeLaneOrders() {
 }
 alignas(64) inline constexpr LaneOrders kLaneOrders = MakeLaneOrders();
 
-// The lanes of `chosen`, in their order, from the first on; those behind them are any. Of four bytes
-// each.
+// The lanes of `chosen`, four bytes each, in their order, from the first on; those behind them are
+// any.
 template <class D, class V = hn::Vec<D>, class M>
 HWY_INLINE V CompressLanes(D d, V v, M chosen) {
   static_assert(sizeof(hn::TFromD<D>) == sizeof(uint32_t));

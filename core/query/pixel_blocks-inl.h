@@ -61,11 +61,18 @@ inline void LayOutPixels(const double* columns, const double* rows, float* lanes
   LayOutBy(hn::CappedTag<double, 2 * kPixelRun>(), columns, rows, lanes);
 }
 
-template <class T>
+template <bool kPastCaches, class T>
 HWY_INLINE void WritePixels(const T* lanes, T* to, size_t stride) {
   const hn::CappedTag<T, kPixelRun> run;
   const hn::CappedTag<T, 2 * kPixelRun> half;
   constexpr uint32_t kSquare = kPixelRun * kPixelRun;
+  const auto store = [](const auto& v, const auto& d, T* at) HWY_ATTR {
+    if constexpr (kPastCaches) {
+      hn::Stream(v, d, at);
+    } else {
+      hn::StoreU(v, d, at);
+    }
+  };
   for (uint32_t y = 0; y < kPixelSide; ++y, to += stride) {
     const T* from = lanes + y / kPixelRun * (kPixelSide * kPixelRun) + y % kPixelRun * kPixelRun;
     const auto left = hn::Combine(half, hn::Load(run, from + kSquare), hn::Load(run, from));
@@ -73,19 +80,25 @@ HWY_INLINE void WritePixels(const T* lanes, T* to, size_t stride) {
         hn::Combine(half, hn::Load(run, from + 3 * kSquare), hn::Load(run, from + 2 * kSquare));
     const hn::CappedTag<T, kPixelSide> whole;
     if constexpr (hn::MaxLanes(whole) == kPixelSide) {
-      hn::StoreU(hn::Combine(whole, right, left), whole, to);
+      store(hn::Combine(whole, right, left), whole, to);
     } else {
-      hn::StoreU(left, half, to);
-      hn::StoreU(right, half, to + 2 * kPixelRun);
+      store(left, half, to);
+      store(right, half, to + 2 * kPixelRun);
     }
   }
 }
 
 inline void WriteFloats(const float* lanes, float* to, size_t stride) {
-  WritePixels(lanes, to, stride);
+  WritePixels<false>(lanes, to, stride);
 }
 inline void WriteIds(const uint32_t* lanes, uint32_t* to, size_t stride) {
-  WritePixels(lanes, to, stride);
+  WritePixels<false>(lanes, to, stride);
+}
+inline void StreamFloats(const float* lanes, float* to, size_t stride) {
+  WritePixels<true>(lanes, to, stride);
+}
+inline void StreamIds(const uint32_t* lanes, uint32_t* to, size_t stride) {
+  WritePixels<true>(lanes, to, stride);
 }
 
 }  // namespace HWY_NAMESPACE

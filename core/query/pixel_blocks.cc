@@ -22,6 +22,8 @@ const PixelBlockKernels& TargetPixelBlockKernels() {
       .lay_out = &LayOutPixels,
       .write = &WriteFloats,
       .write_ids = &WriteIds,
+      .stream = &StreamFloats,
+      .stream_ids = &StreamIds,
   };
   return kKernels;
 }

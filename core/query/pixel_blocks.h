@@ -34,9 +34,13 @@ struct PixelBlockKernels {
   // (camera.h: PixelColumn, PixelRow), rounded once. `lanes` is aligned to 64 bytes.
   void (*lay_out)(const double* columns, const double* rows, float* lanes);
   // The block's lanes to its pixels, the first of which is *to, in rows `stride` pixels apart. Row
-  // by row: where results stream to memory, coming back to a line costs twice as much.
+  // by row: where results go to memory, coming back to a line costs twice as much.
   void (*write)(const float* lanes, float* to, size_t stride);
   void (*write_ids)(const uint32_t* lanes, uint32_t* to, size_t stride);
+  // The same past the caches: no line is fetched to be overwritten. Others see it after
+  // hwy::FlushStream. REQUIRES: `to` is aligned to 64 bytes, and `stride` pixels are.
+  void (*stream)(const float* lanes, float* to, size_t stride);
+  void (*stream_ids)(const uint32_t* lanes, uint32_t* to, size_t stride);
 };
 
 // kBest resolved. CHECKs that the target is available.

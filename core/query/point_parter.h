@@ -31,8 +31,8 @@ class PointParter {
   PointParter(std::span<const Vec3f> positions, std::span<const uint8_t> valid);
 
   // Parts them across their widest axis, and each part again. The first part takes the largest
-  // power of two of smallest blocks that leaves something over, so that every block of 16, 32, 64 ..
-  // points from the start of the order is one part. O(n log n), whatever the points.
+  // power of two of smallest blocks that leaves something over, so that every block of 16, 32, 64
+  // and so on from the start of the order is one part. O(n log n), whatever the points.
   void Part() { Part(0, count_); }
 
   // Their numbers, as they stand.

@@ -16,6 +16,7 @@
 #include "core/query/ray_block.h"
 #include "core/query/sample_tracer.h"
 #include "core/traverse/rtt.h"
+#include "hwy/cache_control.h"
 
 namespace sightline {
 namespace {
@@ -28,23 +29,6 @@ constexpr uint32_t kRunPixels = PixelBlockKernels::kRun;
 constexpr uint32_t kGroupSide = 4;
 constexpr uint32_t kNoPixel = 0xFFFFFFFFu;
 static_assert(kBlockSide * kBlockSide == kBlockRays && kGroupSide * kGroupSide == kGroupBlocks);
-
-absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
-  const auto check = [](const char* field, uint64_t begin, uint64_t extent, const char* side,
-                        uint64_t limit) -> absl::Status {
-    if (extent == 0) {
-      return absl::InvalidArgumentError(absl::StrCat("tile.", side, " = 0: a tile has pixels"));
-    }
-    if (begin + extent > limit) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("tile.", field, " = ", begin, " with tile.", side, " = ", extent,
-                       " leaves the image, whose ", side, " is ", limit));
-    }
-    return absl::OkStatus();
-  };
-  SL_RETURN_IF_ERROR(check("x", tile.x, tile.width, "width", camera.width));
-  return check("y", tile.y, tile.height, "height", camera.height);
-}
 
 class TileTrace {
  public:
@@ -61,6 +45,7 @@ class TileTrace {
         blocks_(PixelBlockKernelsFor(options.simd)),
         pixels_(size_t{tile.width} * tile.height),
         row_bytes_((pixels_ + 7) / 8),
+        past_caches_(outputs.past_caches && tile.width % kBlockSide == 0),
         out_(*out),
         choice_(OtherWalks(run_, RayForm::kOneOrigin, HitKind::kClosest)),
         tracer_(scene, run_, HitKind::kAny, /*t_min=*/0, samples, &out->shadow) {
@@ -87,11 +72,11 @@ class TileTrace {
     // Every pixel's ids and numbers are written by its block: what a result of the same size held
     // before does not matter.
     if (outputs.hits) out_.hit_bits.assign(row_bytes_, 0);
-    if (outputs.ids) out_.triangle.resize(pixels_);
-    if (outputs.depth) out_.depth.resize(pixels_);
+    if (outputs.ids) out_.triangle.ResizeUninitialized(pixels_);
+    if (outputs.depth) out_.depth.ResizeUninitialized(pixels_);
     if (outputs.uv) {
-      out_.u.resize(pixels_);
-      out_.v.resize(pixels_);
+      out_.u.ResizeUninitialized(pixels_);
+      out_.v.ResizeUninitialized(pixels_);
     }
     if (outputs.mirrors) out_.mirror_bits.assign(row_bytes_, 0);
     if (!mirrors.empty()) {
@@ -310,11 +295,15 @@ class TileTrace {
         std::copy_n(from + run.lane, run.count, to + size_t{run.y} * tile_.width + run.x);
       });
     };
-    if (outputs_.ids) copy(blocks_.write_ids, packet_->triangle, out_.triangle.data());
-    if (outputs_.depth) copy(blocks_.write, packet_->t, out_.depth.data());
+    const auto write = past_caches_ ? blocks_.stream : blocks_.write;
+    if (outputs_.ids) {
+      copy(past_caches_ ? blocks_.stream_ids : blocks_.write_ids, packet_->triangle,
+           out_.triangle.data());
+    }
+    if (outputs_.depth) copy(write, packet_->t, out_.depth.data());
     if (outputs_.uv) {
-      copy(blocks_.write, packet_->u, out_.u.data());
-      copy(blocks_.write, packet_->v, out_.v.data());
+      copy(write, packet_->u, out_.u.data());
+      copy(write, packet_->v, out_.v.data());
     }
     if (outputs_.answered_by) {
       ForEachRun(block, [&](const PixelRun& run) {
@@ -512,6 +501,7 @@ class TileTrace {
   const QueryRun run_;
   const PixelBlockKernels& blocks_;
   const size_t pixels_, row_bytes_;
+  const bool past_caches_;
   TileResult& out_;
   RayPacket block_;
   RayPacket* packet_ = &block_;  // The block being traced.
@@ -540,26 +530,6 @@ class TileTrace {
   WalkChoice choice_;  // Of the camera's rays.
   SampleTracer tracer_;
 };
-
-// Leaves what it holds, as far as it is asked for again: a caller that traces tile after tile into
-// one result pays for its memory once.
-void Clear(const TileOutputs& outputs, TileResult* result) {
-  const auto keep = [](bool asked, auto& values) {
-    if (!asked) values.clear();
-  };
-  keep(outputs.hits, result->hit_bits);
-  keep(outputs.ids, result->triangle);
-  keep(outputs.depth, result->depth);
-  keep(outputs.uv, result->u);
-  keep(outputs.uv, result->v);
-  keep(outputs.lit, result->lit_bits);
-  keep(outputs.answered_by, result->answered_by);
-  keep(outputs.lit && outputs.lit_answered_by, result->lit_answered_by);
-  keep(outputs.mirrors, result->mirror_bits);
-  result->points = PreparedPoints();
-  result->point_pixel.clear();
-  result->primary = result->shadow = QueryStats();
-}
 
 absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
                    std::span<const LightSample> samples, std::span<const Mirror> mirrors,
@@ -591,8 +561,9 @@ absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const
                        const TileOutputs& outputs, const QueryOptions& options,
                        TileResult* result) {
   const ScopedFloatEnvironment environment;
-  Clear(outputs, result);
+  result->Reset(outputs);
   absl::Status status = Trace(scene, camera, tile, samples, mirrors, outputs, options, result);
+  if (outputs.past_caches) hwy::FlushStream();
   if (!status.ok()) *result = TileResult();
   return status;
 }

@@ -35,8 +35,9 @@ v1::ShadowResult InvalidSamples(std::span<const LightSample> samples) {
   return invalid;
 }
 
-template <typename T>
-void Add(int field, std::vector<T> values, WireMessage* out) {
+// An array of numbers, handed over.
+template <typename Array>
+void Add(int field, Array values, WireMessage* out) {
   out->AddArray(field, WireArray(std::move(values)));
 }
 

@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "absl/strings/string_view.h"
+#include "core/base/aligned_vector.h"
 
 namespace sightline {
 
@@ -33,6 +34,10 @@ class WireArray {
   template <typename T>
   explicit WireArray(std::vector<T> values) {
     static_assert(std::is_trivially_copyable_v<T>);
+    Adopt(std::move(values));
+  }
+  template <typename T>
+  explicit WireArray(AlignedVector<T> values) {
     Adopt(std::move(values));
   }
 

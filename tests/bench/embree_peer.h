@@ -41,6 +41,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/base/aligned_vector.h"
 #include "core/base/parallel.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
@@ -142,8 +143,8 @@ std::vector<PeerMode> AllModes(std::span<const PeerMode::Start> starts, bool sor
 // What is seen through the pixels, in row-major order of the image: as TraceTile's outputs, with
 // misses marked alike.
 struct ImageArrays {
-  std::vector<float> depth, u, v;
-  std::vector<uint32_t> triangle;
+  AlignedVector<float> depth, u, v;
+  AlignedVector<uint32_t> triangle;
   void Resize(size_t pixels);
 };
 
@@ -173,10 +174,15 @@ class CameraRays {
   std::vector<double> column_[3], row_[3];  // Padded to an even number by repeating the last.
 };
 
+// Where a tile's results go. A tile in one piece past the caches, as TileOutputs::past_caches has
+// it: better for whoever keeps a whole picture.
+enum class TileWrites : uint8_t { kUsual, kPastCaches };
+
 // The first triangle through each pixel of the tile. `image_width` pixels to a row of the arrays.
 // REQUIRES: the tile begins on even pixels.
 void TraceCameraTile(const EmbreeScene& scene, PeerMode mode, const CameraRays& rays,
-                     const TileRect& tile, uint32_t image_width, ImageArrays* image);
+                     const TileRect& tile, uint32_t image_width, TileWrites writes,
+                     ImageArrays* image);
 
 // Bit i: nothing stands between the sample and positions[i]. (n + 7) / 8 bytes, the rest of the
 // last one zero. A directional sample's rays start at the points whatever the mode says.

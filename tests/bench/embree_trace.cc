@@ -229,15 +229,22 @@ class Quads {
   const uint32_t columns_, rows_;
 };
 
+// Arrays for some pixels of an image, those from (x, y) on, in rows `stride` pixels apart.
+struct PixelArrays {
+  float *depth, *u, *v;
+  uint32_t* triangle;
+  uint32_t x, y;
+  size_t stride;
+};
+
 class CameraTile {
  public:
-  CameraTile(const CameraRays& rays, const TileRect& tile, uint32_t image_width, ImageArrays* out)
+  CameraTile(const CameraRays& rays, const TileRect& tile, const PixelArrays& out)
       : rays_(rays),
         quads_(tile),
         end_x_(tile.x + tile.width),
         end_y_(tile.y + tile.height),
-        width_(image_width),
-        out_(*out) {}
+        out_(out) {}
 
   template <int N>
   void Packets(RTCScene scene, RTCIntersectContext* context) {
@@ -274,10 +281,10 @@ class CameraTile {
       for (int k = 0; k < N / 4; ++k) {
         const Quad quad = quads_[q + static_cast<uint32_t>(k)];
         if (!Inside(quad)) continue;
-        Write(quad, packet.ray.tfar + 4 * k, out_.depth.data());
-        Write(quad, packet.hit.primID + 4 * k, out_.triangle.data());
-        Write(quad, packet.hit.u + 4 * k, out_.u.data());
-        Write(quad, packet.hit.v + 4 * k, out_.v.data());
+        Write(quad, packet.ray.tfar + 4 * k, out_.depth);
+        Write(quad, packet.hit.primID + 4 * k, out_.triangle);
+        Write(quad, packet.hit.u + 4 * k, out_.u);
+        Write(quad, packet.hit.v + 4 * k, out_.v);
       }
     }
   }
@@ -309,7 +316,7 @@ class CameraTile {
     return quad.x + (i & 1) < end_x_ && quad.y + (i >> 1) < end_y_;
   }
   size_t PixelOf(Quad quad, uint32_t i) const {
-    return size_t{quad.y + (i >> 1)} * width_ + quad.x + (i & 1);
+    return (quad.y - out_.y + (i >> 1)) * out_.stride + quad.x - out_.x + (i & 1);
   }
 
   // Two pixels at a time where all four are inside.
@@ -369,30 +376,70 @@ class CameraTile {
 
   const CameraRays& rays_;
   const Quads quads_;
-  const uint32_t end_x_, end_y_, width_;
-  ImageArrays& out_;
+  const uint32_t end_x_, end_y_;
+  const PixelArrays out_;
 };
+
+// A tile's rows, `width` pixels each, to those of an image past the caches.
+void StreamRows(const float* from, uint32_t width, uint32_t rows, size_t stride, float* to) {
+  constexpr size_t kLanes = sizeof(__m256) / sizeof(float);
+  for (; rows > 0; --rows, from += width, to += stride) {
+    if (reinterpret_cast<uintptr_t>(to) % sizeof(__m256) != 0 || width % kLanes != 0) {
+      std::copy_n(from, width, to);
+      continue;
+    }
+    for (size_t x = 0; x < width; x += kLanes) {
+      _mm256_stream_ps(to + x, _mm256_loadu_ps(from + x));
+    }
+  }
+}
 
 }  // namespace
 
 void TraceCameraTile(const EmbreeScene& scene, PeerMode mode, const CameraRays& rays,
-                     const TileRect& tile, uint32_t image_width, ImageArrays* image) {
+                     const TileRect& tile, uint32_t image_width, TileWrites writes,
+                     ImageArrays* image) {
   static_assert(RTC_INVALID_GEOMETRY_ID == kNoTriangle, "a miss is marked alike on both sides");
   const ScopedFlushToZero flush;
   RTCIntersectContext context = MakeContext(mode.coherent);
-  CameraTile tracer(rays, tile, image_width, image);
+  // Small enough for the second-level cache.
+  constexpr uint32_t kMostPixels = 64 * 64;
+  alignas(64) float depth[kMostPixels], u[kMostPixels], v[kMostPixels];
+  alignas(64) uint32_t triangle[kMostPixels];
+  const bool aside = writes == TileWrites::kPastCaches && tile.width * tile.height <= kMostPixels;
+  const PixelArrays own = {depth, u, v, triangle, tile.x, tile.y, tile.width};
+  const PixelArrays all = {
+      image->depth.data(), image->u.data(), image->v.data(), image->triangle.data(), 0, 0,
+      image_width};
+  CameraTile tracer(rays, tile, aside ? own : all);
   switch (mode.entry) {
     case PeerMode::Entry::kSingle:
-      return tracer.Single(scene.get(), &context);
+      tracer.Single(scene.get(), &context);
+      break;
     case PeerMode::Entry::kPacket4:
-      return tracer.Packets<4>(scene.get(), &context);
+      tracer.Packets<4>(scene.get(), &context);
+      break;
     case PeerMode::Entry::kPacket8:
-      return tracer.Packets<8>(scene.get(), &context);
+      tracer.Packets<8>(scene.get(), &context);
+      break;
     case PeerMode::Entry::kPacket16:
-      return tracer.Packets<16>(scene.get(), &context);
+      tracer.Packets<16>(scene.get(), &context);
+      break;
     case PeerMode::Entry::kStream:
-      return tracer.Stream(scene.get(), &context);
+      tracer.Stream(scene.get(), &context);
+      break;
   }
+  if (!aside) return;
+  const size_t first = size_t{tile.y} * image_width + tile.x;
+  const auto stream = [&](const auto* from, auto* to) {
+    StreamRows(reinterpret_cast<const float*>(from), tile.width, tile.height, image_width,
+               reinterpret_cast<float*>(to + first));
+  };
+  stream(depth, all.depth);
+  stream(triangle, all.triangle);
+  stream(u, all.u);
+  stream(v, all.v);
+  _mm_sfence();
 }
 
 void TracePoints(const EmbreeScene& scene, PeerMode mode, std::span<const Vec3f> positions,

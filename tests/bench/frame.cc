@@ -65,7 +65,7 @@ void Frame::DrawPeer(const EmbreeScene& peer, PeerMode camera_mode, PeerMode sha
 void Frame::DrawPeerTile(const EmbreeScene& peer, PeerMode camera_mode, PeerMode shadow_mode,
                          size_t t) {
   const TileRect& tile = tiles_[t];
-  TraceCameraTile(peer, camera_mode, rays_, tile, camera_.width, &image_);
+  TraceCameraTile(peer, camera_mode, rays_, tile, camera_.width, TileWrites::kUsual, &image_);
   PeerTile& out = peer_[t];
   out.points.clear();
   const Vec3f eye = rays_.eye();

@@ -62,8 +62,8 @@ void AddBits(const char* data, size_t size, Answer* answer) {
     answer->digest += static_cast<uint64_t>(std::popcount(word));
   }
 }
-template <typename T>
-const char* Bytes(const std::vector<T>& values) {
+template <typename Array>
+const char* Bytes(const Array& values) {
   return reinterpret_cast<const char*>(values.data());
 }
 

@@ -81,8 +81,9 @@ class Workload {
 };
 
 // One digest of both.
-template <typename T>
-uint64_t AddToDigest(uint64_t digest, const std::vector<T>& results) {
+template <typename Array>
+uint64_t AddToDigest(uint64_t digest, const Array& results) {
+  using T = typename Array::value_type;
   static_assert(std::is_trivially_copyable_v<T>);
   return absl::HashOf(digest, absl::string_view(reinterpret_cast<const char*>(results.data()),
                                                 results.size() * sizeof(T)));

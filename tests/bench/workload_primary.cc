@@ -14,7 +14,9 @@
 namespace sightline::bench {
 namespace {
 
-constexpr TileOutputs kOutputs = {.hits = false, .ids = true, .depth = true, .uv = true};
+// A picture's results, kept, as the peer's are: past the caches on both sides.
+constexpr TileOutputs kOutputs = {
+    .hits = false, .ids = true, .depth = true, .uv = true, .past_caches = true};
 
 class PrimaryWorkload : public Workload {
  public:
@@ -55,7 +57,8 @@ class PrimaryWorkload : public Workload {
     const CameraRays rays(cameras_[unit], scene_.geometry.origin);
     pool_.ParallelFor((tiles_.size() + step - 1) / step, 1, [&](size_t begin, size_t end) {
       for (size_t i = begin; i < end; ++i) {
-        TraceCameraTile(peer, mode, rays, tiles_[i * step], cameras_[unit].width, &theirs_);
+        TraceCameraTile(peer, mode, rays, tiles_[i * step], cameras_[unit].width,
+                        TileWrites::kPastCaches, &theirs_);
       }
     });
   }

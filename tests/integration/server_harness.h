@@ -8,9 +8,12 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <initializer_list>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -234,9 +237,14 @@ std::vector<T> UnpackArray(const std::string& bytes) {
   return values;
 }
 
+template <typename Array>
+requires std::is_class_v<Array> std::string PackArray(const Array& values) {
+  return std::string(reinterpret_cast<const char*>(std::data(values)),
+                     std::size(values) * sizeof(*std::data(values)));
+}
 template <typename T>
-std::string PackArray(const std::vector<T>& values) {
-  return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+std::string PackArray(std::initializer_list<T> values) {
+  return PackArray<std::initializer_list<T>>(values);
 }
 
 }  // namespace sightline

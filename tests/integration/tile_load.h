@@ -67,7 +67,7 @@ class KnownTiles {
   }
   // Whether these are the depths of the elements that the reply says.
   bool Right(const v1::TileReply& reply) const {
-    const std::vector<float>& depths = depths_[reply.header().item_id() % count()];
+    const AlignedVector<float>& depths = depths_[reply.header().item_id() % count()];
     const uint64_t from = reply.header().offset(), n = reply.header().element_count();
     return from + n <= depths.size() && reply.tile().depths().size() == 4 * n &&
            std::memcmp(reply.tile().depths().data(), depths.data() + from, 4 * n) == 0;
@@ -76,7 +76,7 @@ class KnownTiles {
  private:
   const std::string spec_;
   Camera camera_;
-  std::vector<std::vector<float>> depths_;
+  std::vector<AlignedVector<float>> depths_;
 };
 
 class TileLoad {

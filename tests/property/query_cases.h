@@ -86,10 +86,11 @@ std::vector<Way> WaysWithoutBvh();
 // All of `ways`; under a sanitizer every third, from a random one on, so that scenes share them.
 std::vector<Way> InTurn(const std::vector<Way>& ways, TestRng& rng);
 
-template <typename T>
-bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {
+// Of two arrays of one kind.
+template <typename Array>
+bool SameBytes(const Array& a, const Array& b) {
   return a.size() == b.size() &&
-         (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
+         (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(*a.data())) == 0);
 }
 
 inline bool Bit(const std::vector<uint8_t>& bits, size_t i) { return bits[i / 8] >> (i % 8) & 1; }

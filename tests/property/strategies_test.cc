@@ -60,10 +60,10 @@ TileResult TraceImage(const IndexedGeometry& scene, const Camera& camera,
   const size_t n = size_t{camera.width} * camera.height, row = (n + 7) / 8;
   TileResult all;
   if (outputs.hits) all.hit_bits.assign(row, 0);
-  if (outputs.ids) all.triangle.assign(n, 0);
-  if (outputs.depth) all.depth.assign(n, 0);
-  if (outputs.uv) all.u.assign(n, 0);
-  if (outputs.uv) all.v.assign(n, 0);
+  if (outputs.ids) all.triangle.resize(n, 0);
+  if (outputs.depth) all.depth.resize(n, 0);
+  if (outputs.uv) all.u.resize(n, 0);
+  if (outputs.uv) all.v.resize(n, 0);
   if (outputs.lit) all.lit_bits.assign(samples.size() * row, 0);
   std::vector<size_t> point_of(n, n);  // Into a list of (tile, index).
   std::vector<std::pair<size_t, size_t>> points;

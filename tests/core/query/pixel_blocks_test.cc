@@ -5,10 +5,13 @@
 
 #include <bit>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
+#include "core/base/aligned_vector.h"
 #include "core/traverse/kernels.h"
 #include "gtest/gtest.h"
+#include "hwy/cache_control.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/support/random.h"
 
@@ -76,6 +79,30 @@ TEST(PixelBlocksTest, ResultsLandOnTheirPixels) {
                 inside ? id : std::bit_cast<uint32_t>(7.0f))
           << i;
     }
+  }
+}
+
+// The same past the caches.
+TEST(PixelBlocksTest, StreamedResultsLandOnTheirPixels) {
+  TestRng rng;
+  constexpr size_t kStride = 48, kFirst = 16;
+  for (const SimdTarget simd : AvailableTargets()) {
+    alignas(64) uint32_t ids[kSide * kSide];
+    alignas(64) float values[kSide * kSide];
+    for (uint32_t i = 0; i < kSide * kSide; ++i) {
+      ids[i] = static_cast<uint32_t>(rng.Below(uint64_t{1} << 32));
+      values[i] = std::bit_cast<float>(ids[i]);
+    }
+    const PixelBlockKernels& kernels = PixelBlockKernelsFor(simd);
+    AlignedVector<uint32_t> id_image(kStride * kSide, 7), streamed_ids = id_image;
+    AlignedVector<float> value_image(id_image.size(), 7.0f), streamed_values = value_image;
+    kernels.write_ids(ids, id_image.data() + kFirst, kStride);
+    kernels.write(values, value_image.data() + kFirst, kStride);
+    kernels.stream_ids(ids, streamed_ids.data() + kFirst, kStride);
+    kernels.stream(values, streamed_values.data() + kFirst, kStride);
+    hwy::FlushStream();
+    EXPECT_EQ(streamed_ids, id_image);
+    EXPECT_EQ(std::memcmp(streamed_values.data(), value_image.data(), 4 * value_image.size()), 0);
   }
 }
 

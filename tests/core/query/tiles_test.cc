@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Shadow packets of a tile by the pixels' own squares: what they hold, and that no answer hangs on
-// it. Tiles in every other way: tests/property/strategies_test.cc.
+// Shadow packets of a tile by the pixels' own squares, and results past the caches: no answer hangs
+// on them. Tiles in every other way: tests/property/strategies_test.cc.
 #include "core/query/tiles.h"
 
 #include <cstdint>
@@ -9,11 +9,13 @@
 
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
+#include "tests/core/traverse/kernels_fixture.h"
 #include "tests/support/random.h"
 
 namespace sightline {
 namespace {
 
+using testing_support::AvailableTargets;
 using testing_support::MakeScene;
 using testing_support::TestRng;
 
@@ -84,6 +86,30 @@ TEST(TilesTest, PixelShadowPacketsAreWholeSquaresAndChangeNoAnswer) {
       ASSERT_GT(pixels, hits.point_pixel.size()) << "every pixel hits";
       EXPECT_EQ(hits.shadow.rays, samples.size() * hits.point_pixel.size());
       EXPECT_EQ(squares.shadow.rays, 2 * pixels + hits.point_pixel.size()) << "side " << side;
+    }
+  }
+}
+
+// Whole blocks and what is left over, where rows begin on lines of memory and where they do not.
+TEST(TilesTest, ResultsPastTheCachesAreTheSame) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeConfetti(rng);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kSide);
+  for (const SimdTarget simd : AvailableTargets()) {
+    for (const TileRect rect : {TileRect{0, 0, 80, 72}, TileRect{3, 5, 64, 41},
+                                TileRect{1, 2, 61, 64}, TileRect{0, 0, kSide, kSide}}) {
+      for (const Strategy strategy : {Strategy::kAuto, Strategy::kPacket}) {
+        TileOutputs outputs = {.hits = false, .ids = true, .depth = true, .uv = true};
+        TileResult usual, past;
+        const QueryOptions options = {.strategy = strategy, .simd = simd};
+        ASSERT_TRUE(TraceTile(scene, camera, rect, {}, outputs, options, &usual).ok());
+        outputs.past_caches = true;
+        ASSERT_TRUE(TraceTile(scene, camera, rect, {}, outputs, options, &past).ok());
+        EXPECT_EQ(past.triangle, usual.triangle);
+        EXPECT_EQ(past.depth, usual.depth);
+        EXPECT_EQ(past.u, usual.u);
+        EXPECT_EQ(past.v, usual.v);
+      }
     }
   }
 }

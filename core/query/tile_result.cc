@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/query/tile_result.h"
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+
+namespace sightline {
+
+void TileResult::Reset(const TileOutputs& outputs) {
+  const auto keep = [](bool asked, auto& values) {
+    if (!asked) values.clear();
+  };
+  keep(outputs.hits, hit_bits);
+  keep(outputs.ids, triangle);
+  keep(outputs.depth, depth);
+  keep(outputs.uv, u);
+  keep(outputs.uv, v);
+  keep(outputs.lit, lit_bits);
+  keep(outputs.answered_by, answered_by);
+  keep(outputs.lit && outputs.lit_answered_by, lit_answered_by);
+  keep(outputs.mirrors, mirror_bits);
+  points = PreparedPoints();
+  point_pixel.clear();
+  primary = shadow = QueryStats();
+}
+
+absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
+  const auto check = [](const char* field, uint64_t begin, uint64_t extent, const char* side,
+                        uint64_t limit) -> absl::Status {
+    if (extent == 0) {
+      return absl::InvalidArgumentError(absl::StrCat("tile.", side, " = 0: a tile has pixels"));
+    }
+    if (begin + extent > limit) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("tile.", field, " = ", begin, " with tile.", side, " = ", extent,
+                       " leaves the image, whose ", side, " is ", limit));
+    }
+    return absl::OkStatus();
+  };
+  SL_RETURN_IF_ERROR(check("x", tile.x, tile.width, "width", camera.width));
+  return check("y", tile.y, tile.height, "height", camera.height);
+}
+
+}  // namespace sightline
