@@ -52,8 +52,8 @@ class WalkChoice {
   // Whether shafts have lost so often that, for rays of one origin, it does not pay to prepare a
   // cut for the next.
   bool ShaftsAreRare() const;
-  // What `rays` rays cost by `walk`: the difference of the statistics.
-  void Learn(Strategy walk, const WalkStats& before, const WalkStats& after, size_t rays);
+  // What `rays` rays cost by the walk of `strategy`: the difference of the statistics.
+  void Learn(Strategy strategy, const WalkStats& before, const WalkStats& after, size_t rays);
 
  private:
   enum Walk : uint8_t { kShafts, kPackets, kSingles };

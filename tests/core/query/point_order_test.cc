@@ -110,7 +110,8 @@ TEST(PointOrderTest, PaysForRowsOfAnyLengthAndManySamples) {
     for (const size_t count : {5768u, 10616u, 16384u}) {
       std::vector<Vec3f> rows(count);
       for (size_t i = 0; i < count; ++i) {
-        rows[i] = {static_cast<float>(i % width), static_cast<float>(i / width), 7};
+        const size_t column = i % width, row = i / width;
+        rows[i] = {static_cast<float>(column), static_cast<float>(row), 7};
       }
       const std::vector<uint8_t> valid(count, 1);
       EXPECT_TRUE(OrderingPays(rows, valid, 145)) << count << " in rows of " << width;
