@@ -187,4 +187,58 @@ std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
   return points.Order();
 }
 
+PointOrders::PointOrders(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
+                         ThreadPool& pool) {
+  // More than a set is likely to be asked about at once tell whether an order helps at all.
+  constexpr size_t kManySamples = 32;
+  const size_t blocks = (positions.size() + kBlock - 1) / kBlock;
+  std::vector<std::vector<uint32_t>> orders(blocks);
+  std::vector<uint8_t> helps(blocks);
+  pool.ParallelFor(blocks, 1, [&](size_t begin, size_t end) {
+    for (size_t b = begin; b < end; ++b) {
+      const size_t first = b * kBlock, count = std::min(kBlock, positions.size() - first);
+      const auto some = positions.subspan(first, count);
+      const auto flags = valid.subspan(first, count);
+      helps[b] = OrderingPays(some, flags, kManySamples);
+      if (helps[b]) {
+        orders[b] = SpatialOrder(some, flags);
+        continue;
+      }
+      for (size_t i = 0; i < count; ++i) {
+        if (flags[i]) orders[b].push_back(static_cast<uint32_t>(i));
+      }
+    }
+  });
+  if (std::count(helps.begin(), helps.end(), 1) == 0) return;
+  begins_.reserve(blocks + 1);
+  size_t all = 0;
+  for (const std::vector<uint32_t>& order : orders) {
+    begins_.push_back(all);
+    all += order.size();
+  }
+  begins_.push_back(all);
+  numbers_.reserve(all);
+  for (const std::vector<uint32_t>& order : orders) {
+    numbers_.insert(numbers_.end(), order.begin(), order.end());
+  }
+}
+
+std::vector<uint32_t> PointOrders::Of(size_t begin, size_t count) const {
+  std::vector<uint32_t> order;
+  order.reserve(count);
+  for (size_t b = begin / kBlock; b * kBlock < begin + count; ++b) {
+    // Numbers that lie before `begin` wrap around.
+    const size_t from = b * kBlock - begin;
+    for (size_t i = begins_[b]; i < begins_[b + 1]; ++i) {
+      const size_t number = from + numbers_[i];
+      if (number < count) order.push_back(static_cast<uint32_t>(number));
+    }
+  }
+  return order;
+}
+
+uint64_t PointOrders::MemoryBytes() const {
+  return numbers_.capacity() * sizeof(uint32_t) + begins_.capacity() * sizeof(size_t);
+}
+
 }  // namespace sightline

@@ -5,7 +5,7 @@
 // to be. So points are parted in space first, once for all their lights. ComputeShadows does so by
 // itself; whoever hands it points bit by bit orders all of them before.
 //
-// Thread safety: functions only.
+// Thread safety: functions, and a plain value.
 #ifndef SIGHTLINE_CORE_QUERY_POINT_ORDER_H_
 #define SIGHTLINE_CORE_QUERY_POINT_ORDER_H_
 
@@ -13,6 +13,7 @@
 #include <span>
 #include <vector>
 
+#include "core/base/parallel.h"
 #include "core/geometry/vec3.h"
 
 namespace sightline {
@@ -26,6 +27,29 @@ bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> val
 // always the same one. O(n log n), about 40 ns a point of 65,536.
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
                                    std::span<const uint8_t> valid);
+
+// Orders for points that are going to be asked about again and again: of blocks that follow one
+// another, each ordered by itself, so that any run of points finds its own.
+class PointOrders {
+ public:
+  static constexpr size_t kBlock = 16 << 10;
+
+  // None.
+  PointOrders() = default;
+  // REQUIRES: as many flags as positions. Runs in `pool`, 40 ns a point.
+  PointOrders(std::span<const Vec3f> positions, std::span<const uint8_t> valid, ThreadPool& pool);
+
+  // Whether no block is the better for an order, even for many samples.
+  bool empty() const { return begins_.empty(); }
+  // The valid ones of points begin .. begin + count - 1, numbered from `begin`, as neighbours come.
+  // REQUIRES: not empty, and there are so many points.
+  std::vector<uint32_t> Of(size_t begin, size_t count) const;
+  uint64_t MemoryBytes() const;
+
+ private:
+  std::vector<uint32_t> numbers_;  // Of valid points within their block, block by block.
+  std::vector<size_t> begins_;     // Of the blocks in `numbers_`, and the end.
+};
 
 }  // namespace sightline
 

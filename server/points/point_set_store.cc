@@ -25,7 +25,8 @@ absl::Status NotFound(const std::string& scene_id, const std::string& point_set_
 
 uint64_t PointSet::MemoryBytes() const {
   return sizeof(PointSet) + points.positions.capacity() * sizeof(Vec3f) +
-         points.sources.capacity() * sizeof(uint32_t) + points.valid.capacity();
+         points.sources.capacity() * sizeof(uint32_t) + points.valid.capacity() +
+         orders.MemoryBytes();
 }
 
 std::string PointSet::name() const { return PointSetNameOf(scene_id, point_set_id); }

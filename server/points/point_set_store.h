@@ -27,6 +27,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "core/base/mutex.h"
+#include "core/query/point_order.h"
 #include "core/query/points.h"
 #include "core/scene/scene.h"
 #include "server/admission/memory_charge.h"
@@ -42,6 +43,7 @@ struct PointSet {
   std::weak_ptr<const Scene> scene;
   uint64_t scene_tag = 0;  // SceneStatus::tag, the same of all its revisions.
   PreparedPoints points;
+  PointOrders orders;  // Of the points; empty where none helps, or there was no room.
   absl::Time create_time;
 
   uint64_t MemoryBytes() const;

@@ -85,6 +85,9 @@ class CreateSteps {
     MemoryCharge charge(env_.point_sets);
     SL_RETURN_IF_ERROR(charge.Add(PointSetStore::BytesFor(header.point_count)));
     SL_ASSIGN_OR_RETURN(set.points, MakePoints(header, uploaded, *scene, cancel));
+    // Once for all lights that are going to be asked about. Speed alone: not where it is too much.
+    set.orders = PointOrders(set.points.positions, set.points.valid, env_.query_pool);
+    if (!charge.Add(set.orders.MemoryBytes()).ok()) set.orders = PointOrders();
     SL_ASSIGN_OR_RETURN(const PointSetView view,
                         env_.point_sets.Add(std::move(set), header.lease, charge.Leave()));
     Log(LogLevel::kInfo, "point_set_created",

@@ -7,7 +7,6 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
-#include "core/query/point_order.h"
 #include "server/codec/result_codec.h"
 
 namespace sightline {
@@ -18,6 +17,13 @@ ShadowChunk::ShadowChunk(size_t count, size_t part_points)
       parts_((count + part_points - 1) / part_points),
       parts_left_(parts_) {
   SIGHTLINE_CHECK_GT(parts_, 0u);
+}
+
+ShadowChunk::ShadowChunk(size_t count, size_t part_points, std::vector<uint32_t> order)
+    : ShadowChunk(count, part_points) {
+  MutexLock lock(mutex_);
+  ordered_ = true;
+  order_ = std::move(order);
 }
 
 size_t ShadowChunk::PartPoints(uint64_t part_rays, uint64_t samples) {

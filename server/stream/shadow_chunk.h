@@ -8,7 +8,7 @@
 // depend on the part it is in.
 //
 // Thread safety: RunPart may run for several parts at once, each part once. The first of them
-// orders the points while the others wait: about a millisecond for kMostPoints.
+// orders the points while the others wait: a millisecond at most for kMostPoints.
 //
 //   ShadowChunk chunk(points.positions.size(), ShadowChunk::PartPoints(part_rays, samples));
 //   SL_ASSIGN_OR_RETURN(const bool last, chunk.RunPart(k, points, samples, outputs, compute,
@@ -25,6 +25,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/base/mutex.h"
+#include "core/query/point_order.h"
 #include "core/query/shadows.h"
 
 namespace sightline {
@@ -32,7 +33,7 @@ namespace sightline {
 class ShadowChunk {
  public:
   // Among so many points neighbours are near enough, and ordering more would keep others waiting.
-  static constexpr uint64_t kMostPoints = 16 << 10;
+  static constexpr uint64_t kMostPoints = PointOrders::kBlock;
 
   // The shadows of some points, all valid, in an order of neighbours.
   using Compute = std::function<absl::Status(const PointRange& points, ShadowHints* hints,
@@ -40,6 +41,8 @@ class ShadowChunk {
 
   // Of `count` points, `part_points` to a part. REQUIRES: both > 0.
   ShadowChunk(size_t count, size_t part_points);
+  // The same with an order of the valid ones that is known.
+  ShadowChunk(size_t count, size_t part_points, std::vector<uint32_t> order);
 
   // How many points a part should have if so many rays are about right: a power of two, since that
   // is how the order parts them (core/query/point_order.h).

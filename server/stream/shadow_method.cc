@@ -20,6 +20,7 @@ namespace sightline {
 // The prepared points of an item: its own, or a range of a set.
 struct ShadowMethod::Points {
   std::shared_ptr<const PreparedPoints> points;
+  std::shared_ptr<const PointOrders> orders;  // Of a set; null or empty: none.
   size_t offset = 0, count = 0;
   uint64_t near_surface = 0;  // Of inline points.
 };
@@ -35,9 +36,14 @@ struct ShadowMethod::Plan {
   std::vector<PartRange> parts;
   std::vector<std::pair<size_t, size_t>> of_part;  // Its run, and its number within that.
 
-  void Add(const PartRange& points, size_t part_points) {
+  // `orders`: null, or where the points' own begin `offset` points after theirs.
+  void Add(const PartRange& points, size_t part_points, const PointOrders* orders = nullptr,
+           size_t offset = 0) {
     Run run{.points = points, .chunk = nullptr};
-    if (part_points < points.count) {
+    if (orders != nullptr) {
+      run.chunk = std::make_unique<ShadowChunk>(points.count, part_points,
+                                                orders->Of(offset + points.offset, points.count));
+    } else if (part_points < points.count) {
       run.chunk = std::make_unique<ShadowChunk>(points.count, part_points);
     }
     for (size_t k = 0; k * part_points < points.count; ++k) {
@@ -184,7 +190,7 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
                                         point_options_, &cancel));
       const size_t count = prepared.size();
       const uint64_t near_surface = prepared.near_surface;
-      return Points{std::make_shared<const PreparedPoints>(std::move(prepared)), 0, count,
+      return Points{std::make_shared<const PreparedPoints>(std::move(prepared)), nullptr, 0, count,
                     near_surface};
     }
     case v1::ShadowItem::kPointSetRange:
@@ -216,7 +222,8 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
         "item.point_set_range.count", range.count(),
         absl::StrCat("from ", range.offset(), " on leaves the set, which has ", size, " points"));
   }
-  return Points{std::shared_ptr<const PreparedPoints>(view.set, &view.set->points), range.offset(),
+  return Points{std::shared_ptr<const PreparedPoints>(view.set, &view.set->points),
+                std::shared_ptr<const PointOrders>(view.set, &view.set->orders), range.offset(),
                 range.count(), 0};
 }
 
@@ -232,6 +239,11 @@ absl::StatusOr<ShadowMethod::Plan> ShadowMethod::MakePlan(const Points& points, 
       cut(points.count, std::max(part_rays, RayCount(ShadowChunk::kMostPoints, samples))));
   Plan plan;
   for (const PartRange& run : runs) {
+    if (points.orders != nullptr && !points.orders->empty()) {
+      plan.Add(run, ShadowChunk::PartPoints(part_rays, samples), points.orders.get(),
+               points.offset);
+      continue;
+    }
     const PointRange slice =
         PointRange::Slice(*points.points, points.offset + run.offset, run.count);
     if (OrderingPays(slice.positions, slice.valid, samples)) {

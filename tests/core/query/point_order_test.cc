@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/parallel.h"
 #include "core/geometry/box3.h"
 #include "core/query/shadows.h"
 #include "gmock/gmock.h"
@@ -188,6 +189,46 @@ TEST(PointOrderTest, PointsArePartedHoweverTheyAreSpread) {
       ExpectParted(points, SpatialOrder(points, std::vector<uint8_t>(n, 1)));
     }
   }
+}
+
+// A run of points gets its own part of the orders that were made for all, wherever it begins.
+TEST(PointOrdersTest, AnyRunFindsItsOwnOrder) {
+  TestRng rng;
+  ThreadPool pool(2);
+  const Points rows = MakeRows(200);
+  const size_t n = rows.positions.size();
+  ASSERT_GT(n, 2 * PointOrders::kBlock);
+  const PointOrders orders(rows.positions, rows.valid, pool);
+  ASSERT_FALSE(orders.empty());
+  EXPECT_GE(orders.MemoryBytes(), 4 * (n - n / 10));
+  EXPECT_EQ(
+      orders.Of(PointOrders::kBlock, PointOrders::kBlock),
+      SpatialOrder(std::span(rows.positions).subspan(PointOrders::kBlock, PointOrders::kBlock),
+                   std::span(rows.valid).subspan(PointOrders::kBlock, PointOrders::kBlock)));
+  for (int round = 0; round < 50; ++round) {
+    const size_t begin = round == 0 ? 0 : rng.Below(n);
+    const size_t count = round == 0 ? n : 1 + rng.Below(n - begin);
+    const std::vector<uint32_t> order = orders.Of(begin, count);
+    std::vector<uint8_t> seen(count);
+    for (const uint32_t i : order) {
+      ASSERT_LT(i, count);
+      ++seen[i];
+    }
+    const auto valid = std::span(rows.valid).subspan(begin, count);
+    EXPECT_TRUE(std::equal(seen.begin(), seen.end(), valid.begin())) << begin << ", " << count;
+  }
+}
+
+// Neighbours already, few, or none at all.
+TEST(PointOrdersTest, ThereAreNoneWhereNoneHelps) {
+  ThreadPool pool(2);
+  std::vector<Vec3f> line(40'000);
+  for (size_t i = 0; i < line.size(); ++i) line[i].x = static_cast<float>(i);
+  EXPECT_TRUE(PointOrders(line, std::vector<uint8_t>(line.size(), 1), pool).empty());
+  const Points few = MakeRows(20);
+  EXPECT_TRUE(PointOrders(few.positions, few.valid, pool).empty());
+  EXPECT_TRUE(PointOrders({}, {}, pool).empty());
+  EXPECT_EQ(PointOrders().MemoryBytes(), 0u);
 }
 
 // Points that name no triangle, one by one or as a whole, in rows and shuffled.
