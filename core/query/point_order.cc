@@ -189,7 +189,7 @@ std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
 
 PointOrders::PointOrders(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
                          ThreadPool& pool) {
-  // More than a set is likely to be asked about at once tell whether an order helps at all.
+  // Made once and used for as many lights as come: it is enough that it would help with many.
   constexpr size_t kManySamples = 32;
   const size_t blocks = (positions.size() + kBlock - 1) / kBlock;
   std::vector<std::vector<uint32_t>> orders(blocks);
