@@ -12,8 +12,6 @@
 namespace sightline {
 namespace {
 
-// Fewer points than this are a few blocks whatever their order.
-constexpr size_t kLeastPoints = 1024;
 constexpr size_t kSmallBlock = PointParter::kSmallestBlock;
 // What shares a shaft (RayPacket::kMaxRays). A picture's rows come as narrow blocks of the one kind
 // and as long ones of the other: hits in rows of 512 are answered for four lights at two to three
@@ -21,6 +19,8 @@ constexpr size_t kSmallBlock = PointParter::kSmallestBlock;
 constexpr size_t kLargeBlock = 256;
 // Blocks are looked at where so many large ones follow one another, in so many places.
 constexpr size_t kWindowBlocks = 64, kMostWindows = 4;
+// Fewer samples pay for fewer blocks.
+constexpr size_t kThoroughSamples = 4;
 // Ordering a point costs about what one light does. What an order saves grows with how many times
 // as wide the blocks are that it would make narrow: for two lights it pays from 3.7 times on, for
 // four from 2.5 times on (the pictures of seven scenes in rows, in tiles and in strips).
@@ -124,10 +124,12 @@ class Excess {
       const size_t before = sample.size();
       Box3f block;
       for (size_t k = 0; k < kSmallBlock; ++k) {
-        // Anywhere within the stride, so that points of several rows do not stand below each other.
-        const auto number = static_cast<uint32_t>(first + k * stride);
-        const size_t p = number + (number * uint64_t{0x9e3779b1} % (uint64_t{1} << 32)) * stride /
-                                      (uint64_t{1} << 32);
+        // Anywhere within the stride, so that points of several rows do not stand below each other:
+        // by the fraction of a multiple of the golden ratio, in 2^-32.
+        constexpr uint32_t kGolden = 0x9e3779b1;
+        const size_t number = first + k * stride;
+        const uint32_t fraction = static_cast<uint32_t>(number) * kGolden;
+        const size_t p = number + (fraction * uint64_t{stride} >> 32);
         if (!valid[p]) continue;
         block.Extend(positions[p]);
         sample.push_back(positions[p]);
@@ -154,8 +156,8 @@ class Excess {
 double ExcessWidth(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
                    size_t samples) {
   const size_t there = positions.size() / kLargeBlock;
-  // Two lights pay for half a look.
-  const size_t blocks = std::min(there, kWindowBlocks * std::min<size_t>(samples, 4) / 4);
+  const size_t share = std::min(samples, kThoroughSamples);
+  const size_t blocks = std::min(there, kWindowBlocks * share / kThoroughSamples);
   const size_t windows = std::clamp<size_t>(there / (2 * kWindowBlocks), 1, kMostWindows);
   Excess small, large;
   for (size_t w = 0; w < windows; ++w) {
@@ -172,8 +174,7 @@ double ExcessWidth(std::span<const Vec3f> positions, std::span<const uint8_t> va
 
 bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
                   size_t samples) {
-  if (positions.size() < kLeastPoints) return false;
-  if (samples == 0) return false;
+  if (positions.size() < kLeastOrderedPoints || samples == 0) return false;
   if (WidthOnSurface(positions, valid) >= kShuffled) return true;
   if (samples == 1) return false;
   return static_cast<double>(samples) * (ExcessWidth(positions, valid, samples) - kLeastExcess) >=
@@ -188,13 +189,13 @@ std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
 }
 
 PointOrders::PointOrders(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
-                         ThreadPool& pool) {
+                         ThreadPool& pool, const CancelToken* cancel) {
   // Made once and used for as many lights as come: it is enough that it would help with many.
   constexpr size_t kManySamples = 32;
   const size_t blocks = (positions.size() + kBlock - 1) / kBlock;
   std::vector<std::vector<uint32_t>> orders(blocks);
   std::vector<uint8_t> helps(blocks);
-  pool.ParallelFor(blocks, 1, [&](size_t begin, size_t end) {
+  const auto order_blocks = [&](size_t begin, size_t end) {
     for (size_t b = begin; b < end; ++b) {
       const size_t first = b * kBlock, count = std::min(kBlock, positions.size() - first);
       const auto some = positions.subspan(first, count);
@@ -208,7 +209,9 @@ PointOrders::PointOrders(std::span<const Vec3f> positions, std::span<const uint8
         if (flags[i]) orders[b].push_back(static_cast<uint32_t>(i));
       }
     }
-  });
+  };
+  pool.ParallelFor(blocks, 1, order_blocks, cancel);
+  if (cancel != nullptr && cancel->cancelled()) return;
   if (std::count(helps.begin(), helps.end(), 1) == 0) return;
   begins_.reserve(blocks + 1);
   size_t all = 0;
@@ -235,6 +238,11 @@ std::vector<uint32_t> PointOrders::Of(size_t begin, size_t count) const {
     }
   }
   return order;
+}
+
+uint64_t PointOrders::BytesFor(uint64_t points) {
+  // The numbers, by themselves and together.
+  return 2 * points * sizeof(uint32_t) + (points / kBlock + 2) * sizeof(size_t);
 }
 
 uint64_t PointOrders::MemoryBytes() const {

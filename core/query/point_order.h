@@ -9,14 +9,19 @@
 #ifndef SIGHTLINE_CORE_QUERY_POINT_ORDER_H_
 #define SIGHTLINE_CORE_QUERY_POINT_ORDER_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
 
+#include "core/base/cancel.h"
 #include "core/base/parallel.h"
 #include "core/geometry/vec3.h"
 
 namespace sightline {
+
+// Fewer points than this are a few blocks whatever their order: none pays.
+inline constexpr size_t kLeastOrderedPoints = 1024;
 
 // Whether an order of one's own pays: for many samples where blocks of neighbours in the given
 // order are wider than they need to be, for few where they are far wider. Looks at a part of them.
@@ -36,13 +41,17 @@ class PointOrders {
 
   // None.
   PointOrders() = default;
-  // REQUIRES: as many flags as positions. Runs in `pool`, 40 ns a point.
-  PointOrders(std::span<const Vec3f> positions, std::span<const uint8_t> valid, ThreadPool& pool);
+  // REQUIRES: as many flags as positions. Runs in `pool`, 40 ns a point; once `cancel` has fired it
+  // ends soon, with none.
+  PointOrders(std::span<const Vec3f> positions, std::span<const uint8_t> valid, ThreadPool& pool,
+              const CancelToken* cancel = nullptr);
+  // What they take at most, and while they are made.
+  static uint64_t BytesFor(uint64_t points);
 
   // Whether no block is the better for an order, even for many samples.
   bool empty() const { return begins_.empty(); }
   // The valid ones of points begin .. begin + count - 1, numbered from `begin`, as neighbours come.
-  // REQUIRES: not empty, and there are so many points.
+  // Reads the blocks that they are in whole. REQUIRES: not empty, and there are so many points.
   std::vector<uint32_t> Of(size_t begin, size_t count) const;
   uint64_t MemoryBytes() const;
 

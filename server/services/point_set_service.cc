@@ -86,8 +86,10 @@ class CreateSteps {
     SL_RETURN_IF_ERROR(charge.Add(PointSetStore::BytesFor(header.point_count)));
     SL_ASSIGN_OR_RETURN(set.points, MakePoints(header, uploaded, *scene, cancel));
     // Once for all lights that are going to be asked about. Speed alone: not where it is too much.
-    set.orders = PointOrders(set.points.positions, set.points.valid, env_.query_pool);
-    if (!charge.Add(set.orders.MemoryBytes()).ok()) set.orders = PointOrders();
+    if (charge.Add(PointOrders::BytesFor(set.points.size())).ok()) {
+      set.orders = PointOrders(set.points.positions, set.points.valid, env_.query_pool, &cancel);
+      if (cancel.cancelled()) return cancel.ToStatus();
+    }
     SL_ASSIGN_OR_RETURN(const PointSetView view,
                         env_.point_sets.Add(std::move(set), header.lease, charge.Leave()));
     Log(LogLevel::kInfo, "point_set_created",

@@ -11,19 +11,14 @@
 
 namespace sightline {
 
-ShadowChunk::ShadowChunk(size_t count, size_t part_points)
+ShadowChunk::ShadowChunk(size_t count, size_t part_points, const PointOrders* orders, size_t begin)
     : count_(count),
       part_points_(part_points),
       parts_((count + part_points - 1) / part_points),
+      orders_(orders),
+      begin_(begin),
       parts_left_(parts_) {
   SIGHTLINE_CHECK_GT(parts_, 0u);
-}
-
-ShadowChunk::ShadowChunk(size_t count, size_t part_points, std::vector<uint32_t> order)
-    : ShadowChunk(count, part_points) {
-  MutexLock lock(mutex_);
-  ordered_ = true;
-  order_ = std::move(order);
 }
 
 size_t ShadowChunk::PartPoints(uint64_t part_rays, uint64_t samples) {
@@ -37,7 +32,10 @@ std::vector<uint32_t> ShadowChunk::Begin(size_t part, const PointRange& points,
                                          ShadowHints* hints) {
   MutexLock lock(mutex_);
   *hints = hints_;
-  if (!std::exchange(ordered_, true)) order_ = SpatialOrder(points.positions, points.valid);
+  if (!std::exchange(ordered_, true)) {
+    order_ = orders_ != nullptr ? orders_->Of(begin_, count_)
+                                : SpatialOrder(points.positions, points.valid);
+  }
   const size_t begin = std::min(part * part_points_, order_.size());
   const size_t end = std::min(begin + part_points_, order_.size());
   return {order_.begin() + static_cast<ptrdiff_t>(begin),

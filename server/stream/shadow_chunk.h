@@ -40,9 +40,9 @@ class ShadowChunk {
                                              ShadowResult* result)>;
 
   // Of `count` points, `part_points` to a part. REQUIRES: both > 0.
-  ShadowChunk(size_t count, size_t part_points);
-  // The same with an order of the valid ones that is known.
-  ShadowChunk(size_t count, size_t part_points, std::vector<uint32_t> order);
+  // With `orders`, which outlive it, the points are theirs from `begin` on.
+  ShadowChunk(size_t count, size_t part_points, const PointOrders* orders = nullptr,
+              size_t begin = 0);
 
   // How many points a part should have if so many rays are about right: a power of two, since that
   // is how the order parts them (core/query/point_order.h).
@@ -60,6 +60,8 @@ class ShadowChunk {
   std::vector<uint32_t> Begin(size_t part, const PointRange& points, ShadowHints* hints);
 
   const size_t count_, part_points_, parts_;
+  const PointOrders* const orders_;  // May be null.
+  const size_t begin_;               // Of the points in those.
   Mutex mutex_;
   bool ordered_ ABSL_GUARDED_BY(mutex_) = false, begun_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<uint32_t> order_ ABSL_GUARDED_BY(mutex_);  // Of the valid points.

@@ -20,7 +20,7 @@ namespace sightline {
 // The prepared points of an item: its own, or a range of a set.
 struct ShadowMethod::Points {
   std::shared_ptr<const PreparedPoints> points;
-  std::shared_ptr<const PointOrders> orders;  // Of a set; null or empty: none.
+  std::shared_ptr<const PointOrders> orders;  // Of its set; null: none.
   size_t offset = 0, count = 0;
   uint64_t near_surface = 0;  // Of inline points.
 };
@@ -36,15 +36,12 @@ struct ShadowMethod::Plan {
   std::vector<PartRange> parts;
   std::vector<std::pair<size_t, size_t>> of_part;  // Its run, and its number within that.
 
-  // `orders`: null, or where the points' own begin `offset` points after theirs.
+  // `orders`, where it is not null, has those of the points from `begin` on.
   void Add(const PartRange& points, size_t part_points, const PointOrders* orders = nullptr,
-           size_t offset = 0) {
+           size_t begin = 0) {
     Run run{.points = points, .chunk = nullptr};
-    if (orders != nullptr) {
-      run.chunk = std::make_unique<ShadowChunk>(points.count, part_points,
-                                                orders->Of(offset + points.offset, points.count));
-    } else if (part_points < points.count) {
-      run.chunk = std::make_unique<ShadowChunk>(points.count, part_points);
+    if (orders != nullptr || part_points < points.count) {
+      run.chunk = std::make_unique<ShadowChunk>(points.count, part_points, orders, begin);
     }
     for (size_t k = 0; k * part_points < points.count; ++k) {
       parts.push_back({points.offset + k * part_points,
@@ -222,9 +219,10 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
         "item.point_set_range.count", range.count(),
         absl::StrCat("from ", range.offset(), " on leaves the set, which has ", size, " points"));
   }
+  const PointOrders* orders = view.set->orders.empty() ? nullptr : &view.set->orders;
   return Points{std::shared_ptr<const PreparedPoints>(view.set, &view.set->points),
-                std::shared_ptr<const PointOrders>(view.set, &view.set->orders), range.offset(),
-                range.count(), 0};
+                std::shared_ptr<const PointOrders>(view.set, orders), range.offset(), range.count(),
+                0};
 }
 
 // Runs are long where their points have to be ordered, since they are ordered within a run.
@@ -239,9 +237,9 @@ absl::StatusOr<ShadowMethod::Plan> ShadowMethod::MakePlan(const Points& points, 
       cut(points.count, std::max(part_rays, RayCount(ShadowChunk::kMostPoints, samples))));
   Plan plan;
   for (const PartRange& run : runs) {
-    if (points.orders != nullptr && !points.orders->empty()) {
+    if (points.orders != nullptr && run.count >= kLeastOrderedPoints) {
       plan.Add(run, ShadowChunk::PartPoints(part_rays, samples), points.orders.get(),
-               points.offset);
+               points.offset + run.offset);
       continue;
     }
     const PointRange slice =

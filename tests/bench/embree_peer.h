@@ -179,7 +179,7 @@ class CameraRays {
 enum class TileWrites : uint8_t { kUsual, kPastCaches };
 
 // The first triangle through each pixel of the tile. `image_width` pixels to a row of the arrays.
-// REQUIRES: the tile begins on even pixels.
+// REQUIRES: the tile begins on even pixels; past the caches it has 64 × 64 at most.
 void TraceCameraTile(const EmbreeScene& scene, PeerMode mode, const CameraRays& rays,
                      const TileRect& tile, uint32_t image_width, TileWrites writes,
                      ImageArrays* image);

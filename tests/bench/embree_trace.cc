@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <type_traits>
 
+#include "core/base/check.h"
 #include "tests/bench/embree_peer.h"
 
 namespace sightline::bench {
@@ -381,15 +383,18 @@ class CameraTile {
 };
 
 // A tile's rows, `width` pixels each, to those of an image past the caches.
-void StreamRows(const float* from, uint32_t width, uint32_t rows, size_t stride, float* to) {
-  constexpr size_t kLanes = sizeof(__m256) / sizeof(float);
+template <typename T>
+void StreamRows(const T* from, uint32_t width, uint32_t rows, size_t stride, T* to) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  constexpr size_t kLanes = sizeof(__m256i) / sizeof(T);
   for (; rows > 0; --rows, from += width, to += stride) {
-    if (reinterpret_cast<uintptr_t>(to) % sizeof(__m256) != 0 || width % kLanes != 0) {
+    if (reinterpret_cast<uintptr_t>(to) % sizeof(__m256i) != 0 || width % kLanes != 0) {
       std::copy_n(from, width, to);
       continue;
     }
     for (size_t x = 0; x < width; x += kLanes) {
-      _mm256_stream_ps(to + x, _mm256_loadu_ps(from + x));
+      _mm256_stream_si256(reinterpret_cast<__m256i*>(to + x),
+                          _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from + x)));
     }
   }
 }
@@ -406,7 +411,8 @@ void TraceCameraTile(const EmbreeScene& scene, PeerMode mode, const CameraRays& 
   constexpr uint32_t kMostPixels = 64 * 64;
   alignas(64) float depth[kMostPixels], u[kMostPixels], v[kMostPixels];
   alignas(64) uint32_t triangle[kMostPixels];
-  const bool aside = writes == TileWrites::kPastCaches && tile.width * tile.height <= kMostPixels;
+  const bool aside = writes == TileWrites::kPastCaches;
+  if (aside) SIGHTLINE_CHECK_LE(uint64_t{tile.width} * tile.height, kMostPixels);
   const PixelArrays own = {depth, u, v, triangle, tile.x, tile.y, tile.width};
   const PixelArrays all = {
       image->depth.data(), image->u.data(), image->v.data(), image->triangle.data(), 0, 0,
@@ -432,8 +438,7 @@ void TraceCameraTile(const EmbreeScene& scene, PeerMode mode, const CameraRays& 
   if (!aside) return;
   const size_t first = size_t{tile.y} * image_width + tile.x;
   const auto stream = [&](const auto* from, auto* to) {
-    StreamRows(reinterpret_cast<const float*>(from), tile.width, tile.height, image_width,
-               reinterpret_cast<float*>(to + first));
+    StreamRows(from, tile.width, tile.height, image_width, to + first);
   };
   stream(depth, all.depth);
   stream(triangle, all.triangle);
