@@ -40,6 +40,19 @@ constexpr LaneOrders MakeLaneOrders() {
 }
 alignas(64) inline constexpr LaneOrders kLaneOrders = MakeLaneOrders();
 
+#if HWY_TARGET == HWY_AVX2
+// Eight lanes, as numbers of four bytes: those of `chosen`, whose bits go to *bits, then the
+// others.
+template <class D, class M>
+HWY_INLINE hn::Vec<hn::RebindToUnsigned<D>> ChosenFirst(D d, M chosen, uint8_t* bits) {
+  uint8_t stored[8];  // As many as StoreMaskBits may write.
+  hn::StoreMaskBits(d, chosen, stored);
+  *bits = stored[0];
+  const hn::Rebind<uint8_t, D> bytes;
+  return hn::PromoteTo(hn::RebindToUnsigned<D>(), hn::LoadU(bytes, kLaneOrders[stored[0]].data()));
+}
+#endif
+
 // The lanes of `chosen`, four bytes each, in their order, from the first on; those behind them are
 // any.
 template <class D, class V = hn::Vec<D>, class M>
@@ -47,12 +60,8 @@ HWY_INLINE V CompressLanes(D d, V v, M chosen) {
   static_assert(sizeof(hn::TFromD<D>) == sizeof(uint32_t));
 #if HWY_TARGET == HWY_AVX2
   if constexpr (hn::MaxLanes(d) == 8) {
-    uint8_t bits[8];  // As many as StoreMaskBits may write.
-    hn::StoreMaskBits(d, chosen, bits);
-    const hn::RebindToUnsigned<D> du;
-    const hn::Rebind<uint8_t, D> bytes;
-    const auto order = hn::PromoteTo(du, hn::LoadU(bytes, kLaneOrders[bits[0]].data()));
-    return hn::TableLookupLanes(v, hn::IndicesFromVec(d, order));
+    uint8_t bits;
+    return hn::TableLookupLanes(v, hn::IndicesFromVec(d, ChosenFirst(d, chosen, &bits)));
   }
 #endif
   return hn::Compress(v, chosen);

@@ -113,7 +113,6 @@ void PointParter::Select(size_t begin, size_t middle, size_t end, int axis, Rang
 size_t PointParter::Split(size_t begin, size_t end, int axis, float pivot, bool equal) {
   const D d;
   const DU du;
-  const hn::Rebind<uint8_t, D> bytes;
   const float* keys = rows_.at[axis];
   // Vectors are stored whole on either side, those that belong there next to the ones before; what
   // else they hold is overwritten by what follows, and was read already. Those aside grow downward.
@@ -127,13 +126,12 @@ size_t PointParter::Split(size_t begin, size_t end, int axis, float pivot, bool 
   size_t i = begin;
   for (; i + kLanes <= end; i += kLanes) {
     const auto key = hn::LoadU(d, keys + i);
-    uint8_t stays[8];  // As many as StoreMaskBits may write.
-    hn::StoreMaskBits(d, equal ? hn::Le(key, at) : hn::Lt(key, at), stays);
+    uint8_t stays;
     const auto order =
-        hn::PromoteTo(du, hn::LoadU(bytes, HWY_NAMESPACE::kLaneOrders[stays[0]].data()));
+        HWY_NAMESPACE::ChosenFirst(d, equal ? hn::Le(key, at) : hn::Lt(key, at), &stays);
     for (int k = 0; k < 3; ++k) move(d, rows_.at[k], aside_.at[k], i, order);
     move(du, rows_.number, aside_.number, i, order);
-    const auto count = static_cast<size_t>(std::popcount(stays[0]));
+    const auto count = static_cast<size_t>(std::popcount(stays));
     front += count;
     aside -= kLanes - count;
   }

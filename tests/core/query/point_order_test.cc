@@ -231,6 +231,17 @@ TEST(PointOrdersTest, ThereAreNoneWhereNoneHelps) {
   EXPECT_EQ(PointOrders().MemoryBytes(), 0u);
 }
 
+TEST(PointOrdersTest, ThereAreNoneOnceCancelled) {
+  ThreadPool pool(2);
+  const Points rows = MakeRows(200);
+  CancelToken cancel;
+  const PointOrders orders(rows.positions, rows.valid, pool, &cancel);
+  EXPECT_FALSE(orders.empty());
+  EXPECT_LE(orders.MemoryBytes(), PointOrders::BytesFor(rows.positions.size()));
+  cancel.Cancel();
+  EXPECT_TRUE(PointOrders(rows.positions, rows.valid, pool, &cancel).empty());
+}
+
 // Points that name no triangle, one by one or as a whole, in rows and shuffled.
 TEST(PointOrderTest, SourcesMayBeLeftOut) {
   TestRng rng;
