@@ -36,11 +36,15 @@ constexpr Costs kCosts[] = {
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
 // cheapest by chance is taken more often.
 constexpr float kClearlyCheaper = 0.9f;
-// What the last block says of the next; the rest is said by those before it. Little: costs of thin
-// points vary tenfold from block to block, and one that happened to be cheap should not win.
+// What the last block says of the next, at the least; the rest is said by those before it, and the
+// first few are averaged. Little: costs of thin points vary tenfold from block to block, and one
+// that happened to be cheap should not win.
 constexpr float kNewest = 0.1f;
 // How long a walk that has lost is left alone, in blocks: doubled each time.
-constexpr uint32_t kFirstWait = 8, kLongestWait = 64;
+constexpr uint32_t kFirstWait = 16, kLongestWait = 64;
+// Shafts' blocks before another walk is first tried: a trial costs, and one block of shafts is
+// nothing to hold it against. A picture's tile has some sixteen blocks, and all of them count.
+constexpr uint32_t kFirstShafts = 4;
 // Blocks after which what a walk has cost is history. A light's sixteen of one group of points
 // follow each other.
 constexpr uint32_t kMemory = 16;
@@ -53,7 +57,7 @@ bool WalkChoice::WorthATrial(Walk walk) const {
   const Record& shafts = records_[kShafts];
   const Costs& costs = kCosts[static_cast<size_t>(others_)];
   const float dear = walk == kSingles ? costs.try_singles : costs.try_packets;
-  return others_ != Others::kNone && shafts.known && shafts.cost > dear;
+  return others_ != Others::kNone && shafts.known() && shafts.cost > dear;
 }
 
 bool WalkChoice::ShaftsAreRare() const {
@@ -65,7 +69,7 @@ WalkChoice::Walk WalkChoice::Best() const {
   float least = records_[kShafts].cost;
   for (const Walk walk : {kPackets, kSingles}) {
     const Record& record = records_[walk];
-    if (!record.known || !WorthATrial(walk) || record.cost >= kClearlyCheaper * least) continue;
+    if (!record.known() || !WorthATrial(walk) || record.cost >= kClearlyCheaper * least) continue;
     best = walk;
     least = record.cost;
   }
@@ -80,6 +84,7 @@ Strategy WalkChoice::Next() const {
   } else {
     for (const Walk walk : {kPackets, kSingles}) {
       if (!WorthATrial(walk) || records_[walk].wait > 0) continue;
+      if (!records_[walk].known() && records_[kShafts].blocks < kFirstShafts) continue;
       next = walk;
       break;
     }
@@ -103,19 +108,19 @@ void WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkSta
           static_cast<float>(rays) +
       weights.ray;
   Record& record = records_[walk];
-  record.cost =
-      record.known && record.age <= kMemory ? record.cost + kNewest * (cost - record.cost) : cost;
-  record.known = true;
+  if (record.age > kMemory) record.blocks = 0;
+  ++record.blocks;
+  record.cost += std::max(kNewest, 1.0f / static_cast<float>(record.blocks)) * (cost - record.cost);
   float least = record.cost;
   for (Record& other : records_) {
     ++other.age;
     if (other.wait > 0) --other.wait;
-    if (other.known) least = std::min(least, other.cost);
+    if (other.known()) least = std::min(least, other.cost);
   }
   record.age = 1;
   const Record& shafts = records_[kShafts];
   const bool gains_nothing =
-      walk != kShafts && shafts.known && record.cost >= kClearlyCheaper * shafts.cost;
+      walk != kShafts && shafts.known() && record.cost >= kClearlyCheaper * shafts.cost;
   if (gains_nothing || least < kClearlyCheaper * record.cost) {
     record.next_wait =
         record.next_wait == 0 ? kFirstWait : std::min(2 * record.next_wait, kLongestWait);

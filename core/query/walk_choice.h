@@ -60,11 +60,13 @@ class WalkChoice {
   static constexpr size_t kWalks = 3;
 
   struct Record {
-    float cost = 0;  // Cycles a ray, recent blocks counting more.
-    bool known = false;
-    uint32_t age = 0;   // Blocks since it was taken.
-    uint32_t wait = 0;  // Blocks before it is tried again, and how many after the next failure.
+    float cost = 0;       // Cycles a ray, recent blocks counting more.
+    uint32_t blocks = 0;  // That cost is of.
+    uint32_t age = 0;     // Blocks since it was taken.
+    uint32_t wait = 0;    // Blocks before it is tried again, and how many after the next failure.
     uint32_t next_wait = 0;
+
+    bool known() const { return blocks > 0; }
   };
 
   // Whether shafts are so dear that it might be cheaper.

@@ -73,7 +73,7 @@ TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
   WalkChoice choice(Others::kOneOrigin);
   const Taken taken = Take(choice, 1000, 20, 20, 200);
   EXPECT_FALSE(choice.ShaftsAreRare());
-  // Trials of either become rare: after 8, 16 and 32 blocks, then every 64.
+  // Trials of either become rare: after 16 and 32 blocks, then every 64.
   EXPECT_GT(taken.shafts, 950);
   EXPECT_GT(taken.packets, 10);
   EXPECT_GT(taken.singles, 10);
@@ -111,8 +111,27 @@ TEST(WalkChoiceTest, AFewRaysTeachNothing) {
   WalkChoice choice(Others::kOneOrigin);
   for (int i = 0; i < 10; ++i) Teach(choice, Strategy::kShaft, 100, /*rays=*/31);
   EXPECT_EQ(choice.Next(), Strategy::kShaft);
-  Teach(choice, Strategy::kShaft, 100, /*rays=*/32);
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_EQ(choice.Next(), Strategy::kShaft);
+    Teach(choice, Strategy::kShaft, 100, /*rays=*/32);
+  }
   EXPECT_NE(choice.Next(), Strategy::kShaft);
+}
+
+// One dear block among shafts' first is an accident; its like in all of them is not.
+TEST(WalkChoiceTest, WhatShaftsCostIsTheMeanOfTheirFirstBlocks) {
+  for (const uint64_t others : {4, 100}) {
+    WalkChoice choice(Others::kOneOrigin);
+    for (const uint64_t cost : {uint64_t{100}, others, others, others}) {
+      EXPECT_EQ(choice.Next(), Strategy::kShaft);
+      Teach(choice, Strategy::kShaft, cost);
+    }
+    EXPECT_EQ(choice.Next(), Strategy::kPacket);
+    Teach(choice, Strategy::kPacket, 20);
+    const int packets = Take(choice, 10, others, 20, 1000).packets;
+    if (others == 4) EXPECT_EQ(packets, 0);
+    if (others == 100) EXPECT_GT(packets, 5);
+  }
 }
 
 TEST(WalkChoicesTest, EachLightLearnsForItselfAndBeginsWhereTheLastLeftOff) {
