@@ -180,10 +180,31 @@ class Counter {
     return rest;
   }
 
-  uint64_t CountBySorting(std::vector<uint32_t>& ids) const {
-    std::sort(ids.begin(), ids.end(), [this](uint32_t a, uint32_t b) {
+  // Runs of kGrain, merged by twos: whoever makes hashes collide can stop no worker for longer than
+  // a merge.
+  void Sort(std::vector<uint32_t>& ids) const {
+    const auto less = [this](uint32_t a, uint32_t b) {
       return hashes_[a] != hashes_[b] ? hashes_[a] < hashes_[b] : KeyOf(a) < KeyOf(b);
-    });
+    };
+    const size_t n = ids.size();
+    const auto at = [&](size_t i) { return ids.begin() + static_cast<ptrdiff_t>(std::min(i, n)); };
+    ParallelFor(
+        n, kGrain, [&](size_t begin, size_t end) { std::sort(at(begin), at(end), less); }, cancel_);
+    for (size_t run = kGrain; run < n && !Stopped(); run *= 2) {
+      ParallelFor((n + 2 * run - 1) / (2 * run), 1,
+                  [&](size_t begin, size_t end) {
+                    for (size_t pair = begin; pair < end; ++pair) {
+                      const size_t first = pair * 2 * run;
+                      std::inplace_merge(at(first), at(first + run), at(first + 2 * run), less);
+                    }
+                  },
+                  cancel_);
+    }
+  }
+
+  uint64_t CountBySorting(std::vector<uint32_t>& ids) const {
+    Sort(ids);
+    if (Stopped()) return 0;
     uint64_t duplicates = 0;
     for (size_t i = 1; i < ids.size(); ++i) duplicates += AreEqual(ids[i - 1], ids[i]) ? 1 : 0;
     return duplicates;

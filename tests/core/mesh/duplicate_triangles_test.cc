@@ -116,11 +116,14 @@ TEST(DuplicateTrianglesTest, HashesMadeToCollide) {
                      std::bit_cast<float>(static_cast<uint32_t>(xy)), std::bit_cast<float>(z)};
     if (IsFinite(p) && p.x != 0 && p.y != 0 && p.z != 0) v.push_back(p);
   }
-  std::vector<Triangle> t(3000);
-  for (Triangle& corners : t) {
-    for (uint32_t& k : corners) k = static_cast<uint32_t>(rng.Below(v.size()));
+  // One run of what is sorted, and several to be merged.
+  for (const size_t n : {3'000, 50'000}) {
+    std::vector<Triangle> t(n);
+    for (Triangle& corners : t) {
+      for (uint32_t& k : corners) k = static_cast<uint32_t>(rng.Below(v.size()));
+    }
+    EXPECT_EQ(CountDuplicateTriangles(v, t, {}), CountByASet(v, t, {}));
   }
-  EXPECT_EQ(CountDuplicateTriangles(v, t, {}), CountByASet(v, t, {}));
 }
 
 }  // namespace
