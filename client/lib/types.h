@@ -420,7 +420,7 @@ struct SegmentQuery {
   bool blocked = true;
   bool blockers = false;
   QueryOptions options;
-  uint32_t segments_per_item = 32768;
+  uint32_t segments_per_item = 65536;
 };
 
 struct Segments {

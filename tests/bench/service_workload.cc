@@ -35,7 +35,7 @@ namespace sightline::bench {
 namespace {
 
 constexpr uint64_t kPointsPerItem = 16'384;
-constexpr uint64_t kSegmentsPerItem = 32'768;
+constexpr uint64_t kSegmentsPerItem = 65'536;
 constexpr uint32_t kTile = 128;
 // Items unanswered at once: enough to keep two threads busy while others travel...
 constexpr size_t kWindow = 8;
