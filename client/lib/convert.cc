@@ -252,6 +252,7 @@ Scene FromProto(const v1::Scene& scene) {
   out.report.nodes = report.node_count();
   out.report.leaves = report.leaf_count();
   out.report.depth = report.depth();
+  out.report.refitted = report.refitted();
   out.report.resident_bytes = report.resident_bytes();
   out.report.kd_tree_nodes = report.kd_tree().node_count();
   out.report.kd_tree_leaves = report.kd_tree().leaf_count();

@@ -93,6 +93,7 @@ struct BuildReport {
   absl::Duration structure_time;  // To build the tree.
   uint64_t nodes = 0, leaves = 0;
   uint32_t depth = 0;
+  bool refitted = false;  // The tree of the revision before, fitted to vertices that moved.
   uint64_t resident_bytes = 0;
   // Of the kd-tree; all 0 without one.
   uint64_t kd_tree_nodes = 0, kd_tree_leaves = 0, kd_tree_references = 0, kd_tree_bytes = 0;

@@ -84,7 +84,7 @@ BvhBuildOptions BvhPresetOptions(BvhPreset preset) {
     case BvhPreset::kCompact:
       return {.leaf_rows = false};
     case BvhPreset::kDynamic:
-      return {.bins = kDynamicBins, .longest_axis_only = true, .grid = true};
+      return {.bins = kDynamicBins, .longest_axis_only = true, .grid = true, .refit = true};
   }
   return {};
 }

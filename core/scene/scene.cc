@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/scene/scene.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <exception>
@@ -11,6 +12,7 @@
 
 #include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
+#include "core/accel/bvh_refit.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/scene_compiler.h"
 
@@ -62,12 +64,31 @@ absl::Status BuildBinary(const BinaryBvhOptions& options, ThreadPool& pool,
   return absl::OkStatus();
 }
 
+// The tree of `moved_from` fitted to the scene's geometry, if that will do; else a new one.
+absl::Status BuildOrRefit(const Scene* moved_from, const BvhBuildOptions& options, ThreadPool& pool,
+                          const CancelToken* cancel, const std::function<void(double)>& progress,
+                          Scene* scene) {
+  const Stopwatch time;
+  if (moved_from != nullptr && !moved_from->bvh.empty() && options.refit &&
+      moved_from->bvh.has_leaf_rows() == options.leaf_rows &&
+      CanRefit(moved_from->geometry, scene->geometry)) {
+    SL_ASSIGN_OR_RETURN(scene->bvh, RefitBvh(moved_from->bvh, scene->geometry, pool, cancel));
+    scene->report.bvh_refitted = scene->bvh.cost_growth <= kMaxRefitGrowth;
+  }
+  if (!scene->report.bvh_refitted) {
+    SL_ASSIGN_OR_RETURN(scene->bvh, BuildBvh(scene->geometry, options, pool, cancel, progress));
+  }
+  scene->report.bvh_seconds = time.seconds();
+  return absl::OkStatus();
+}
+
 // Compiles by `compile`, then builds; on a thread of the pool. Memory that runs out is the one
-// exception that libraries below throw; it ends here.
+// exception that libraries below throw; it ends here. `moved_from`, if not null, has the same
+// triangles with other vertices.
 absl::StatusOr<std::shared_ptr<const Scene>> Build(
     std::string name, uint64_t revision, absl::FunctionRef<absl::StatusOr<SceneGeometry>()> compile,
-    const SceneBuildOptions& options, ThreadPool& pool, const CancelToken* cancel,
-    const std::function<void(double)>& progress) try {
+    const Scene* moved_from, const SceneBuildOptions& options, ThreadPool& pool,
+    const CancelToken* cancel, const std::function<void(double)>& progress) try {
   if (options.without_bvh && !options.kd_tree) {
     return absl::InvalidArgumentError(
         "a scene without a BVH needs a kd-tree: ask for one, or for the BVH");
@@ -92,10 +113,8 @@ absl::StatusOr<std::shared_ptr<const Scene>> Build(
         };
       }
       if (!options.without_bvh) {
-        const Stopwatch bvh_time;
-        SL_ASSIGN_OR_RETURN(scene->bvh,
-                            BuildBvh(scene->geometry, options.bvh, pool, cancel, bvh_progress));
-        scene->report.bvh_seconds = bvh_time.seconds();
+        SL_RETURN_IF_ERROR(
+            BuildOrRefit(moved_from, options.bvh, pool, cancel, bvh_progress, scene.get()));
       }
       if (options.binary_bvh) {
         SL_RETURN_IF_ERROR(BuildBinary(*options.binary_bvh, pool, cancel, scene.get()));
@@ -249,8 +268,8 @@ absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(
     const CancelToken* cancel, const std::function<void(double)>& progress) {
   return Build(
       std::move(name), revision,
-      [&] { return CompileScene(objects, origin, options.limits, cancel); }, options, pool, cancel,
-      progress);
+      [&] { return CompileScene(objects, origin, options.limits, cancel); }, nullptr, options, pool,
+      cancel, progress);
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> EditScene(
@@ -260,10 +279,14 @@ absl::StatusOr<std::shared_ptr<const Scene>> EditScene(
   EditedObjects objects(base.geometry);
   for (const SceneEdit& edit : edits) SL_RETURN_IF_ERROR(objects.Apply(edit));
   const std::vector<ObjectSource> sources = objects.Sources();
+  const bool only_moves = std::all_of(edits.begin(), edits.end(), [](const SceneEdit& edit) {
+    return edit.kind == SceneEdit::Kind::kSetTransform ||
+           edit.kind == SceneEdit::Kind::kSetVertices;
+  });
   return Build(
       base.name, revision,
       [&] { return CompileSources(sources, &base.geometry, std::nullopt, options.limits, cancel); },
-      options, pool, cancel, progress);
+      only_moves ? &base : nullptr, options, pool, cancel, progress);
 }
 
 }  // namespace sightline

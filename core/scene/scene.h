@@ -35,6 +35,7 @@ struct BuildReport {
   double compile_seconds = 0;  // Checking, rebasing, counting.
   double bvh_seconds = 0;      // All 0 without a BVH.
   uint64_t bvh_nodes = 0, bvh_leaves = 0, bvh_depth = 0;
+  bool bvh_refitted = false;  // That of the revision before, fitted to vertices that moved.
   // All 0 without a kd-tree. Leaves that are not empty; references: ids in them.
   double kd_tree_seconds = 0;
   uint64_t kd_tree_nodes = 0, kd_tree_leaves = 0, kd_tree_references = 0, kd_tree_depth = 0;
@@ -86,7 +87,10 @@ struct SceneEdit {
                        // kind says.
 };
 
-// The revision after `base` with `edits` applied; keeps the base's origin. Errors, each naming the
+// The revision after `base` with `edits` applied; keeps the base's origin. With
+// `options.bvh.refit`, edits that only move vertices (kSetTransform, kSetVertices) keep the base's
+// tree, fitted to them, unless a triangle lost or gained its area or the tree would cost
+// kMaxRefitGrowth times what it did when it was built (core/accel/bvh_refit.h). Errors, each naming the
 // object: NotFound (no such object), AlreadyExists (added twice), FailedPrecondition (kSetTransform
 // of an object that is not dynamic), InvalidArgument (another number of vertices than the object
 // has; what CompileScene says).

@@ -45,6 +45,7 @@ void EncodeReport(const BuildReport& report, v1::BuildReport* out) {
   out->set_leaf_count(report.bvh_leaves);
   out->set_depth(static_cast<uint32_t>(report.bvh_depth));
   out->set_resident_bytes(report.memory_bytes);
+  out->set_refitted(report.bvh_refitted);
   if (report.binary_bvh_nodes > 0) {
     v1::BinaryBvhReport* binary_bvh = out->mutable_binary_bvh();
     binary_bvh->set_node_count(report.binary_bvh_nodes);

@@ -34,6 +34,7 @@ void LogScene(absl::string_view event, const SceneView& view) {
        {"compile_s", absl::StrCat(scene.report.compile_seconds)},
        {"structure_s", absl::StrCat(scene.report.bvh_seconds + scene.report.kd_tree_seconds +
                                     scene.report.binary_bvh_seconds)},
+       {"refitted", scene.report.bvh_refitted ? "true" : "false"},
        {"bytes", absl::StrCat(scene.report.memory_bytes)}});
 }
 

@@ -21,6 +21,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/exit_code.h"
+#include "core/accel/bvh_refit.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "tests/bench/bench_scene.h"
@@ -129,6 +130,12 @@ Bvh BuildOurs(const Bench& bench, BvhPreset preset) {
   return *std::move(bvh);
 }
 
+// As after vertices moved: they have not, so the tree stays as good as a built one.
+void RefitOurs(const Bench& bench, Bvh* bvh) {
+  const absl::Status status = RefitBvhInPlace(bench.scene.geometry, bench.pool, bvh);
+  SIGHTLINE_CHECK(status.ok()) << status;
+}
+
 void Say(const Bench& bench, const std::string& what) {
   bench.context.err << bench.source.name << ": " << what << std::endl;
 }
@@ -157,6 +164,8 @@ void TimeBuilds(const Bench& bench, Report* report) {
   Bvh ours;
   absl::StatusOr<SceneGeometry> compiled = absl::UnknownError("not compiled");
   std::unique_ptr<EmbreeScene> peer;
+  Bvh kept = BuildOurs(bench, BvhPreset::kDynamic);
+  const auto kept_peer = BuildPeer(bench, {.quality = Quality::kRefit});
   std::vector<Side> sides;
   for (const BvhPreset preset : {BvhPreset::kStatic, BvhPreset::kDynamic}) {
     sides.push_back(
@@ -176,10 +185,13 @@ void TimeBuilds(const Bench& bench, Report* report) {
                      SIGHTLINE_CHECK(compiled.ok()) << compiled.status();
                    },
                    [&] { compiled = absl::UnknownError("not compiled"); }});
+  const size_t refit = sides.size();
+  sides.push_back({[&](size_t) { RefitOurs(bench, &kept); }});
+  sides.push_back({[&](size_t) { kept_peer->CommitMovedVertices(); }});
   Say(bench, "warming up");
   for (Side& side : sides) {
     side.run(0);
-    side.clean_up();
+    if (side.clean_up != nullptr) side.clean_up();
   }
   const size_t triangles = bench.scene.geometry.triangles.size();
   const Timings timings = TimeByTurns({1, [&](size_t) { return triangles; }}, sides,
@@ -214,6 +226,11 @@ void TimeBuilds(const Bench& bench, Report* report) {
     add(kind, BvhPreset::kDynamic, 3);
     if (bench.options.high) add(kind, BvhPreset::kStatic, 4);
   }
+  Row row = CommonRow(bench, "refit", "DYNAMIC");
+  AddTimes(timings, refit, refit + 1, "triangles/s", QualityName(Quality::kRefit), &row);
+  row["seconds"] = seconds(timings, refit);
+  row["peer_seconds"] = seconds(timings, refit + 1);
+  report->Add(WithCommonKeys(row));
 }
 
 // ---- Build and one picture
@@ -236,7 +253,7 @@ absl::StatusOr<std::unique_ptr<Workload>> FrameWorkload(const Bench& bench, cons
 }
 
 absl::Status TimeFrames(const Bench& bench, Report* report) {
-  // As sides 1 .. 3 below; side 0 is ours.
+  // As sides 1 .. 3 below; sides 0 and 4 are ours, built and refitted.
   constexpr std::array kQualities = {Quality::kLow, Quality::kMedium, Quality::kRefit};
   std::array<FrameModes, kQualities.size()> modes;
   {
@@ -271,10 +288,16 @@ absl::Status TimeFrames(const Bench& bench, Report* report) {
                      },
                      [&] { peer.reset(); }});
   }
-  // The vertices have not moved, so the refitted structure is as good as a built one.
   sides.push_back({[&](size_t view) {
     refitted->CommitMovedVertices();
     frames[view].DrawPeer(*refitted, modes[2][0], modes[2][1]);
+  }});
+  IndexedGeometry kept;
+  kept.geometry = bench.scene.geometry;
+  kept.bvh = BuildOurs(bench, BvhPreset::kDynamic);
+  sides.push_back({[&](size_t view) {
+    RefitOurs(bench, &kept.bvh);
+    frames[view].DrawOurs(kept, options);
   }});
   uint64_t our_lit = 0, peer_lit = 0;
   for (size_t view = 0; view < frames.size(); ++view) {  // A round to warm up.
@@ -287,28 +310,32 @@ absl::Status TimeFrames(const Bench& bench, Report* report) {
   }
   const Timings timings = TimeByTurns({frames.size(), [](size_t) { return uint64_t{1}; }}, sides,
                                       bench.options.repeats, SayRepetition(bench, "pictures"));
+  constexpr size_t kBuilt = 0, kRefitted = kQualities.size() + 1;
   size_t best = 1;
-  for (size_t side = 2; side < sides.size(); ++side) {
+  for (size_t side = 2; side < kRefitted; ++side) {
     if (timings.Rate(side).median > timings.Rate(best).median) best = side;
   }
-  Row row = CommonRow(bench, "build-and-picture", "DYNAMIC");
-  row["views"] = frames.size();
-  row["queries"] = frames.size();
-  AddTimes(timings, 0, best, "pictures/s",
-           absl::StrCat(QualityName(kQualities[best - 1]), ", ", modes[best - 1][0].Name(), ", ",
-                        modes[best - 1][1].Name()),
-           &row);
-  for (size_t side = 1; side < sides.size(); ++side) {
-    const std::string name = QualityName(kQualities[side - 1]);
-    row[absl::StrCat("ratio_to_", name)] = timings.Ratio(0, side).median;
-    row[absl::StrCat("peer_modes_", name)] =
-        absl::StrCat(modes[side - 1][0].Name(), ", ", modes[side - 1][1].Name());
+  for (const size_t our_side : {kBuilt, kRefitted}) {
+    Row row =
+        CommonRow(bench, our_side == kBuilt ? "build-and-picture" : "refit-and-picture", "DYNAMIC");
+    row["views"] = frames.size();
+    row["queries"] = frames.size();
+    AddTimes(timings, our_side, best, "pictures/s",
+             absl::StrCat(QualityName(kQualities[best - 1]), ", ", modes[best - 1][0].Name(), ", ",
+                          modes[best - 1][1].Name()),
+             &row);
+    for (size_t side = 1; side < kRefitted; ++side) {
+      const std::string name = QualityName(kQualities[side - 1]);
+      row[absl::StrCat("ratio_to_", name)] = timings.Ratio(our_side, side).median;
+      row[absl::StrCat("peer_modes_", name)] =
+          absl::StrCat(modes[side - 1][0].Name(), ", ", modes[side - 1][1].Name());
+    }
+    row["lit"] = our_lit;
+    row["peer_lit"] = peer_lit;
+    row["width"] = bench.options.width;
+    row["height"] = bench.options.height;
+    report->Add(WithCommonKeys(row));
   }
-  row["lit"] = our_lit;
-  row["peer_lit"] = peer_lit;
-  row["width"] = bench.options.width;
-  row["height"] = bench.options.height;
-  report->Add(WithCommonKeys(row));
   return absl::OkStatus();
 }
 

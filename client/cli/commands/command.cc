@@ -276,6 +276,7 @@ Json SceneJson(const client::Scene& scene) {
   report["nodes"] = scene.report.nodes;
   report["leaves"] = scene.report.leaves;
   report["depth"] = scene.report.depth;
+  report["refitted"] = scene.report.refitted;
   report["resident_bytes"] = scene.report.resident_bytes;
   if (scene.report.binary_bvh_nodes > 0) {
     report["binary_bvh"] = {{"nodes", scene.report.binary_bvh_nodes},

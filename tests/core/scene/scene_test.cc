@@ -217,6 +217,48 @@ TEST_F(SceneTest, EditsGiveWhatABuildOfTheEditedObjectsGives) {
   EXPECT_EQ(base_->geometry.objects[1].transform, Affine3d());
 }
 
+TEST_F(SceneTest, MovesKeepADynamicScenesTreeWhileItIsGood) {
+  SceneBuildOptions options;
+  options.bvh = BvhPresetOptions(BvhPreset::kDynamic);
+  const auto base = BuildScene("hall", 1, objects_, std::nullopt, options, pool_);
+  ASSERT_TRUE(base.ok()) << base.status();
+  EXPECT_FALSE((*base)->report.bvh_refitted);
+  const auto refitted = [&](const std::vector<SceneEdit>& edits, const Scene& before,
+                            const SceneBuildOptions& with) {
+    const auto edited = EditScene(before, 2, edits, with, pool_);
+    EXPECT_TRUE(edited.ok()) << edited.status();
+    EXPECT_TRUE(ValidateBvh((*edited)->bvh, (*edited)->geometry).ok());
+    EXPECT_EQ((*edited)->report.bvh_nodes, (*edited)->bvh.nodes.size());
+    return (*edited)->report.bvh_refitted;
+  };
+  Affine3d near;
+  near.m = {1, 0, 0, 0.01, 0, 1, 0, 0, 0, 0, 1, 0};
+  const SceneEdit nudge{Kind::kSetTransform, {.name = "chair", .transform = near}};
+  EXPECT_TRUE(refitted({nudge}, **base, options));
+  std::vector<Vec3d> moved = objects_[0].vertices;
+  for (Vec3d& v : moved) v = v + Vec3d{0, 0.01, 0};
+  const SceneEdit lift{Kind::kSetVertices, {.name = "walls", .vertices = moved}};
+  EXPECT_TRUE(refitted({nudge, lift}, **base, options));
+  // Not where the preset does not say so, the edit does more than move, or there is no tree yet.
+  EXPECT_FALSE(refitted({nudge}, *base_, {}));
+  EXPECT_FALSE(refitted({nudge, {Kind::kAdd, Soup(rng_, "lamp", 3)}}, **base, options));
+  EXPECT_FALSE(refitted({{Kind::kRemove, {.name = "walls"}}}, **base, options));
+  SceneBuildOptions alone;
+  alone.without_bvh = true;
+  alone.kd_tree.emplace();
+  const auto kd_only = BuildScene("hall", 1, objects_, std::nullopt, alone, pool_);
+  ASSERT_TRUE(kd_only.ok()) << kd_only.status();
+  EXPECT_FALSE(refitted({nudge}, **kd_only, options));
+  // Nor where a triangle lost its area, or so much moved that a new tree is better.
+  std::vector<Vec3d> flat = objects_[0].vertices;
+  flat[1] = flat[0];
+  EXPECT_FALSE(
+      refitted({{Kind::kSetVertices, {.name = "walls", .vertices = flat}}}, **base, options));
+  EXPECT_FALSE(
+      refitted({{Kind::kSetVertices, {.name = "walls", .vertices = Soup(rng_, "", 300).vertices}}},
+               **base, options));
+}
+
 TEST_F(SceneTest, RemovingKeepsTheOriginAndTheOtherFloats) {
   const auto edited = Edit({{Kind::kRemove, {.name = "walls"}}});
   ASSERT_TRUE(edited.ok()) << edited.status();
