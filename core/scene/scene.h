@@ -90,10 +90,10 @@ struct SceneEdit {
 // The revision after `base` with `edits` applied; keeps the base's origin. With
 // `options.bvh.refit`, edits that only move vertices (kSetTransform, kSetVertices) keep the base's
 // tree, fitted to them, unless a triangle lost or gained its area or the tree would cost
-// kMaxRefitGrowth times what it did when it was built (core/accel/bvh_refit.h). Errors, each naming the
-// object: NotFound (no such object), AlreadyExists (added twice), FailedPrecondition (kSetTransform
-// of an object that is not dynamic), InvalidArgument (another number of vertices than the object
-// has; what CompileScene says).
+// kMaxRefitGrowth times what it did when it was built (core/accel/bvh_refit.h). Errors, each naming
+// the object: NotFound (no such object), AlreadyExists (added twice), FailedPrecondition
+// (kSetTransform of an object that is not dynamic), InvalidArgument (another number of vertices
+// than the object has; what CompileScene says).
 absl::StatusOr<std::shared_ptr<const Scene>> EditScene(
     const Scene& base, uint64_t revision, std::span<const SceneEdit> edits,
     const SceneBuildOptions& options, ThreadPool& pool, const CancelToken* cancel = nullptr,
