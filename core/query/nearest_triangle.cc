@@ -19,6 +19,7 @@ namespace {
 // (2^-24 of a coordinate): its edges stand for it. Above it, the normal in doubles is good to some
 // 2^-53 / 2^-24 = 2^-29.
 constexpr double kSliverWidth = 0x1p-24;
+constexpr double kPlaneMargin = 0x1p-44;
 
 Vec3d Clamp(Vec3d p, const Box3d& box) {
   return {std::min(std::max(p.x, box.lo.x), box.hi.x), std::min(std::max(p.y, box.lo.y), box.hi.y),
@@ -194,7 +195,7 @@ ClosestPoints::ClosestPoints(Vec3f af, Vec3f bf, Vec3f cf)
       ca(a - c),
       n(Cross(ab, bc)),
       nn(Dot(n, n)) {
-  const double longest = std::max({Dot(ab, ab), Dot(bc, bc), Dot(ca, ca)});
+  longest = std::max({Dot(ab, ab), Dot(bc, bc), Dot(ca, ca)});
   sliver = !(nn >= (kSliverWidth * kSliverWidth) * (longest * longest));
   box = BoxOf(a, b);
   box = {BoxOf(box.lo, c).lo, BoxOf(box.hi, c).hi};
@@ -238,8 +239,21 @@ double TouchRadius::Largest(const IndexedGeometry& scene) const {
 }
 
 bool Touches(Vec3d p, TouchRadius radius, Vec3f a, Vec3f b, Vec3f c) {
-  const double r = radius.Of(a, b, c);
-  return DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r;
+  const ClosestPoints closest(a, b, c);
+  const double largest = std::max({NormOne(closest.a), NormOne(closest.b), NormOne(closest.c)});
+  const double r = radius.base + radius.per_vertex * largest;
+  // Most that come here are outside of its plane by far more than r. The margin is that of
+  // TouchCandidates (touch_candidates.cc), which says why it is enough; where the division gives
+  // infinity or no number, nothing is said.
+  const double margin =
+      kPlaneMargin * (NormOne(p) + largest) * (closest.longest / closest.nn) * closest.longest;
+  const double reach = 2 * r + margin, limit = closest.nn * (reach * reach);
+  const double from_a = Dot(closest.n, p - closest.a), from_b = Dot(closest.n, p - closest.b),
+               from_c = Dot(closest.n, p - closest.c);
+  const double nearest =
+      from_a > 0 ? std::min({from_a, from_b, from_c}) : -std::max({from_a, from_b, from_c});
+  if (nearest > 0 && nearest * nearest > limit) return false;
+  return DistanceSquared(p, closest.To(p)) <= r * r;
 }
 
 Box3f BoxAround(const Box3d& points, double radius) {

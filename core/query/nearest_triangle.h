@@ -41,6 +41,7 @@ struct ClosestPoints {
   Vec3d a, b, c, ab, bc, ca;
   Vec3d n;  // (B - A) × (C - B), not normalized.
   double nn = 0;
+  double longest = 0;  // Its longest edge, squared.
   Box3d box;
   bool sliver = true;  // Its edges stand for it.
 

@@ -70,6 +70,39 @@ TEST(NearestTriangleTest, ClosestPointIsInTheTriangleAndNoneIsCloser) {
   }
 }
 
+// What spares Touches the measuring never decides otherwise: on slivers, far from the origin and at
+// distances about the radius, too.
+TEST(NearestTriangleTest, TouchingIsWhatTheClosestPointSays) {
+  TestRng rng;
+  int64_t touching = 0, apart = 0;
+  for (int64_t i = ScaledCount(400'000); i-- > 0;) {
+    const Vec3d centre = RandomDirection(rng) * std::exp2(rng.Uniform(-3, 20));
+    const double size = std::exp2(rng.Uniform(-12, 4));
+    std::array<Vec3f, 3> t;
+    for (Vec3f& corner : t) corner = ToFloat(centre + RandomDirection(rng) * size);
+    if (rng.Chance(0.3)) {  // Nearly or wholly without width.
+      const Vec3d a = ToDouble(t[0]), b = ToDouble(t[1]);
+      t[2] = ToFloat(a + (b - a) * rng.Uniform(-0.5, 1.5) +
+                     RandomDirection(rng) * (size * std::exp2(-rng.Uniform(8, 60))));
+    }
+    const Vec3d a = ToDouble(t[0]), b = ToDouble(t[1]), c = ToDouble(t[2]);
+    const TouchRadius radius = {0x1p-22 * NormOne(centre) * rng.Uniform(0, 1),
+                                rng.Chance(0.5) ? 0x1p-44 : 0x1p-24};
+    const double r = radius.Of(t[0], t[1], t[2]);
+    const double u = rng.Uniform(-0.2, 1.2), v = rng.Uniform(-0.2, 1.2);
+    const Vec3d n = Cross(b - a, c - a);
+    const Vec3d up = Length(n) > 0 ? n * (1 / Length(n)) : RandomDirection(rng);
+    const double height = r * (rng.Chance(0.5) ? rng.Uniform(-4, 4) : 1 + rng.Uniform(-0.01, 0.01));
+    const Vec3d p = a + (b - a) * u + (c - a) * v + up * height;
+    const bool expected = DistanceSquared(p, ClosestPointOnTriangle(p, t[0], t[1], t[2])) <= r * r;
+    ASSERT_EQ(Touches(p, radius, t[0], t[1], t[2]), expected)
+        << "of point (" << p.x << ", " << p.y << ", " << p.z << "), " << i << " to go";
+    ++(expected ? touching : apart);
+  }
+  EXPECT_GT(touching, 0);
+  EXPECT_GT(apart, 0);
+}
+
 TEST(NearestTriangleTest, ClosestPointIsExactAtCornersAndAlikeOnSharedEdges) {
   TestRng rng;
   for (int64_t i = ScaledCount(5'000); i-- > 0;) {
