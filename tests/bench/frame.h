@@ -3,8 +3,8 @@
 // One picture with shadows, as a renderer asks for it: what each pixel sees, and which of the
 // view's lights reach it. For what it costs to build a scene and draw it once.
 //
-// Each side makes its points of its own distances, and both in the same way: a share of kStepBack of
-// the way back to the eye, the least that keeps most surfaces from shadowing themselves. The
+// Each side makes its points of its own distances, and both in the same way: a share of kStepBack
+// of the way back to the eye, the least that keeps most surfaces from shadowing themselves. The
 // distances differ in their last bits, so a few pixels along shadow edges do. The engine may also
 // place them as TraceTile does: beside all triangles they touch, by a derived bound, so that none
 // shadows itself.
