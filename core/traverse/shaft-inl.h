@@ -337,7 +337,14 @@ class ShaftWalk {
       const ShaftD d;
       const hn::RebindToUnsigned<ShaftD> du;
       const size_t b = at / kShaftBlockRays;
-      hn::BlendedStore(hn::Set(du, id), hn::RebindMask(du, hit), du, packet_.triangle + at);
+      uint32_t* const ids = packet_.triangle + at;
+      const auto blocked = hn::RebindMask(du, hit);
+      // AVX2's masked stores are microcode on AMD's cores: a fifth of a walk.
+      if constexpr (HWY_TARGET == HWY_AVX2) {
+        hn::Store(hn::IfThenElse(blocked, hn::Set(du, id), hn::Load(du, ids)), du, ids);
+      } else {
+        hn::BlendedStore(hn::Set(du, id), blocked, du, ids);
+      }
       bounds_.open[b] &= static_cast<uint16_t>(~(MaskBits(d, hit) << (at % kShaftBlockRays)));
     } else {
       KeepCloser(leaf, i, id, at, hit);
