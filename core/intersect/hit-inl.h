@@ -119,6 +119,14 @@ struct HitTerms {
   Vec3V<VD> e0[2], e2[2];
   V lo[3], hi[3];  // Of the triangle's box, relative to O.
 
+  // What EvaluateHits asks for, of half h and axis k.
+  HWY_INLINE const Vec3V<VD>& Normal(int h) const { return normal[h]; }
+  HWY_INLINE VD Numerator(int h) const { return numerator[h]; }
+  HWY_INLINE const Vec3V<VD>& E0(int h) const { return e0[h]; }
+  HWY_INLINE const Vec3V<VD>& E2(int h) const { return e2[h]; }
+  HWY_INLINE V Lo(int k) const { return lo[k]; }
+  HWY_INLINE V Hi(int k) const { return hi[k]; }
+
   // All lanes have one triangle.
   HWY_INLINE void Set(const TriangleDistance& t, const TriangleWeights* weights) {
     const D d;
@@ -197,11 +205,35 @@ struct HitTerms {
   }
 };
 
+// The same, where all lanes have one triangle: fetched where they are used.
+template <class D>
+class OneTriangleTerms {
+ public:
+  using DD = hn::Rebind<double, hn::Half<D>>;
+  using V = hn::Vec<D>;
+  using VD = hn::Vec<DD>;
+
+  // `terms` must outlive it.
+  explicit OneTriangleTerms(const TriangleTerms& terms) : terms_(terms) {}
+
+  HWY_INLINE Vec3V<VD> Normal(int) const {
+    return BroadcastInDoubles(DD(), terms_.distance.normal);
+  }
+  HWY_INLINE VD Numerator(int) const { return hn::Set(DD(), terms_.distance.numerator); }
+  HWY_INLINE Vec3V<VD> E0(int) const { return BroadcastInDoubles(DD(), terms_.weights.e0); }
+  HWY_INLINE Vec3V<VD> E2(int) const { return BroadcastInDoubles(DD(), terms_.weights.e2); }
+  HWY_INLINE V Lo(int k) const { return hn::Set(D(), terms_.distance.lo[k]); }
+  HWY_INLINE V Hi(int k) const { return hn::Set(D(), terms_.distance.hi[k]); }
+
+ private:
+  const TriangleTerms& terms_;
+};
+
 // `target` as in RayPacket, `inv` the lanes' slab reciprocals. `octant`, where it is not null, says
 // for all lanes together and by axis that inv is negative, and that it is neither infinite nor NaN.
-// u and v are written with kWeights.
-template <class D, bool kWeights, class V = hn::Vec<D>>
-HWY_INLINE V EvaluateHits(D d, const HitTerms<D, kWeights>& terms, Vec3f origin, bool segments,
+// u and v are written with kWeights. Terms: HitTerms or OneTriangleTerms, with weights for that.
+template <bool kWeights, class D, class Terms, class V = hn::Vec<D>>
+HWY_INLINE V EvaluateHits(D d, const Terms& terms, Vec3f origin, bool segments,
                           const Vec3V<V>& target, const Vec3V<V>& inv, const bool* octant, V* u,
                           V* v) {
   const hn::Half<D> half;
@@ -214,11 +246,11 @@ HWY_INLINE V EvaluateHits(D d, const HitTerms<D, kWeights>& terms, Vec3f origin,
     };
     const auto direction =
         DirectionInDoubles(half, origin, segments, part(target.x), part(target.y), part(target.z));
-    const auto reciprocal = hn::Div(hn::Set(dd, 1.0), UnfusedDot(terms.normal[h], direction));
-    t_half[h] = hn::DemoteTo(half, hn::Mul(terms.numerator[h], reciprocal));
+    const auto reciprocal = hn::Div(hn::Set(dd, 1.0), UnfusedDot(terms.Normal(h), direction));
+    t_half[h] = hn::DemoteTo(half, hn::Mul(terms.Numerator(h), reciprocal));
     if constexpr (kWeights) {
-      u_half[h] = hn::DemoteTo(half, hn::Mul(UnfusedDot(terms.e2[h], direction), reciprocal));
-      v_half[h] = hn::DemoteTo(half, hn::Mul(UnfusedDot(terms.e0[h], direction), reciprocal));
+      u_half[h] = hn::DemoteTo(half, hn::Mul(UnfusedDot(terms.E2(h), direction), reciprocal));
+      v_half[h] = hn::DemoteTo(half, hn::Mul(UnfusedDot(terms.E0(h), direction), reciprocal));
     }
   }
   V distance = hn::Combine(d, t_half[1], t_half[0]);
@@ -230,8 +262,8 @@ HWY_INLINE V EvaluateHits(D d, const HitTerms<D, kWeights>& terms, Vec3f origin,
   }
   V entry, exit;
   if (octant != nullptr) {
-    const auto near = [&](int k) HWY_ATTR { return octant[k] ? terms.hi[k] : terms.lo[k]; };
-    const auto far = [&](int k) HWY_ATTR { return octant[k] ? terms.lo[k] : terms.hi[k]; };
+    const auto near = [&](int k) HWY_ATTR { return octant[k] ? terms.Hi(k) : terms.Lo(k); };
+    const auto far = [&](int k) HWY_ATTR { return octant[k] ? terms.Lo(k) : terms.Hi(k); };
     entry =
         hn::Max(hn::Max(hn::Mul(near(0), inv.x), hn::Mul(near(1), inv.y)), hn::Mul(near(2), inv.z));
     exit = hn::Min(hn::Min(hn::Mul(far(0), inv.x), hn::Mul(far(1), inv.y)), hn::Mul(far(2), inv.z));
@@ -244,9 +276,9 @@ HWY_INLINE V EvaluateHits(D d, const HitTerms<D, kWeights>& terms, Vec3f origin,
       entry = hn::Max(hn::IfNegativeThenElse(inv_k, hi, lo), entry);
       exit = hn::Min(hn::IfNegativeThenElse(inv_k, lo, hi), exit);
     };
-    slab(inv.x, terms.lo[0], terms.hi[0]);
-    slab(inv.y, terms.lo[1], terms.hi[1]);
-    slab(inv.z, terms.lo[2], terms.hi[2]);
+    slab(inv.x, terms.Lo(0), terms.Hi(0));
+    slab(inv.y, terms.Lo(1), terms.Hi(1));
+    slab(inv.z, terms.Lo(2), terms.Hi(2));
   }
   if (segments) distance = hn::IfThenElse(hn::Le(distance, one), distance, one);
   distance = hn::IfThenElse(hn::Le(distance, exit), distance, exit);
@@ -258,10 +290,9 @@ HWY_INLINE V EvaluateHits(D d, const HitTerms<D, kWeights>& terms, Vec3f origin,
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE V HitDistances(D d, const TriangleDistance& t, Vec3f origin, bool segments,
                           const Vec3V<V>& target, const Vec3V<V>& inv) {
-  HitTerms<D, false> terms;
-  terms.Set(t, nullptr);
-  return EvaluateHits(d, terms, origin, segments, target, inv, nullptr, static_cast<V*>(nullptr),
-                      static_cast<V*>(nullptr));
+  const TriangleTerms terms = {t, {}};
+  return EvaluateHits<false>(d, OneTriangleTerms<D>(terms), origin, segments, target, inv, nullptr,
+                             static_cast<V*>(nullptr), static_cast<V*>(nullptr));
 }
 
 }  // namespace HWY_NAMESPACE

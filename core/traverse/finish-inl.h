@@ -88,12 +88,49 @@ class ReadyTriangles {
     }
   }
 
+  // Lanes of a vector with more triangles than this are set up each for itself.
+  static constexpr int kMostBlends = 3;
+
+  // The triangles of a vector's lanes `here`, each once, and who has it; returns how many, or
+  // kMostBlends + 1 for more than that. ids[i] is that of lane i.
+  template <class D>
+  static HWY_INLINE int Distinct(const uint32_t* ids, uint32_t here, uint32_t* own,
+                                 uint32_t* same) {
+    const hn::RebindToUnsigned<D> du;
+    const auto lanes = hn::Load(du, ids);
+    int count = 0;
+    for (uint32_t left = here; left != 0; ++count) {
+      if (count == kMostBlends) return kMostBlends + 1;
+      own[count] = ids[std::countr_zero(left)];
+      same[count] = left & MaskBits(du, hn::Eq(lanes, hn::Set(du, own[count])));
+      left &= ~same[count];
+    }
+    return count;
+  }
+
+  HWY_INLINE TriangleTerms Get(uint32_t id) {
+    if (!IsReady(id)) SetUpOne(id);
+    const uint32_t row = row_of_[id % kNumbers];
+    const auto of = [row](const double(&rows)[3][kReady]) {
+      return Vec3d{rows[0][row], rows[1][row], rows[2][row]};
+    };
+    const auto face = [row](const float(&rows)[3][kReady]) {
+      return Vec3f{rows[0][row], rows[1][row], rows[2][row]};
+    };
+    return {{of(normal_), numerator_[row], face(lo_), face(hi_)}, {of(e0_), of(e2_)}};
+  }
+
   // The terms of each lane's triangle, for the lanes of `here`, which is not zero; others are any.
   // ids[i] is that of lane i.
   template <class D, bool kWeights>
   HWY_INLINE void Fill(const uint32_t* ids, uint32_t here, HitTerms<D, kWeights>* terms) {
     uint32_t own[kMostBlends], same[kMostBlends];
-    const int count = Distinct<D>(ids, here, own, same);
+    FillDistinct(ids, here, own, same, Distinct<D>(ids, here, own, same), terms);
+  }
+  // With what Distinct said.
+  template <class D, bool kWeights>
+  HWY_INLINE void FillDistinct(const uint32_t* ids, uint32_t here, const uint32_t* own,
+                               const uint32_t* same, int count, HitTerms<D, kWeights>* terms) {
     if (count > kMostBlends) {
       const hn::RebindToUnsigned<D> du;
       GatherTerms(geometry_, origin_, hn::Load(du, ids), own[0], here, terms);
@@ -113,8 +150,6 @@ class ReadyTriangles {
   // Rows of triangles kept, taken one after another, and found by the low bits of their ids.
   static constexpr uint32_t kReady = 64, kNumbers = 256;
   static_assert(kReady % kLanes == 0 && kReady <= 256);
-  // Lanes of a vector with more triangles than this are set up each for itself.
-  static constexpr int kMostBlends = 3;
 
   void Forget() {
     rows_ = 0;
@@ -128,23 +163,6 @@ class ReadyTriangles {
     ready_[row] = id;
     row_of_[id % kNumbers] = static_cast<uint8_t>(row);
     return row;
-  }
-
-  // The triangles of a vector's lanes `here`, each once, and who has it; returns how many, or
-  // kMostBlends + 1 for more than that.
-  template <class D>
-  static HWY_INLINE int Distinct(const uint32_t* ids, uint32_t here, uint32_t* own,
-                                 uint32_t* same) {
-    const hn::RebindToUnsigned<D> du;
-    const auto lanes = hn::Load(du, ids);
-    int count = 0;
-    for (uint32_t left = here; left != 0; ++count) {
-      if (count == kMostBlends) return kMostBlends + 1;
-      own[count] = ids[std::countr_zero(left)];
-      same[count] = left & MaskBits(du, hn::Eq(lanes, hn::Set(du, own[count])));
-      left &= ~same[count];
-    }
-    return count;
   }
 
   // Takes rows for the triangles of a vector's lanes `used`, if Fill will ask for them, and as far
@@ -217,18 +235,6 @@ class ReadyTriangles {
     }
   }
 
-  HWY_INLINE TriangleTerms Get(uint32_t id) {
-    if (!IsReady(id)) SetUpOne(id);
-    const uint32_t row = row_of_[id % kNumbers];
-    const auto of = [row](const double(&rows)[3][kReady]) {
-      return Vec3d{rows[0][row], rows[1][row], rows[2][row]};
-    };
-    const auto face = [row](const float(&rows)[3][kReady]) {
-      return Vec3f{rows[0][row], rows[1][row], rows[2][row]};
-    };
-    return {{of(normal_), numerator_[row], face(lo_), face(hi_)}, {of(e0_), of(e2_)}};
-  }
-
   const SceneGeometry& geometry_;
   const Vec3f origin_;
   const bool weights_;
@@ -240,7 +246,7 @@ class ReadyTriangles {
   alignas(64) float lo_[3][kReady], hi_[3][kReady];
 };
 
-template <bool kWeights>
+template <bool kWeights, bool kSegments>
 class HitFinisher {
  public:
   HitFinisher(ReadyTriangles& ready, RayPacket& packet) : ready_(ready), packet_(packet) {}
@@ -272,8 +278,8 @@ class HitFinisher {
 
   Vec3V<V> Direction(int i) const {
     const Vec3f o = packet_.origin;
-    const Vec3V<V> target = Targets(i);
-    return packet_.segments ? SubV(target, Broadcast(D(), o.x, o.y, o.z)) : target;
+    if constexpr (kSegments) return SubV(Targets(i), Broadcast(D(), o.x, o.y, o.z));
+    return Targets(i);
   }
 
   // Whether all rays point into one octant, with no component that is zero or subnormal.
@@ -300,33 +306,57 @@ class HitFinisher {
     }
   }
 
+  // Triangles of a vector up to which each is put to all of its lanes. With AVX2 that costs less
+  // than to blend them, whose terms fill twice the registers there are.
+  static constexpr int kMostInTurn = HWY_TARGET == HWY_AVX2 ? ReadyTriangles::kMostBlends : 1;
+
   HWY_INLINE void FinishLanes(int i, uint32_t hit) {
     const D d;
     V t = hn::Set(d, std::numeric_limits<float>::infinity());
     V u = hn::Zero(d), v = u;
     if (hit != 0) {
-      HitTerms<D, kWeights> terms;
-      ready_.Fill(packet_.triangle + i, hit, &terms);
-      const Vec3V<V> target = Targets(i), direction = Direction(i);
       const V one = hn::Set(d, 1.0f);
-      const Vec3V<V> inv = one_octant_
-                               ? Vec3V<V>{hn::Div(one, direction.x), hn::Div(one, direction.y),
-                                          hn::Div(one, direction.z)}
-                               : SlabReciprocals(d, direction);
-      V new_u = u, new_v = v;
-      const V new_t =
-          EvaluateHits(d, terms, packet_.origin, packet_.segments, target, inv,
-                       one_octant_ ? octant_ : static_cast<const bool*>(nullptr), &new_u, &new_v);
-      const auto here = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&hit));
-      t = hn::IfThenElse(here, new_t, t);
-      u = hn::IfThenElseZero(here, new_u);
-      v = hn::IfThenElseZero(here, new_v);
+      const Vec3V<V> direction = Direction(i);
+      Vec3V<V> inv;
+      if (one_octant_) {
+        inv = {hn::Div(one, direction.x), hn::Div(one, direction.y), hn::Div(one, direction.z)};
+      } else {
+        inv = SlabReciprocals(d, direction);
+      }
+      uint32_t own[ReadyTriangles::kMostBlends], same[ReadyTriangles::kMostBlends];
+      const uint32_t* ids = packet_.triangle + i;
+      const int count = ReadyTriangles::Distinct<D>(ids, hit, own, same);
+      if (count <= kMostInTurn) {
+        for (int k = 0; k < count; ++k) {
+          const TriangleTerms terms = ready_.Get(own[k]);
+          Evaluate(i, same[k], OneTriangleTerms<D>(terms), inv, &t, &u, &v);
+        }
+      } else {
+        HitTerms<D, kWeights> terms;
+        ready_.FillDistinct(ids, hit, own, same, count, &terms);
+        Evaluate(i, hit, terms, inv, &t, &u, &v);
+      }
     }
     hn::Store(t, d, packet_.t + i);
     if constexpr (kWeights) {
       hn::Store(u, d, packet_.u + i);
       hn::Store(v, d, packet_.v + i);
     }
+  }
+
+  // The lanes of `here`; others stay as they are.
+  template <class Terms>
+  HWY_INLINE void Evaluate(int i, uint32_t here, const Terms& terms, const Vec3V<V>& inv, V* t,
+                           V* u, V* v) const {
+    const D d;
+    V new_u = hn::Zero(d), new_v = new_u;
+    const V new_t =
+        EvaluateHits<kWeights>(d, terms, packet_.origin, kSegments, Targets(i), inv,
+                               one_octant_ ? octant_ : nullptr, &new_u, &new_v);
+    const auto lanes = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&here));
+    *t = hn::IfThenElse(lanes, new_t, *t);
+    *u = hn::IfThenElse(lanes, new_u, *u);
+    *v = hn::IfThenElse(lanes, new_v, *v);
   }
 
   ReadyTriangles& ready_;
@@ -347,10 +377,17 @@ inline void FillMisses(RayPacket& packet) {
 // of the packet's origin, with weights if they are wanted. REQUIRES: lanes up to a whole vector
 // repeat others.
 inline void FinishHits(ReadyTriangles& ready, RayPacket& packet) {
+  const auto finish = [&]<bool kWeights>() {
+    if (packet.segments) {
+      HitFinisher<kWeights, true>(ready, packet).Finish();
+    } else {
+      HitFinisher<kWeights, false>(ready, packet).Finish();
+    }
+  };
   if (packet.want_barycentrics) {
-    HitFinisher<true>(ready, packet).Finish();
+    finish.template operator()<true>();
   } else {
-    HitFinisher<false>(ready, packet).Finish();
+    finish.template operator()<false>();
   }
 }
 

@@ -102,6 +102,7 @@ class ShaftWalk {
   using Test = ShaftTest<kAny, kParallel>;
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
+  static constexpr size_t kBlockVectors = kShaftBlockRays / kLanes;
   // Nodes visited together where any hit will do, as long as few are pending: beyond, a depth-first
   // walk adds no more than kBvhStackSize.
   static constexpr int kNodesAtOnce = 4;
@@ -286,24 +287,36 @@ class ShaftWalk {
     const ShaftD d;
     const uint32_t b = pair % kShaftBlocks, i = pair >> kTriangleShift & (kMaxLeafTriangles - 1);
     const uint32_t id = leaf.id(i);
+    const size_t at = size_t{b} * kShaftBlockRays;
     const Test test(rays_, leaf, leaf_->forms());
     const bool covered = (pair & kCovered) != 0;
-    const M covers = hn::FirstN(d, covered ? kLanes : 0);
     *cover_count += covered ? 1 : 0;
+    const uint32_t asked_bits = Asked(b, id);
+    M hit[kBlockVectors];
+    BlockLanes(asked_bits, hit);
     uint32_t doubt = 0;
-    for (size_t at = size_t{b} * kShaftBlockRays; at < (size_t{b} + 1) * kShaftBlockRays;
-         at += kLanes) {
-      const M asked = Asked(at, id);
-      M hit = asked;
-      // Where any hit will do, covers are too few to be foretold: they pay for the test.
-      if (kAny || !covered) {
-        *tests += covered ? 0 : hn::CountTrue(d, asked);
-        const typename Test::Floats said = test.InFloats(i, at);
-        const M certain = kAny ? hn::Or(said.hit, covers) : said.hit;
-        hit = hn::And(asked, certain);
-        doubt |= MaskBits(d, hn::AndNot(certain, hn::And(asked, said.open)));
+    // Where any hit will do, covers are too few to be foretold: they pay for the test.
+    if (kAny || !covered) {
+      *tests += covered ? 0 : static_cast<uint64_t>(std::popcount(asked_bits));
+      typename Test::Floats said[kBlockVectors];
+      test.InFloats(i, at, said);
+      const M covers = hn::FirstN(d, covered ? kLanes : 0);
+      M open = hn::FirstN(d, 0);
+      for (size_t k = 0; k < kBlockVectors; ++k) {
+        const M certain = kAny ? hn::Or(said[k].hit, covers) : said[k].hit;
+        open = hn::Or(open, hn::AndNot(certain, hn::And(hit[k], said[k].open)));
+        hit[k] = hn::And(hit[k], certain);
       }
-      Take(leaf, i, id, at, hit);
+      doubt = MaskBits(d, open);
+    }
+    if constexpr (kAny) {
+      uint32_t blocked = 0;
+      for (size_t k = 0; k < kBlockVectors; ++k) {
+        blocked |= Block(id, at + k * kLanes, hit[k]) << (k * kLanes);
+      }
+      bounds_.open[b] &= static_cast<uint16_t>(~blocked);
+    } else {
+      KeepCloser(leaf, i, at, hit);
     }
     return doubt == 0;
   }
@@ -313,69 +326,86 @@ class ShaftWalk {
     const Test test(rays_, leaf, leaf_->forms());
     const uint32_t b = pair % kShaftBlocks, i = pair >> kTriangleShift & (kMaxLeafTriangles - 1);
     const uint32_t id = leaf.id(i);
-    for (size_t at = size_t{b} * kShaftBlockRays; at < (size_t{b} + 1) * kShaftBlockRays;
-         at += kLanes) {
-      const M hit = test.Certain(
-          i, at, Asked(at, id), [&](int lane) HWY_ATTR { return packet_.ray(lane); }, stats_);
-      Take(leaf, i, id, at, hit);
+    const uint16_t asked[8] = {static_cast<uint16_t>(Asked(b, id))};  // LanesOf may read as many.
+    for (size_t k = 0; k < kBlockVectors; ++k) {
+      const size_t at = size_t{b} * kShaftBlockRays + k * kLanes;
+      const M hit[1] = {test.Certain(
+          i, at, LanesOf(asked, k * kLanes),
+          [&](int lane) HWY_ATTR { return packet_.ray(lane); }, stats_)};
+      if constexpr (kAny) {
+        bounds_.open[b] &= static_cast<uint16_t>(~(Block(id, at, hit[0]) << (k * kLanes)));
+      } else {
+        KeepCloser(leaf, i, at, hit);
+      }
     }
   }
 
-  // The rays at .. at + kLanes that triangle `id` may answer.
-  HWY_INLINE M Asked(size_t at, uint32_t id) const {
+  // The rays of block b that triangle `id` may answer.
+  HWY_INLINE uint32_t Asked(uint32_t b, uint32_t id) const {
+    uint32_t bits = bounds_.open[b];
+    if (rays_.has_sources()) {
+      const hn::RebindToUnsigned<ShaftD> du;
+      const uint32_t* sources = rays_.sources() + size_t{b} * kShaftBlockRays;
+      for (size_t k = 0; k < kBlockVectors; ++k) {
+        const auto own = hn::Eq(hn::Load(du, sources + k * kLanes), hn::Set(du, id));
+        bits &= ~(MaskBits(du, own) << (k * kLanes));
+      }
+    }
+    return bits;
+  }
+
+  // Takes note of what triangle `id` blocks; returns their bits.
+  HWY_INLINE uint32_t Block(uint32_t id, size_t at, M hit) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
-    const M asked = LanesOf(bounds_.open, at);
-    if (!rays_.has_sources()) return asked;
-    return hn::AndNot(
-        hn::RebindMask(d, hn::Eq(hn::Load(du, rays_.sources() + at), hn::Set(du, id))), asked);
-  }
-
-  // Takes note of what triangle i blocks.
-  HWY_INLINE void Take(const LeafView& leaf, uint32_t i, uint32_t id, size_t at, M hit) {
-    if constexpr (kAny) {
-      const ShaftD d;
-      const hn::RebindToUnsigned<ShaftD> du;
-      const size_t b = at / kShaftBlockRays;
-      uint32_t* const ids = packet_.triangle + at;
-      const auto blocked = hn::RebindMask(du, hit);
-      // AVX2's masked stores are microcode on AMD's cores: a fifth of a walk.
-      if constexpr (HWY_TARGET == HWY_AVX2) {
-        hn::Store(hn::IfThenElse(blocked, hn::Set(du, id), hn::Load(du, ids)), du, ids);
-      } else {
-        hn::BlendedStore(hn::Set(du, id), blocked, du, ids);
-      }
-      bounds_.open[b] &= static_cast<uint16_t>(~(MaskBits(d, hit) << (at % kShaftBlockRays)));
+    uint32_t* const ids = packet_.triangle + at;
+    const auto blocked = hn::RebindMask(du, hit);
+    // AVX2's masked stores are microcode on AMD's cores: a fifth of a walk.
+    if constexpr (HWY_TARGET == HWY_AVX2) {
+      hn::Store(hn::IfThenElse(blocked, hn::Set(du, id), hn::Load(du, ids)), du, ids);
     } else {
-      KeepCloser(leaf, i, id, at, hit);
+      hn::BlendedStore(hn::Set(du, id), blocked, du, ids);
     }
+    return MaskBits(d, hit);
   }
 
-  // Keeps the least hit by (t, id) in the lanes of `hit`. Bounds of 1/t decide where they do not
-  // overlap.
-  HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t i, uint32_t id, size_t at, M hit) {
+  // Keeps the least hit by (t, id) in the lanes of `hit`, vectors from `at` on. Bounds of 1/t decide
+  // where they do not overlap.
+  template <size_t kVectors>
+  HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t i, size_t at,
+                             const M (&hit)[kVectors]) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
     const LeafForms& forms = leaf_->forms();
     found_ = true;
-    const V rate = DotV(Broadcast(d, forms.normal[0][i], forms.normal[1][i], forms.normal[2][i]),
-                        rays_.Own(at));  // N·D.
-    const V bound = hn::MulAdd(hn::Set(d, forms.normal_bound[i]), rays_.OwnInf(at),
-                               hn::Set(d, kFloatUnderflow));
-    const V lo = hn::Mul(hn::Sub(rate, bound), hn::Set(d, forms.inverse_lo[i]));
-    const V hi = hn::Mul(hn::Add(rate, bound), hn::Set(d, forms.inverse_hi[i]));
-    const M sound =
-        hn::And(hn::Gt(rate, hn::Add(bound, bound)), hn::Lt(hi, hn::Set(d, kLargestInverse)));
-    const V best_lo = hn::Load(d, best_lo_ + at), best_hi = hn::Load(d, best_hi_ + at);
-    const M closer = hn::And(hn::And(hit, sound), hn::Gt(lo, best_hi));
-    const M farther = hn::And(sound, hn::Lt(hi, best_lo));
-    uint32_t* ids = packet_.triangle + at;
-    hn::Store(hn::IfThenElse(closer, lo, best_lo), d, best_lo_ + at);
-    hn::Store(hn::IfThenElse(closer, hi, best_hi), d, best_hi_ + at);
-    hn::Store(hn::IfThenElse(hn::RebindMask(du, closer), hn::Set(du, id), hn::Load(du, ids)), du,
-              ids);
-    const M open = hn::AndNot(hn::Or(closer, farther), hit);
-    if (!hn::AllFalse(d, open)) KeepCloserExactly(leaf, i, at, MaskBits(d, open));
+    const Vec3V<V> normal =
+        Broadcast(d, forms.normal[0][i], forms.normal[1][i], forms.normal[2][i]);
+    const V normal_bound = hn::Set(d, forms.normal_bound[i]);
+    const V inverse_lo = hn::Set(d, forms.inverse_lo[i]);
+    const V inverse_hi = hn::Set(d, forms.inverse_hi[i]);
+    const auto id = hn::Set(du, leaf.id(i));
+    uint32_t open = 0;
+    for (size_t k = 0; k < kVectors; ++k, at += kLanes) {
+      const V rate = DotV(normal, rays_.Own(at));  // N·D.
+      const V bound = hn::MulAdd(normal_bound, rays_.OwnInf(at), hn::Set(d, kFloatUnderflow));
+      const V lo = hn::Mul(hn::Sub(rate, bound), inverse_lo);
+      const V hi = hn::Mul(hn::Add(rate, bound), inverse_hi);
+      const M sound =
+          hn::And(hn::Gt(rate, hn::Add(bound, bound)), hn::Lt(hi, hn::Set(d, kLargestInverse)));
+      const V best_lo = hn::Load(d, best_lo_ + at), best_hi = hn::Load(d, best_hi_ + at);
+      const M closer = hn::And(hn::And(hit[k], sound), hn::Gt(lo, best_hi));
+      const M farther = hn::And(sound, hn::Lt(hi, best_lo));
+      uint32_t* ids = packet_.triangle + at;
+      hn::Store(hn::IfThenElse(closer, lo, best_lo), d, best_lo_ + at);
+      hn::Store(hn::IfThenElse(closer, hi, best_hi), d, best_hi_ + at);
+      hn::Store(hn::IfThenElse(hn::RebindMask(du, closer), id, hn::Load(du, ids)), du, ids);
+      open |= MaskBits(d, hn::AndNot(hn::Or(closer, farther), hit[k])) << (k * kLanes);
+    }
+    at -= kVectors * kLanes;
+    for (; open != 0; open >>= kLanes, at += kLanes) {
+      const uint32_t lanes = open & ((1u << kLanes) - 1);
+      if (lanes != 0) KeepCloserExactly(leaf, i, at, lanes);
+    }
   }
 
   // The same for lanes whose bounds overlap, by their distances.
@@ -388,18 +418,18 @@ class ShaftWalk {
                              hn::Load(d, packet_.target_z + at)};
     const Vec3V<V> inv =
         SlabReciprocals(d, packet_.segments ? SubV(target, Broadcast(d, o.x, o.y, o.z)) : target);
-    const auto distances = [&](const HitTerms<ShaftD, false>& terms) HWY_ATTR {
-      return EvaluateHits(d, terms, o, packet_.segments, target, inv, nullptr,
+    const auto distances = [&](const auto& terms) HWY_ATTR {
+      return EvaluateHits<false>(d, terms, o, packet_.segments, target, inv, nullptr,
                           static_cast<V*>(nullptr), static_cast<V*>(nullptr));
     };
-    HitTerms<ShaftD, false> terms;
-    terms.Set(TriangleDistance::Make(o, leaf.corner(0, i), leaf.corner(1, i), leaf.corner(2, i)),
-              nullptr);
-    const V t_new = distances(terms);
+    const TriangleTerms own = {
+        TriangleDistance::Make(o, leaf.corner(0, i), leaf.corner(1, i), leaf.corner(2, i)), {}};
+    const V t_new = distances(OneTriangleTerms<ShaftD>(own));
     const auto old_ids = hn::Load(du, packet_.triangle + at);
     const auto has_old = hn::Ne(old_ids, hn::Set(du, kNoTriangle));
     V t_old = hn::Set(d, kInfinity);
     if (const uint32_t with_old = open & MaskBits(du, has_old); with_old != 0) {
+      HitTerms<ShaftD, false> terms;
       ready_.Fill(packet_.triangle + at, with_old, &terms);
       t_old = hn::IfThenElse(hn::RebindMask(d, has_old), distances(terms), t_old);
     }
@@ -422,13 +452,22 @@ class ShaftWalk {
     const ShaftD d;
     HWY_ALIGN float least[kShaftBlocks];
     const V no_hit = hn::Set(d, rays_.segments() ? kEndInverse : 0.0f);
-    ReduceBlocks([](V a, V b) HWY_ATTR { return hn::Min(a, b); },
-                 [&](size_t at) HWY_ATTR {
-                   const V q =
-                       hn::Mul(hn::Max(hn::Load(d, best_lo_ + at), no_hit), rays_.InverseDepth(at));
-                   return hn::IfThenElse(LanesOf(bounds_.open, at), q, hn::Set(d, kInfinity));
-                 },
-                 least);
+    const auto inverse = [&](size_t at) HWY_ATTR {
+      return hn::Mul(hn::Max(hn::Load(ShaftD(), best_lo_ + at), no_hit), rays_.InverseDepth(at));
+    };
+    const auto least_of = [](V a, V b) HWY_ATTR { return hn::Min(a, b); };
+    if (bounds_.whole) {
+      ReduceBlocks(least_of, inverse, least);
+    } else {
+      ReduceBlocks(
+          least_of,
+          [&](size_t at) HWY_ATTR {
+            const ShaftD d16;
+            return hn::IfThenElse(LanesOf(bounds_.open, at), inverse(at),
+                                  hn::Set(d16, kInfinity));
+          },
+          least);
+    }
     V all = hn::Set(d, kInfinity);
     for (size_t b = 0; b < kShaftBlocks; b += kLanes) {
       const V q = hn::Load(d, least + b);

@@ -20,6 +20,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <type_traits>
 
@@ -52,6 +53,26 @@ struct RaySet {
 // Lanes at .. at + Lanes() of a row of bits, `at` a multiple of eight.
 HWY_INLINE ShaftM LanesOf(const uint16_t* bits, size_t at) {
   return hn::LoadMaskBits(ShaftD(), reinterpret_cast<const uint8_t*>(bits) + at / 8);
+}
+
+// The lanes of a block's `bits`, vector by vector.
+template <size_t kVectors>
+HWY_INLINE void BlockLanes(uint32_t bits, ShaftM (&lanes)[kVectors]) {
+  const ShaftD d;
+  const hn::RebindToUnsigned<ShaftD> du;
+  if constexpr (kVectors == 1) {
+    lanes[0] = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&bits));
+  } else {
+    alignas(64) static constexpr uint32_t kBits[] = {
+        1u << 0, 1u << 1, 1u << 2,  1u << 3,  1u << 4,  1u << 5,  1u << 6,  1u << 7,
+        1u << 8, 1u << 9, 1u << 10, 1u << 11, 1u << 12, 1u << 13, 1u << 14, 1u << 15};
+    static_assert(std::size(kBits) == kVectors * hn::MaxLanes(ShaftD()));
+    const auto all = hn::Set(du, bits);
+    for (size_t k = 0; k < kVectors; ++k) {
+      const auto own = hn::Load(du, kBits + k * hn::MaxLanes(d));
+      lanes[k] = hn::RebindMask(d, hn::Eq(hn::And(all, own), own));
+    }
+  }
 }
 
 // Bit b of the result: block b has a ray. `rays` is aligned as a vector.
@@ -195,6 +216,7 @@ HWY_INLINE ShaftM FitsFrame(const Vec3V<ShaftV>& direction, ShaftV depth) {
 struct ShaftBounds {
   alignas(64) uint16_t open[kShaftBlocks];  // Those that are still asked about.
   uint32_t open_blocks;
+  bool whole;  // A full packet was open when these were taken.
   // Rectangles of slopes or offsets: ends (inverted where a block has no open ray), middle and half
   // extent (0 there).
   alignas(64) float x0[kShaftBlocks], x1[kShaftBlocks], y0[kShaftBlocks], y1[kShaftBlocks];
@@ -356,23 +378,39 @@ class ShaftRays {
       count += std::popcount(out->open[b]);
     }
     out->open_blocks = OpenBlocks(out->open);
+    out->whole = count == kMaxRays;
     if (count == 0) return 0;
     const auto least = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); };
     const auto most = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); };
-    const auto from = [&](const float* values, ShaftV other) HWY_ATTR {
-      return [out, values, other](size_t at) HWY_ATTR {
-        const ShaftD d16;
-        return hn::IfThenElse(LanesOf(out->open, at), hn::Load(d16, values + at), other);
-      };
+    const bool has_depths = kParallel || segments();
+    // `of`(values, other) gives the values of open lanes, `other` elsewhere.
+    const auto reduce = [&](const auto& of) HWY_ATTR {
+      ReduceBlocks(least, of(x_, infinity), out->x0);
+      ReduceBlocks(most, of(x_, minus_infinity), out->x1);
+      ReduceBlocks(least, of(y_, infinity), out->y0);
+      ReduceBlocks(most, of(y_, minus_infinity), out->y1);
+      if (!has_depths) return;
+      ReduceBlocks(least, of(z_, infinity), out->near);
+      ReduceBlocks(most, of(z_, minus_infinity), out->far);
     };
-    ReduceBlocks(least, from(x_, infinity), out->x0);
-    ReduceBlocks(most, from(x_, minus_infinity), out->x1);
-    ReduceBlocks(least, from(y_, infinity), out->y0);
-    ReduceBlocks(most, from(y_, minus_infinity), out->y1);
-    if (kParallel || segments()) {
-      ReduceBlocks(least, from(z_, infinity), out->near);
-      ReduceBlocks(most, from(z_, minus_infinity), out->far);
+    if (out->whole) {
+      reduce([](const float* values, ShaftV) HWY_ATTR {
+        return [values](size_t at) HWY_ATTR { return hn::Load(ShaftD(), values + at); };
+      });
     } else {
+      // Six times the same lanes.
+      ShaftM lanes[kMaxRays / hn::MaxLanes(ShaftD())];
+      for (size_t at = 0; at < kMaxRays; at += hn::Lanes(d)) {
+        lanes[at / hn::Lanes(d)] = LanesOf(out->open, at);
+      }
+      reduce([&lanes](const float* values, ShaftV other) HWY_ATTR {
+        return [&lanes, values, other](size_t at) HWY_ATTR {
+          const ShaftD d16;
+          return hn::IfThenElse(lanes[at / hn::Lanes(d16)], hn::Load(d16, values + at), other);
+        };
+      });
+    }
+    if (!has_depths) {
       std::fill_n(out->near, kShaftBlocks, 0.0f);
       std::fill_n(out->far, kShaftBlocks, std::numeric_limits<float>::infinity());
     }

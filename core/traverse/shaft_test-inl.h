@@ -47,35 +47,54 @@ class ShaftTest {
   ShaftTest(const Rays& rays, const LeafView& leaf, const LeafForms& forms)
       : rays_(rays), leaf_(leaf), forms_(forms) {}
 
-  // What floats say of triangle i and the rays at .. at + Lanes().
-  HWY_INLINE Floats InFloats(uint32_t i, size_t at) const {
+  // What floats say of triangle i and the rays from `at` on, kVectors vectors of them: each term of
+  // the triangle is fetched once.
+  template <size_t kVectors>
+  HWY_INLINE void InFloats(uint32_t i, size_t at, Floats (&said)[kVectors]) const {
     const ShaftD d;
-    const V zero = hn::Zero(d);
-    const Vec3V<V> own = rays_.Own(at);
-    const auto along = [&](const float(&rows)[3][kMaxLeafTriangles]) HWY_ATTR {
-      return DotV(Broadcast(d, rows[0][i], rows[1][i], rows[2][i]), own);
-    };
-    V edge[3], bound = hn::Set(d, forms_.edge_bound[i]);
+    const V zero = hn::Zero(d), underflow = hn::Set(d, kFloatUnderflow);
+    Vec3V<V> v[kVectors];
+    V along[kVectors], inner[kVectors];
+    for (size_t k = 0; k < kVectors; ++k) v[k] = rays_.Own(at + k * kLanes);
     for (int e = 0; e < 3; ++e) {
-      edge[e] = along(forms_.edge[e]);
-      if constexpr (kParallel) edge[e] = hn::Sub(hn::Set(d, forms_.edge_offset[e][i]), edge[e]);
+      Along(forms_.edge[e], i, v, along);
+      if constexpr (kParallel) {
+        const V offset = hn::Set(d, forms_.edge_offset[e][i]);
+        for (size_t k = 0; k < kVectors; ++k) along[k] = hn::Sub(offset, along[k]);
+      }
+      for (size_t k = 0; k < kVectors; ++k) {
+        inner[k] = e == 0 ? along[k] : hn::Min(inner[k], along[k]);
+      }
     }
-    if constexpr (!kParallel) {
-      bound = hn::MulAdd(bound, rays_.OwnInf(at), hn::Set(d, kFloatUnderflow));
+    const V edge_bound = hn::Set(d, forms_.edge_bound[i]);
+    for (size_t k = 0; k < kVectors; ++k) {
+      V bound = edge_bound;
+      if constexpr (!kParallel) {
+        bound = hn::MulAdd(bound, rays_.OwnInf(at + k * kLanes), underflow);
+      }
+      // Some form is certainly negative; all are certainly positive.
+      said[k].open = hn::Ge(hn::Add(inner[k], bound), zero);
+      said[k].hit = said[k].inside = hn::Gt(hn::Sub(inner[k], bound), zero);
     }
-    const V inner = hn::Min(hn::Min(edge[0], edge[1]), edge[2]);
-    // Some form is certainly negative; all are certainly positive.
-    Floats said;
-    said.open = hn::Ge(hn::Add(inner, bound), zero);
-    said.inside = hn::Gt(hn::Sub(inner, bound), zero);
-    said.hit = said.inside;
-    if (HasPlane()) {
-      // From the triangle's own corner, which settles points that lie near it.
-      const V plane = PlaneFromCorner(i, at), off = CornerBound(i, at);
-      said.open = hn::And(said.open, hn::Ge(hn::Add(plane, off), zero));
-      said.hit = hn::And(said.hit, hn::Gt(plane, off));
+    if (!HasPlane()) return;
+    // From the triangle's own corner, A: a point's side of the plane by this is good to the
+    // triangle's own size, not to its distance from the apex. It settles points that lie near it.
+    const Vec3f corner = leaf_.corner(0, i);
+    const Vec3V<V> a = Broadcast(d, corner.x, corner.y, corner.z);
+    for (size_t k = 0; k < kVectors; ++k) v[k] = SubV(Points(at + k * kLanes), a);
+    Along(forms_.normal, i, v, along);
+    const V normal_bound = hn::Set(d, forms_.normal_bound[i]);
+    for (size_t k = 0; k < kVectors; ++k) {
+      const V plane = kParallel ? hn::Neg(along[k]) : along[k];
+      const V off = hn::MulAdd(normal_bound, NormInfV(v[k]), underflow);
+      said[k].open = hn::And(said[k].open, hn::Ge(hn::Add(plane, off), zero));
+      said[k].hit = hn::And(said[k].hit, hn::Gt(plane, off));
     }
-    return said;
+  }
+  HWY_INLINE Floats InFloats(uint32_t i, size_t at) const {
+    Floats said[1];
+    InFloats(i, at, said);
+    return said[0];
   }
 
   // Which of the rays `asked` triangle i blocks. `ray(lane)` is that of a lane, for the predicate.
@@ -112,27 +131,18 @@ class ShaftTest {
   }
 
  private:
+  static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
+
+  // Row i's form along each of v.
+  template <size_t kVectors>
+  static HWY_INLINE void Along(const float (&rows)[3][kMaxLeafTriangles], uint32_t i,
+                               const Vec3V<V> (&v)[kVectors], V (&along)[kVectors]) {
+    const Vec3V<V> form = Broadcast(ShaftD(), rows[0][i], rows[1][i], rows[2][i]);
+    for (size_t k = 0; k < kVectors; ++k) along[k] = DotV(form, v[k]);
+  }
+
   // Whether a hit depends on the side of the triangle's plane that a point is on.
   bool HasPlane() const { return kParallel || rays_.segments(); }
-
-  // A point's vector from corner A: its side of the plane by this is good to the triangle's own
-  // size, not to its distance from the apex. It settles points that lie near the triangle.
-  HWY_INLINE Vec3V<V> FromCorner(uint32_t i, size_t at) const {
-    const Vec3f a = leaf_.corner(0, i);
-    return SubV({rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)},
-                Broadcast(ShaftD(), a.x, a.y, a.z));
-  }
-  HWY_INLINE V PlaneFromCorner(uint32_t i, size_t at) const {
-    const V side =
-        DotV(Broadcast(ShaftD(), forms_.normal[0][i], forms_.normal[1][i], forms_.normal[2][i]),
-             FromCorner(i, at));
-    return kParallel ? hn::Neg(side) : side;
-  }
-  HWY_INLINE V CornerBound(uint32_t i, size_t at) const {
-    const ShaftD d;
-    return hn::MulAdd(hn::Set(d, forms_.normal_bound[i]), NormInfV(FromCorner(i, at)),
-                      hn::Set(d, kFloatUnderflow));
-  }
 
   Vec3V<V> Points(size_t at) const {
     return {rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)};
