@@ -350,9 +350,8 @@ class HitFinisher {
                            V* u, V* v) const {
     const D d;
     V new_u = hn::Zero(d), new_v = new_u;
-    const V new_t =
-        EvaluateHits<kWeights>(d, terms, packet_.origin, kSegments, Targets(i), inv,
-                               one_octant_ ? octant_ : nullptr, &new_u, &new_v);
+    const V new_t = EvaluateHits<kWeights>(d, terms, packet_.origin, kSegments, Targets(i), inv,
+                                           one_octant_ ? octant_ : nullptr, &new_u, &new_v);
     const auto lanes = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&here));
     *t = hn::IfThenElse(lanes, new_t, *t);
     *u = hn::IfThenElse(lanes, new_u, *u);

@@ -330,8 +330,8 @@ class ShaftWalk {
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const size_t at = size_t{b} * kShaftBlockRays + k * kLanes;
       const M hit[1] = {test.Certain(
-          i, at, LanesOf(asked, k * kLanes),
-          [&](int lane) HWY_ATTR { return packet_.ray(lane); }, stats_)};
+          i, at, LanesOf(asked, k * kLanes), [&](int lane) HWY_ATTR { return packet_.ray(lane); },
+          stats_)};
       if constexpr (kAny) {
         bounds_.open[b] &= static_cast<uint16_t>(~(Block(id, at, hit[0]) << (k * kLanes)));
       } else {
@@ -369,8 +369,8 @@ class ShaftWalk {
     return MaskBits(d, hit);
   }
 
-  // Keeps the least hit by (t, id) in the lanes of `hit`, vectors from `at` on. Bounds of 1/t decide
-  // where they do not overlap.
+  // Keeps the least hit by (t, id) in the lanes of `hit`, vectors from `at` on. Bounds of 1/t
+  // decide where they do not overlap.
   template <size_t kVectors>
   HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t i, size_t at,
                              const M (&hit)[kVectors]) {
@@ -420,7 +420,7 @@ class ShaftWalk {
         SlabReciprocals(d, packet_.segments ? SubV(target, Broadcast(d, o.x, o.y, o.z)) : target);
     const auto distances = [&](const auto& terms) HWY_ATTR {
       return EvaluateHits<false>(d, terms, o, packet_.segments, target, inv, nullptr,
-                          static_cast<V*>(nullptr), static_cast<V*>(nullptr));
+                                 static_cast<V*>(nullptr), static_cast<V*>(nullptr));
     };
     const TriangleTerms own = {
         TriangleDistance::Make(o, leaf.corner(0, i), leaf.corner(1, i), leaf.corner(2, i)), {}};
@@ -463,8 +463,7 @@ class ShaftWalk {
           least_of,
           [&](size_t at) HWY_ATTR {
             const ShaftD d16;
-            return hn::IfThenElse(LanesOf(bounds_.open, at), inverse(at),
-                                  hn::Set(d16, kInfinity));
+            return hn::IfThenElse(LanesOf(bounds_.open, at), inverse(at), hn::Set(d16, kInfinity));
           },
           least);
     }

@@ -20,7 +20,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <iterator>
 #include <limits>
 #include <type_traits>
 
@@ -29,6 +28,7 @@
 #include "core/intersect/predicate-inl.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
+#include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
 
@@ -37,73 +37,7 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr int kShaftBlocks = 16;
-constexpr int kShaftBlockRays = 16;
 static_assert(kShaftBlocks * kShaftBlockRays == RayPacket::kMaxRays);
-
-using ShaftD = hn::CappedTag<float, 16>;  // Sixteen rays, triangles or blocks.
-using ShaftV = hn::Vec<ShaftD>;
-using ShaftM = hn::Mask<ShaftD>;
-
-// Bit r of rays[b]: ray r of block b.
-struct RaySet {
-  uint16_t rays[kShaftBlocks];
-};
-
-// Lanes at .. at + Lanes() of a row of bits, `at` a multiple of eight.
-HWY_INLINE ShaftM LanesOf(const uint16_t* bits, size_t at) {
-  return hn::LoadMaskBits(ShaftD(), reinterpret_cast<const uint8_t*>(bits) + at / 8);
-}
-
-// The lanes of a block's `bits`, vector by vector.
-template <size_t kVectors>
-HWY_INLINE void BlockLanes(uint32_t bits, ShaftM (&lanes)[kVectors]) {
-  const ShaftD d;
-  const hn::RebindToUnsigned<ShaftD> du;
-  if constexpr (kVectors == 1) {
-    lanes[0] = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&bits));
-  } else {
-    alignas(64) static constexpr uint32_t kBits[] = {
-        1u << 0, 1u << 1, 1u << 2,  1u << 3,  1u << 4,  1u << 5,  1u << 6,  1u << 7,
-        1u << 8, 1u << 9, 1u << 10, 1u << 11, 1u << 12, 1u << 13, 1u << 14, 1u << 15};
-    static_assert(std::size(kBits) == kVectors * hn::MaxLanes(ShaftD()));
-    const auto all = hn::Set(du, bits);
-    for (size_t k = 0; k < kVectors; ++k) {
-      const auto own = hn::Load(du, kBits + k * hn::MaxLanes(d));
-      lanes[k] = hn::RebindMask(d, hn::Eq(hn::And(all, own), own));
-    }
-  }
-}
-
-// Bit b of the result: block b has a ray. `rays` is aligned as a vector.
-HWY_INLINE uint32_t OpenBlocks(const uint16_t* rays) {
-  const hn::CappedTag<uint16_t, kShaftBlocks> d;
-  return MaskBits(d, hn::Ne(hn::Load(d, rays), hn::Zero(d)));
-}
-
-// out[b] = op over the sixteen values of block b. fetch(i) gives values i .. i + Lanes(). A tree of
-// pairwise steps: each halves the vectors, and brings two of them together.
-template <class Op, class Fetch>
-HWY_INLINE void ReduceBlocks(const Op& op, const Fetch& fetch, float* out) {
-  const ShaftD d;
-  constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-  for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
-    ShaftV rows[kLanes];
-    for (size_t b = 0; b < kLanes; ++b) {
-      const size_t at = (first + b) * kShaftBlockRays;
-      rows[b] = fetch(at);
-      for (size_t i = kLanes; i < kShaftBlockRays; i += kLanes)
-        rows[b] = op(rows[b], fetch(at + i));
-    }
-    for (size_t n = kLanes / 2; n > 0; n /= 2) {
-      for (size_t i = 0; i < n; ++i) {
-        rows[i] = op(hn::ConcatEven(d, rows[2 * i + 1], rows[2 * i]),
-                     hn::ConcatOdd(d, rows[2 * i + 1], rows[2 * i]));
-      }
-    }
-    hn::Store(rows[0], d, out + first);
-  }
-}
 
 // A plane with the shaft on its inner side: n·p >= local for p relative to the apex (or to R),
 // n·x >= world for a stored point x.
