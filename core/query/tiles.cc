@@ -15,6 +15,7 @@
 #include "core/query/pixel_blocks.h"
 #include "core/query/ray_block.h"
 #include "core/query/sample_tracer.h"
+#include "core/traverse/pixel_grid.h"
 #include "core/traverse/rtt.h"
 #include "hwy/cache_control.h"
 
@@ -28,6 +29,11 @@ constexpr uint32_t kBlockSide = PixelBlockKernels::kSide;
 constexpr uint32_t kRunPixels = PixelBlockKernels::kRun;
 constexpr uint32_t kGroupSide = 4;
 constexpr uint32_t kNoPixel = 0xFFFFFFFFu;
+static_assert(kGroupSide * kBlockSide == PixelGrid::kMostSide &&
+              kBlockSide == PixelGrid::kPacketSide);
+static_assert(kRunPixels == PixelGrid::kRun);
+static_assert(PixelBlockKernels::LaneOf(kBlockSide - 1, 0) == PixelGrid::kCornerLanes[1] &&
+              PixelBlockKernels::LaneOf(0, kBlockSide - 1) == PixelGrid::kCornerLanes[2]);
 static_assert(kBlockSide * kBlockSide == kBlockRays && kGroupSide * kGroupSide == kGroupBlocks);
 
 class TileTrace {
@@ -146,6 +152,8 @@ class TileTrace {
       const ShaftCut* cut = strategy == Strategy::kShaft && !one_block && !choice_.ShaftsAreRare()
                                 ? CutOutline(group)
                                 : nullptr;
+      has_grid_ = kind == HitKind::kClosest && strategy == Strategy::kShaft &&
+                  MakePixelGrid(Terms(columns_), group.width, Terms(rows_), group.height, &grid_);
       const uint32_t side = strategy == Strategy::kRtt ? RttBlockSide()
                             : strategy == Strategy::kPacket
                                 ? static_cast<uint32_t>(run_.options().packet_side)
@@ -257,6 +265,9 @@ class TileTrace {
   // The block's rays. `block` is in pixels of its group.
   void Place(const TileRect& block) {
     packet_->count = static_cast<int>(block.width * block.height);
+    packet_->grid = has_grid_ && IsWhole(block) ? &grid_ : nullptr;
+    packet_->grid_column = block.x;
+    packet_->grid_row = block.y;
     float* const targets[3] = {packet_->target_x, packet_->target_y, packet_->target_z};
     for (int axis = 0; axis < 3; ++axis) {
       const double* columns = columns_[axis] + block.x;
@@ -273,6 +284,9 @@ class TileTrace {
       });
     }
   }
+
+  using GroupTerms = double[3][kGroupSide * kBlockSide];
+  static PixelTerms Terms(const GroupTerms& terms) { return {terms[0], terms[1], terms[2]}; }
 
   static bool IsWhole(const TileRect& block) {
     return block.width == kBlockSide && block.height == kBlockSide;
@@ -521,7 +535,9 @@ class TileTrace {
   RayPacket outline_;  // The corners of its group.
   ShaftCut cut_;
   // PixelColumn and PixelRow of the group's columns and rows, by axis.
-  double columns_[3][kGroupSide * kBlockSide], rows_[3][kGroupSide * kBlockSide];
+  GroupTerms columns_, rows_;
+  PixelGrid grid_;  // Of the group, where it has_grid_.
+  bool has_grid_ = false;
   std::unique_ptr<HitPlacer> placer_;  // Large, and not always needed.
   Vec3f placed_[kBlockRays];           // By lane of the block.
   // The group's points.

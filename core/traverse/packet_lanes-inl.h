@@ -22,6 +22,7 @@
 #include <limits>
 
 #include "core/accel/indexed_geometry.h"
+#include "core/base/fill-inl.h"
 #include "core/geometry/box_ray.h"
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate-inl.h"
@@ -76,8 +77,8 @@ class PacketLanes {
       StoreV(d, SlabReciprocals(d, dir), inv_, i);
       hn::Store(hn::Set(d, first_limit_), d, limit_of_ + i);
     }
-    std::fill_n(packet.t, padded_, std::numeric_limits<float>::infinity());
-    std::fill_n(packet.triangle, padded_, kNoTriangle);
+    FillRow(packet.t, padded_, std::numeric_limits<float>::infinity());
+    FillRow(packet.triangle, padded_, kNoTriangle);
     for (int i = packet.count; i < padded_; ++i) {
       limit_of_[i] = -std::numeric_limits<float>::infinity();  // Enters nothing.
     }

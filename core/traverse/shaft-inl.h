@@ -30,6 +30,7 @@
 
 #include "core/base/cancel.h"
 #include "core/base/check.h"
+#include "core/base/fill-inl.h"
 #include "core/intersect/hit.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
@@ -80,8 +81,8 @@ class ShaftWalk {
   bool Run(const ShaftCut* cut, const CancelToken* cancel) {
     cancel_ = cancel;
     if constexpr (!kAny) {
-      std::fill_n(best_lo_, rays_.padded(), -kInfinity);
-      std::fill_n(best_hi_, rays_.padded(), -kInfinity);
+      FillRow(best_lo_, rays_.padded(), -kInfinity);
+      FillRow(best_hi_, rays_.padded(), -kInfinity);
     }
     if (!scene_.bvh.empty()) {
       ShaftLeaf<kAny, kParallel> leaf(scene_, rays_);
@@ -450,20 +451,29 @@ class ShaftWalk {
   // Per block and in all, the depth beyond which no open ray looks.
   void UpdateFar() {
     const ShaftD d;
-    HWY_ALIGN float least[kShaftBlocks];
+    HWY_ALIGN float least[kShaftBlocks];  // Of the inverse depths of what has been hit.
     const V no_hit = hn::Set(d, rays_.segments() ? kEndInverse : 0.0f);
-    const auto inverse = [&](size_t at) HWY_ATTR {
-      return hn::Mul(hn::Max(hn::Load(ShaftD(), best_lo_ + at), no_hit), rays_.InverseDepth(at));
+    const auto nearest = [&](size_t at) HWY_ATTR {
+      return hn::Max(hn::Load(ShaftD(), best_lo_ + at), no_hit);
     };
     const auto least_of = [](V a, V b) HWY_ATTR { return hn::Min(a, b); };
-    if (bounds_.whole) {
-      ReduceBlocks(least_of, inverse, least);
+    if (rays_.grid() != nullptr) {
+      ReduceBlocks(least_of, nearest, least);
+      for (size_t b = 0; b < kShaftBlocks; b += kLanes) {
+        hn::Store(hn::Div(hn::Load(d, least + b), hn::Load(d, bounds_.depth + b)), d, least + b);
+      }
+    } else if (bounds_.whole) {
+      ReduceBlocks(
+          least_of,
+          [&](size_t at) HWY_ATTR { return hn::Mul(nearest(at), rays_.InverseDepth(at)); }, least);
     } else {
       ReduceBlocks(
           least_of,
           [&](size_t at) HWY_ATTR {
             const ShaftD d16;
-            return hn::IfThenElse(LanesOf(bounds_.open, at), inverse(at), hn::Set(d16, kInfinity));
+            return hn::IfThenElse(LanesOf(bounds_.open, at),
+                                  hn::Mul(nearest(at), rays_.InverseDepth(at)),
+                                  hn::Set(d16, kInfinity));
           },
           least);
     }
@@ -514,7 +524,7 @@ bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut*
   if (packet.count == 0) return true;
   if (cut != nullptr && cut->node_count == 0) {
     // Nothing is in reach of any ray.
-    std::fill_n(packet.triangle, packet.count, kNoTriangle);
+    FillRow(packet.triangle, static_cast<size_t>(packet.count), kNoTriangle);
     if constexpr (!kAny) FillMisses(packet);
     return true;
   }

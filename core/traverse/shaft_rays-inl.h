@@ -24,10 +24,13 @@
 #include <type_traits>
 
 #include "core/accel/indexed_geometry.h"
+#include "core/base/check.h"
+#include "core/base/fill-inl.h"
 #include "core/geometry/box_ray.h"
 #include "core/intersect/predicate-inl.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
+#include "core/traverse/pixel_grid-inl.h"
 #include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
@@ -158,6 +161,8 @@ struct ShaftBounds {
   // Depths. One origin: where the nearest and farthest rays end (far: or, for closest hits, where
   // all have found a hit; +inf without an end). Parallel: of the origins.
   alignas(64) float near[kShaftBlocks], far[kShaftBlocks];
+  // Of a pixels' grid, closest hits: bounds of w·D, as far as kDepthScale allows.
+  alignas(64) float depth[kShaftBlocks];
   float left, right, below, above;  // Of all: ends,
   float cx, cy, ex, ey;             // middle and half extent.
   float all_near, all_far;
@@ -179,6 +184,12 @@ class ShaftRays {
   // Finds the frame and places the rays in it. False: they do not fit one (they spread too far
   // around the origin, or have no direction).
   bool Prepare() {
+    if constexpr (!kAny) {
+      if (grid() != nullptr) {
+        PrepareGrid();
+        return true;
+      }
+    }
     const ShaftD d;
     const size_t lanes = hn::Lanes(d);
     const int count = packet_.count;
@@ -191,6 +202,7 @@ class ShaftRays {
       apex_ = packet_.origin;
       has_cap_ = packet_.segments;
     }
+    for (int k = 0; k < 3; ++k) own_[k] = own_rows_[k];
     const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
     Vec3V<ShaftV> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     ShaftV widest = hn::Zero(d);
@@ -198,9 +210,9 @@ class ShaftRays {
       Vec3V<ShaftV> own = {hn::Load(d, row(0) + i), hn::Load(d, row(1) + i),
                            hn::Load(d, row(2) + i)};
       if (kParallel || segments()) own = SubV(own, o);
-      hn::Store(own.x, d, own_[0] + i);
-      hn::Store(own.y, d, own_[1] + i);
-      hn::Store(own.z, d, own_[2] + i);
+      hn::Store(own.x, d, own_rows_[0] + i);
+      hn::Store(own.y, d, own_rows_[1] + i);
+      hn::Store(own.z, d, own_rows_[2] + i);
       if constexpr (kParallel) {
         widest = hn::Max(widest, Norm1V(own));
       } else {
@@ -228,7 +240,7 @@ class ShaftRays {
     const Vec3d sideways = ToDouble(own(std::min(3, count - 1))) - ToDouble(own(0));
     if (!MakeShaftFrame(axis, sideways, &frame_)) return false;
     if (!Project()) return false;
-    std::fill_n(packet_.triangle, padded_, kNoTriangle);
+    FillRow(packet_.triangle, padded_, kNoTriangle);
     for (int b = 0; b < kShaftBlocks; ++b) {
       const int left = count - b * kShaftBlockRays;
       all_.rays[b] = left >= kShaftBlockRays ? 0xFFFF
@@ -252,6 +264,14 @@ class ShaftRays {
     return true;
   }
 
+  // The pixels' grid of a camera's rays, or null.
+  const PixelGrid* grid() const {
+    if constexpr (kAny || kParallel) {
+      return nullptr;
+    } else {
+      return packet_.grid;
+    }
+  }
   const RaySet& all() const { return all_; }
   size_t padded() const { return padded_; }
   const ShaftFrame& frame() const { return frame_; }
@@ -327,7 +347,9 @@ class ShaftRays {
       ReduceBlocks(least, of(z_, infinity), out->near);
       ReduceBlocks(most, of(z_, minus_infinity), out->far);
     };
-    if (out->whole) {
+    if (grid() != nullptr) {
+      BoundGrid(out);
+    } else if (out->whole) {
       reduce([](const float* values, ShaftV) HWY_ATTR {
         return [values](size_t at) HWY_ATTR { return hn::Load(ShaftD(), values + at); };
       });
@@ -345,8 +367,8 @@ class ShaftRays {
       });
     }
     if (!has_depths) {
-      std::fill_n(out->near, kShaftBlocks, 0.0f);
-      std::fill_n(out->far, kShaftBlocks, std::numeric_limits<float>::infinity());
+      FillRow(out->near, kShaftBlocks, 0.0f);
+      FillRow(out->far, kShaftBlocks, std::numeric_limits<float>::infinity());
     }
     const float widen = kParallel ? kBoxMargin * spread_ : kSlopeMargin;
     const ShaftV margin = hn::Set(d, widen), half = hn::Set(d, 0.5f);
@@ -436,6 +458,28 @@ class ShaftRays {
   }
 
  private:
+  // Of a grid's pixels nothing is projected.
+  void PrepareGrid() {
+    if constexpr (!kAny) {
+      SIGHTLINE_DCHECK(packet_.count == kMaxRays && !packet_.segments);
+      padded_ = kMaxRays;
+      apex_ = packet_.origin;
+      frame_ = grid()->frame;
+      for (int k = 0; k < 3; ++k) own_[k] = row(k);
+      FillRow(own_inf_, kMaxRays, grid()->norm_inf);
+      FillRow(packet_.triangle, kMaxRays, kNoTriangle);
+      std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
+      node_margin_ =
+          kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_)) + kFloatUnderflow;
+    }
+  }
+  HWY_INLINE void BoundGrid(ShaftBounds* out) const {
+    if constexpr (!kAny) {
+      BoundBlocks(*grid(), packet_.grid_column, packet_.grid_row, out->x0, out->x1, out->y0,
+                  out->y1, out->depth);
+    }
+  }
+
   const float* row(int axis) const {
     if constexpr (kParallel) {
       return axis == 0 ? packet_.origin_x : axis == 1 ? packet_.origin_y : packet_.origin_z;
@@ -554,7 +598,8 @@ class ShaftRays {
   Vec3f cap_normal_, cap_at_;
   float cap_of_apex_ = 0;
   RaySet all_;
-  alignas(64) float own_[3][kMaxRays];
+  const float* own_[3];  // By axis: own_rows_, or the packet's, where those are what is wanted.
+  alignas(64) float own_rows_[3][kMaxRays];
   alignas(64) float own_inf_[kMaxRays];                        // |D|_inf; one origin only.
   alignas(64) float x_[kMaxRays], y_[kMaxRays], z_[kMaxRays];  // Slopes or offsets, and depths.
   alignas(64) float inverse_z_[kMaxRays];                      // One origin only.

@@ -14,6 +14,7 @@
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate.h"
 #include "core/traverse/answered_by.h"
+#include "core/traverse/pixel_grid.h"
 #include "core/traverse/shaft_stats.h"
 
 namespace sightline {
@@ -57,6 +58,11 @@ struct alignas(64) RayPacket {
   // As a TraceRay's: by lane, up to the end of a vector, or null; and for all lanes.
   const float* near = nullptr;
   TriangleRange unseen;
+  // Where the rays are those of 16 by 16 pixels, in squares of lanes (pixel_grid.h), or null: the
+  // pixels' grid, and the packet's first pixel in it. REQUIRES: target_x, target_y and target_z are
+  // the sums of the grid's terms, rounded.
+  const PixelGrid* grid = nullptr;
+  uint32_t grid_column = 0, grid_row = 0;
   // Whether u and v are wanted beside a closest hit's t and triangle.
   bool want_barycentrics = false;
   // Where to say what answered each ray, count elements; null: nowhere. The caller fills it with
@@ -81,7 +87,7 @@ struct alignas(64) RayPacket {
   }
   Hit hit(int lane) const { return {t[lane], triangle[lane]}; }
 
-  // The question of `lanes` lanes from `first` on, as another packet's.
+  // The question of `lanes` lanes from `first` on, as another packet's, which has no grid.
   void CopyLanes(int first, int lanes, RayPacket* to) const {
     to->origin = origin;
     to->segments = segments;
@@ -89,6 +95,7 @@ struct alignas(64) RayPacket {
     to->origin_source = origin_source;
     to->near = near == nullptr ? nullptr : near + first;
     to->unseen = unseen;
+    to->grid = nullptr;
     to->want_barycentrics = want_barycentrics;
     to->count = lanes;
     std::copy_n(target_x + first, lanes, to->target_x);
