@@ -33,7 +33,9 @@ static_assert(kGroupSide * kBlockSide == PixelGrid::kMostSide &&
               kBlockSide == PixelGrid::kPacketSide);
 static_assert(kRunPixels == PixelGrid::kRun);
 static_assert(PixelBlockKernels::LaneOf(kBlockSide - 1, 0) == PixelGrid::kCornerLanes[1] &&
-              PixelBlockKernels::LaneOf(0, kBlockSide - 1) == PixelGrid::kCornerLanes[2]);
+              PixelBlockKernels::LaneOf(0, kBlockSide - 1) == PixelGrid::kCornerLanes[2] &&
+              PixelBlockKernels::LaneOf(kBlockSide - 1, kBlockSide - 1) ==
+                  PixelGrid::kCornerLanes[3]);
 static_assert(kBlockSide * kBlockSide == kBlockRays && kGroupSide * kGroupSide == kGroupBlocks);
 
 class TileTrace {

@@ -18,6 +18,14 @@
 // most u(1 + 2.3)/0.4 = 8.3u, for the ray and for the corners: with kSlopeMargin's 39u below 56u.
 // The outline of a group of tiles is widened by 96u.
 //
+// Pixels between their block's corners (core/traverse/pixel_grid.h). A column's term C and a row's
+// R are along the axes what doubles say, rounded: u|C|, u|R| each, and both are at most |D|, as the
+// camera's basis is orthogonal up to 2^-16. Their sum errs by u|D| more, so numerator and depth
+// each by 3u|D|; with |s| <= 2.3 the quotient errs by 3u(1 + 2.3)/0.4 + 2u·2.3 < 30u. The rays'
+// own rounding moves their slopes by 8.3u, as above: together within kSlopeMargin. The largest
+// depth of the corners is good to 3u|D| / 0.4|D| and the ray's own 2.5u: 10u, less than what
+// kDepthScale has room for.
+//
 // Slopes of corners (kCornerMargin). p = fl(A - O) errs by u, its products with the axes by 3.1u:
 // 4.1u|p|_1 each. With w·p >= 0.25|p|_1 (kMinCornerShare; farther out, no slope is taken) the
 // quotient is below 4 and errs by 16.4u(1 + 4) + 2u·4 < 90u: the margin is 128u.

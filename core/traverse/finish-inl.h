@@ -51,7 +51,7 @@ class HitFinisher {
     for (int i = 0; i < packet_.count;) {
       ready_.Forget();
       shared_count_ = mixed_count_ = gathered_count_ = 0;
-      for (; i < packet_.count && ready_.rows_left() >= kMostBlends; i += kLanes) List(i);
+      for (; i < packet_.count && ready_.rows_left() >= kMostInTurn; i += kBlockLanes) List(i);
       ready_.SetUpRows();
       for (int k = 0; k < shared_count_; ++k) {
         const Shared& work = shared_[k];
@@ -86,9 +86,16 @@ class HitFinisher {
   using RowTerms = ReadyTriangles::RowTerms<D>;
   static constexpr int kLanes = static_cast<int>(hn::MaxLanes(D()));
   static constexpr int kVectors = RayPacket::kMaxRays / kLanes;
-  // Triangles of a vector up to which each is put to all of its lanes. With AVX2 that costs less
-  // than to blend their terms, which fill twice the registers there are.
-  static constexpr int kMostInTurn = HWY_TARGET == HWY_AVX2 ? kMostBlends : 1;
+  // With AVX2 each triangle is put to all lanes of a vector, which costs less than to blend their
+  // terms: those fill twice the registers there are.
+  static constexpr bool kInTurn = HWY_TARGET == HWY_AVX2;
+  // Lanes are looked at sixteen at a time.
+  static constexpr int kBlockLanes = 16;
+  static constexpr int kBlockVectors = kBlockLanes / kLanes;
+  static_assert(kInTurn || kBlockVectors == 1);
+  // Triangles of them that get a row; lanes that have others gather theirs.
+  static constexpr int kMostInTurn = 6;
+  static_assert(kMostInTurn >= kMostBlends);
 
   // Work: lanes of the vector that begins at `first`, and their triangle's row.
   struct Shared {
@@ -101,29 +108,63 @@ class HitFinisher {
     uint32_t all, row[kMostBlends], lanes[kMostBlends];
   };
 
+  // What is to be done for the lanes i .. i + kBlockLanes.
   HWY_INLINE void List(int i) {
-    const int lanes = std::min(kLanes, packet_.count - i);
-    const uint32_t used = static_cast<uint32_t>((uint64_t{1} << lanes) - 1);
-    const uint32_t* ids = packet_.triangle + i;
-    const DU du;
-    const uint32_t hit = used & ~MaskBits(du, hn::Eq(hn::Load(du, ids), hn::Set(du, kNoTriangle)));
-    uint32_t own[kMostBlends], same[kMostBlends];
-    const int count = DistinctTriangles<D>(ids, hit, own, same);
-    if (count <= kMostInTurn) {
-      for (int k = 0; k < count; ++k) {
-        shared_[shared_count_++] = {i, same[k], ready_.Row(own[k])};
-      }
-    } else if (count <= kMostBlends) {
-      Mixed& work = mixed_[mixed_count_++];
-      work.first = i;
-      work.count = count;
-      work.all = hit;
-      for (int k = 0; k < count; ++k) {
-        work.row[k] = ready_.Row(own[k]);
-        work.lanes[k] = same[k];
+    const int lanes = std::min(kBlockLanes, packet_.count - i);
+    uint32_t left = ((1u << lanes) - 1) & ~Having(i, kNoTriangle);
+    if constexpr (kInTurn) {
+      for (int k = 0; left != 0; ++k) {
+        if (k == kMostInTurn) {
+          ForEachVector(i, left, [&](int first, uint32_t own) {
+            gathered_[gathered_count_] = {first, own, 0};
+            gathered_count_ += own != 0 ? 1 : 0;
+          });
+          break;
+        }
+        const uint32_t id = packet_.triangle[i + std::countr_zero(left)];
+        const uint32_t same = left & Having(i, id), row = ready_.Row(id);
+        left &= ~same;
+        ForEachVector(i, same, [&](int first, uint32_t own) {
+          shared_[shared_count_] = {first, own, row};
+          shared_count_ += own != 0 ? 1 : 0;
+        });
       }
     } else {
-      gathered_[gathered_count_++] = {i, hit, 0};
+      uint32_t own[kMostBlends], same[kMostBlends];
+      const int count = DistinctTriangles<D>(packet_.triangle + i, left, own, same);
+      if (count == 1) {
+        shared_[shared_count_++] = {i, same[0], ready_.Row(own[0])};
+      } else if (count > kMostBlends) {
+        gathered_[gathered_count_++] = {i, left, 0};
+      } else if (count > 1) {
+        Mixed& work = mixed_[mixed_count_++];
+        work.first = i;
+        work.count = count;
+        work.all = left;
+        for (int k = 0; k < count; ++k) {
+          work.row[k] = ready_.Row(own[k]);
+          work.lanes[k] = same[k];
+        }
+      }
+    }
+  }
+
+  // The lanes i .. i + kBlockLanes that have triangle `id`.
+  HWY_INLINE uint32_t Having(int i, uint32_t id) const {
+    const DU du;
+    uint32_t bits = 0;
+    for (int k = 0; k < kBlockVectors; ++k) {
+      const auto ids = hn::Load(du, packet_.triangle + i + k * kLanes);
+      bits |= MaskBits(du, hn::Eq(ids, hn::Set(du, id))) << (k * kLanes);
+    }
+    return bits;
+  }
+
+  // fn(first, lanes) for the vectors of a block.
+  template <class Fn>
+  static HWY_INLINE void ForEachVector(int i, uint32_t lanes, const Fn& fn) {
+    for (int k = 0; k < kBlockVectors; ++k) {
+      fn(i + k * kLanes, lanes >> (k * kLanes) & ((1u << kLanes) - 1));
     }
   }
 
@@ -215,9 +256,9 @@ class HitFinisher {
   bool one_octant_ = false;
   bool octant_[3] = {};  // Negative, by axis.
   int shared_count_ = 0, mixed_count_ = 0, gathered_count_ = 0;
-  Shared shared_[kVectors * kMostInTurn];
-  Mixed mixed_[kVectors];
-  Shared gathered_[kVectors];
+  // One more than there can be: written before it is known whether it is wanted.
+  Shared shared_[(kInTurn ? kVectors * kMostInTurn : kVectors) + 1], gathered_[kVectors + 1];
+  Mixed mixed_[kInTurn ? 1 : kVectors];
 };
 
 // Writes t (and u, v if packet.want_barycentrics) for packet.triangle, misses included. `ready` is

@@ -208,11 +208,11 @@ class OccludedPacketWalk {
         const uint32_t i = std::countr_zero(left), id = leaf.id(i);
         const uint32_t asked[2] = {met[g] & ~lanes_.SourceLanes(g, id)};
         stats_->triangle_tests += static_cast<uint64_t>(std::popcount(asked[0]));
-        const ShaftM blocked =
-            test.Certain(i, g * hn::Lanes(d),
-                         hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(asked)), ray, stats_);
-        if (hn::AllFalse(d, blocked)) continue;
-        const uint32_t hits = MaskBits(d, blocked);
+        const uint32_t hits =
+            MaskBits(d, test.Blocked(i, g * hn::Lanes(d),
+                                     hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(asked)),
+                                     ray, stats_));
+        if (hits == 0) continue;
         lanes_.Block(id, g, hits);
         met[g] &= ~hits;
       }

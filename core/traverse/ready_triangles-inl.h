@@ -82,7 +82,7 @@ class ReadyTriangles {
   ReadyTriangles(const SceneGeometry& geometry, Vec3f origin, bool weights)
       : geometry_(geometry), origin_(origin), weights_(weights) {
     Forget();
-    std::fill_n(row_of_, kNumbers, uint8_t{0});
+    FillRow(row_of_, kNumbers, uint8_t{0});
   }
 
   const SceneGeometry& geometry() const { return geometry_; }
@@ -255,7 +255,7 @@ class ReadyTriangles {
   const bool weights_;
   uint32_t rows_;  // Taken so far; one by one, they are taken over again.
   alignas(64) uint32_t ready_[kRows];
-  uint8_t row_of_[kNumbers];
+  alignas(64) uint8_t row_of_[kNumbers];
   // By row, none of them set before its row is taken: what TriangleTerms holds.
   alignas(64) double normal_[3][kRows], numerator_[kRows], e0_[3][kRows], e2_[3][kRows];
   alignas(64) float lo_[3][kRows], hi_[3][kRows];

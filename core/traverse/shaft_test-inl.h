@@ -97,9 +97,20 @@ class ShaftTest {
     return said[0];
   }
 
-  // Which of the rays `asked` triangle i blocks. `ray(lane)` is that of a lane, for the predicate.
+  // Which of the rays `asked` triangle i blocks, by floats where those tell. `ray(lane)` is that of
+  // a lane, for the predicate.
   template <class Ray>
-  M Certain(uint32_t i, size_t at, M asked, const Ray& ray, WalkStats* stats) const {
+  HWY_INLINE M Blocked(uint32_t i, size_t at, M asked, const Ray& ray, WalkStats* stats) const {
+    const ShaftD d;
+    const Floats said = InFloats(i, at);
+    const M hit = hn::And(asked, said.hit);
+    if (hn::AllFalse(d, hn::AndNot(hit, hn::And(asked, said.open)))) return hit;
+    return Certain(i, at, asked, ray, stats);
+  }
+
+  // The same, whatever floats say.
+  template <class Ray>
+  HWY_NOINLINE M Certain(uint32_t i, size_t at, M asked, const Ray& ray, WalkStats* stats) const {
     const ShaftD d;
     const Floats said = InFloats(i, at);
     M open = hn::And(asked, said.open), hit = hn::And(open, said.hit), beyond = open;
