@@ -46,10 +46,15 @@ class RawConnection {
   void Send(const std::string& bytes) const {
     (void)send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
   }
-  // HTTP/2 begins with the server's settings: whether a byte of them came before the end.
-  bool WasTaken() const {
+  // HTTP/2 begins with the server's settings: a byte of them says that the connection was taken, an
+  // end without one that it was refused; kIgnored if nothing comes in that time.
+  enum class Fate { kTaken, kRefused, kIgnored };
+  Fate FateWithin(absl::Duration time) const {
+    ReceiveWithin(time);
     char byte;
-    return recv(socket_, &byte, 1, 0) == 1;
+    const ssize_t received = recv(socket_, &byte, 1, 0);
+    if (received == 1) return Fate::kTaken;
+    return received == 0 || errno == ECONNRESET ? Fate::kRefused : Fate::kIgnored;
   }
   // What comes until `text` is in it, or until the server hangs up.
   std::string ReadUntil(const std::string& text) const {
@@ -64,8 +69,7 @@ class RawConnection {
   }
   // Whether the server hangs up in that time.
   bool EndsWithin(absl::Duration time) const {
-    const timeval wait = absl::ToTimeval(time);
-    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &wait, sizeof(wait));
+    ReceiveWithin(time);
     char bytes[256];
     ssize_t received = 0;
     while ((received = recv(socket_, bytes, sizeof(bytes), 0)) > 0) {
@@ -79,6 +83,11 @@ class RawConnection {
   }
 
  private:
+  void ReceiveWithin(absl::Duration time) const {
+    const timeval wait = absl::ToTimeval(time);
+    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &wait, sizeof(wait));
+  }
+
   const int socket_;
   bool connected_ = false;
 };

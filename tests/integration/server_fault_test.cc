@@ -21,6 +21,7 @@
 #include "tests/support/random.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/test_scale.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 namespace {
@@ -200,32 +201,92 @@ TEST_F(FaultTest, ASilentConnectionIsClosedWithinSeconds) {
   EXPECT_TRUE(silent.EndsWithin(absl::Seconds(40)));
 }
 
-// More connections than it has descriptors: those that it has are served meanwhile, and new ones
-// once there is room.
+// More connections than it has descriptors, and no other bound that would come first: those that it
+// has are served meanwhile, what wants a file is told why it cannot have it, and new connections
+// get in once there is room.
 TEST_F(FaultTest, OutOfDescriptorsItGoesOnServingAndRecovers) {
   if (testing_support::kSanitizerBuild) {
     GTEST_SKIP()
         << "sanitizers open pipes to look at pointers, and report those they cannot look at";
   }
-  ServingProcess server({tiles_.flag()}, {.limits = {{RLIMIT_NOFILE, 96}}});
+  constexpr int kCrowd = 200;
+  const testing_support::TempDir repository;
+  ServingProcess server({tiles_.flag(), "--repository", repository.path(),
+                         "--metrics-listen=127.0.0.1:0", "--max-connections-per-address=900",
+                         "--max-connections=900"});
+  const auto says = [&](const char* event) {
+    return testing_support::Until(event, [&] { return server.HasSaid(event); });
+  };
+  const auto channel = server.Channel();
+  const auto scenes = v1::SceneService::NewStub(channel);
+  const auto load_scene = [&] {
+    grpc::ClientContext context;
+    v1::LoadSceneRequest request;
+    request.set_name("scenes/attic");
+    v1::Scene scene;
+    return scenes->LoadScene(&context, request, &scene);
+  };
+  const auto unload_scene = [&] {
+    grpc::ClientContext context;
+    v1::UnloadSceneRequest request;
+    request.set_name("scenes/attic");
+    google::protobuf::Empty empty;
+    const grpc::Status status = scenes->UnloadScene(&context, request, &empty);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+  };
+  {
+    grpc::ClientContext context;
+    v1::Scene scene;
+    const auto writer = scenes->CreateScene(&context, &scene);
+    for (const auto& message : WallUpload("attic")) writer->Write(message);
+    writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    ASSERT_TRUE(status.ok() && scene.stored()) << status.error_message() << scene.state_message();
+  }
+  unload_scene();
   TileLoad load(tiles_, {.address = server.address(), .clients = 1});
   load.WaitForAnswers(50);
+  server.Limit(RLIMIT_NOFILE, server.OpenDescriptors() + 8);
   for (int round = 0; round < 3; ++round) {
     std::vector<std::unique_ptr<RawConnection>> crowd;
-    int in = 0, refused = 0;
-    for (int i = 0; i < 200; ++i) {
+    int taken = 0, refused = 0;
+    for (int i = 0; i < kCrowd; ++i) {
       crowd.push_back(std::make_unique<RawConnection>(server.port()));
       ASSERT_TRUE(crowd.back()->connected());
     }
-    for (const auto& connection : crowd) ++(connection->WasTaken() ? in : refused);
-    EXPECT_GT(in, 0);
-    EXPECT_GT(refused, 100);
+    for (const auto& connection : crowd) {
+      const RawConnection::Fate fate = connection->FateWithin(absl::Minutes(1));
+      ASSERT_NE(fate, RawConnection::Fate::kIgnored) << "after " << taken << " and " << refused;
+      ++(fate == RawConnection::Fate::kTaken ? taken : refused);
+    }
+    EXPECT_GT(taken, 0);
+    EXPECT_GT(refused, kCrowd / 2);
+    EXPECT_TRUE(says("event=out_of_descriptors"));
+    // The loop that takes connections looks now and then whether there is a descriptor, and gives
+    // up the one that it holds in reserve for that moment: a file that is opened just then gets it.
+    grpc::Status status = load_scene();
+    for (int luck = 0; status.ok() && luck < 10; ++luck) {
+      unload_scene();
+      status = load_scene();
+    }
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+    EXPECT_EQ(ReasonIn(status), "STORAGE_FAILED") << status.error_message();
     load.WaitForAnswers(50);
+    EXPECT_EQ(load.wrong(), 0u);
+
     crowd.clear();
     ExpectServing(server);
+    EXPECT_TRUE(testing_support::Until("the server is alive again", [&] {
+      return testing_support::HttpGet(server.metrics_port(), "/livez").code == 200;
+    }));
+    EXPECT_TRUE(says("event=descriptors_again"));
+    status = load_scene();
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    unload_scene();
   }
   load.Stop();
   EXPECT_EQ(load.wrong(), 0u);
+  EXPECT_EQ(load.refused(), 0u);
   EXPECT_EQ(load.broken_streams(), 0u);
   server.Signal(SIGTERM);
   EXPECT_EQ(server.Wait(), 0);

@@ -2,10 +2,11 @@
 //
 // sightlined itself, as a process of its own with its log on a pipe; killed when the object goes.
 //
-// Thread safety: one thread.
+// Thread safety: one thread, except that HasSaid may be called from any.
 //
 //   ServerProcess process({"--listen=127.0.0.1:0", "--repository", dir.path()});
 //   const int port = process.Port();
+//   EXPECT_FALSE(process.HasSaid("level=warning"));
 //   process.Signal(SIGKILL);
 #ifndef SIGHTLINE_TESTS_INTEGRATION_SERVER_PROCESS_H_
 #define SIGHTLINE_TESTS_INTEGRATION_SERVER_PROCESS_H_
@@ -22,6 +23,8 @@
 #include <vector>
 
 #include "absl/strings/match.h"
+#include "absl/strings/string_view.h"
+#include "core/base/mutex.h"
 #include "gtest/gtest.h"
 
 namespace sightline {
@@ -66,19 +69,19 @@ class ServerProcess {
     std::string all;
     char line[4096];
     while (std::fgets(line, sizeof(line), log_) != nullptr) {
+      Keep(line);
       if (absl::StrContains(line, text)) return line;
       all += line;
     }
     return all;
   }
-  // Waits until it serves; the port. What it logs from then on is dropped: a full pipe would stop
-  // it.
+  // Waits until it serves; the port. What it logs from then on is read as it comes: a full pipe
+  // would cost it lines.
   int Port() {
     const std::string serving = ReadUntil("event=serving");
     drain_ = std::thread([this] {
-      char dropped[4096];
-      while (std::fread(dropped, 1, sizeof(dropped), log_) > 0) {
-      }
+      char line[4096];
+      while (std::fgets(line, sizeof(line), log_) != nullptr) Keep(line);
     });
     const size_t at = serving.find("port=");
     EXPECT_NE(at, std::string::npos) << serving;
@@ -88,6 +91,11 @@ class ServerProcess {
   }
   // Once Port() has returned; 0 without --metrics-listen.
   int metrics_port() const { return metrics_port_; }
+  // Whether `text` is in what was read of its log so far, or in the last mebibyte of that.
+  bool HasSaid(absl::string_view text) const {
+    MutexLock lock(mutex_);
+    return absl::StrContains(said_, text);
+  }
   pid_t pid() const { return pid_; }
   void Signal(int signal) const { kill(pid_, signal); }
   int Wait() {
@@ -98,10 +106,20 @@ class ServerProcess {
   }
 
  private:
+  void Keep(const char* line) {
+    constexpr size_t kMostKept = 1 << 20;
+    MutexLock lock(mutex_);
+    said_ += line;
+    // Half of it at a time, so that each byte is moved once or twice.
+    if (said_.size() > 2 * kMostKept) said_.erase(0, kMostKept);
+  }
+
   pid_t pid_ = 0;
   int metrics_port_ = 0;
   std::FILE* log_ = nullptr;
   std::thread drain_;
+  mutable Mutex mutex_;
+  std::string said_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace sightline

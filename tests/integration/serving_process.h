@@ -19,7 +19,9 @@
 
 #include <cstdint>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <memory>
 #include <string>
 #include <utility>
@@ -70,6 +72,20 @@ class ServingProcess : public ServerProcess {
   // As the kernel counts them: in memory, and of addresses, which RLIMIT_AS bounds.
   uint64_t ResidentBytes() const { return MemoryNow().resident; }
   uint64_t AddressBytes() const { return MemoryNow().addresses; }
+  // The most that has ever been resident.
+  uint64_t PeakResidentBytes() const {
+    std::ifstream file(absl::StrCat("/proc/", pid(), "/status"));
+    uint64_t kibibytes = 0;
+    for (std::string word; file >> word;) {
+      if (word == "VmHWM:") file >> kibibytes;
+    }
+    EXPECT_GT(kibibytes, 0u);
+    return kibibytes << 10;
+  }
+  uint64_t OpenDescriptors() const {
+    const std::filesystem::directory_iterator all(absl::StrCat("/proc/", pid(), "/fd"));
+    return static_cast<uint64_t>(std::distance(begin(all), end(all)));
+  }
   // What the process may take from now on.
   void Limit(int resource, rlim_t value) const {
     const rlimit limit{value, value};
