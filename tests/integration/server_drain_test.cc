@@ -1,19 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How the real server ends at SIGTERM: what is under way is answered, plain calls as well as
-// streams, and whoever looks at its readiness hears of the end before anybody is refused.
+// How the real server ends at SIGTERM: what is under way is answered, plain calls and uploads as
+// well as streams, and whoever looks at its readiness hears of the end before anybody is refused.
 #include <csignal>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 #include "server/version.h"
+#include "tests/integration/grid_upload.h"
 #include "tests/integration/raw_connection.h"
 #include "tests/integration/server_harness.h"
 #include "tests/integration/serving_process.h"
 #include "tests/support/http_get.h"
+#include "tests/support/temp_dir.h"
 #include "tests/support/until.h"
 
 namespace sightline {
@@ -106,6 +109,74 @@ TEST(DrainTest, CallsThatWaitForTheirTurnAreAnswered) {
   EXPECT_TRUE(created.ok()) << created.error_message();
   EXPECT_TRUE(deleted.ok() || ReasonIn(deleted) == "DRAINING") << deleted.error_message();
   EXPECT_EQ(server.Wait(), 0);
+}
+
+// Sends the messages from `begin` to `end`.
+template <typename Writer, typename Message>
+void SendPart(Writer& writer, const std::vector<Message>& messages, size_t begin, size_t end) {
+  for (size_t i = begin; i < end; ++i) ASSERT_TRUE(writer.Write(messages[i])) << i;
+}
+
+// An upload, an edit and a point set of which half was sent before the signal: the rest is taken,
+// each is answered, and the end has waited for it.
+TEST(DrainTest, WhatIsHalfUploadedIsTakenInWhole) {
+  const GridUpload grid(100);
+  const testing_support::TempDir repository;
+  const std::vector<std::string> flags = {kMetricsFlag, kLongDrain, "--repository",
+                                          repository.path()};
+  {
+    ServingProcess server(flags);
+    const auto channel = server.Channel();
+    const auto scenes = v1::SceneService::NewStub(channel);
+    const auto point_sets = v1::PointSetService::NewStub(channel);
+    for (const char* id : {"moved", "asked"}) {
+      grpc::ClientContext context;
+      v1::Scene scene;
+      const auto messages = grid.Scene(id, 1);
+      const auto writer = scenes->CreateScene(&context, &scene);
+      SendPart(*writer, messages, 0, messages.size());
+      writer->WritesDone();
+      const grpc::Status status = writer->Finish();
+      ASSERT_TRUE(status.ok()) << status.error_message();
+    }
+    const auto upload = grid.Scene("made", 3);
+    const auto edit = grid.Move("scenes/moved", 2);
+    const auto points = grid.Points("scenes/asked", 0);
+    grpc::ClientContext uploading, editing, keeping;
+    v1::Scene made, moved;
+    v1::PointSet kept;
+    const auto upload_writer = scenes->CreateScene(&uploading, &made);
+    const auto edit_writer = scenes->UpdateScene(&editing, &moved);
+    const auto points_writer = point_sets->CreatePointSet(&keeping, &kept);
+    SendPart(*upload_writer, upload, 0, upload.size() / 2);
+    SendPart(*edit_writer, edit, 0, edit.size() / 2);
+    SendPart(*points_writer, points, 0, points.size() / 2);
+    ASSERT_TRUE(Until("all three have come", [&] {
+      return MetricOf(server.metrics_port(), "sightline_active_uploads") == 3;
+    }));
+    server.Signal(SIGTERM);
+    ASSERT_TRUE(Until("the server drains", [&] { return server.HasSaid("event=draining"); }));
+    EXPECT_EQ(ReasonIn(GetCapabilities(server)), "DRAINING");
+
+    const auto finish = [](auto& writer, const auto& messages) {
+      SendPart(writer, messages, messages.size() / 2, messages.size());
+      writer.WritesDone();
+      const grpc::Status status = writer.Finish();
+      EXPECT_TRUE(status.ok()) << status.error_message();
+    };
+    finish(*points_writer, points);
+    EXPECT_EQ(kept.point_count(), grid.vertices());
+    finish(*edit_writer, edit);
+    EXPECT_TRUE(moved.stored()) << moved.state_message();
+    finish(*upload_writer, upload);
+    EXPECT_TRUE(made.stored()) << made.state_message();
+    EXPECT_EQ(server.Wait(), 0);
+  }
+  ServingProcess again(flags);
+  EXPECT_FALSE(GridBlocks(again.Channel(), "scenes/moved", 1.5));
+  EXPECT_TRUE(GridBlocks(again.Channel(), "scenes/moved", 2.5));
+  EXPECT_FALSE(GridBlocks(again.Channel(), "scenes/made", 2.5));
+  EXPECT_TRUE(GridBlocks(again.Channel(), "scenes/made", 3.5));
 }
 
 TEST(DrainTest, ReadinessTurnsBeforeAnybodyIsRefused) {

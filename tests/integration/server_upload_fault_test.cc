@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "tests/integration/grid_upload.h"
 #include "tests/integration/tile_load.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/until.h"
@@ -18,79 +19,9 @@
 namespace sightline {
 namespace {
 
-// A grid in the plane z = 1 whose vertices alone are 19 MB: far more than gRPC holds on its way, so
-// that a server whose client has sent half of it has taken in some.
+// Vertices of 19 MB alone: far more than gRPC holds on its way, so that a server whose client has
+// sent half of it has taken in some.
 constexpr uint32_t kSide = 900;
-constexpr uint64_t kVertices = uint64_t{kSide} * kSide;
-constexpr uint64_t kTriangles = uint64_t{kSide - 1} * (kSide - 1) * 2;
-constexpr uint64_t kChunkVertices = 90 * kSide;
-
-std::string GridVertices(uint64_t begin, uint64_t count, double z) {
-  std::vector<double> numbers;
-  numbers.reserve(3 * count);
-  for (uint64_t i = begin; i < begin + count; ++i) {
-    numbers.push_back(2.0 * static_cast<double>(i % kSide) / (kSide - 1) - 1);
-    numbers.push_back(2.0 * static_cast<double>(i / kSide) / (kSide - 1) - 1);
-    numbers.push_back(z);
-  }
-  return PackArray(numbers);
-}
-
-std::string GridIndices() {
-  std::vector<uint32_t> indices;
-  indices.reserve(3 * kTriangles);
-  for (uint32_t y = 0; y + 1 < kSide; ++y) {
-    for (uint32_t x = 0; x + 1 < kSide; ++x) {
-      const uint32_t a = y * kSide + x, b = a + 1, c = a + kSide, d = c + 1;
-      indices.insert(indices.end(), {a, b, d, a, d, c});
-    }
-  }
-  return PackArray(indices);
-}
-
-std::vector<v1::CreateSceneRequest> GridUpload(const std::string& id) {
-  std::vector<v1::CreateSceneRequest> messages(2);
-  v1::CreateSceneHeader* const header = messages[0].mutable_header();
-  header->set_scene_id(id);
-  header->set_request_id(absl::StrCat("upload-of-", id));
-  header->mutable_upload()->set_object_count(1);
-  header->mutable_upload()->set_triangle_count(kTriangles);
-  header->mutable_upload()->set_vertex_count(kVertices);
-  messages[1].mutable_object()->set_object_name("grid");
-  messages[1].mutable_object()->set_triangle_count(kTriangles);
-  messages[1].mutable_object()->set_vertex_count(kVertices);
-  for (uint64_t at = 0; at < kVertices; at += kChunkVertices) {
-    messages.emplace_back().mutable_chunk()->set_vertices_f64(GridVertices(at, kChunkVertices, 1));
-  }
-  const std::string indices = GridIndices();
-  constexpr size_t kChunk = 12 * 100'000;
-  for (size_t at = 0; at < indices.size(); at += kChunk) {
-    messages.emplace_back().mutable_chunk()->set_indices(indices.substr(at, kChunk));
-  }
-  return messages;
-}
-
-std::vector<v1::UpdateSceneRequest> GridMove(const std::string& name, double z) {
-  std::vector<v1::UpdateSceneRequest> messages(2);
-  messages[0].mutable_header()->set_name(name);
-  messages[1].mutable_replace_vertices()->set_object_name("grid");
-  messages[1].mutable_replace_vertices()->set_vertex_count(kVertices);
-  for (uint64_t at = 0; at < kVertices; at += kChunkVertices) {
-    messages.emplace_back().mutable_chunk()->set_vertices_f64(GridVertices(at, kChunkVertices, z));
-  }
-  return messages;
-}
-
-std::vector<v1::CreatePointSetRequest> PointsUpload(const std::string& scene) {
-  std::vector<v1::CreatePointSetRequest> messages(1);
-  messages[0].mutable_header()->set_parent(scene);
-  messages[0].mutable_header()->set_point_set_id("points");
-  messages[0].mutable_header()->mutable_upload()->set_point_count(kVertices);
-  for (uint64_t at = 0; at < kVertices; at += kChunkVertices) {
-    messages.emplace_back().mutable_chunk()->set_points(GridVertices(at, kChunkVertices, 0));
-  }
-  return messages;
-}
 
 // Sends the first `count` messages; then `after`, before the end is said if all were sent.
 template <typename Open, typename Message>
@@ -176,22 +107,8 @@ class UploadFaultTest : public testing::Test {
     EXPECT_TRUE(status.ok()) << status.error_message();
     return static_cast<int>(scene.revision());
   }
-  // Whether the way up from the origin to `top` is blocked.
   bool Blocked(const std::string& name, double top) const {
-    const auto stub = v1::VisibilityService::NewStub(server_->Channel());
-    grpc::ClientContext context;
-    const auto stream = stub->TestSegments(&context);
-    v1::TestSegmentsRequest request;
-    request.mutable_header()->mutable_stream()->set_scene(name);
-    stream->Write(request);
-    request.mutable_item()->set_segments(PackArray<double>({0.25, 0.125, 0, 0.25, 0.125, top}));
-    stream->Write(request);
-    stream->WritesDone();
-    v1::TestSegmentsResponse response;
-    std::string bits;
-    while (stream->Read(&response)) bits += response.reply().segments().blocked_bits();
-    EXPECT_TRUE(stream->Finish().ok());
-    return bits == std::string(1, 1);
+    return GridBlocks(server_->Channel(), name, top);
   }
   // Of stored scenes and of whatever else was being written.
   size_t Files() const {
@@ -203,6 +120,7 @@ class UploadFaultTest : public testing::Test {
   }
 
   const KnownTiles tiles_;
+  const GridUpload grid_{kSide};
   const testing_support::TempDir dir_;
   std::unique_ptr<ServingProcess> server_;
   std::string address_;
@@ -218,13 +136,13 @@ class UploadFaultTest : public testing::Test {
 };
 
 TEST_F(UploadFaultTest, KilledInTheMiddleOfAnUploadItKeepsNoneOfIt) {
-  const auto grid = GridUpload("grid");
+  const auto grid = grid_.Scene("grid", 1);
   KillHalfWay(grid);
   EXPECT_EQ(Revision("scenes/grid"), 0);
   ExpectUploaded(grid);
   EXPECT_TRUE(Blocked("scenes/grid", 1.5));
   // The edit of a scene that is stored: the revision before it is there.
-  const auto move = GridMove("scenes/grid", 2);
+  const auto move = grid_.Move("scenes/grid", 2);
   KillHalfWay(move);
   EXPECT_EQ(Revision("scenes/grid"), 1);
   EXPECT_TRUE(Blocked("scenes/grid", 1.5));
@@ -232,7 +150,7 @@ TEST_F(UploadFaultTest, KilledInTheMiddleOfAnUploadItKeepsNoneOfIt) {
   EXPECT_FALSE(Blocked("scenes/grid", 1.5));
   EXPECT_TRUE(Blocked("scenes/grid", 2.5));
   // Points; they go with the server that held them.
-  const auto points = PointsUpload("scenes/grid");
+  const auto points = grid_.Points("scenes/grid", 0);
   KillHalfWay(points);
   EXPECT_EQ(Revision("scenes/grid"), 2);
   EXPECT_FALSE(Blocked("scenes/grid", 1.5));
@@ -242,7 +160,7 @@ TEST_F(UploadFaultTest, KilledInTheMiddleOfAnUploadItKeepsNoneOfIt) {
 // While the file is written beside its place, or just before or after it is renamed: all or
 // nothing.
 TEST_F(UploadFaultTest, KilledWhileItStoresItHasAllOrNothing) {
-  const auto grid = GridUpload("grid");
+  const auto grid = grid_.Scene("grid", 1);
   const size_t before = Files();
   const grpc::Status status = Upload(grid, grid.size(), [&] {
     EXPECT_TRUE(testing_support::Until("a file is begun", [&] { return Files() != before; }));
