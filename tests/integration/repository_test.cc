@@ -23,7 +23,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/server.h"
-#include "tests/integration/server_process.h"
+#include "tests/integration/serving_process.h"
+#include "tests/integration/tile_load.h"
 #include "tests/support/faulty_file_calls.h"
 #include "tests/support/temp_dir.h"
 
@@ -77,6 +78,14 @@ absl::StatusOr<int> Blocked(const client::Client& client, const std::string& nam
   return answer->blocked.at(0);
 }
 
+// Some more answers come, and every one of them was right.
+void ExpectAllRight(const TileLoad& load) {
+  load.WaitForAnswers(20);
+  EXPECT_EQ(load.wrong(), 0u);
+  EXPECT_EQ(load.refused(), 0u);
+  EXPECT_EQ(load.broken_streams(), 0u);
+}
+
 class RepositoryTest : public ::testing::Test {
  protected:
   // Stops the server, and starts one on the same folder.
@@ -99,6 +108,16 @@ class RepositoryTest : public ::testing::Test {
     connection.retry.give_up_after = absl::ZeroDuration();
     client_ = std::make_unique<client::Client>(client::MakeConnection(
         {server_->InProcessChannel(client::DefaultChannelArguments())}, connection));
+  }
+  // The same, with a port for clients that ask for these tiles.
+  void Start(const KnownTiles& tiles) {
+    Start([&](ServerOptions* options) {
+      options->listen = {"127.0.0.1:0"};
+      options->scenes = {tiles.scene_option()};
+    });
+  }
+  TileLoad::Options TileClient() {
+    return {.address = absl::StrCat("127.0.0.1:", server_->port()), .clients = 1};
   }
   const client::Client& client() { return *client_; }
   void Write(const std::string& name, const std::string& bytes) {
@@ -282,7 +301,10 @@ TEST_F(RepositoryTest, AFileUnderAnotherNameIsStoredAsAnotherScene) {
 }
 
 TEST_F(RepositoryTest, AFullDiskIsToldAndServingGoesOn) {
-  Start();
+  const KnownTiles tiles("room:15000");
+  Start(tiles);
+  TileLoad load(tiles, TileClient());
+  load.WaitForAnswers(20);
   calls_.write_error = ENOSPC;
   const auto scene = UploadSquare(client(), "hall");
   ASSERT_TRUE(scene.ok()) << scene.status();
@@ -290,6 +312,8 @@ TEST_F(RepositoryTest, AFullDiskIsToldAndServingGoesOn) {
   EXPECT_THAT(scene->state_message, HasSubstr("not stored"));
   EXPECT_THAT(scene->state_message, HasSubstr("free some space"));
   EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 0.5), 0);
+  ExpectAllRight(load);
   ExpectError(client().UnloadScene("scenes/hall"), absl::StatusCode::kFailedPrecondition,
               "SCENE_NOT_STORED");
   calls_.write_error = 0;
@@ -302,13 +326,20 @@ TEST_F(RepositoryTest, AFullDiskIsToldAndServingGoesOn) {
   const auto again = MoveSquare(client(), "scenes/hall", 2);
   ASSERT_TRUE(again.ok()) << again.status();
   EXPECT_FALSE(again->stored);
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 2.5), 0);
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 3.5), 1);
+  ExpectAllRight(load);
+  load.Stop();
   calls_.sync_error = 0;
   Start();
   EXPECT_EQ(client().GetScene("scenes/hall")->revision, 2);
 }
 
 TEST_F(RepositoryTest, AnUnreadableRepositoryIsToldAndServingGoesOn) {
-  Start();
+  const KnownTiles tiles("room:15000");
+  Start(tiles);
+  TileLoad load(tiles, TileClient());
+  load.WaitForAnswers(20);
   ASSERT_TRUE(UploadSquare(client(), "hall").ok());
   ASSERT_TRUE(UploadSquare(client(), "attic").ok());
   ASSERT_TRUE(client().UnloadScene("scenes/attic").ok());
@@ -320,12 +351,19 @@ TEST_F(RepositoryTest, AnUnreadableRepositoryIsToldAndServingGoesOn) {
   ExpectError(client().ReloadScene("scenes/hall").status(), absl::StatusCode::kPermissionDenied,
               "STORAGE_FAILED");
   EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 0.5), 0);
+  ExpectAllRight(load);
   calls_.open_error = 0;
   calls_.map_error = ENOMEM;
   ExpectError(client().LoadScene("scenes/attic").status(), absl::StatusCode::kResourceExhausted,
               "STORAGE_FAILED");
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
+  ExpectAllRight(load);
   calls_.map_error = 0;
   EXPECT_TRUE(client().LoadScene("scenes/attic").ok());
+  EXPECT_EQ(*Blocked(client(), "scenes/attic", 1.5), 1);
+  ExpectAllRight(load);
+  load.Stop();
 }
 
 TEST_F(RepositoryTest, TheBudgetIsCheckedBeforeAnythingIsLoaded) {
@@ -462,20 +500,18 @@ TEST_F(RepositoryTest, WithoutARepositoryThereIsNothingToLoad) {
 // The real process.
 class RepositoryProcessTest : public ::testing::Test {
  protected:
-  std::vector<std::string> Arguments() {
-    return {"--listen=127.0.0.1:0", "--threads=2", "--build-threads=2", "--repository",
-            dir_.path()};
+  std::vector<std::string> Flags() {
+    return {"--threads=2", "--build-threads=2", "--repository", dir_.path()};
   }
-  static client::Client ClientOf(ServerProcess& process) {
-    return client::Client(
-        client::MakeConnection(absl::StrCat("127.0.0.1:", process.Port()), {.channels = 1}));
+  static client::Client ClientOf(const ServingProcess& process) {
+    return client::Client(client::MakeConnection(process.address(), {.channels = 1}));
   }
   TempDir dir_;
 };
 
 TEST_F(RepositoryProcessTest, AKilledServerComesBackWithEveryStoredScene) {
   for (int round = 1; round <= 3; ++round) {
-    ServerProcess process(Arguments());
+    ServingProcess process(Flags());
     const client::Client client = ClientOf(process);
     for (int earlier = 1; earlier < round; ++earlier) {
       const std::string name = absl::StrCat("scenes/s", earlier);
@@ -493,21 +529,31 @@ TEST_F(RepositoryProcessTest, AKilledServerComesBackWithEveryStoredScene) {
   }
 }
 
+// Clients ask for tiles all the while.
 TEST_F(RepositoryProcessTest, AFileBeyondItsLimitIsAFullDisk) {
-  ServerProcess process(Arguments(), [] {
-    const rlimit small = {64 << 10, 64 << 10};
-    ::setrlimit(RLIMIT_FSIZE, &small);
-  });
+  const KnownTiles tiles("room:15000");
+  std::vector<std::string> flags = Flags();
+  flags.push_back(tiles.flag());
+  const ServingProcess process(flags, {.limits = {{RLIMIT_FSIZE, 64 << 10}}});
+  TileLoad load(tiles, {.address = process.address(), .clients = 1});
+  load.WaitForAnswers(20);
   const client::Client client = ClientOf(process);
   const auto scene = client.CreateScene({.scene_id = "big", .builtin = "builtin:sphere:20000"});
   ASSERT_TRUE(scene.ok()) << scene.status();
   EXPECT_FALSE(scene->stored);
   EXPECT_THAT(scene->state_message, HasSubstr("limit on a file's size"));
-  EXPECT_TRUE(Blocked(client, "scenes/big", 1.5).ok());
+  // Its radius is about 1.
+  EXPECT_EQ(*Blocked(client, "scenes/big", 1.5), 1);
+  EXPECT_EQ(*Blocked(client, "scenes/big", 0.5), 0);
+  ExpectAllRight(load);
   const auto small = UploadSquare(client, "small");
   ASSERT_TRUE(small.ok()) << small.status();
   EXPECT_TRUE(small->stored);
+  EXPECT_EQ(*Blocked(client, "scenes/small", 1.5), 1);
+  EXPECT_EQ(*Blocked(client, "scenes/small", 0.5), 0);
   EXPECT_EQ(client.ListStoredScenes()->size(), 1u);
+  ExpectAllRight(load);
+  load.Stop();
 }
 
 }  // namespace

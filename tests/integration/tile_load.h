@@ -51,7 +51,8 @@ class KnownTiles {
     }
   }
 
-  std::string flag() const { return "--scene=known=builtin:" + spec_; }
+  std::string scene_option() const { return "known=builtin:" + spec_; }
+  std::string flag() const { return "--scene=" + scene_option(); }
   const std::string& spec() const { return spec_; }
   size_t count() const { return size_t{kAcross} * kAcross; }
   v1::TraceTilesRequest Header() const {
