@@ -9,6 +9,8 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "client/lib/client.h"
+#include "client/lib/connection.h"
 #include "gtest/gtest.h"
 #include "server/version.h"
 #include "tests/integration/grid_upload.h"
@@ -179,14 +181,34 @@ TEST(DrainTest, WhatIsHalfUploadedIsTakenInWhole) {
   EXPECT_TRUE(GridBlocks(again.Channel(), "scenes/made", 3.5));
 }
 
+// Of the server as a whole ("") or of a scene, as the standard health service says it.
+client::Health HealthOf(const ServingProcess& server, const std::string& service) {
+  const client::Client client(client::MakeConnection(server.address(), {.channels = 1}));
+  const absl::StatusOr<client::Health> health = client.CheckHealth(service);
+  EXPECT_TRUE(health.ok()) << health.status();
+  return health.value_or(client::Health::kUnknown);
+}
+
 TEST(DrainTest, ReadinessTurnsBeforeAnybodyIsRefused) {
   ServingProcess server({kMetricsFlag, "--drain-delay=1h", "--scene=box=builtin:box:1000"});
   EXPECT_EQ(HttpGet(server.metrics_port(), "/readyz").code, 200);
+  for (const char* service : {"", "scenes/box"}) {
+    EXPECT_EQ(HealthOf(server, service), client::Health::kServing) << service;
+  }
   EXPECT_EQ(MetricOf(server.metrics_port(), "sightline_draining"), 0);
   server.Signal(SIGTERM);
   ASSERT_TRUE(UntilNotReady(server));
   EXPECT_EQ(MetricOf(server.metrics_port(), "sightline_draining"), 1);
   EXPECT_EQ(HttpGet(server.metrics_port(), "/livez").body, "alive\n");
+  const auto expect_not_serving = [&] {
+    for (const char* service : {"", "scenes/box"}) {
+      EXPECT_EQ(HealthOf(server, service), client::Health::kNotServing) << service;
+    }
+  };
+  // Readiness goes first.
+  ASSERT_TRUE(Until("health has turned",
+                    [&] { return HealthOf(server, "") == client::Health::kNotServing; }));
+  expect_not_serving();
   // Nor does what would end a process that does not expect it.
   server.Signal(SIGHUP);
   for (int i = 0; i < 3; ++i) {
@@ -207,6 +229,18 @@ TEST(DrainTest, ReadinessTurnsBeforeAnybodyIsRefused) {
   while (stream->Read(&response)) {
   }
   EXPECT_TRUE(stream->Finish().ok());
+  // For good, whatever becomes of scenes.
+  {
+    grpc::ClientContext creating;
+    v1::Scene scene;
+    const auto writer = v1::SceneService::NewStub(channel)->CreateScene(&creating, &scene);
+    for (const auto& message : WallUpload("wall")) writer->Write(message);
+    writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    EXPECT_TRUE(status.ok()) << status.error_message();
+  }
+  EXPECT_NE(HealthOf(server, "scenes/wall"), client::Health::kServing);
+  expect_not_serving();
   // The second one ends it, whatever is left of the delay.
   server.Signal(SIGTERM);
   EXPECT_EQ(server.Wait(), 1000 + SIGTERM);
