@@ -109,6 +109,26 @@ inline std::string Frame(int type, int flags, uint32_t stream, const std::string
                       BigEndian(static_cast<uint64_t>(flags), 1), BigEndian(stream, 4), payload);
 }
 
+// What a connection begins with.
+inline std::string ConnectionBytes(const std::string& settings = "") {
+  constexpr int kSettings = 4;
+  return absl::StrCat("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", Frame(kSettings, 0, 0, settings));
+}
+// Says that the server's settings have come. Not before they have.
+inline std::string SettingsTaken() {
+  constexpr int kSettings = 4, kAck = 1;
+  return Frame(kSettings, kAck, 0, "");
+}
+// Opens a call of `path` on `stream`, an odd number.
+inline std::string OpenCall(uint32_t stream, const std::string& path) {
+  constexpr int kHeaders = 1, kEndHeaders = 4;
+  return Frame(
+      kHeaders, kEndHeaders, stream,
+      absl::StrCat(HeaderField(":method", "POST"), HeaderField(":scheme", "http"),
+                   HeaderField(":path", path), HeaderField(":authority", "localhost"),
+                   HeaderField("te", "trailers"), HeaderField("content-type", "application/grpc")));
+}
+
 struct CallBytesOptions {
   bool whole = false;                      // Half-closed behind the last message.
   std::optional<uint32_t> initial_window;  // What the server may send of a stream; 65,535 else.
@@ -117,21 +137,14 @@ struct CallBytesOptions {
 // below the first window, 64 KiB.
 inline std::string CallBytes(const std::string& path, const std::vector<std::string>& messages,
                              const CallBytesOptions& options = {}) {
-  constexpr int kData = 0, kHeaders = 1, kSettings = 4;
-  constexpr int kEndStream = 1, kEndHeaders = 4;
+  constexpr int kData = 0, kEndStream = 1;
   constexpr int kInitialWindowSize = 4;
   std::string settings;
   if (options.initial_window.has_value()) {
     settings =
         absl::StrCat(BigEndian(kInitialWindowSize, 2), BigEndian(*options.initial_window, 4));
   }
-  std::string bytes = absl::StrCat(
-      "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", Frame(kSettings, 0, 0, settings),
-      Frame(kHeaders, kEndHeaders, 1,
-            absl::StrCat(HeaderField(":method", "POST"), HeaderField(":scheme", "http"),
-                         HeaderField(":path", path), HeaderField(":authority", "localhost"),
-                         HeaderField("te", "trailers"),
-                         HeaderField("content-type", "application/grpc"))));
+  std::string bytes = absl::StrCat(ConnectionBytes(settings), OpenCall(1, path));
   for (const std::string& message : messages) {
     const bool last = options.whole && &message == &messages.back();
     bytes +=

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What HTTP/2 and gRPC would let one client do to the real server, and it does not: send messages
+// that expand as they are read, and keep calls without end on one connection.
+#include <grpc/compression.h>
+
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "gtest/gtest.h"
+#include "tests/integration/raw_connection.h"
+#include "tests/integration/server_harness.h"
+#include "tests/integration/serving_process.h"
+#include "tests/support/http_get.h"
+#include "tests/support/test_scale.h"
+#include "tests/support/until.h"
+
+namespace sightline {
+namespace {
+
+using testing_support::MetricOf;
+using testing_support::Until;
+
+constexpr uint64_t kMiB = 1 << 20;
+
+double ActiveCalls(const ServingProcess& server) {
+  return MetricOf(server.metrics_port(), "sightline_active_calls");
+}
+
+// A quarter of a gibibyte of zeros is a quarter of a mebibyte on the wire. The server refuses it by
+// the name of its compression, before anything is expanded; a limit on a message's length alone
+// would come too late.
+TEST(TransportTest, BombsAreNotExpanded) {
+  ServingProcess server({"--scene=box=builtin:box:1000"});
+  constexpr uint64_t kExpanded = 256 * kMiB;
+  const std::string zeros(kExpanded, '\0');
+  v1::TestSegmentsRequest segments;
+  segments.mutable_item()->set_segments(zeros);
+  v1::CreateSceneRequest mesh;
+  mesh.mutable_chunk()->set_vertices_f64(zeros);
+  const auto channel = server.Channel();
+  const uint64_t before = server.PeakResidentBytes();
+  for (const grpc_compression_algorithm algorithm : {GRPC_COMPRESS_GZIP, GRPC_COMPRESS_DEFLATE}) {
+    {
+      grpc::ClientContext context;
+      context.set_compression_algorithm(algorithm);
+      const auto stream = v1::VisibilityService::NewStub(channel)->TestSegments(&context);
+      v1::TestSegmentsRequest header;
+      header.mutable_header()->mutable_stream()->set_scene("scenes/box");
+      stream->Write(header);
+      stream->Write(segments);
+      stream->WritesDone();
+      v1::TestSegmentsResponse response;
+      while (stream->Read(&response)) {
+      }
+      const grpc::Status status = stream->Finish();
+      EXPECT_EQ(status.error_code(), grpc::StatusCode::UNIMPLEMENTED) << status.error_message();
+    }
+    grpc::ClientContext context;
+    context.set_compression_algorithm(algorithm);
+    v1::Scene scene;
+    const auto writer = v1::SceneService::NewStub(channel)->CreateScene(&context, &scene);
+    writer->Write(WallUpload("wall")[0]);
+    writer->Write(mesh);
+    writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::UNIMPLEMENTED) << status.error_message();
+  }
+  if (!testing_support::kSanitizerBuild) {
+    EXPECT_LT(server.PeakResidentBytes(), before + kExpanded / 8);
+  }
+  server.Signal(SIGTERM);
+  EXPECT_EQ(server.Wait(), 0);
+}
+
+// An open stream of tiles.
+struct OpenStream {
+  explicit OpenStream(const std::shared_ptr<grpc::Channel>& channel)
+      : stub(v1::VisibilityService::NewStub(channel)) {
+    // So that one that never opens fails a test.
+    context.set_deadline(std::chrono::system_clock::now() + std::chrono::minutes(1));
+  }
+  bool Opens() {
+    stream = stub->TraceTiles(&context);
+    return stream->Write(BoxHeader()) && stream->Read(&response) && response.has_opened();
+  }
+  bool Answers() {
+    return stream->Write(TileRequest(1, 0, 0, 16, 16)) && stream->Read(&response) &&
+           response.reply().header().status().code() == 0;
+  }
+  grpc::Status End() {
+    stream->WritesDone();
+    while (stream->Read(&response)) {
+    }
+    return stream->Finish();
+  }
+
+  const std::unique_ptr<v1::VisibilityService::Stub> stub;
+  grpc::ClientContext context;
+  std::unique_ptr<grpc::ClientReaderWriter<v1::TraceTilesRequest, v1::TraceTilesResponse>> stream;
+  v1::TraceTilesResponse response;
+};
+
+// One call more than a connection may carry waits in its client, and comes when another ends. Calls
+// of one connection reach the server in order: what the others ask for after it is answered first.
+TEST(TransportTest, OneCallTooManyWaitsForAnotherToEnd) {
+  ServingProcess server({"--scene=box=builtin:box:1000", "--metrics-listen=127.0.0.1:0"});
+  const auto channel = server.Channel();
+  uint64_t most = 0;
+  {
+    grpc::ClientContext context;
+    v1::Capabilities capabilities;
+    ASSERT_TRUE(
+        v1::CapabilityService::NewStub(channel)->GetCapabilities(&context, {}, &capabilities).ok());
+    most = capabilities.limits().max_concurrent_streams();
+    ASSERT_GT(most, 0u);
+  }
+  std::vector<std::unique_ptr<OpenStream>> streams;
+  for (uint64_t i = 0; i < most; ++i) {
+    streams.push_back(std::make_unique<OpenStream>(channel));
+    ASSERT_TRUE(streams.back()->Opens()) << i;
+  }
+  OpenStream more(channel);
+  std::atomic<bool> begun = false, opened = false;
+  std::thread opener([&] {
+    begun = true;
+    opened = more.Opens();
+  });
+  EXPECT_TRUE(Until("the thread runs", [&] { return begun.load(); }));
+  for (int round = 0; round < 5; ++round) {
+    for (const auto& stream : streams) EXPECT_TRUE(stream->Answers());
+    EXPECT_EQ(ActiveCalls(server), static_cast<double>(most));
+  }
+  EXPECT_FALSE(opened);
+  EXPECT_TRUE(streams.front()->End().ok());
+  opener.join();
+  EXPECT_TRUE(opened);
+  EXPECT_TRUE(more.Answers());
+  EXPECT_TRUE(more.End().ok());
+  for (size_t i = 1; i < streams.size(); ++i) EXPECT_TRUE(streams[i]->End().ok());
+}
+
+// A client that was told so and goes beyond it all the same loses its connection, and all of its
+// calls end.
+TEST(TransportTest, WhoOpensOneCallTooManyIsCutOff) {
+  ServingProcess server({"--max-concurrent-streams=10", "--metrics-listen=127.0.0.1:0"});
+  constexpr char kPath[] = "/sightline.v1.VisibilityService/TraceTiles";
+  const RawConnection client(server.port());
+  ASSERT_TRUE(client.connected());
+  client.Send(ConnectionBytes());
+  ASSERT_EQ(client.FateWithin(absl::Minutes(1)), RawConnection::Fate::kTaken);
+  client.Send(SettingsTaken());
+  uint32_t stream = 1;
+  for (int i = 0; i < 10; ++i, stream += 2) client.Send(OpenCall(stream, kPath));
+  EXPECT_TRUE(Until("all calls have come", [&] { return ActiveCalls(server) == 10; }));
+  client.Send(OpenCall(stream, kPath));
+  EXPECT_TRUE(client.EndsWithin(absl::Minutes(1)));
+  EXPECT_TRUE(Until("all calls have ended", [&] { return ActiveCalls(server) == 0; }));
+}
+
+}  // namespace
+}  // namespace sightline
