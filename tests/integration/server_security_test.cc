@@ -20,6 +20,7 @@
 #include "gmock/gmock.h"
 #include "server/auth/role.h"
 #include "tests/integration/server_harness.h"
+#include "tests/integration/server_process.h"
 #include "tests/support/http_get.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/test_certificates.h"
@@ -29,7 +30,9 @@ namespace sightline {
 namespace {
 
 using client::Security;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 using testing_support::HttpGet;
 using testing_support::IssuedCertificate;
 using testing_support::TestAuthority;
@@ -310,6 +313,49 @@ TEST_F(SecurityTest, ScenesAndUploadBytesBelongToTheTokenToo) {
   EXPECT_TRUE(absl::IsResourceExhausted(large)) << large;
   EXPECT_THAT(std::string(large.message()), HasSubstr("upload-bytes at once of token:a"));
   for (const char* id : {"s1", "s2", "s3"}) EXPECT_EQ(keep(500, id), absl::OkStatus());
+}
+
+// By the real process, in whose log an operator would see it.
+TEST_F(SecurityTest, ListeningToTheWorldInTheOpenIsWarnedAbout) {
+  (void)MutualOptions();  // Writes the certificates.
+  const std::string roles = Write("access", "query unix\n");
+  using Flags = std::vector<std::string>;
+  const auto warnings = [](const Flags& flags) {
+    ServerProcess process(flags);
+    EXPECT_GT(process.Port(), 0);
+    std::vector<std::string> found;
+    for (const char* event :
+         {"listening_without_tls", "listening_without_roles", "metrics_without_roles"}) {
+      if (!process.HasSaid(event)) continue;
+      EXPECT_TRUE(
+          process.HasSaid(absl::StrCat("level=warning event=", event, " address=0.0.0.0:")));
+      found.emplace_back(event);
+    }
+    return found;
+  };
+  const Flags tls = {"--tls-cert=" + dir_.File("cert.pem"), "--tls-key=" + dir_.File("key.pem")};
+  const auto with = [](Flags flags, const Flags& more) {
+    flags.insert(flags.end(), more.begin(), more.end());
+    return flags;
+  };
+  const Flags world = {"--listen=0.0.0.0:0"};
+  EXPECT_THAT(warnings(world), ElementsAre("listening_without_tls", "listening_without_roles"));
+  EXPECT_THAT(
+      warnings(with(world, {"--metrics-listen=0.0.0.0:0"})),
+      ElementsAre("listening_without_tls", "listening_without_roles", "metrics_without_roles"));
+  EXPECT_THAT(warnings(with(world, tls)), ElementsAre("listening_without_roles"));
+  EXPECT_THAT(warnings(with(world, {"--access-file=" + roles})),
+              ElementsAre("listening_without_tls"));
+  EXPECT_THAT(warnings(with(with(world, tls), {"--access-file=" + roles})), IsEmpty());
+  // Whoever has a certificate of the clients' authority is known.
+  const Flags mutual = with(tls, {"--tls-client-ca=" + dir_.File("ca.pem")});
+  EXPECT_THAT(warnings(with(world, mutual)), IsEmpty());
+  EXPECT_THAT(warnings(with(with(world, mutual), {"--tls-client-auth=optional"})),
+              ElementsAre("listening_without_roles"));
+  // Within the machine nothing is to be warned about.
+  EXPECT_THAT(warnings({"--listen=127.0.0.1:0", "--metrics-listen=127.0.0.1:0"}), IsEmpty());
+  EXPECT_THAT(warnings({"--listen=127.0.0.1:0", "--listen=unix:" + dir_.File("s.sock")}),
+              IsEmpty());
 }
 
 TEST_F(SecurityTest, UnixSocketsServeBesideTcp) {
