@@ -142,6 +142,31 @@ TEST_F(SecurityTest, ANewCertificateIsTakenAndABadOneIsNot) {
   EXPECT_EQ(List(other), absl::OkStatus());
 }
 
+// Who may connect changes with the authority of the clients: those of the new one, of both for as
+// long as the file names both, and whatever is broken changes nothing.
+TEST_F(SecurityTest, ANewClientAuthorityIsTakenAndTheOldOneIsNot) {
+  Start(MutualOptions());
+  const Security old_client = Trusting(Issue("client"));
+  const Security new_client = Trusting(stranger_.Issue({.common_name = "client"}));
+  const client::Client connected = ClientTo(Target(), old_client);
+  ASSERT_TRUE(connected.ListScenes().ok());
+  EXPECT_TRUE(absl::IsUnavailable(List(new_client)));
+  Write("ca.pem", absl::StrCat(authority_.pem(), stranger_.pem()));
+  ASSERT_TRUE(server_->ReloadSecurity().ok());
+  EXPECT_EQ(List(old_client), absl::OkStatus());
+  EXPECT_EQ(List(new_client), absl::OkStatus());
+  Write("ca.pem", stranger_.pem());
+  ASSERT_TRUE(server_->ReloadSecurity().ok());
+  EXPECT_TRUE(absl::IsUnavailable(List(old_client)));
+  EXPECT_EQ(List(new_client), absl::OkStatus());
+  Write("ca.pem", "garbage");
+  EXPECT_FALSE(server_->ReloadSecurity().ok());
+  EXPECT_TRUE(absl::IsUnavailable(List(old_client)));
+  EXPECT_EQ(List(new_client), absl::OkStatus());
+  // A certificate is asked for when a connection is made.
+  EXPECT_TRUE(connected.ListScenes().ok());
+}
+
 TEST_F(SecurityTest, RolesComeFromCertificates) {
   ServerOptions options = MutualOptions();
   options.access_file = Write("access", "query cert spiffe://test/reader\nadmin cert operator\n");
