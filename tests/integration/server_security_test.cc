@@ -297,6 +297,73 @@ TEST_F(SecurityTest, LimitsBelongToTheTokenAndNotToTheAddress) {
   EXPECT_FALSE(writer->Finish().ok());
 }
 
+// An answer that its client does not let go out holds the item's rays: another stream of the same
+// caller has what is left of its role's limit, and another caller has all of it.
+TEST_F(SecurityTest, RaysBelongToTheTokenToo) {
+  ServerOptions options;
+  options.scenes = {"builtin:box:1000"};
+  constexpr char kOther[] = "other-0123456789abcdef";
+  options.access_file =
+      Write("access", absl::StrCat("query token a plain:", kQueryToken,
+                                   "\nquery token b plain:", kOther, "\nlimit query rays 5000\n"));
+  Start(options);
+  struct Stream {
+    Stream(const std::string& target, const std::string& token, int64_t result_credit)
+        : stub(v1::VisibilityService::NewStub(
+              grpc::CreateChannel(target, grpc::InsecureChannelCredentials()))) {
+      context.AddMetadata("authorization", "Bearer " + token);
+      call = stub->TraceTiles(&context);
+      v1::TraceTilesRequest header = BoxHeader();
+      header.mutable_header()->mutable_stream()->set_result_credit_rays(result_credit);
+      call->Write(header);
+      v1::TraceTilesResponse response;
+      EXPECT_TRUE(call->Read(&response) && response.has_opened());
+    }
+    ~Stream() {
+      context.TryCancel();
+      call->Finish();
+    }
+    // 4,096 rays.
+    void Ask(uint64_t id) const { EXPECT_TRUE(call->Write(TileRequest(id, 0, 0, 64, 64))); }
+    v1::ItemStatus Answer() const {
+      v1::TraceTilesResponse response;
+      EXPECT_TRUE(call->Read(&response));
+      return response.reply().header().status();
+    }
+    const std::unique_ptr<v1::VisibilityService::Stub> stub;
+    grpc::ClientContext context;
+    std::unique_ptr<grpc::ClientReaderWriter<v1::TraceTilesRequest, v1::TraceTilesResponse>> call;
+  };
+  const auto waits = [&](uint64_t rays) {
+    return testing_support::Until("so many rays wait",
+                                  [&] { return server_->queued_rays() == rays; });
+  };
+  // Credit of one ray is enough for one answer, and leaves none for the next.
+  const Stream holding(Target(), kQueryToken, 1);
+  holding.Ask(1);
+  EXPECT_EQ(holding.Answer().code(), 0);
+  holding.Ask(2);
+  ASSERT_TRUE(waits(4096));
+  const Stream more(Target(), kQueryToken, 0);
+  more.Ask(1);
+  const v1::ItemStatus refused = more.Answer();
+  EXPECT_EQ(refused.code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << refused.message();
+  EXPECT_EQ(refused.reason(), v1::ERROR_REASON_QUOTA_EXCEEDED) << refused.message();
+  EXPECT_EQ(refused.metadata().at("limit"), "limit rays of the access file");
+  EXPECT_EQ(refused.metadata().at("limit_value"), "5000");
+  const Stream other(Target(), kOther, 0);
+  other.Ask(1);
+  EXPECT_EQ(other.Answer().code(), 0);
+  // What goes out makes room.
+  v1::TraceTilesRequest grant;
+  grant.mutable_grant_result_credit()->set_rays(8192);
+  EXPECT_TRUE(holding.call->Write(grant));
+  EXPECT_EQ(holding.Answer().code(), 0);
+  ASSERT_TRUE(waits(0));
+  more.Ask(2);
+  EXPECT_EQ(more.Answer().code(), 0);
+}
+
 // What a caller may keep on the server: scenes until they are deleted, and bytes of uploads until
 // their calls end.
 TEST_F(SecurityTest, ScenesAndUploadBytesBelongToTheTokenToo) {
