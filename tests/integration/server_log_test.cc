@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The real server whose log nobody reads: it answers and ends as ever.
+// The real server's log: nobody reads it, and it answers and ends as ever; of items it has those
+// that took as long as the operator wants to know of.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -91,6 +92,35 @@ TEST(ServerLogTest, AFullPipeHoldsUpNoEnd) {
   EXPECT_EQ(bad.Wait(), 69);
   good.Signal(SIGTERM);
   EXPECT_EQ(good.Wait(), 0);
+}
+
+// Of the same item: a threshold below what anything takes, and one above what it could.
+TEST(ServerLogTest, SlowItemsAreLoggedAndOthersAreNot) {
+  for (const bool slow : {true, false}) {
+    ServingProcess server({"--scene=box=builtin:box:1000", "--metrics-listen=127.0.0.1:0",
+                           slow ? "--slow-query-log=1ns" : "--slow-query-log=1h"});
+    const auto channel = server.Channel();
+    grpc::ClientContext context;
+    const auto stream = v1::VisibilityService::NewStub(channel)->TraceTiles(&context);
+    stream->Write(BoxHeader());
+    stream->Write(TileRequest(17, 0, 0, 64, 64));
+    stream->WritesDone();
+    v1::TraceTilesResponse response;
+    while (stream->Read(&response)) {
+    }
+    EXPECT_TRUE(stream->Finish().ok());
+    server.Signal(SIGTERM);
+    // The last line: whatever was logged of the item is before it.
+    ASSERT_TRUE(
+        testing_support::Until("it has stopped", [&] { return server.HasSaid("event=stopped"); }));
+    EXPECT_EQ(server.Wait(), 0);
+    EXPECT_EQ(server.HasSaid("event=slow_query"), slow);
+    EXPECT_EQ(server.HasSaid("level=warning event=slow_query method=TraceTiles scene=box "
+                             "revision=1 item=17 peer="),
+              slow);
+    EXPECT_EQ(server.HasSaid(" status=OK total_ms="), slow);
+    EXPECT_EQ(server.HasSaid(" rays=4096 "), slow);
+  }
 }
 
 }  // namespace
