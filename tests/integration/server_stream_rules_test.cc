@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "tests/integration/server_harness.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 namespace {
@@ -78,6 +79,39 @@ class StreamRulesTest : public testing::Test {
   Camera camera_;
   std::map<uint64_t, uint64_t> elements_;
 };
+
+// An item waits behind another from when the server has it until the other is cancelled; what it
+// says of that is no less, and with its computation no more than its client has waited in all.
+TEST_F(StreamRulesTest, StatisticsTellHowLongAnItemWaited) {
+  using Clock = std::chrono::steady_clock;
+  v1::TraceTilesRequest header = Header(v1::STRATEGY_BRUTE_FORCE);
+  header.mutable_header()->mutable_stream()->mutable_options()->set_statistics(true);
+  TileStream stream(harness_, header);
+  stream.Write(Endless(1));
+  ReadSomePart(stream, 1);
+  const uint64_t queued = harness_.server->queued_rays();
+  const Clock::time_point sent = Clock::now();
+  stream.Write(TileRequest(2, 0, 0, 16, 16));
+  ASSERT_TRUE(testing_support::Until("the second item waits",
+                                     [&] { return harness_.server->queued_rays() > queued; }));
+  const Clock::time_point waits = Clock::now();
+  for (int part = 0; part < 3; ++part) ReadSomePart(stream, 1);
+  const Clock::time_point ends = Clock::now();
+  v1::TraceTilesRequest cancel;
+  cancel.mutable_cancel()->add_item_ids(1);
+  stream.Write(cancel);
+  EXPECT_EQ(ReadLast(stream).header().status().code(), grpc::StatusCode::CANCELLED);
+  const v1::TileReply reply = ReadLast(stream);
+  const Clock::time_point answered = Clock::now();
+  ASSERT_EQ(reply.header().item_id(), 2u);
+  EXPECT_EQ(reply.header().status().code(), 0);
+  const v1::Statistics& statistics = reply.header().statistics();
+  const std::chrono::nanoseconds queue(statistics.queue_nanos()),
+      compute(statistics.compute_nanos());
+  EXPECT_GE(queue, ends - waits);
+  EXPECT_GT(compute.count(), 0);
+  EXPECT_LE(queue + compute, answered - sent);
+}
 
 TEST_F(StreamRulesTest, CancelStopsWhatRuns) {
   TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
