@@ -347,6 +347,8 @@ TEST_F(FaultTest, OutOfMemoryARequestFailsAndNothingElse) {
     const grpc::Status status = writer->Finish();
     EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
     EXPECT_EQ(ReasonIn(status), "OUT_OF_MEMORY_BUDGET");
+    // Who comes anew is served, too.
+    ExpectServing(server);
   }
   load.WaitForAnswers(50);
   load.Stop();
