@@ -120,7 +120,8 @@ absl::Status Server::MakeScenes() {
                         scenes_.MakeBuiltinObjects(scene.id, scene.spec));
     SL_ASSIGN_OR_RETURN(
         const SceneView view,
-        scenes_.Create({.scene_id = scene.id, .temporary = true}, objects, nullptr));
+        scenes_.Create({.scene_id = scene.id, .temporary = true, .builtin = scene.spec}, objects,
+                       nullptr));
     Log(LogLevel::kInfo, "scene_created",
         {{"scene", scene.id},
          {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});

@@ -268,6 +268,7 @@ Scene FromProto(const v1::Scene& scene) {
   out.state = FromProto(scene.state());
   out.state_message = scene.state_message();
   out.stored = scene.stored();
+  out.builtin = scene.builtin_spec();
   if (scene.has_create_time()) out.create_time = TimeFromProto(scene.create_time());
   if (scene.has_update_time()) out.update_time = TimeFromProto(scene.update_time());
   return out;

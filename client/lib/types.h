@@ -117,6 +117,7 @@ struct Scene {
   SceneState state = SceneState::kUnknown;
   std::string state_message;
   bool stored = false;  // The repository has a file of this revision.
+  std::string builtin;  // The built-in scene that this revision is, in full; empty: none.
   absl::Time create_time = absl::InfinitePast();
   absl::Time update_time = absl::InfinitePast();
 };

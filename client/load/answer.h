@@ -13,11 +13,13 @@
 #ifndef SIGHTLINE_CLIENT_LOAD_ANSWER_H_
 #define SIGHTLINE_CLIENT_LOAD_ANSWER_H_
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "client/lib/types.h"
+#include "client/load/request.h"
 
 namespace sightline::load {
 
@@ -26,6 +28,8 @@ struct Answer {
   std::vector<uint32_t> objects, triangles;
   std::vector<float> distances;
 };
+// By kind and item; empty where nothing was asked for.
+using Answers = std::array<std::vector<Answer>, kKinds>;
 
 Answer ToAnswer(client::Tile tile);
 Answer ToAnswer(client::Shadows shadows);

@@ -8,6 +8,7 @@
 #include "absl/strings/str_format.h"
 #include "client/load/knee.h"
 #include "client/load/monitor.h"
+#include "client/load/server_answers.h"
 #include "client/load/server_metrics.h"
 #include "client/load/stability.h"
 #include "core/base/parallel.h"
@@ -24,8 +25,6 @@ constexpr size_t kSampleStride = 8;
 constexpr absl::Duration kLeaseMargin = absl::Minutes(30);
 
 absl::Duration TimeOf(const RunPlan& plan) { return plan.warm_up + plan.duration + plan.drain; }
-
-Vec3d ToVec(const client::Point3& p) { return {p[0], p[1], p[2]}; }
 
 // Outcomes on their way to the driver also count toward the next edit.
 class CountingTarget final : public Target {
@@ -83,8 +82,9 @@ absl::Status LoadTest::Prepare() {
                           .seed = options_.plan.seed};
   SL_ASSIGN_OR_RETURN(Workload workload, Workload::Make(spec, std::move(scene_.surface)));
   workload_ = std::move(workload);
+  // Before the set of points: who asks the server twice asks for the points themselves.
+  SL_RETURN_IF_ERROR(FindReference());
   SL_RETURN_IF_ERROR(OpenPointSet());
-  if (options_.check != Check::kNone) SL_RETURN_IF_ERROR(FindReference());
   if (options_.reload_every > 0) {
     reloader_ = std::make_unique<Reloader>(
         session_->client(), scene, scene_.extra,
@@ -129,15 +129,32 @@ absl::Duration LoadTest::LeaseFor(const RunPlan& plan) const {
 
 absl::Status LoadTest::FindReference() {
   const client::Scene& scene = scene_.opened->scene();
-  SL_ASSIGN_OR_RETURN(
-      const std::vector<ObjectInput> objects,
-      LoadObjects(options_.check_scene.empty() ? options_.scene : options_.check_scene));
-  std::optional<ObjectInput> extra;
-  if (options_.reload_every > 0) extra = scene_.extra;
-  ThreadPool pool(0);
-  SL_ASSIGN_OR_RETURN(reference_,
-                      Reference::Make(objects, ToVec(scene.origin), extra, *workload_,
-                                      options_.check == Check::kAll ? 1 : kSampleStride, pool));
+  const size_t stride = options_.check == Check::kAll ? 1 : kSampleStride;
+  SL_ASSIGN_OR_RETURN(check_, ChooseCheck(options_, scene));
+  switch (check_.by) {
+    case CheckSource::By::kNothing:
+      return absl::OkStatus();
+    case CheckSource::By::kEngine: {
+      ThreadPool pool(0);
+      SL_ASSIGN_OR_RETURN(const std::shared_ptr<const sightline::Scene> here,
+                          OpenCheckScene(check_.what, scene, pool));
+      std::optional<ObjectInput> extra;
+      if (options_.reload_every > 0) extra = scene_.extra;
+      SL_ASSIGN_OR_RETURN(reference_, Reference::Make(here, extra, *workload_, stride, pool));
+      break;
+    }
+    case CheckSource::By::kServer: {
+      const client::Strategy strategy = StrategyFor(*workload_, scene.triangles);
+      check_.what = NameOf(strategy);
+      err_ << "warning: '" << options_.scene << "' is checked against the server's own answers by "
+           << check_.what << ", since it does not say what the scene is made of: --check-scene "
+           << "checks them against the engine in this process\n";
+      SL_ASSIGN_OR_RETURN(Answers due, ServerAnswers(session_->client(), *workload_, scene.revision,
+                                                     strategy, stride, session_->stream()));
+      reference_ = Reference::Of(std::move(due), stride);
+      break;
+    }
+  }
   reference_->ExpectRevision(scene.revision, 0);
   return absl::OkStatus();
 }
@@ -230,6 +247,7 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->options = &options_;
   report->scene_name = scene_.opened->scene().name;
   report->triangles = scene_.opened->scene().triangles;
+  report->check = check_;
   report->streams = target_->stream_count();
   report->rate = options_.plan.rate;
   if (options_.find_knee) {

@@ -33,6 +33,16 @@ constexpr char kExitCodes[] =
     "  1   the objective was missed, or --find-knee found no rate that meets it\n"
     "  76  answers were wrong\n";
 
+constexpr char kChecks[] =
+    "What is due is found before the run: by the engine in this process, on --check-scene, or on "
+    "SCENE\n"
+    "if that is no server's, or on the built-in scene that the server's was made of. Where the "
+    "server\n"
+    "does not say so, it is the server's own answers, asked for once by BRUTE_FORCE if that is "
+    "cheap,\n"
+    "else by SINGLE: a weaker check, which is warned about, and which --reload-by edit does not "
+    "have.\n";
+
 void AddDuration(FlagSet* flags, std::string name, std::string help, absl::Duration least,
                  absl::Duration* target) {
   flags->Custom(std::move(name), "DURATION", std::move(help), absl::FormatDuration(*target),
@@ -144,11 +154,12 @@ void RegisterResults(FlagSet* flags, LoadOptions* o, Texts* texts) {
   AddDuration(flags, "trial", "how long --find-knee tries a rate", absl::Milliseconds(100),
               &o->trial);
   flags->Choice("check", {"none", "sample", "all"},
-                "which answers are compared, bit for bit, with those of the engine in this "
-                "process; sample: of every eighth item",
+                "which answers are compared, bit for bit, with what is due, see below; sample: of "
+                "every eighth item",
                 &texts->check);
   flags->Text("check-scene", "SCENE",
-              "what the engine in this process has, where --scene is one of the server's",
+              "what the engine in this process has, where --scene is one of the server's: the file "
+              "of its repository, or the mesh that it was made of",
               &o->check_scene);
   flags->Choice("output", {"text", "json", "csv"},
                 "what is printed on standard output; csv: a line per window", &o->output);
@@ -203,16 +214,8 @@ absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
   if (!o->metrics_token_file.empty() && o->server_metrics.empty()) {
     return UsageError("--metrics-token-file goes with --server-metrics");
   }
-  const bool served = cli::KindOf(o->scene) == cli::SceneKind::kServer;
-  if (served && o->check_scene.empty()) {
-    if (flags.given("check") && o->check != Check::kNone) {
-      return UsageError(absl::StrCat("--check ", texts.check, " of '", o->scene,
-                                     "' wants --check-scene: what the server's scene is made of"));
-    }
-    o->check = Check::kNone;
-  }
   if (!o->check_scene.empty() && cli::KindOf(o->check_scene) == cli::SceneKind::kServer) {
-    return UsageError("--check-scene wants a file or builtin:NAME");
+    return UsageError("--check-scene wants a file, FILE.slscene or builtin:NAME");
   }
   return o->session.Check();
 }
@@ -234,7 +237,7 @@ absl::StatusOr<std::unique_ptr<LoadOptions>> ParseOptions(std::span<const std::s
   options->session.Register(&flags, /*embeddable=*/true, /*streams=*/false);
   SL_ASSIGN_OR_RETURN(const std::vector<std::string> words, flags.Parse(args));
   if (flags.help_requested()) {
-    out << flags.Help() << '\n' << cli::SceneHelp() << '\n' << kExitCodes;
+    out << flags.Help() << '\n' << cli::SceneHelp() << '\n' << kChecks << '\n' << kExitCodes;
     return std::unique_ptr<LoadOptions>();
   }
   if (!words.empty()) return UsageError(absl::StrCat("unexpected '", words[0], "'"));

@@ -30,7 +30,7 @@ enum class Check { kNone, kSample, kAll };
 
 struct LoadOptions {
   std::string scene;        // A file, builtin:NAME, or scenes/NAME of the server.
-  std::string check_scene;  // The same for the reference; empty: as `scene`.
+  std::string check_scene;  // What the engine has to compare with; empty: see check_source.h.
   std::string workload = "tiles";
   RunPlan plan;
   absl::Duration window = absl::Seconds(1);

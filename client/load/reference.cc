@@ -127,21 +127,24 @@ absl::StatusOr<Answer> EngineAnswer(const Scene& scene, const Workload& workload
   return SegmentsAnswer(scene, workload.segment_query(), workload.segments(work.item));
 }
 
-absl::StatusOr<std::unique_ptr<Reference>> Reference::Make(std::span<const ObjectInput> objects,
-                                                           Vec3d origin,
-                                                           const std::optional<ObjectInput>& extra,
-                                                           const Workload& workload, size_t stride,
-                                                           ThreadPool& pool) {
+absl::StatusOr<std::unique_ptr<Reference>> Reference::Make(
+    const std::shared_ptr<const Scene>& scene, const std::optional<ObjectInput>& extra,
+    const Workload& workload, size_t stride, ThreadPool& pool) {
   std::unique_ptr<Reference> reference(new Reference(std::max<size_t>(1, stride)));
-  SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene,
-                      BuildScene("reference", 1, objects, origin, {}, pool));
   reference->states_.resize(extra ? 2 : 1);
   SL_RETURN_IF_ERROR(reference->Find(*scene, workload, pool, reference->states_.data()));
   if (extra) {
     const SceneEdit edit{.kind = SceneEdit::Kind::kAdd, .object = *extra};
-    SL_ASSIGN_OR_RETURN(scene, EditScene(*scene, 2, std::span(&edit, 1), {}, pool));
-    SL_RETURN_IF_ERROR(reference->Find(*scene, workload, pool, &reference->states_[1]));
+    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> edited,
+                        EditScene(*scene, scene->revision + 1, std::span(&edit, 1), {}, pool));
+    SL_RETURN_IF_ERROR(reference->Find(*edited, workload, pool, &reference->states_[1]));
   }
+  return reference;
+}
+
+std::unique_ptr<Reference> Reference::Of(Answers answers, size_t stride) {
+  std::unique_ptr<Reference> reference(new Reference(std::max<size_t>(1, stride)));
+  reference->states_.push_back(std::move(answers));
   return reference;
 }
 

@@ -1,26 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What is due: the workload's answers by the engine in this process, found before the clock starts
-// with single rays (every strategy's answers are the same bits), so that comparing costs next to
-// nothing while it runs.
+// What is due: the workload's answers, found before the clock starts, so that comparing costs next
+// to nothing while it runs. By the engine in this process with single rays (every strategy's
+// answers are the same bits), or as whoever makes the reference found them.
 //
 // A scene that is edited under load has two states, with and without one more object. An answer
 // names the revision that it is true of; ExpectRevision says beforehand which state that will be.
 //
 // Thread safety: every method from any thread once made.
 //
-//   SL_ASSIGN_OR_RETURN(auto reference, Reference::Make(objects, origin, {}, workload, 1, pool));
+//   SL_ASSIGN_OR_RETURN(auto reference, Reference::Make(scene, {}, workload, 1, pool));
 //   reference->ExpectRevision(1, 0);
 //   Verdict verdict = reference->Judge(work, revision, answer, &difference);
 #ifndef SIGHTLINE_CLIENT_LOAD_REFERENCE_H_
 #define SIGHTLINE_CLIENT_LOAD_REFERENCE_H_
 
-#include <array>
 #include <cstdint>
 #include <map>
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -32,7 +30,6 @@
 #include "client/load/workload.h"
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
-#include "core/geometry/vec3.h"
 #include "core/mesh/object.h"
 #include "core/scene/scene.h"
 
@@ -40,13 +37,14 @@ namespace sightline::load {
 
 class Reference {
  public:
-  // The scene as the server was given it, and its origin there. `extra`: what an edit adds. Of each
+  // The scene that the server has, relative to the same origin. `extra`: what an edit adds. Of each
   // kind every `stride`-th item is found, the others are not checked.
-  static absl::StatusOr<std::unique_ptr<Reference>> Make(std::span<const ObjectInput> objects,
-                                                         Vec3d origin,
+  static absl::StatusOr<std::unique_ptr<Reference>> Make(const std::shared_ptr<const Scene>& scene,
                                                          const std::optional<ObjectInput>& extra,
                                                          const Workload& workload, size_t stride,
                                                          ThreadPool& pool);
+  // Of a scene that is not edited: of every `stride`-th item its answer.
+  static std::unique_ptr<Reference> Of(Answers answers, size_t stride);
 
   // Answers of `revision` are those without (0) or with (1) the extra object.
   void ExpectRevision(int64_t revision, size_t state);
@@ -58,15 +56,12 @@ class Reference {
   bool Knows(const Work& work) const { return work.item % stride_ == 0; }
 
  private:
-  // Of one state, by kind and item; empty where nothing was asked for.
-  using Answers = std::array<std::vector<Answer>, kKinds>;
-
   explicit Reference(size_t stride) : stride_(stride) {}
   absl::Status Find(const Scene& scene, const Workload& workload, ThreadPool& pool,
                     Answers* answers) const;
 
   const size_t stride_;
-  std::vector<Answers> states_;
+  std::vector<Answers> states_;  // Of every stride-th item.
   mutable Mutex mutex_;
   std::map<int64_t, size_t> revisions_ ABSL_GUARDED_BY(mutex_);
 };

@@ -56,6 +56,21 @@ std::string StabilityText(const Stability& stability) {
                          100 * stability.rate_spread, 100 * stability.latency_spread);
 }
 
+std::string CheckText(const LoadReport& report) {
+  const Measurement& m = report.measured;
+  std::string text =
+      absl::StrCat(GroupedCount(m.checked), " answers, ", GroupedCount(m.wrong), " wrong; ");
+  switch (report.check.by) {
+    case CheckSource::By::kNothing:
+      return "nothing (--check none)";
+    case CheckSource::By::kEngine:
+      return absl::StrCat(text, "by the engine in this process on ", report.check.what);
+    case CheckSource::By::kServer:
+      break;
+  }
+  return absl::StrCat(text, "by the server itself with ", report.check.what);
+}
+
 std::string LatencyRow(const char* name, const LatencyHistogram& h) {
   std::string row = absl::StrFormat("%-18s", name);
   for (const double percent : kReportedPercentiles) {
@@ -149,10 +164,7 @@ void PrintText(const LoadReport& report, std::ostream& out) {
                                HumanCount(m.PerSecond(m.all.bytes_sent_in_time)), " sent")}};
   for (const auto& [name, count] : m.errors)
     rows.emplace_back("failed", absl::StrCat(GroupedCount(count), " ", name));
-  rows.emplace_back("checked", o.check == Check::kNone
-                                   ? "nothing"
-                                   : absl::StrCat(GroupedCount(m.checked), " answers, ",
-                                                  GroupedCount(m.wrong), " wrong"));
+  rows.emplace_back("checked", CheckText(report));
   if (m.wrong > 0) rows.emplace_back("first wrong", m.first_wrong);
   if (report.reloads) {
     rows.emplace_back(report.reloads->by == ReloadBy::kEdit ? "edits" : "reloads",
@@ -245,6 +257,10 @@ Json MainJson(const LoadReport& report) {
   }
   json["errors"] = Json::object();
   for (const auto& [name, count] : m.errors) json["errors"][name] = count;
+  json["check_by"] = report.check.by == CheckSource::By::kEngine   ? Json("engine")
+                     : report.check.by == CheckSource::By::kServer ? Json("server")
+                                                                   : Json(nullptr);
+  json["check_with"] = report.check.what;
   json["checked"] = m.checked;
   json["wrong"] = m.wrong;
   if (m.wrong > 0) json["first_wrong"] = m.first_wrong;

@@ -19,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "client/load/check_source.h"
 #include "client/load/knee.h"
 #include "client/load/measurement.h"
 #include "client/load/options.h"
@@ -37,6 +38,7 @@ struct LoadReport {
   uint64_t triangles = 0;
   size_t streams = 0;
   double rate = 0;  // Asked for, of an open loop.
+  CheckSource check;
   Measurement measured;
   Stability stability;
   std::vector<SloResult> slo;

@@ -2,17 +2,13 @@
 #include "client/load/test_scene.h"
 
 #include <cmath>
-#include <utility>
+#include <string>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
-#include "client/cli/exit_code.h"
 #include "client/cli/formats/table.h"
 #include "client/cli/view_choice.h"
-#include "client/import/import.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
-#include "core/mesh/builtin/builtin.h"
 
 namespace sightline::load {
 namespace {
@@ -135,17 +131,6 @@ absl::StatusOr<TestScene> OpenTestScene(const cli::Session& session, const LoadO
   test.extra =
       Box("sightline-load", places.front().eye + ahead * kBoxPlace, kBoxHalf * Length(ahead));
   return test;
-}
-
-absl::StatusOr<std::vector<ObjectInput>> LoadObjects(const std::string& argument) {
-  if (cli::KindOf(argument) == cli::SceneKind::kBuiltin) {
-    SL_ASSIGN_OR_RETURN(const BuiltinSpec spec,
-                        ParseBuiltin(std::string(absl::StripPrefix(argument, "builtin:"))));
-    SL_ASSIGN_OR_RETURN(BuiltinScene scene, MakeBuiltin(spec));
-    return std::move(scene.objects);
-  }
-  SL_ASSIGN_OR_RETURN(ImportedScene scene, ImportFile(argument));
-  return std::move(scene.objects);
 }
 
 }  // namespace sightline::load

@@ -11,7 +11,6 @@
 
 #include <memory>
 #include <ostream>
-#include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -34,9 +33,6 @@ struct TestScene {
 
 absl::StatusOr<TestScene> OpenTestScene(const cli::Session& session, const LoadOptions& options,
                                         std::ostream& err);
-
-// The objects of a file or of builtin:NAME, as a server would be given them.
-absl::StatusOr<std::vector<ObjectInput>> LoadObjects(const std::string& argument);
 
 }  // namespace sightline::load
 

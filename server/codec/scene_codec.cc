@@ -123,6 +123,7 @@ void EncodeScene(const SceneView& view, v1::Scene* out) {
     EncodeBox(world, out->mutable_bounds());
   }
   EncodeReport(scene.report, out->mutable_build_report());
+  out->set_builtin_spec(view.builtin);
 }
 
 void EncodeStoredScene(const StoredScene& scene, v1::StoredScene* out) {

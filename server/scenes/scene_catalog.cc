@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
 #include "absl/time/clock.h"
 #include "core/base/array_memory.h"
 #include "core/base/limit_error.h"
@@ -20,6 +21,8 @@ namespace sightline {
 namespace {
 
 constexpr absl::string_view kBuiltinPrefix = "builtin:";
+// Of a scene that was made of objects.
+constexpr uint64_t kFirstRevision = 1;
 // What helps against too little memory in all, and against too much in one.
 constexpr char kFreeMemory[] =
     "delete or unload a scene, wait until uploads have ended, or have the server raise it";
@@ -39,6 +42,13 @@ uint64_t LeastTriangles(const BuiltinSpec& spec) {
     if (target == 0 && info.name == spec.name) target = info.default_triangles;
   }
   return target / 10 * 9;
+}
+
+// The spec with every part written out; empty for none.
+std::string FullBuiltin(absl::string_view spec) {
+  if (!absl::ConsumePrefix(&spec, kBuiltinPrefix)) return "";
+  const absl::StatusOr<BuiltinSpec> parsed = ParseBuiltin(std::string(spec));
+  return parsed.ok() ? absl::StrCat(kBuiltinPrefix, FormatBuiltin(*parsed)) : "";
 }
 
 absl::Status ExhaustedError(absl::Status status, uint64_t budget) {
@@ -262,7 +272,8 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   const absl::Time now = absl::Now();
   const uint64_t tag =
       AddTimes(options, Times{now, now, options.preset, options.temporary, options.kd_tree,
-                              options.binary_bvh, options.without_bvh, options.anonymous});
+                              options.binary_bvh, options.without_bvh, options.anonymous,
+                              FullBuiltin(options.builtin)});
   SceneBuildOptions build =
       BuildOptions(options.preset, options.kd_tree, options.binary_bvh, options.without_bvh);
   build.accept = [&options](const SceneGeometry& geometry) {
@@ -435,6 +446,10 @@ SceneView SceneCatalog::View(SceneStatus status) const {
       view.create_time = times->second.create_time;
       view.update_time = times->second.update_time;
       view.anonymous = times->second.anonymous;
+      // What an edit or a reload made is something else.
+      if (status.latest != nullptr && status.latest->revision == kFirstRevision) {
+        view.builtin = times->second.builtin;
+      }
     }
   }
   view.status = std::move(status);

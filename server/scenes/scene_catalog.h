@@ -57,6 +57,7 @@ struct SceneView {
   bool deleted = false;
   bool unloaded = false;   // Deleted from memory alone.
   bool anonymous = false;  // The server made its name up.
+  std::string builtin;     // The built-in scene that `status.latest` is, in full; empty: none.
 };
 
 // A scene of the repository.
@@ -80,8 +81,9 @@ class SceneCatalog : public MemoryBudget {
     std::string scene_id;
     std::optional<Vec3d> origin;
     BvhPreset preset = BvhPreset::kStatic;
-    bool anonymous = false;                 // `scene_id` was made up.
-    bool temporary = false;                 // Not stored.
+    bool anonymous = false;  // `scene_id` was made up.
+    bool temporary = false;  // Not stored.
+    std::string builtin;     // What MakeBuiltinObjects made the objects of; empty: they are others.
     std::optional<KdBuildOptions> kd_tree;  // One beside the BVH.
     std::optional<BinaryBvhOptions> binary_bvh;
     bool without_bvh = false;  // REQUIRES, if it is true: kd_tree is set.
@@ -172,6 +174,7 @@ class SceneCatalog : public MemoryBudget {
     std::optional<BinaryBvhOptions> binary_bvh = std::nullopt;
     bool without_bvh = false;
     bool anonymous = false;
+    std::string builtin;
   };
   // Of a scene that is not in memory, though it might be.
   struct Note {

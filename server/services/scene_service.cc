@@ -98,8 +98,9 @@ class CreateSteps : public SceneSteps {
     }
     std::vector<ObjectInput> objects;
     if (upload.header().has_value() && !upload.header()->builtin.empty()) {
-      SL_ASSIGN_OR_RETURN(
-          objects, env_.scenes.MakeBuiltinObjects(options.scene_id, upload.header()->builtin));
+      options.builtin = upload.header()->builtin;
+      SL_ASSIGN_OR_RETURN(objects,
+                          env_.scenes.MakeBuiltinObjects(options.scene_id, options.builtin));
     } else {
       SL_ASSIGN_OR_RETURN(objects, upload.Finish());
     }

@@ -15,6 +15,7 @@
 #include "gtest/gtest.h"
 #include "server/admission/call_quota.h"
 #include "server/base/error.h"
+#include "server/codec/scene_codec.h"
 #include "server/points/point_set_store.h"
 #include "tests/support/faulty_file_calls.h"
 #include "tests/support/temp_dir.h"
@@ -39,6 +40,27 @@ TEST(SceneCatalogTest, ABuiltinSceneIsMadeOnlyWhereThereIsRoomForIt) {
   }
   EXPECT_EQ(ReasonOf(catalog.MakeBuiltinObjects("a", "builtin:box:1000").status()),
             v1::ERROR_REASON_ALREADY_EXISTS);
+}
+
+TEST(SceneCatalogTest, AFirstRevisionSaysWhichBuiltinSceneItIs) {
+  ThreadPool pool(1);
+  SceneCatalog catalog(Limits(), pool);
+  const auto objects = catalog.MakeBuiltinObjects("a", "builtin:box:1k");
+  ASSERT_TRUE(objects.ok()) << objects.status();
+  const auto made =
+      catalog.Create({.scene_id = "a", .builtin = "builtin:box:1k"}, *objects, nullptr);
+  ASSERT_TRUE(made.ok()) << made.status();
+  EXPECT_EQ(made->builtin, "builtin:box:1000,seed=1");
+  v1::Scene encoded;
+  EncodeScene(*made, &encoded);
+  EXPECT_EQ(encoded.builtin_spec(), "builtin:box:1000,seed=1");
+  // What is uploaded is what it is, the same triangles or not.
+  EXPECT_EQ(catalog.Create({.scene_id = "b"}, *objects, nullptr)->builtin, "");
+  const SceneEdit edit{.kind = SceneEdit::Kind::kRemove,
+                       .object = ObjectInput{.name = objects->front().name}};
+  const auto edited = catalog.Edit({.scene_id = "a"}, {&edit, 1}, nullptr);
+  ASSERT_TRUE(edited.ok()) << edited.status();
+  EXPECT_EQ(edited->builtin, "");
 }
 
 TEST(SceneCatalogTest, WhatArrivesCountsAgainstTheBudget) {

@@ -161,6 +161,14 @@ absl::StatusOr<BuiltinSpec> ParseBuiltin(std::string_view text) {
   return spec;
 }
 
+std::string FormatBuiltin(const BuiltinSpec& spec) {
+  const absl::StatusOr<size_t> index = Find(spec.name);
+  SIGHTLINE_CHECK(index.ok()) << spec.name;
+  const uint64_t target =
+      spec.target_triangles == 0 ? kInfos[*index].default_triangles : spec.target_triangles;
+  return absl::StrCat(spec.name, ":", target, ",seed=", spec.seed);
+}
+
 absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec) {
   const absl::StatusOr<size_t> index = Find(spec.name);
   if (!index.ok()) return index.status();

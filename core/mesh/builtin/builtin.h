@@ -82,6 +82,10 @@ std::span<const BuiltinInfo> BuiltinScenes();
 // the known names or the limits.
 absl::StatusOr<BuiltinSpec> ParseBuiltin(std::string_view text);
 
+// "NAME:TRIANGLES,seed=N", every part written out: what ParseBuiltin reads back as the same scene.
+// REQUIRES: a known name.
+std::string FormatBuiltin(const BuiltinSpec& spec);
+
 // Makes the scene: up to some seconds for ten million triangles. InvalidArgument for an unknown
 // name or a target outside [min_triangles, kMaxBuiltinTriangles].
 absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec);

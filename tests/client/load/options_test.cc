@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "client/cli/exit_code.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -51,11 +52,16 @@ TEST(OptionsTest, FlagsAreTakenOver) {
   EXPECT_EQ(o.tile, 16u);
 }
 
-TEST(OptionsTest, AScenesOfTheServersIsNotCheckedUnlessItIsSaidWhatItIs) {
-  const auto silent = Parse({"--scene=scenes/hall", "--server=localhost:1"});
-  ASSERT_TRUE(silent.ok()) << silent.status();
-  EXPECT_EQ((*silent)->check, Check::kNone);
-  EXPECT_FALSE(Parse({"--scene=scenes/hall", "--server=localhost:1", "--check=all"}).ok());
+TEST(OptionsTest, AScenesOfTheServersIsCheckedAsIsSaid) {
+  const std::pair<const char*, Check> cases[] = {
+      {"sample", Check::kSample}, {"all", Check::kAll}, {"none", Check::kNone}};
+  for (const auto& [word, check] : cases) {
+    const auto options =
+        Parse({"--scene=hall", "--server=localhost:1", absl::StrCat("--check=", word)});
+    ASSERT_TRUE(options.ok()) << options.status();
+    EXPECT_EQ((*options)->check, check);
+  }
+  EXPECT_EQ((*Parse({"--scene=hall", "--server=localhost:1"}))->check, Check::kSample);
 }
 
 TEST(OptionsTest, TheKneeIsSearchedInAnOpenLoop) {
@@ -104,7 +110,8 @@ TEST(OptionsTest, HelpListsFlagsScenesAndExitCodes) {
   const auto options = ParseOptions(args, out);
   ASSERT_TRUE(options.ok());
   EXPECT_EQ(*options, nullptr);
-  for (const char* words : {"--find-knee", "--slo", "builtin:NAME", "answers were wrong"}) {
+  for (const char* words : {"--find-knee", "--slo", "builtin:NAME", "asked for once by BRUTE_FORCE",
+                            "answers were wrong"}) {
     EXPECT_THAT(out.str(), HasSubstr(words));
   }
 }

@@ -53,8 +53,9 @@ class ReferenceTest : public testing::Test {
               .indices = {0, 1, 2}};
   }
   std::unique_ptr<Reference> Make(size_t stride, bool with_extra) {
-    absl::StatusOr<std::unique_ptr<Reference>> reference = Reference::Make(
-        objects_, {}, with_extra ? std::optional(extra_) : std::nullopt, *workload_, stride, pool_);
+    absl::StatusOr<std::unique_ptr<Reference>> reference =
+        Reference::Make(Build(objects_), with_extra ? std::optional(extra_) : std::nullopt,
+                        *workload_, stride, pool_);
     EXPECT_TRUE(reference.ok()) << reference.status();
     return *std::move(reference);
   }

@@ -27,6 +27,7 @@ class ReportTest : public testing::Test {
     options_.slo = *ParseSlo("p99=20ms,rate=100");
     report_.options = &options_;
     report_.rate = 200;
+    report_.check = {CheckSource::By::kEngine, "builtin:box"};
     Measurement& m = report_.measured;
     m.elapsed = absl::Seconds(10);
     m.window = absl::Seconds(5);
@@ -99,11 +100,16 @@ TEST_F(ReportTest, TextSaysWhatWentWrong) {
   const std::string text = Print("text");
   for (const char* words :
        {"open loop, constant, 200/s", "mixed: tiles 5, segments 2", "10 RESOURCE_EXHAUSTED",
-        "120 answers, 2 wrong", "flags[3]", "p99 10 ms of 20 ms: held",
-        "errors 0.99 % of 0 %: MISSED", "from the plan", "from the send", "HTTP status 500"}) {
+        "120 answers, 2 wrong; by the engine in this process on builtin:box", "flags[3]",
+        "p99 10 ms of 20 ms: held", "errors 0.99 % of 0 %: MISSED", "from the plan",
+        "from the send", "HTTP status 500"}) {
     EXPECT_THAT(text, HasSubstr(words));
   }
   EXPECT_THAT(text, Not(HasSubstr("points, plan")));
+  report_.check = {CheckSource::By::kServer, "SINGLE"};
+  EXPECT_THAT(Print("text"), HasSubstr("2 wrong; by the server itself with SINGLE\n"));
+  report_.check = {};
+  EXPECT_THAT(Print("text"), HasSubstr("nothing (--check none)\n"));
 }
 
 TEST_F(ReportTest, SumsAndCountsOfMetricsBecomeMeans) {

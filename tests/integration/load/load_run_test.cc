@@ -2,21 +2,18 @@
 //
 // sightline-load as a whole, against servers in this process. Runs end by the number of requests.
 #include <atomic>
-#include <memory>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/file.h"
-#include "client/lib/client.h"
-#include "client/lib/connection.h"
 #include "client/load/run.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/server.h"
+#include "tests/integration/load/load_fixture.h"
 #include "tests/support/temp_dir.h"
 
 namespace sightline::load {
@@ -25,50 +22,6 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 using testing::StartsWith;
-
-struct RunResult {
-  int code = 0;
-  std::string out, err;
-  nlohmann::json json() const { return nlohmann::json::parse(out); }
-};
-
-// Small pictures of a small scene; no warm-up, and far more time than is needed.
-RunResult RunWith(std::vector<std::string> args, const std::atomic<bool>* interrupted = nullptr) {
-  for (const char* arg : {"--size=128x72", "--tile=32", "--cameras=2", "--points=64",
-                          "--distinct=16", "--warm-up=0s", "--duration=10m"}) {
-    args.insert(args.begin(), arg);
-  }
-  std::ostringstream out, err;
-  RunResult result;
-  result.code = RunLoad(args, out, err, /*err_is_terminal=*/false, interrupted);
-  result.out = out.str();
-  result.err = err.str();
-  return result;
-}
-
-class LoadRunTest : public testing::Test {
- protected:
-  void SetUp() override {
-    ServerOptions options;
-    options.listen = {"127.0.0.1:0"};
-    options.log_level = LogLevel::kOff;
-    SetLogLevel(LogLevel::kOff);
-    options.scenes = {"box=builtin:box"};
-    absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
-    ASSERT_TRUE(server.ok()) << server.status();
-    server_ = *std::move(server);
-  }
-  std::string ServerFlag() const { return absl::StrCat("--server=127.0.0.1:", server_->port()); }
-  std::vector<client::Scene> Scenes() const {
-    const client::Client client(
-        client::MakeConnection(absl::StrCat("127.0.0.1:", server_->port()), {}));
-    absl::StatusOr<std::vector<client::Scene>> scenes = client.ListScenes();
-    EXPECT_TRUE(scenes.ok()) << scenes.status();
-    return scenes.ok() ? *std::move(scenes) : std::vector<client::Scene>();
-  }
-
-  std::unique_ptr<Server> server_;
-};
 
 TEST_F(LoadRunTest, AClosedLoopAnswersEverythingRight) {
   const RunResult result =
@@ -105,24 +58,6 @@ TEST_F(LoadRunTest, AnOpenLoopCountsFromThePlanToo) {
   }
 }
 
-TEST_F(LoadRunTest, WrongAnswersAreCaught) {
-  // The reference has another scene than the server: the server's answers are then wrong.
-  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box:20k",
-                                    "--requests=40", "--check=all"});
-  EXPECT_EQ(result.code, kExitWrong) << result.err;
-  EXPECT_THAT(result.err, HasSubstr("answers are wrong; the first: request "));
-  EXPECT_THAT(result.out, HasSubstr("first wrong"));
-}
-
-TEST_F(LoadRunTest, AScenesOfTheServersOwnIsCheckedAgainstWhatItIs) {
-  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box",
-                                    "--requests=60", "--check=sample", "--output=json"});
-  ASSERT_EQ(result.code, 0) << result.err;
-  EXPECT_GT(result.json()["checked"], 0);
-  EXPECT_LT(result.json()["checked"], 60);
-  EXPECT_EQ(Scenes().size(), 1u);
-}
-
 TEST_F(LoadRunTest, EditsUnderLoadAreSeenWholeOrNotAtAll) {
   const RunResult result =
       RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box", "--workload=mixed",
@@ -140,17 +75,8 @@ TEST_F(LoadRunTest, EditsUnderLoadAreSeenWholeOrNotAtAll) {
 // Availability through reloads: a scene of the repository is read again under load.
 TEST_F(LoadRunTest, ReloadsUnderLoadLoseNothing) {
   const testing_support::TempDir folder;
-  ServerOptions options;
-  options.listen = {"127.0.0.1:0"};
-  options.log_level = LogLevel::kOff;
-  options.repository = folder.path();
-  server_.reset();
-  absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
-  ASSERT_TRUE(server.ok()) << server.status();
-  server_ = *std::move(server);
-  const client::Client client(
-      client::MakeConnection(absl::StrCat("127.0.0.1:", server_->port()), {}));
-  const auto stored = client.CreateScene({.scene_id = "box", .builtin = "builtin:box"});
+  StartServer({.repository = folder.path()});
+  const auto stored = Client().CreateScene({.scene_id = "box", .builtin = "builtin:box"});
   ASSERT_TRUE(stored.ok()) << stored.status();
   ASSERT_TRUE(stored->stored);
   const RunResult result = RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box",
@@ -188,11 +114,7 @@ TEST_F(LoadRunTest, AKneeThatIsNotThereIsAMiss) {
 
 // What the server counted while the knee was searched is none of the run's.
 TEST_F(LoadRunTest, TheServersMetricsAreThoseOfTheReportedRun) {
-  ServerOptions options;
-  options.log_level = LogLevel::kOff;
-  options.scenes = {"box=builtin:box"};
-  options.metrics_listen = "127.0.0.1:0";
-  server_ = *Server::Start(options);
+  StartServer({.scenes = {"box=builtin:box"}, .metrics_listen = "127.0.0.1:0"});
   const RunResult result =
       RunWith({ServerFlag(), "--scene=box", "--find-knee", "--rate=200", "--slo=p50=10m",
                "--requests=40", "--trial=100ms", "--workload=segments", "--output=json",
@@ -239,11 +161,9 @@ TEST_F(LoadRunTest, WhatCannotBeReachedOrFoundHasItsExitCode) {
 
 // The longest run takes ten minutes.
 TEST_F(LoadRunTest, PointsAreLeasedForARunOrForAsLongAsTheServerGrants) {
-  ServerOptions options;
-  options.log_level = LogLevel::kOff;
-  options.scenes = {"box=builtin:box"};
+  ServerOptions options{.scenes = {"box=builtin:box"}};
   options.limits.max_lease_seconds = 60;
-  server_ = *Server::Start(options);
+  StartServer(options);
   const RunResult cut =
       RunWith({ServerFlag(), "--scene=box", "--workload=points", "--requests=20"});
   EXPECT_EQ(cut.code, 0) << cut.err;

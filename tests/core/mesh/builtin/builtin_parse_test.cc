@@ -53,6 +53,23 @@ TEST(ParseBuiltin, SaysWhatIsWrong) {
   EXPECT_THAT(error("hall,1M"), HasSubstr("1M"));
 }
 
+TEST(FormatBuiltin, WritesEveryPartOut) {
+  const std::pair<std::string_view, std::string_view> cases[] = {
+      {"hall", "hall:250000,seed=1"},
+      {"city:1.5M", "city:1500000,seed=1"},
+      {"box,seed=18446744073709551615", "box:10000,seed=18446744073709551615"},
+  };
+  for (const auto& [text, full] : cases) {
+    const absl::StatusOr<BuiltinSpec> spec = ParseBuiltin(text);
+    ASSERT_TRUE(spec.ok()) << spec.status();
+    EXPECT_EQ(FormatBuiltin(*spec), full);
+    const absl::StatusOr<BuiltinSpec> again = ParseBuiltin(full);
+    ASSERT_TRUE(again.ok()) << again.status();
+    EXPECT_EQ(FormatBuiltin(*again), full);
+    EXPECT_EQ(again->seed, spec->seed);
+  }
+}
+
 TEST(MakeBuiltin, RefusesWhatItCannotMake) {
   EXPECT_EQ(MakeBuiltin({"castle", 0, 1}).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(MakeBuiltin({"hall", 1, 1}).status().code(), absl::StatusCode::kInvalidArgument);
