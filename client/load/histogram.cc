@@ -34,8 +34,9 @@ int64_t LatencyHistogram::StepBegin(size_t step) {
 void LatencyHistogram::Record(absl::Duration latency, uint64_t times) {
   if (times == 0) return;
   const int64_t value = std::max<int64_t>(0, absl::ToInt64Nanoseconds(latency));
-  if (counts_.empty()) counts_.resize(kStepCount);
-  counts_[StepOf(value)] += times;
+  const size_t step = StepOf(value);
+  if (step >= counts_.size()) counts_.resize((step / kSteps + 1) * kSteps);
+  counts_[step] += times;
   min_ = count_ == 0 ? value : std::min(min_, value);
   max_ = std::max(max_, value);
   count_ += times;
@@ -44,8 +45,8 @@ void LatencyHistogram::Record(absl::Duration latency, uint64_t times) {
 
 void LatencyHistogram::Merge(const LatencyHistogram& other) {
   if (other.count_ == 0) return;
-  if (counts_.empty()) counts_.resize(kStepCount);
-  for (size_t i = 0; i < kStepCount; ++i) counts_[i] += other.counts_[i];
+  if (counts_.size() < other.counts_.size()) counts_.resize(other.counts_.size());
+  for (size_t i = 0; i < other.counts_.size(); ++i) counts_[i] += other.counts_[i];
   min_ = count_ == 0 ? other.min_ : std::min(min_, other.min_);
   max_ = std::max(max_, other.max_);
   count_ += other.count_;
@@ -60,7 +61,7 @@ absl::Duration LatencyHistogram::standard_deviation() const {
   if (count_ == 0) return absl::ZeroDuration();
   const double mean = sum_ / static_cast<double>(count_);
   double squares = 0;
-  for (size_t i = 0; i < kStepCount; ++i) {
+  for (size_t i = 0; i < counts_.size(); ++i) {
     if (counts_[i] == 0) continue;
     const auto begin = static_cast<double>(StepBegin(i));
     const double middle = (begin + static_cast<double>(StepBegin(i + 1)) - 1) / 2;
@@ -78,7 +79,7 @@ absl::Duration LatencyHistogram::PercentileOf(double percent) const {
   const uint64_t rank = std::max<uint64_t>(
       1, count_ / kWhole * share + (count_ % kWhole * share + kWhole - 1) / kWhole);
   uint64_t below = 0;
-  for (size_t i = 0; i < kStepCount; ++i) {
+  for (size_t i = 0; i < counts_.size(); ++i) {
     below += counts_[i];
     if (below >= rank) {
       // Values beyond the last step are known by their largest alone.
@@ -94,7 +95,9 @@ uint64_t LatencyHistogram::CountUpTo(absl::Duration latency) const {
   if (latency >= max()) return count_;
   const int64_t limit = absl::ToInt64Nanoseconds(latency);
   uint64_t below = 0;
-  for (size_t i = 0; i + 1 < kStepCount && StepBegin(i + 1) - 1 <= limit; ++i) below += counts_[i];
+  // Values in the last step may be any number.
+  const size_t steps = std::min(counts_.size(), kStepCount - 1);
+  for (size_t i = 0; i < steps && StepBegin(i + 1) - 1 <= limit; ++i) below += counts_[i];
   return below;
 }
 

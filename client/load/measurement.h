@@ -8,6 +8,7 @@
 #define SIGHTLINE_CLIENT_LOAD_MEASUREMENT_H_
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -30,10 +31,16 @@ struct Series {
   LatencyHistogram sent;     // From the send.
 };
 
-// An equal part of the interval.
+// Failures by their code, an absl::StatusCode.
+inline constexpr size_t kCodes = 17;
+using CodeCounts = std::array<uint64_t, kCodes>;
+
+// An equal part of the interval: what came in it, whenever it was planned.
 struct Window {
-  uint64_t answered = 0, failed = 0, rays = 0;
-  LatencyHistogram planned;
+  uint64_t answered = 0, failed = 0;
+  uint64_t rays = 0, bytes_received = 0, bytes_sent = 0;  // Of the answers.
+  CodeCounts failed_by_code{};
+  LatencyHistogram planned, sent;
 };
 
 struct Measurement {
@@ -47,6 +54,7 @@ struct Measurement {
   absl::Status first_error;
   LatencyHistogram server_queue, server_compute;
   uint64_t checked = 0, wrong = 0;  // Warm-up included.
+  CodeCounts failed_by_code{};
   std::string first_wrong;
 
   double Rate() const { return PerSecond(all.answered_in_time); }

@@ -11,6 +11,9 @@
 namespace sightline::load {
 namespace {
 
+// Status::code() maps what it does not know to kUnknown.
+size_t CodeOf(const absl::Status& status) { return static_cast<size_t>(status.code()); }
+
 void AddRequest(const Outcome& outcome, Series* series) {
   ++series->requests;
   if (!outcome.status.ok()) {
@@ -64,6 +67,7 @@ void Recorder::Add(const Outcome& outcome) {
       ++m.errors[ErrorName(outcome.status)];
       if (m.first_error.ok()) m.first_error = outcome.status;
     } else if (outcome.server_compute > absl::ZeroDuration()) {
+      ++m.failed_by_code[CodeOf(outcome.status)];
       m.server_queue.Record(outcome.server_queue);
       m.server_compute.Record(outcome.server_compute);
     }
@@ -84,9 +88,13 @@ void Recorder::Add(const Outcome& outcome) {
     window.rays += outcome.rays;
     window.planned.Record(outcome.received - outcome.request.planned);
   } else {
+    window.bytes_received += outcome.bytes_received;
+    window.bytes_sent += outcome.bytes_sent;
     ++window.failed;
+    window.sent.Record(outcome.received - outcome.sent);
   }
 }
+    ++window.failed_by_code[CodeOf(outcome.status)];
 
 absl::Duration Recorder::Elapsed(absl::Time now) const {
   return std::max(absl::ZeroDuration(), std::min(now, end_) - measured_.begin);

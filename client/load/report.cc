@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -305,28 +306,60 @@ void PrintJson(const LoadReport& report, std::ostream& out) {
 
 // ---- CSV
 
-void PrintCsvRow(const std::string& name, double seconds, uint64_t answered, uint64_t failed,
-                 uint64_t rays, const LatencyHistogram& planned, std::ostream& out) {
-  out << absl::StrFormat("%s,%.6g,%d,%d,%d", name, seconds, answered, failed, rays);
+// What a row says, of a window or of the run.
+struct CsvRow {
+  std::string name;
+  double seconds = 0;
+  uint64_t answered = 0, failed = 0, rays = 0, bytes_received = 0, bytes_sent = 0;
+  const LatencyHistogram& planned;
+  const LatencyHistogram& sent;
+  const CodeCounts& failed_by_code;
+};
+
+void PrintCsvHeader(std::ostream& out) {
+  out << "window,seconds,answered,failed,rays";
+  for (const double percent : kReportedPercentiles) out << ',' << PercentName(percent) << "_ms";
+  out << ",max_ms,mean_ms";
   for (const double percent : kReportedPercentiles) {
-    out << absl::StrFormat(",%.6g", Milliseconds(planned.PercentileOf(percent)));
+    out << ",sent_" << PercentName(percent) << "_ms";
   }
-  out << absl::StrFormat(",%.6g\n", Milliseconds(planned.max()));
+  out << ",sent_max_ms,sent_mean_ms,bytes_received,bytes_sent";
+  for (size_t code = 1; code < kCodes; ++code) {
+    out << ",failed_"
+        << absl::AsciiStrToLower(absl::StatusCodeToString(static_cast<absl::StatusCode>(code)));
+  }
+  out << '\n';
+}
+
+void PrintCsvRow(const CsvRow& row, std::ostream& out) {
+  out << absl::StrFormat("%s,%.6g,%d,%d,%d", row.name, row.seconds, row.answered, row.failed,
+                         row.rays);
+  for (const LatencyHistogram* latency : {&row.planned, &row.sent}) {
+    for (const double percent : kReportedPercentiles) {
+      out << absl::StrFormat(",%.6g", Milliseconds(latency->PercentileOf(percent)));
+    }
+    out << absl::StrFormat(",%.6g,%.6g", Milliseconds(latency->max()),
+                           Milliseconds(latency->mean()));
+  }
+  out << ',' << row.bytes_received << ',' << row.bytes_sent;
+  for (size_t code = 1; code < kCodes; ++code) out << ',' << row.failed_by_code[code];
+  out << '\n';
 }
 
 void PrintCsv(const LoadReport& report, std::ostream& out) {
   const Measurement& m = report.measured;
-  out << "window,seconds,answered,failed,rays";
-  for (const double percent : kReportedPercentiles) out << ',' << PercentName(percent) << "_ms";
-  out << ",max_ms\n";
+  PrintCsvHeader(out);
   const double seconds = absl::ToDoubleSeconds(m.window);
   for (size_t i = 0; i < m.windows.size(); ++i) {
-    const Window& window = m.windows[i];
-    PrintCsvRow(absl::StrCat(i), seconds, window.answered, window.failed, window.rays,
-                window.planned, out);
+    const Window& w = m.windows[i];
+    PrintCsvRow({absl::StrCat(i), seconds, w.answered, w.failed, w.rays, w.bytes_received,
+                 w.bytes_sent, w.planned, w.sent, w.failed_by_code},
+                out);
   }
-  PrintCsvRow("all", absl::ToDoubleSeconds(m.elapsed), m.all.answered, m.all.failed,
-              m.all.rays_in_time, m.all.planned, out);
+  PrintCsvRow({"all", absl::ToDoubleSeconds(m.elapsed), m.all.answered, m.all.failed,
+               m.all.rays_in_time, m.all.bytes_received_in_time, m.all.bytes_sent_in_time,
+               m.all.planned, m.all.sent, m.failed_by_code},
+              out);
 }
 
 }  // namespace

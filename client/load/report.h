@@ -48,7 +48,8 @@ struct LoadReport {
   std::string server_metrics_error;
 };
 
-// `output`: text, json or csv.
+// `output`: text, json or csv. A page for people; one JSON object; or a header and a line for each
+// window and one for all, whose columns README lists: new ones come behind those that there are.
 void PrintReport(const LoadReport& report, const std::string& output, std::ostream& out);
 
 }  // namespace sightline::load

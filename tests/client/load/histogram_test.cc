@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -94,19 +95,23 @@ TEST(HistogramTest, MergingIsRecordingAllInOne) {
   TestRng rng;
   LatencyHistogram parts[3], whole;
   for (int i = 0; i < 3000; ++i) {
-    const absl::Duration value = Ns(static_cast<int64_t>(rng.Below(1'000'000'000)));
-    parts[rng.Below(3)].Record(value);
+    // Of a microsecond, a millisecond and a second: histograms of different lengths.
+    const size_t part = rng.Below(3);
+    const absl::Duration value = Ns(static_cast<int64_t>(rng.Below(uint64_t{1000} << 10 * part)));
+    parts[part].Record(value);
     whole.Record(value);
   }
-  LatencyHistogram merged;
-  merged.Merge(LatencyHistogram());
-  for (const LatencyHistogram& part : parts) merged.Merge(part);
-  EXPECT_EQ(merged.count(), whole.count());
-  EXPECT_EQ(merged.min(), whole.min());
-  EXPECT_EQ(merged.max(), whole.max());
-  EXPECT_EQ(merged.mean(), whole.mean());
-  for (double percent = 0; percent <= 100; percent += 0.37) {
-    EXPECT_EQ(merged.PercentileOf(percent), whole.PercentileOf(percent)) << percent;
+  for (const std::array<size_t, 3>& order : {std::array<size_t, 3>{0, 1, 2}, {2, 1, 0}}) {
+    LatencyHistogram merged;
+    merged.Merge(LatencyHistogram());
+    for (const size_t part : order) merged.Merge(parts[part]);
+    EXPECT_EQ(merged.count(), whole.count());
+    EXPECT_EQ(merged.min(), whole.min());
+    EXPECT_EQ(merged.max(), whole.max());
+    EXPECT_EQ(merged.mean(), whole.mean());
+    for (double percent = 0; percent <= 100; percent += 0.37) {
+      EXPECT_EQ(merged.PercentileOf(percent), whole.PercentileOf(percent)) << percent;
+    }
   }
 }
 

@@ -28,8 +28,12 @@ TEST(RecorderTest, BothLatenciesAreKept) {
   recorder.Begin(At(0), At(10));
   recorder.Add(Answer(1, 3, 4));
   const Measurement m = recorder.Result(At(20));
-  EXPECT_EQ(m.all.planned.max(), absl::Seconds(3));
-  EXPECT_EQ(m.all.sent.max(), absl::Seconds(1));
+  for (const LatencyHistogram* planned : {&m.all.planned, &m.windows[4].planned}) {
+    EXPECT_EQ(planned->max(), absl::Seconds(3));
+  }
+  for (const LatencyHistogram* sent : {&m.all.sent, &m.windows[4].sent}) {
+    EXPECT_EQ(sent->max(), absl::Seconds(1));
+  }
   EXPECT_EQ(m.by_kind[static_cast<size_t>(Kind::kPoints)].answered, 1u);
   EXPECT_EQ(m.by_kind[static_cast<size_t>(Kind::kTiles)].requests, 0u);
   EXPECT_EQ(m.elapsed, absl::Seconds(10));
@@ -53,6 +57,8 @@ TEST(RecorderTest, RequestsCountByTheirPlanAndRatesByTheirAnswers) {
   ASSERT_EQ(m.windows.size(), 10u);
   EXPECT_EQ(m.windows[0].answered, 1u);
   EXPECT_EQ(m.windows[2].answered, 1u);
+  EXPECT_EQ(m.windows[2].bytes_received, 50u);
+  EXPECT_EQ(m.windows[2].bytes_sent, 7u);
   EXPECT_EQ(m.windows[9].answered, 0u);
 }
 
