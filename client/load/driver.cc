@@ -49,16 +49,23 @@ absl::Time Driver::end() const {
   return early ? std::min(last_outcome_, end_) : end_;
 }
 
-bool Driver::Over(absl::Time time) const {
-  return stopped_ || time >= end_ || (plan_.max_requests > 0 && measured_ >= plan_.max_requests);
+// Whether the plan has a request then, sent or not.
+bool Driver::IsDue(absl::Time planned) const {
+  return planned < end_ && (plan_.max_requests == 0 || measured_ < plan_.max_requests);
+}
+
+bool Driver::Over(absl::Time time) const { return stopped_ || !IsDue(time); }
+
+Request Driver::Plan(absl::Time planned) {
+  const uint64_t number = planned_++;
+  if (planned >= measure_) ++measured_;
+  return {.number = number, .work = pick_(number), .planned = planned};
 }
 
 // Makes the next request, due at `planned`; false when the run is over.
 bool Driver::Next(absl::Time planned, Request* request) {
   if (Over(planned)) return false;
-  *request = {.number = planned_, .work = pick_(planned_), .planned = planned};
-  ++planned_;
-  if (planned >= measure_) ++measured_;
+  *request = Plan(planned);
   ++outstanding_;
   return true;
 }
@@ -76,25 +83,43 @@ void Driver::RunOpen() {
       if (!target_.status().ok()) return;
       clock_.WaitUntil(std::min(due, now + kPoll));
     }
-    if (!WaitForRoom()) return;
+    bool sends = WaitForRoom(due);
     Request request;
-    {
+    if (sends) {
       MutexLock lock(mutex_);
-      if (!Next(due, &request)) return;
+      sends = Next(due, &request);
     }
+    if (!sends) return CountUnsent(due, &arrivals);
     target_.Send(request);
   }
 }
 
 // False if the run ends meanwhile.
-bool Driver::WaitForRoom() {
+bool Driver::WaitForRoom(absl::Time due) {
   MutexLock lock(mutex_);
-  while (outstanding_ >= plan_.max_outstanding) {
+  while (!Over(due) && outstanding_ >= plan_.max_outstanding) {
     // Late is late: past the end and the time to drain nothing more is sent.
-    if (stopped_ || clock_.Now() >= end_ + plan_.drain) return false;
+    if (clock_.Now() >= end_ + plan_.drain) return false;
     answered_.WaitUntil(mutex_, PollTime());
   }
-  return !stopped_;
+  return !Over(due);
+}
+
+// What was due from `due` until now and will not be sent, or an open loop that its bound held up
+// would show the latencies of those alone that it let go.
+void Driver::CountUnsent(absl::Time due, ArrivalSchedule* arrivals) {
+  const absl::Time now = clock_.Now();
+  for (; due <= now; due = start_ + arrivals->Next()) {
+    Outcome outcome{.received = now,
+                    .status = absl::CancelledError("the run ended before it was sent"),
+                    .given_up = true};
+    {
+      MutexLock lock(mutex_);
+      if (!IsDue(due)) return;
+      outcome.request = Plan(due);
+    }
+    recorder_.Add(outcome);
+  }
 }
 
 void Driver::RunClosed() {

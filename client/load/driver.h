@@ -6,7 +6,8 @@
 // Bounded: a run ends after its warm-up and duration, or once `max_requests` of the measured ones
 // were planned; then what is unanswered after `drain` is cancelled and counted as failed. No more
 // than `max_outstanding` requests are unanswered at once: an open loop that gets there sends later
-// ones late, and their latencies from the planned time say so.
+// ones late, and their latencies from the planned time say so. Those that it could not send by
+// then were due all the same: they are counted as failed, after as long as they waited.
 //
 // Thread safety: Run by one thread; Stop from any.
 //
@@ -60,10 +61,13 @@ class Driver {
 
  private:
   bool Next(absl::Time planned, Request* request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  Request Plan(absl::Time planned) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  bool IsDue(absl::Time planned) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool Over(absl::Time time) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void RunOpen();
   void RunClosed();
-  bool WaitForRoom();
+  bool WaitForRoom(absl::Time due);
+  void CountUnsent(absl::Time due, ArrivalSchedule* arrivals);
   void WaitForAnswers();
   void OnDone(const Outcome& outcome);
 

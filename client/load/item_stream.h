@@ -52,7 +52,7 @@ class Lane {
   // OK once the first stream is open; why it cannot be, otherwise.
   virtual absl::Status WaitUntilOpen() = 0;
   virtual void Send(const Request& request) = 0;
-  // Ends what is unanswered, as CANCELLED; the lane goes on with a new stream.
+  // Ends what is unanswered, as CANCELLED and given up; the lane goes on with a new stream.
   virtual void CancelAll() = 0;
   // Not OK once the lane has given up.
   virtual absl::Status status() const = 0;
@@ -138,7 +138,8 @@ class ItemStream final : public Lane {
       }
     }
     for (const Request& request : waiting) {
-      Finish({.request = request}, absl::CancelledError("the run ended before it was sent"));
+      Finish({.request = request, .given_up = true},
+             absl::CancelledError("the run ended before it was sent"));
     }
   }
 
@@ -250,7 +251,9 @@ class ItemStream final : public Lane {
       status = absl::InternalError("the server ended a stream that was not half-closed");
     }
     for (const auto& [id, flight] : lost) {
-      Finish(OutcomeOf(flight),
+      Outcome outcome = OutcomeOf(flight);
+      outcome.given_up = *cancelled;
+      Finish(std::move(outcome),
              *cancelled ? absl::CancelledError("no answer came in time") : status);
     }
     return status;

@@ -25,10 +25,13 @@ namespace sightline::load {
 struct Series {
   uint64_t requests = 0;  // Planned within the interval; answered + failed once the run has ended.
   uint64_t answered = 0, failed = 0;
+  uint64_t unsent = 0;            // Of the failed ones: never written to a stream.
   uint64_t answered_in_time = 0;  // Within the interval, whenever they were planned.
   uint64_t rays_in_time = 0, bytes_received_in_time = 0, bytes_sent_in_time = 0;
-  LatencyHistogram planned;  // From the planned time to the last reply; answers alone.
-  LatencyHistogram sent;     // From the send.
+  // From the planned time to the last reply of answers. Requests that the run gave up on are in it
+  // with the time that they had waited by then: an answer would have taken longer still.
+  LatencyHistogram planned;
+  LatencyHistogram sent;  // From the send; answers alone.
 };
 
 // Failures by their code, an absl::StatusCode.
@@ -51,10 +54,10 @@ struct Measurement {
   std::array<Series, kKinds> by_kind;
   std::vector<Window> windows;             // Complete ones.
   std::map<std::string, uint64_t> errors;  // By code and reason: "RESOURCE_EXHAUSTED QUEUE_FULL".
+  CodeCounts failed_by_code{};
   absl::Status first_error;
   LatencyHistogram server_queue, server_compute;
   uint64_t checked = 0, wrong = 0;  // Warm-up included.
-  CodeCounts failed_by_code{};
   std::string first_wrong;
 
   double Rate() const { return PerSecond(all.answered_in_time); }

@@ -18,6 +18,8 @@ void AddRequest(const Outcome& outcome, Series* series) {
   ++series->requests;
   if (!outcome.status.ok()) {
     ++series->failed;
+    if (outcome.sent == absl::InfiniteFuture()) ++series->unsent;
+    if (outcome.given_up) series->planned.Record(outcome.received - outcome.request.planned);
     return;
   }
   ++series->answered;
@@ -65,9 +67,9 @@ void Recorder::Add(const Outcome& outcome) {
     AddRequest(outcome, &of_kind);
     if (!outcome.status.ok()) {
       ++m.errors[ErrorName(outcome.status)];
+      ++m.failed_by_code[CodeOf(outcome.status)];
       if (m.first_error.ok()) m.first_error = outcome.status;
     } else if (outcome.server_compute > absl::ZeroDuration()) {
-      ++m.failed_by_code[CodeOf(outcome.status)];
       m.server_queue.Record(outcome.server_queue);
       m.server_compute.Record(outcome.server_compute);
     }
@@ -86,15 +88,15 @@ void Recorder::Add(const Outcome& outcome) {
   if (outcome.status.ok()) {
     ++window.answered;
     window.rays += outcome.rays;
-    window.planned.Record(outcome.received - outcome.request.planned);
-  } else {
     window.bytes_received += outcome.bytes_received;
     window.bytes_sent += outcome.bytes_sent;
-    ++window.failed;
+    window.planned.Record(outcome.received - outcome.request.planned);
     window.sent.Record(outcome.received - outcome.sent);
+  } else {
+    ++window.failed;
+    ++window.failed_by_code[CodeOf(outcome.status)];
   }
 }
-    ++window.failed_by_code[CodeOf(outcome.status)];
 
 absl::Duration Recorder::Elapsed(absl::Time now) const {
   return std::max(absl::ZeroDuration(), std::min(now, end_) - measured_.begin);

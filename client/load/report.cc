@@ -57,6 +57,15 @@ std::string StabilityText(const Stability& stability) {
                          100 * stability.rate_spread, 100 * stability.latency_spread);
 }
 
+std::string RequestsText(const Series& all) {
+  std::string text = absl::StrCat(GroupedCount(all.requests), ", ", GroupedCount(all.answered),
+                                  " answered, ", GroupedCount(all.failed), " failed");
+  if (all.unsent > 0) {
+    absl::StrAppend(&text, ", of them ", GroupedCount(all.unsent), " never sent");
+  }
+  return text;
+}
+
 std::string CheckText(const LoadReport& report) {
   const Measurement& m = report.measured;
   std::string text =
@@ -157,8 +166,7 @@ void PrintText(const LoadReport& report, std::ostream& out) {
        absl::StrFormat("%.2f s after %.2f s of warm-up", absl::ToDoubleSeconds(m.elapsed),
                        absl::ToDoubleSeconds(o.plan.warm_up))},
       {"windows", StabilityText(report.stability)},
-      {"requests", absl::StrCat(GroupedCount(m.all.requests), ", ", GroupedCount(m.all.answered),
-                                " answered, ", GroupedCount(m.all.failed), " failed")},
+      {"requests", RequestsText(m.all)},
       {"answers/s", absl::StrFormat("%.4g", m.Rate())},
       {"rays/s", HumanCount(m.PerSecond(m.all.rays_in_time))},
       {"bytes/s", absl::StrCat(HumanCount(m.PerSecond(m.all.bytes_received_in_time)), " received, ",
@@ -207,6 +215,7 @@ Json SeriesJson(const Measurement& m, const Series& series) {
   json["bytes_received_per_s"] = m.PerSecond(series.bytes_received_in_time);
   json["bytes_sent_per_s"] = m.PerSecond(series.bytes_sent_in_time);
   json["latency_planned_ms"] = LatencyJson(series.planned);
+  json["unsent"] = series.unsent;
   json["latency_sent_ms"] = LatencyJson(series.sent);
   return json;
 }

@@ -42,6 +42,8 @@ struct Outcome {
   absl::Time sent = absl::InfiniteFuture();  // InfiniteFuture: it never was.
   absl::Time received;
   absl::Status status;
+  // The run ended while it waited: an answer would have come later than `received`.
+  bool given_up = false;
   uint64_t rays = 0;  // Asked for.
   uint64_t bytes_sent = 0, bytes_received = 0;
   // What the server says of it; zero where it says nothing.

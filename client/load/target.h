@@ -23,7 +23,7 @@ class Target {
   virtual void SetOnDone(OnDone on_done) = 0;
   // Takes the request and does not wait for its answer. Every request taken gets one outcome.
   virtual void Send(const Request& request) = 0;
-  // Ends what is unanswered: its outcomes come soon, as CANCELLED.
+  // Ends what is unanswered: its outcomes come soon, as CANCELLED and given up.
   virtual void CancelAll() = 0;
   // Not OK once the target cannot be reached any more.
   virtual absl::Status status() const = 0;

@@ -4,125 +4,15 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <deque>
-#include <memory>
+#include <atomic>
 #include <thread>
 #include <vector>
 
+#include "tests/client/load/fake_target.h"
 #include "tests/client/load/manual_clock.h"
 
 namespace sightline::load {
 namespace {
-
-// Answers one request after the other, each `service` after it came or after the one before. The
-// clock's waits move its time on; a closed loop, in which nobody waits, has a thread for it.
-class FakeTarget final : public Target {
- public:
-  FakeTarget(ManualClock& clock, absl::Duration service) : clock_(clock), service_(service) {}
-  ~FakeTarget() override { StopServing(); }
-
-  void SetOnDone(OnDone on_done) override { on_done_ = std::move(on_done); }
-  void Send(const Request& request) override {
-    MutexLock lock(mutex_);
-    const absl::Time now = clock_.Now();
-    free_ = std::max(free_, now) + service_;
-    queue_.push_back({request, now, free_});
-    most_ = std::max(most_, queue_.size());
-    requests_.push_back(request);
-    changed_.SignalAll();
-  }
-  void CancelAll() override {
-    while (true) {
-      Outcome outcome;
-      {
-        MutexLock lock(mutex_);
-        if (queue_.empty()) return;
-        outcome = {.request = queue_.front().request,
-                   .sent = queue_.front().sent,
-                   .received = clock_.Now(),
-                   .status = absl::CancelledError("cancelled")};
-        queue_.pop_front();
-      }
-      on_done_(outcome);
-    }
-  }
-  absl::Status status() const override {
-    MutexLock lock(mutex_);
-    return status_;
-  }
-  void Fail(absl::Status status) {
-    MutexLock lock(mutex_);
-    status_ = std::move(status);
-  }
-
-  // Answers everything that is ready by `time`.
-  void AnswerUntil(absl::Time time) {
-    while (true) {
-      Outcome outcome;
-      {
-        MutexLock lock(mutex_);
-        if (queue_.empty() || queue_.front().ready > time) return;
-        outcome = {.request = queue_.front().request,
-                   .sent = queue_.front().sent,
-                   .received = queue_.front().ready,
-                   .rays = 10};
-        queue_.pop_front();
-      }
-      on_done_(outcome);
-    }
-  }
-  // For closed loops: the clock goes to whatever is ready next.
-  void Serve() {
-    server_ = std::thread([this] {
-      while (true) {
-        absl::Time ready;
-        {
-          MutexLock lock(mutex_);
-          while (queue_.empty() && !done_) changed_.Wait(mutex_);
-          if (done_) return;
-          ready = queue_.front().ready;
-        }
-        clock_.WaitUntil(ready);
-        AnswerUntil(ready);
-      }
-    });
-  }
-  void StopServing() {
-    {
-      MutexLock lock(mutex_);
-      done_ = true;
-      changed_.SignalAll();
-    }
-    if (server_.joinable()) server_.join();
-  }
-
-  std::vector<Request> requests() const {
-    MutexLock lock(mutex_);
-    return requests_;
-  }
-  size_t most_at_once() const {
-    MutexLock lock(mutex_);
-    return most_;
-  }
-
- private:
-  struct Waiting {
-    Request request;
-    absl::Time sent, ready;
-  };
-  ManualClock& clock_;
-  const absl::Duration service_;
-  OnDone on_done_;
-  mutable Mutex mutex_;
-  CondVar changed_;
-  std::deque<Waiting> queue_ ABSL_GUARDED_BY(mutex_);
-  std::vector<Request> requests_ ABSL_GUARDED_BY(mutex_);
-  absl::Time free_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();
-  size_t most_ ABSL_GUARDED_BY(mutex_) = 0;
-  bool done_ ABSL_GUARDED_BY(mutex_) = false;
-  absl::Status status_ ABSL_GUARDED_BY(mutex_);
-  std::thread server_;
-};
 
 Work AnyWork(uint64_t number) { return {.kind = Kind::kTiles, .item = number}; }
 
@@ -250,6 +140,59 @@ TEST(DriverTest, NoMoreThanTheBoundIsUnanswered) {
   EXPECT_TRUE(driver.Run().ok());
   time.join();
   EXPECT_LE(target.most_at_once(), 8u);
+}
+
+// A server that answers nothing: what the bound keeps back was due as much as what went out.
+TEST(DriverTest, WhatCouldNotBeSentIsCountedWithWhatItWaited) {
+  for (const bool stop : {false, true}) {
+    ManualClock clock;
+    FakeTarget target(clock, absl::Hours(1));
+    Recorder recorder(absl::Seconds(1));
+    const RunPlan plan{.mode = Mode::kOpen,
+                       .rate = 100,
+                       .warm_up = absl::Seconds(1),
+                       .duration = absl::Seconds(4),
+                       .max_outstanding = 150,
+                       .drain = absl::Seconds(2)};
+    Driver driver(plan, clock, target, recorder, AnyWork);
+    // Half of what is measured is due by then, or all of it and the time to drain over.
+    const absl::Duration end = stop ? absl::Seconds(3) : absl::Seconds(7);
+    std::atomic<bool> over = false;
+    std::thread time([&] {
+      while (clock.Now() < absl::UnixEpoch() + end) {
+        clock.WaitUntil(clock.Now() + absl::Milliseconds(1));
+        std::this_thread::yield();
+      }
+      if (stop) driver.Stop();
+      // For the time to drain of what went out.
+      while (!over) {
+        clock.WaitUntil(clock.Now() + absl::Milliseconds(1));
+        std::this_thread::yield();
+      }
+    });
+    EXPECT_TRUE(driver.Run().ok());
+    over = true;
+    time.join();
+    const Measurement measured = recorder.Result(absl::InfiniteFuture());
+    EXPECT_EQ(target.requests().size(), 150u);
+    // 100 of those that went out are of the warm-up.
+    EXPECT_EQ(measured.all.requests, measured.all.failed);
+    EXPECT_EQ(measured.all.requests - measured.all.unsent, 50u);
+    EXPECT_EQ(measured.errors.at("CANCELLED"), measured.all.failed);
+    EXPECT_EQ(measured.all.planned.count(), measured.all.requests);
+    EXPECT_EQ(measured.all.sent.count(), 0u);
+    if (stop) {
+      // The clock may run on between the call of Stop and what the pacer sees of it.
+      EXPECT_GE(measured.all.requests, 200u);
+      EXPECT_LE(measured.all.requests, 400u);
+    } else {
+      EXPECT_EQ(measured.all.requests, 400u);
+      // The last one was due 10 ms before the end, and waited while there was time to drain.
+      EXPECT_GE(measured.all.planned.min(), absl::Seconds(2));
+    }
+    // The first that was kept back was due after a second and a half.
+    EXPECT_GE(measured.all.planned.max(), end - absl::Seconds(1.5));
+  }
 }
 
 TEST(DriverTest, StopEndsARunThatHasHoursLeft) {

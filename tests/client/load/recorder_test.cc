@@ -82,6 +82,31 @@ TEST(RecorderTest, FailuresHaveACodeAndNoLatency) {
   EXPECT_EQ(m.errors.at("CANCELLED"), 1u);
   EXPECT_DOUBLE_EQ(m.ErrorShare(), 2.0 / 3);
   EXPECT_EQ(m.windows[2].failed, 2u);
+  for (const CodeCounts* codes : {&m.failed_by_code, &m.windows[2].failed_by_code}) {
+    EXPECT_EQ((*codes)[static_cast<size_t>(absl::StatusCode::kResourceExhausted)], 1u);
+    EXPECT_EQ((*codes)[static_cast<size_t>(absl::StatusCode::kCancelled)], 1u);
+    EXPECT_EQ((*codes)[static_cast<size_t>(absl::StatusCode::kUnknown)], 0u);
+  }
+}
+
+TEST(RecorderTest, WhatTheRunGaveUpOnHasWaitedAtLeastThatLong) {
+  Recorder recorder(absl::Seconds(1));
+  recorder.Begin(At(0), At(10));
+  Outcome outcome = Answer(4, 5, 12);
+  outcome.status = absl::CancelledError("");
+  recorder.Add(outcome);  // By the server: that says nothing about how long an answer takes.
+  outcome.given_up = true;
+  recorder.Add(outcome);
+  outcome.sent = absl::InfiniteFuture();
+  outcome.request.planned = At(3);
+  recorder.Add(outcome);
+  recorder.Add(Answer(1, 1, 1.5));
+  const Measurement m = recorder.Result(At(20));
+  EXPECT_EQ(m.all.failed, 3u);
+  EXPECT_EQ(m.all.unsent, 1u);
+  EXPECT_EQ(m.all.planned.count(), 3u);
+  EXPECT_EQ(m.all.planned.max(), absl::Seconds(9));
+  EXPECT_EQ(m.all.sent.count(), 1u);
 }
 
 TEST(RecorderTest, AShortRunEndsWhenItIsAskedFor) {
