@@ -48,10 +48,15 @@ absl::StatusOr<Knee> FindKnee(double first_rate, const KneeTry& trial) {
 absl::Status HoldKnee(Knee* knee, const KneeTry& whole) {
   SIGHTLINE_CHECK(knee->rate > 0) << "rate " << knee->rate;
   for (int step = 0;; ++step) {
-    SL_ASSIGN_OR_RETURN(const KneeTrial run, whole(knee->rate));
-    if (run.held || step == kStepsBack) return absl::OkStatus();
+    SL_ASSIGN_OR_RETURN(KneeTrial run, whole(knee->rate));
+    run.whole = true;
     knee->trials.push_back(run);
+    if (run.held) return absl::OkStatus();
     knee->missed = knee->rate;
+    if (step == kStepsBack) {
+      knee->rate = 0;
+      return absl::OkStatus();
+    }
     knee->rate *= kStepBack;
   }
 }

@@ -34,6 +34,7 @@ struct KneeTrial {
   double answered = 0;      // Achieved.
   double p50 = 0, p99 = 0;  // Milliseconds, from the planned time.
   bool held = false;
+  bool whole = false;  // A run in full, of those after the search.
 };
 
 struct Knee {
@@ -49,8 +50,8 @@ using KneeTry = std::function<absl::StatusOr<KneeTrial>(double rate)>;
 absl::StatusOr<Knee> FindKnee(double first_rate, const KneeTry& trial);
 
 // A trial is short: what holds in it may not hold in a whole run. Runs the knee's rate by `whole`,
-// and steps back by a tenth, kStepsBack times at most, until one holds. The knee's rate is that of
-// the last run; the ones that missed are among its trials. REQUIRES: knee->rate > 0.
+// and steps back by a tenth, kStepsBack times at most, until one holds: that is then the knee's
+// rate, and 0 if none does. The runs are among its trials. REQUIRES: knee->rate > 0.
 absl::Status HoldKnee(Knee* knee, const KneeTry& whole);
 
 }  // namespace sightline::load

@@ -116,12 +116,17 @@ std::string LatencyTable(const Measurement& m) {
 
 std::string KneeText(const Knee& knee) {
   std::string text = "\nrate/s    answered/s     p50 ms     p99 ms\n";
+  bool whole = false;
   for (const KneeTrial& trial : knee.trials) {
-    absl::StrAppend(&text,
-                    absl::StrFormat("%-9.4g %10.4g %10.3f %10.3f  %s\n", trial.rate, trial.answered,
-                                    trial.p50, trial.p99, trial.held ? "held" : "missed"));
+    absl::StrAppend(
+        &text, absl::StrFormat("%-9.4g %10.4g %10.3f %10.3f  %s%s\n", trial.rate, trial.answered,
+                               trial.p50, trial.p99, trial.held ? "held" : "missed",
+                               trial.whole ? ", in full" : ""));
+    whole = whole || trial.whole;
   }
-  if (knee.rate == 0) return absl::StrCat(text, "no rate met the objective\n");
+  if (knee.rate == 0) {
+    return absl::StrCat(text, "no rate met the objective", whole ? " in full" : "", "\n");
+  }
   absl::StrAppend(&text, absl::StrFormat("knee: %.4g requests/s meet the objective", knee.rate));
   if (knee.missed > 0) absl::StrAppend(&text, absl::StrFormat(", %.4g do not", knee.missed));
   return absl::StrCat(text, "\n");
@@ -210,12 +215,12 @@ Json SeriesJson(const Measurement& m, const Series& series) {
   json["requests"] = series.requests;
   json["answered"] = series.answered;
   json["failed"] = series.failed;
+  json["unsent"] = series.unsent;
   json["answers_per_s"] = m.PerSecond(series.answered_in_time);
   json["rays_per_s"] = m.PerSecond(series.rays_in_time);
   json["bytes_received_per_s"] = m.PerSecond(series.bytes_received_in_time);
   json["bytes_sent_per_s"] = m.PerSecond(series.bytes_sent_in_time);
   json["latency_planned_ms"] = LatencyJson(series.planned);
-  json["unsent"] = series.unsent;
   json["latency_sent_ms"] = LatencyJson(series.sent);
   return json;
 }
@@ -232,7 +237,8 @@ Json KneeJson(const Knee& knee) {
                               {"answers_per_s", trial.answered},
                               {"p50_ms", trial.p50},
                               {"p99_ms", trial.p99},
-                              {"held", trial.held}});
+                              {"held", trial.held},
+                              {"in_full", trial.whole}});
   }
   return json;
 }

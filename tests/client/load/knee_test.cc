@@ -63,13 +63,19 @@ TEST(KneeTest, AKneeThatDoesNotHoldStepsBack) {
     EXPECT_LE(knee.rate, capacity);
     EXPECT_GE(knee.rate, std::min(capacity, 1000.0) * kStepBack);
     EXPECT_EQ(rates.back(), knee.rate);
-    EXPECT_EQ(knee.trials.size(), rates.size());  // The one of before, and those that missed.
-    for (size_t i = 1; i < knee.trials.size(); ++i) EXPECT_FALSE(knee.trials[i].held);
+    ASSERT_EQ(knee.trials.size(), 1 + rates.size());  // The one of before, and the runs.
+    EXPECT_FALSE(knee.trials[0].whole);
+    for (size_t i = 0; i < rates.size(); ++i) {
+      EXPECT_EQ(knee.trials[1 + i].rate, rates[i]);
+      EXPECT_TRUE(knee.trials[1 + i].whole);
+      EXPECT_EQ(knee.trials[1 + i].held, i + 1 == rates.size());
+    }
     EXPECT_DOUBLE_EQ(knee.missed, rates.size() == 1 ? 1040 : knee.rate / kStepBack);
   }
 }
 
-TEST(KneeTest, SteppingBackEnds) {
+// A rate is not called the knee because nothing below it was tried.
+TEST(KneeTest, SteppingBackEndsWithoutAKnee) {
   Knee knee{.rate = 1000};
   int runs = 0;
   ASSERT_TRUE(HoldKnee(&knee, [&](double rate) {
@@ -77,9 +83,12 @@ TEST(KneeTest, SteppingBackEnds) {
                 return Model(rate, 1);
               }).ok());
   EXPECT_EQ(runs, kStepsBack + 1);
-  EXPECT_EQ(knee.trials.size(), static_cast<size_t>(kStepsBack));
+  EXPECT_EQ(knee.trials.size(), static_cast<size_t>(kStepsBack + 1));
+  EXPECT_EQ(knee.rate, 0);
+  EXPECT_EQ(knee.missed, knee.trials.back().rate);
+  Knee other{.rate = 1000};
   const absl::Status gone =
-      HoldKnee(&knee, [](double) -> absl::StatusOr<KneeTrial> { return absl::AbortedError("x"); });
+      HoldKnee(&other, [](double) -> absl::StatusOr<KneeTrial> { return absl::AbortedError("x"); });
   EXPECT_TRUE(absl::IsAborted(gone)) << gone;
 }
 

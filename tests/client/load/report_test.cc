@@ -136,6 +136,22 @@ TEST_F(ReportTest, TextSaysWhatWentWrong) {
   EXPECT_THAT(Print("text"), HasSubstr("nothing (--check none)\n"));
 }
 
+TEST_F(ReportTest, AKneeSaysWhichRunsWereWhole) {
+  report_.knee = Knee{.rate = 90,
+                      .missed = 100,
+                      .trials = {{.rate = 100, .held = true},
+                                 {.rate = 100, .whole = true},
+                                 {.rate = 90, .held = true, .whole = true}}};
+  const std::string found = Print("text");
+  EXPECT_THAT(found, testing::ContainsRegex("\n100 .*  held\n100 .*  missed, in full\n"
+                                            "90 .*  held, in full\n"));
+  EXPECT_THAT(found, HasSubstr("knee: 90 requests/s meet the objective, 100 do not\n"));
+  report_.knee->rate = 0;
+  EXPECT_THAT(Print("text"), HasSubstr("no rate met the objective in full\n"));
+  report_.knee->trials.resize(1);
+  EXPECT_THAT(Print("text"), HasSubstr("no rate met the objective\n"));
+}
+
 TEST_F(ReportTest, SumsAndCountsOfMetricsBecomeMeans) {
   report_.server_metrics["x_seconds_count{method=\"A\"}"] = {10, 30};
   report_.server_metrics["x_seconds_sum{method=\"A\"}"] = {1, 6};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // sightline-load as a whole, against servers in this process. Runs end by the number of requests.
+#include <algorithm>
 #include <atomic>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -9,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/file.h"
+#include "client/load/knee.h"
 #include "client/load/run.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -110,6 +112,55 @@ TEST_F(LoadRunTest, AKneeThatIsNotThereIsAMiss) {
   EXPECT_EQ(result.code, kExitMissed) << result.err;
   EXPECT_EQ(result.json()["knee"]["rate_per_s"], 0);
   EXPECT_GT(result.json()["knee"]["trials"].size(), 2u);
+}
+
+// Whatever the machine can do, there is a rate that it can keep up with and one that it cannot. By
+// the tool's own records the knee is the former, and the next step up the latter.
+TEST_F(LoadRunTest, TheKneeMeetsTheObjectiveAndTheNextStepUpDoesNot) {
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--workload=points", "--points=4096", "--find-knee",
+               "--rate=50", "--slo=p90=250ms", "--trial=200ms", "--duration=400ms",
+               "--arrivals=constant", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err << result.out;
+  const nlohmann::json json = result.json(), knee = json["knee"], trials = knee["trials"];
+  const double rate = knee["rate_per_s"], missed = knee["missed_per_s"];
+  ASSERT_GT(rate, 0);
+  ASSERT_GT(missed, rate);
+  // The report is of a whole run at that rate, which kept up and met the objective.
+  EXPECT_EQ(json["rate_per_s"], rate);
+  EXPECT_EQ(json["slo_held"], true);
+  EXPECT_LE(json["all"]["latency_planned_ms"]["p90"], 250);
+  EXPECT_EQ(json["all"]["failed"], 0);
+  EXPECT_GE(json["all"]["answers_per_s"].get<double>() * json["measured_s"].get<double>(),
+            kKeepsUp * json["all"]["requests"].get<double>() - 1e-6);
+  EXPECT_EQ(trials.back()["rate_per_s"], rate);
+  EXPECT_EQ(trials.back()["held"], true);
+  EXPECT_EQ(trials.back()["in_full"], true);
+  // The next step up: twice missed by trials, or once in full, and never held in full.
+  int short_misses = 0, whole_misses = 0;
+  for (const nlohmann::json& trial : trials) {
+    if (trial["rate_per_s"] != missed) continue;
+    if (trial["in_full"]) {
+      EXPECT_FALSE(trial["held"]);
+      ++whole_misses;
+    } else if (!trial["held"]) {
+      ++short_misses;
+    }
+  }
+  EXPECT_TRUE(whole_misses == 1 || short_misses == 2) << knee.dump(2);
+  EXPECT_LE(missed, rate * std::max(1 + kKneePrecision, 1 / kStepBack) + 1e-6);
+}
+
+TEST_F(LoadRunTest, ARunEndsOnceItIsStable) {
+  // Windows of a second; in two minutes three of them agree on any machine.
+  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--until-stable", "--window=1s",
+                                    "--duration=2m", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(result.json()["stable"], true);
+  EXPECT_LE(result.json()["rate_spread"], 0.10);
+  EXPECT_LE(result.json()["latency_spread"], 0.10);
+  EXPECT_GE(result.json()["measured_s"], 3);
+  EXPECT_LT(result.json()["measured_s"], 120);
 }
 
 // What the server counted while the knee was searched is none of the run's.
