@@ -311,8 +311,7 @@ class CulledPacketWalk {
         culling_(culling),
         stats_(stats),
         lanes_(scene, packet, stats),
-        leaf_(scene, culling, lanes_, stats),
-        limit_(lanes_.first_limit()) {}
+        leaf_(scene, culling, lanes_, stats) {}
 
   bool has_frustum() const { return leaf_.slopes().valid(); }
 
@@ -414,13 +413,8 @@ class CulledPacketWalk {
     }
     if (some == 0) return false;
     ++stats_->leaves;
-    leaf_.Visit(range, met, at.first_group, kAny ? lanes_.first_limit() : limit_);
-    if constexpr (kAny) {
-      return lanes_.live() == 0;
-    } else {
-      limit_ = lanes_.LargestLimit();
-      return false;
-    }
+    leaf_.Visit(range, met, at.first_group);
+    return kAny && lanes_.live() == 0;
   }
 
   const Tree tree_;
@@ -428,7 +422,6 @@ class CulledPacketWalk {
   WalkStats* const stats_;
   PacketLanes<kAny> lanes_;
   PacketLeaf<kAny> leaf_;
-  float limit_;  // No live lane looks beyond this.
 };
 
 template <class Tree, bool kAny>

@@ -140,7 +140,8 @@ class PacketSlopes {
             {hn::GetLane(hn::MaxOfLanes(d, hi0)), hn::GetLane(hn::MaxOfLanes(d, hi1))}};
   }
 
-  // The leaf's triangles that the frustum's planes leave over; `limit`: no lane looks further.
+  // The leaf's triangles that the frustum's planes leave over; `limit`: no lane that is asked
+  // about them looks further.
   HWY_INLINE uint32_t KeepByPlanes(const LeafView& leaf, Vec3f origin, const Frustum& frustum,
                                    bool side_planes, bool near_far, float limit) const {
     const hn::CappedTag<float, kMaxLeafTriangles> d;

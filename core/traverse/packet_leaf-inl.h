@@ -56,8 +56,8 @@ class PacketLeaf {
   const PacketSlopes& slopes() const { return slopes_; }
 
   // `met`: by group, the lanes that meet the leaf's box; clobbered. Groups before `begin` have
-  // none. `limit`: no lane looks further.
-  void Visit(const LeafRange& range, uint32_t* met, uint32_t begin, float limit) {
+  // none.
+  void Visit(const LeafRange& range, uint32_t* met, uint32_t begin) {
     uint32_t rays = 0;
     Frustum frustum = slopes_.whole();
     const bool planes = slopes_.valid() && (culling_.side_planes || culling_.near_far);
@@ -65,7 +65,9 @@ class PacketLeaf {
     if ((planes || edges) && culling_.frustum == FrustumRays::kMasked) {
       frustum = slopes_.Hold(met, begin, lanes_.groups());
     }
+    uint32_t within[kMaxGroups];  // The others hit nothing here, whether they are asked or not.
     for (uint32_t g = begin; g < lanes_.groups(); ++g) {
+      within[g] = met[g];
       if (!culling_.ray_mask && met[g] != 0) met[g] = lanes_.active(g);
       rays += static_cast<uint32_t>(std::popcount(met[g]));
     }
@@ -79,12 +81,12 @@ class PacketLeaf {
     // meet it: nothing can be told of their edges.
     const bool covered = culling_.ray_mask || culling_.frustum != FrustumRays::kMasked;
     const bool near_far_first = culling_.near_far && !(edges && culling_.aperture_first);
+    float limit = FarthestLimit(within, begin);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
       const RangeView view(scene_.geometry, range, at);
       const LeafView& leaf = view.leaf;
-      if constexpr (!kAny) {
-        if (at > 0) limit = lanes_.LargestLimit();
-      }
+      if (at > 0) limit = FarthestLimit(within, begin);
+      if (limit == -std::numeric_limits<float>::infinity()) return;  // All have what they look for.
       uint32_t chosen = (1u << leaf.count) - 1;
       if (planes && (culling_.side_planes || near_far_first)) {
         chosen = slopes_.KeepByPlanes(leaf, lanes_.origin(), frustum, culling_.side_planes,
@@ -100,7 +102,9 @@ class PacketLeaf {
       FacingTriangle facing[kMaxLeafTriangles];
       const uint32_t count = TurnTriangles(lanes_, leaf, chosen, facing);
       uint32_t kept = 0;
+      bool nearer = false;  // The far plane, than when the planes were asked.
       for (uint32_t i = 0; i < count; ++i) {
+        if (nearer && near_far_first && !NearEnough(leaf, facing[i], limit)) continue;
         Corners corners = Corners::kUnknown;
         if (edges) {
           ++stats_->aperture_tests;
@@ -118,6 +122,12 @@ class PacketLeaf {
         } else {
           Test<true>(leaf, facing[i], met, begin);
         }
+        // All rays meet it: what lies behind it is behind all of them (paper 000, section 2; paper
+        // 004, section 4).
+        if (corners == Corners::kInside && culling_.near_far) {
+          limit = FarthestLimit(within, begin);
+          nearer = true;
+        }
       }
       Count(leaf.count - kept, rays);
     }
@@ -126,6 +136,21 @@ class PacketLeaf {
  private:
   void Count(uint32_t triangles, uint32_t rays) {
     stats_->culled_tests += uint64_t{triangles} * rays;
+  }
+
+  // None of these lanes looks further; -inf where none is still asked. The limits of rays that miss
+  // the leaf's box say nothing of it: one that sees the sky never has any.
+  float FarthestLimit(const uint32_t* lanes, uint32_t begin) const {
+    const D d;
+    const V none = hn::Set(d, -std::numeric_limits<float>::infinity());
+    V most = none;
+    for (uint32_t g = begin; g < lanes_.groups(); ++g) {
+      if (lanes[g] == 0) continue;
+      const auto some = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&lanes[g]));
+      most = hn::Max(
+          most, hn::IfThenElse(some, hn::Load(d, lanes_.limit_row() + g * hn::Lanes(d)), none));
+    }
+    return hn::GetLane(hn::MaxOfLanes(d, most));
   }
 
   // KeepByPlanes' near and far planes, for one triangle.

@@ -4,6 +4,7 @@
 // options, over trees of every leaf size; with the papers' own tests, they differ from the same
 // test over all triangles only within that test's bound.
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -220,6 +221,71 @@ TEST_P(CulledWalksTest, PacketsGiveBruteForcesBitsWithEveryOption) {
   }
   std::cout << "tests culled: " << culled_tests << ", made: " << tests << '\n';
   EXPECT_GT(culled_tests, tests / 10);
+}
+
+// Triangles one behind another in a leaf, in that order, along z from 5 on.
+IndexedGeometry MakeStack(uint32_t count) {
+  ObjectInput object;
+  for (uint32_t i = 0; i < count; ++i) {
+    const double z = 5 + 0.1 * i, size = i == 0 ? 1 : 0.9;
+    const Vec3d corners[] = {{-size, -size, z}, {3 * size, -size, z}, {-size, 3 * size, z}};
+    for (const Vec3d& corner : corners) {
+      object.indices.push_back(static_cast<uint32_t>(object.vertices.size()));
+      object.vertices.push_back(corner);
+    }
+  }
+  IndexedGeometry scene = IndexObjects({object}, Vec3d{0, 0, 0});
+  ThreadPool pool(1);
+  auto bvh = BuildBinaryBvh(scene.geometry, {.min_triangles = 1000}, pool);
+  EXPECT_TRUE(bvh.ok()) << bvh.status();
+  scene.binary_bvh = *std::move(bvh);
+  for (uint32_t i = 0; i < count; ++i) EXPECT_EQ(scene.binary_bvh->ids[i], i) << "in order";
+  return scene;
+}
+
+// All rays of a packet but one see the stack; that one sees the sky: what it looks for has no end,
+// but it is not asked about this leaf. The others' far plane moves up to what they hit: at once
+// where that covers their frustum, else after sixteen triangles.
+TEST_P(CulledWalksTest, ARayThatSeesTheSkyLeavesTheOthersTheirFarPlane) {
+  constexpr uint32_t kTriangles = 41, kRays = 64, kSeeing = kRays - 1;
+  const IndexedGeometry scene = MakeStack(kTriangles);
+  const auto packet = std::make_unique<RayPacket>();
+  packet->origin = {0, 0, 0};
+  packet->segments = false;
+  packet->count = kRays;
+  for (uint32_t lane = 0; lane < kRays; ++lane) {
+    packet->target_x[lane] = lane < kSeeing ? 0.01f * static_cast<float>(lane % 8) : 2.0f;
+    packet->target_y[lane] = 0.01f * static_cast<float>(lane / 8);
+    packet->target_z[lane] = 1;
+    packet->target_source[lane] = kNoTriangle;
+  }
+  for (const Intersector intersector : {Intersector::kExact, Intersector::kKenslerShirley}) {
+    for (const FrustumRays frustum : kAllFrustumRays) {
+      for (const auto& [ray_mask, aperture, aperture_first] : {std::array{false, false, false},
+                                                               {true, false, false},
+                                                               {true, true, false},
+                                                               {false, true, true},
+                                                               {true, true, true}}) {
+        LeafCulling culling = LeafCulling::None();
+        culling.intersector = intersector;
+        culling.frustum = frustum;
+        culling.near_far = true;
+        culling.ray_mask = ray_mask;
+        culling.aperture = aperture;
+        culling.aperture_first = aperture_first;
+        SCOPED_TRACE(Describe(culling));
+        WalkStats stats;
+        ASSERT_TRUE(culled().closest_packet(scene, culling, *packet, nullptr, &stats));
+        for (uint32_t lane = 0; lane < kRays; ++lane) {
+          EXPECT_EQ(packet->triangle[lane], lane < kSeeing ? 0 : kNoTriangle);
+        }
+        const uint64_t asked = ray_mask ? kSeeing : kRays;
+        const bool at_once = aperture && frustum == FrustumRays::kMasked;
+        EXPECT_EQ(stats.triangle_tests, asked * (at_once ? 1 : kMaxLeafTriangles));
+        EXPECT_EQ(stats.culled_tests + stats.triangle_tests, asked * kTriangles);
+      }
+    }
+  }
 }
 
 TEST_P(CulledWalksTest, ThePapersTestsDifferFromTheirBruteForceOnlyWithinTheirBounds) {
