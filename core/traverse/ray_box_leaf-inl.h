@@ -3,6 +3,9 @@
 // What the single-ray walks do in a leaf that may be large: ray-box culling (paper 001, section 3).
 // The box of the ray's points between its entry into and its exit from the leaf, cut at the nearest
 // hit so far, is put to the triangles' boxes, sixteen at a time; what it misses is not tested.
+// After a hit its far faces move up to the hit point. Where triangles are tested one by one, by a
+// paper's test, those that are left of the sixteen are put to it again; by the predicate sixteen
+// are tested at once, and the next ones meet the smaller box.
 //
 // Margin, with u = 2^-24, everything relative to the origin O: entry and exit carry four roundings
 // each (core/geometry/box_ray.h, 2), D one, the product one: a point of the ray within the leaf
@@ -14,6 +17,8 @@
 //
 // Distances: a triangle beyond the box cut at a hit has an entry after that hit by the same margin,
 // and its distance is not below its entry (core/intersect/hit.h). So what is culled is farther.
+// That holds axis by axis, each by its own far face, whose margin is relative to the face alone:
+// moving the far faces changes nothing of what the near ones say.
 //
 // The hit point that the paper reuses is t·D here, three products: the box is relative to O.
 //
@@ -74,6 +79,18 @@ struct RayPartBox {
     }
     return box;
   }
+
+  // The part ends at a hit: its far faces move there, the near ones stay (paper 001, section 3.5).
+  // REQUIRES: `end` is finite, and no later than the part's.
+  HWY_INLINE void EndAt(const BoxRay& ray, Vec3f direction, float end) {
+    for (int k = 0; k < 3; ++k) {
+      const float d = direction[k];
+      if (std::isnan(ray.inv[k]) || d == 0) continue;
+      const float at = end * d;
+      const float margin = std::abs(at) * kRayBoxUnits + kBoxExitShift;
+      (d > 0 ? hi[k] : lo[k]) = d > 0 ? at + margin : at - margin;
+    }
+  }
 };
 
 // Triangles tested lately by one ray: a small table that forgets (paper 001, section 2.2).
@@ -112,17 +129,18 @@ class RayBoxLeaf {
   // The ray is within the leaf from `entry` to `exit`, and looks no further than `limit`. Returns
   // true when any further hit is of no interest.
   bool Visit(const LeafRange& range, float entry, float exit, Hit* best, float* limit) {
-    const bool boxes = culling_.ray_box && range.count >= culling_.ray_box_min_triangles;
-    const float begin = entry > 0 ? entry : 0;
-    RayPartBox box;
-    if (boxes) {
+    Part part;
+    part.boxes = culling_.ray_box && range.count >= culling_.ray_box_min_triangles;
+    if (part.boxes) {
       ++stats_->ray_boxes;
-      box = RayPartBox::Make(box_ray_, direction_, begin, std::min(exit, *limit));
+      part.end = std::min(exit, *limit);
+      part.box = RayPartBox::Make(box_ray_, direction_, entry > 0 ? entry : 0, part.end);
     }
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
       const RangeView view(scene_.geometry, range, at);
+      const Batch batch = {view.leaf, range, at};
       uint32_t chosen = (1u << view.leaf.count) - 1;
-      if (boxes) chosen &= Overlapping(view.leaf, range, at, box);
+      if (part.boxes) chosen &= Overlapping(batch, part.box);
       if (culling_.mailbox) {
         for (uint32_t bits = chosen; bits != 0; bits &= bits - 1) {
           const uint32_t lane = std::countr_zero(bits);
@@ -131,49 +149,87 @@ class RayBoxLeaf {
       }
       stats_->culled_tests += view.leaf.count - std::popcount(chosen);
       if (chosen == 0) continue;
-      const float before = best->t;
       const bool stop = culling_.intersector == Intersector::kExact
                             ? TestExactly(view.leaf, chosen, best)
-                            : TestByIntersector(view.leaf, chosen, best);
+                            : TestByIntersector(batch, chosen, best, &part);
       if (stop) return true;
-      if (!(best->t < before)) continue;
       if (best->t < *limit) *limit = best->t;
-      if (boxes && culling_.ray_box_update && at + kMaxLeafTriangles < range.count) {
-        ++stats_->ray_box_updates;
-        box = RayPartBox::Make(box_ray_, direction_, begin, std::min(exit, *limit));
-      }
+      if (at + kMaxLeafTriangles < range.count) EndAt(*best, &part);
     }
     return false;
   }
 
  private:
-  HWY_INLINE uint32_t Overlapping(const LeafView& leaf, const LeafRange& range, uint32_t at,
-                                  const RayPartBox& box) const {
-    const hn::CappedTag<float, kMaxLeafTriangles> d;
+  // What the leaf's triangles are put to.
+  struct Part {
+    bool boxes = false;  // If not, nothing: the others are not set.
+    RayPartBox box;
+    float end = 0;
+  };
+  // Triangles at, at + 1, ... of a leaf, as they are seen.
+  struct Batch {
+    const LeafView& leaf;
+    const LeafRange& range;
+    uint32_t at;
+  };
+  using DT = hn::CappedTag<float, kMaxLeafTriangles>;
+
+  // Makes the part end at the nearest hit, if that is within it. Returns whether it does.
+  HWY_INLINE bool EndAt(const Hit& best, Part* part) {
+    if (!part->boxes || !culling_.ray_box_update || !(best.t < part->end)) return false;
+    ++stats_->ray_box_updates;
+    part->end = best.t;
+    part->box.EndAt(box_ray_, direction_, best.t);
+    return true;
+  }
+
+  // Faces along an axis of the batch's boxes from `first` on, relative to the ray's origin: stored,
+  // else made on the way.
+  template <bool kHigh>
+  HWY_INLINE hn::Vec<DT> Faces(const Batch& batch, uint32_t first, int axis) const {
+    const DT d;
+    const auto o = hn::Set(d, query_.ray.origin[axis]);
+    if (const LeafTriangles* const stored = batch.range.triangles; stored != nullptr) {
+      const float* const row = stored->boxes.data() + batch.range.first + batch.at + first;
+      return hn::Sub(hn::LoadU(d, row + (kHigh ? 3 + axis : axis) * stored->stride), o);
+    }
+    const size_t stride = batch.leaf.stride;
+    const float* const row = batch.leaf.rows + axis * stride + first;
+    const auto a = hn::LoadU(d, row), b = hn::LoadU(d, row + 3 * stride),
+               c = hn::LoadU(d, row + 6 * stride);
+    return hn::Sub(kHigh ? hn::Max(hn::Max(a, b), c) : hn::Min(hn::Min(a, b), c), o);
+  }
+
+  HWY_INLINE uint32_t Overlapping(const Batch& batch, const RayPartBox& box) const {
+    const DT d;
     uint32_t met = 0;
-    for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
+    for (uint32_t first = 0; first < batch.leaf.count;
+         first += static_cast<uint32_t>(hn::Lanes(d))) {
       auto apart = hn::Lt(hn::Zero(d), hn::Zero(d));  // None.
       for (int k = 0; k < 3; ++k) {
-        const auto o = hn::Set(d, query_.ray.origin[k]);
-        auto lo = hn::Zero(d), hi = lo;
-        if (range.triangles != nullptr) {  // Stored boxes; else they are made on the way.
-          const size_t stride = range.triangles->stride;
-          const float* const row = range.triangles->boxes.data() + range.first + at + first;
-          lo = hn::LoadU(d, row + k * stride);
-          hi = hn::LoadU(d, row + (3 + k) * stride);
-        } else {
-          const float* const row = leaf.rows + k * leaf.stride + first;
-          const auto a = hn::LoadU(d, row), b = hn::LoadU(d, row + 3 * leaf.stride),
-                     c = hn::LoadU(d, row + 6 * leaf.stride);
-          lo = hn::Min(hn::Min(a, b), c);
-          hi = hn::Max(hn::Max(a, b), c);
-        }
-        apart = hn::Or(apart, hn::Or(hn::Gt(hn::Sub(lo, o), hn::Set(d, box.hi[k])),
-                                     hn::Lt(hn::Sub(hi, o), hn::Set(d, box.lo[k]))));
+        apart = hn::Or(apart, hn::Gt(Faces<false>(batch, first, k), hn::Set(d, box.hi[k])));
+        apart = hn::Or(apart, hn::Lt(Faces<true>(batch, first, k), hn::Set(d, box.lo[k])));
       }
       met |= (~MaskBits(d, apart) & ((1u << hn::Lanes(d)) - 1)) << first;
     }
-    return met & ((1u << leaf.count) - 1);
+    return met & ((1u << batch.leaf.count) - 1);
+  }
+
+  // Those of `left` whose boxes begin before the part ends, which overlapped it when it was longer:
+  // half of the faces, as only the far ones have moved.
+  HWY_INLINE uint32_t BeginWithin(const Batch& batch, const RayPartBox& box, uint32_t left) const {
+    const DT d;
+    uint32_t beyond = 0;
+    for (uint32_t first = 0; left >> first != 0; first += static_cast<uint32_t>(hn::Lanes(d))) {
+      auto apart = hn::Lt(hn::Zero(d), hn::Zero(d));  // None.
+      for (int k = 0; k < 3; ++k) {
+        apart = hn::Or(apart, direction_[k] > 0
+                                  ? hn::Gt(Faces<false>(batch, first, k), hn::Set(d, box.hi[k]))
+                                  : hn::Lt(Faces<true>(batch, first, k), hn::Set(d, box.lo[k])));
+      }
+      beyond |= MaskBits(d, apart) << first;
+    }
+    return left & ~beyond;
   }
 
   // All lanes at once: those that are not chosen cost nothing, and are not counted.
@@ -190,10 +246,13 @@ class RayBoxLeaf {
     });
   }
 
-  bool TestByIntersector(const LeafView& leaf, uint32_t chosen, Hit* best) {
+  // One by one: the part of the ray ends at each hit, if there is something left that it may spare.
+  bool TestByIntersector(const Batch& batch, uint32_t chosen, Hit* best, Part* part) {
+    const LeafView& leaf = batch.leaf;
     const float end = query_.ray.segment ? 1.0f : std::numeric_limits<float>::infinity();
-    for (; chosen != 0; chosen &= chosen - 1) {
+    while (chosen != 0) {
       const uint32_t lane = std::countr_zero(chosen), id = leaf.id(lane);
+      chosen &= chosen - 1;
       ++stats_->triangle_tests;
       if (id == query_.from_source || id == query_.to_source || query_.unseen.Holds(id)) continue;
       PreparedTriangle room;
@@ -211,7 +270,12 @@ class RayBoxLeaf {
         return true;
       } else {
         const Hit hit{tested.t, id};
-        if (hit < *best && hit.t > query_.near) *best = hit;
+        if (!(hit < *best) || !(hit.t > query_.near)) continue;
+        *best = hit;
+        if (chosen == 0 || !EndAt(*best, part)) continue;
+        const uint32_t left = BeginWithin(batch, part->box, chosen);
+        stats_->culled_tests += std::popcount(chosen & ~left);
+        chosen = left;
       }
     }
     return false;

@@ -237,8 +237,10 @@ IndexedGeometry MakeStack(uint32_t count) {
   IndexedGeometry scene = IndexObjects({object}, Vec3d{0, 0, 0});
   ThreadPool pool(1);
   auto bvh = BuildBinaryBvh(scene.geometry, {.min_triangles = 1000}, pool);
-  EXPECT_TRUE(bvh.ok()) << bvh.status();
+  auto kd = BuildKdTree(scene.geometry, {.min_leaf_triangles = 1000}, pool);
+  EXPECT_TRUE(bvh.ok() && kd.ok()) << bvh.status() << kd.status();
   scene.binary_bvh = *std::move(bvh);
+  scene.kd_tree = *std::move(kd);
   for (uint32_t i = 0; i < count; ++i) EXPECT_EQ(scene.binary_bvh->ids[i], i) << "in order";
   return scene;
 }
@@ -283,6 +285,46 @@ TEST_P(CulledWalksTest, ARayThatSeesTheSkyLeavesTheOthersTheirFarPlane) {
         const bool at_once = aperture && frustum == FrustumRays::kMasked;
         EXPECT_EQ(stats.triangle_tests, asked * (at_once ? 1 : kMaxLeafTriangles));
         EXPECT_EQ(stats.culled_tests + stats.triangle_tests, asked * kTriangles);
+      }
+    }
+  }
+}
+
+// The part of a ray ends at each hit (paper 001, section 3.5): the rest of the leaf meets the
+// smaller box. By the predicate sixteen triangles are tested at once, and the next ones meet it.
+TEST_P(CulledWalksTest, ARaysBoxEndsAtEachHit) {
+  struct Case {
+    uint32_t triangles;
+    Intersector intersector;
+    bool update;
+    uint64_t tests, updates;          // Where the nearest triangle is the leaf's first,
+    uint64_t far_tests, far_updates;  // and where it is the last.
+  };
+  for (const Case& c : {Case{12, Intersector::kMoellerTrumbore, true, 1, 1, 12, 11},
+                        Case{41, Intersector::kMoellerTrumbore, true, 1, 1, 41, 40},
+                        Case{12, Intersector::kMoellerTrumbore, false, 12, 0, 12, 0},
+                        Case{12, Intersector::kExact, true, 12, 0, 12, 0},
+                        Case{41, Intersector::kExact, true, 16, 1, 41, 2}}) {
+    const IndexedGeometry scene = MakeStack(c.triangles);
+    // Boxes stored with the leaf, and made on the way.
+    for (const CulledTree tree : {CulledTree::kBinaryBvh, CulledTree::kKdTree}) {
+      LeafCulling culling = LeafCulling::None();
+      culling.tree = tree;
+      culling.intersector = c.intersector;
+      culling.ray_box = true;
+      culling.ray_box_update = c.update;
+      SCOPED_TRACE(testing::Message() << c.triangles << ", " << Describe(culling));
+      const TraceRay ahead = {.ray = PredicateRay::Ray({0, 0, 0}, {0.01f, -0.01f, 1})};
+      const TraceRay back = {.ray = PredicateRay::Segment({0, 0, 20}, {0.01f, -0.01f, 0})};
+      for (const bool from_ahead : {true, false}) {
+        Hit hit;
+        WalkStats stats;
+        ASSERT_TRUE(culled().closest_single(scene, culling, {from_ahead ? &ahead : &back, 1},
+                                            {&hit, 1}, nullptr, &stats));
+        EXPECT_EQ(hit.triangle, from_ahead ? 0 : c.triangles - 1);
+        EXPECT_EQ(stats.triangle_tests, from_ahead ? c.tests : c.far_tests);
+        EXPECT_EQ(stats.ray_box_updates, from_ahead ? c.updates : c.far_updates);
+        EXPECT_EQ(stats.triangle_tests + stats.culled_tests, c.triangles);
       }
     }
   }
