@@ -6,7 +6,9 @@
 // the operations. Rows are read through a functor p(i), so that a test that ends early has not
 // loaded them.
 //
-// A test ends as soon as no lane can hit: after t, after u, as the papers' do.
+// A test ends as soon as no lane can hit: after t, after u, as the papers' do. Without kEdges it
+// ends after t in any case: the rays are known to pass within the triangle's edges, and weights are
+// not wanted.
 //
 // Thread safety: pure functions.
 
@@ -20,6 +22,7 @@
 #include <immintrin.h>
 
 #include <cmath>
+#include <limits>
 
 #include "core/geometry/vec3.h"
 #include "core/intersect/intersector.h"
@@ -117,9 +120,16 @@ HWY_INLINE V PlainZero(V x) {
   return O::Add(x, O::Set(0.0f));
 }
 
+// A distance that is none: with a determinant that all but vanishes the quotient may be +inf, which
+// the weights would not let through.
+template <class O, class V = typename O::V>
+HWY_INLINE typename O::M IsFinite(V t) {
+  return O::Gt(O::Set(std::numeric_limits<float>::infinity()), t);
+}
+
 // The conditions of paper 003's equation (10) on t', u', v' and det, and the division at the end.
 // `scaled_u` and `scaled_v` are called when they are needed.
-template <class O, class FU, class FV, class V = typename O::V>
+template <class O, bool kEdges, class FU, class FV, class V = typename O::V>
 HWY_INLINE Tested<O> DeferredTest(V det, V scaled_t, V t_max, const FU& scaled_u,
                                   const FV& scaled_v) {
   const V size = O::Abs(det);
@@ -128,6 +138,11 @@ HWY_INLINE Tested<O> DeferredTest(V det, V scaled_t, V t_max, const FU& scaled_u
   r.t = r.u = r.v = O::Set(0.0f);
   r.hit = O::And(NotNegative<O>(ts), O::Le(ts, O::Mul(size, t_max)));
   if (O::None(r.hit)) return r;
+  if constexpr (!kEdges) {
+    r.t = PlainZero<O>(O::Mul(scaled_t, O::Div(O::Set(1.0f), det)));
+    r.hit = O::And(r.hit, O::And(O::Gt(size, O::Set(0.0f)), IsFinite<O>(r.t)));
+    return r;
+  }
   const V u = scaled_u();
   const V us = O::Turn(u, det);
   r.hit = O::And(r.hit, O::And(NotNegative<O>(us), O::Le(us, size)));
@@ -146,12 +161,17 @@ HWY_INLINE Tested<O> DeferredTest(V det, V scaled_t, V t_max, const FU& scaled_u
 
 // The conditions of equation (3) on t, u and v, divided already. `det` is only asked whether it is
 // zero: 1 / 0 would let t = inf·0 = NaN miss, but t = inf hit.
-template <class O, class FU, class FV, class V = typename O::V>
+template <class O, bool kEdges, class FU, class FV, class V = typename O::V>
 HWY_INLINE Tested<O> DividedTest(V det, V t, V t_max, const FU& get_u, const FV& get_v) {
   Tested<O> r;
   r.t = r.u = r.v = O::Set(0.0f);
   r.hit = O::And(NotNegative<O>(t), O::Le(t, t_max));
   if (O::None(r.hit)) return r;
+  if constexpr (!kEdges) {
+    r.hit = O::And(r.hit, O::And(O::Gt(O::Abs(det), O::Set(0.0f)), IsFinite<O>(t)));
+    r.t = PlainZero<O>(t);
+    return r;
+  }
   const V one = O::Set(1.0f);
   const V u = get_u();
   r.hit = O::And(r.hit, O::And(NotNegative<O>(u), O::Le(u, one)));
@@ -239,7 +259,7 @@ HWY_INLINE void Prepare(Intersector kind, int axis, const Vec3V<V>& a, const Vec
 
 // ---- The tests. For the projecting ones the ray's axes are turned to p, q, r.
 
-template <class O, bool kDeferred, class R, class V = typename O::V>
+template <class O, bool kDeferred, bool kEdges, class R, class V = typename O::V>
 HWY_INLINE Tested<O> TestHavelHerout(const R& p, const TestedRay<O>& ray) {
   const Vec3V<V> n = Row3<O>(p, 0);
   const V det = Dot3<O>(ray.d, n);
@@ -252,7 +272,7 @@ HWY_INLINE Tested<O> TestHavelHerout(const R& p, const TestedRay<O>& ray) {
               O::Add(O::Mul(ray.o.y, det), O::Mul(scaled_t, ray.d.y)),
               O::Add(O::Mul(ray.o.z, det), O::Mul(scaled_t, ray.d.z))};
     };
-    return DeferredTest<O>(
+    return DeferredTest<O, kEdges>(
         det, scaled_t, ray.t_max,
         [&]() HWY_ATTR { return Dot4<O>(point(), Row3<O>(p, 4), O::Mul(det, p(7))); },
         [&]() HWY_ATTR { return Dot4<O>(point(), Row3<O>(p, 8), O::Mul(det, p(11))); });
@@ -262,13 +282,13 @@ HWY_INLINE Tested<O> TestHavelHerout(const R& p, const TestedRay<O>& ray) {
       return {O::Add(ray.o.x, O::Mul(t, ray.d.x)), O::Add(ray.o.y, O::Mul(t, ray.d.y)),
               O::Add(ray.o.z, O::Mul(t, ray.d.z))};
     };
-    return DividedTest<O>(
+    return DividedTest<O, kEdges>(
         det, t, ray.t_max, [&]() HWY_ATTR { return Dot4<O>(point(), Row3<O>(p, 4), p(7)); },
         [&]() HWY_ATTR { return Dot4<O>(point(), Row3<O>(p, 8), p(11)); });
   }
 }
 
-template <class O, class R, class V = typename O::V>
+template <class O, bool kEdges, class R, class V = typename O::V>
 HWY_INLINE Tested<O> TestWald(const R& p, const TestedRay<O>& ray) {
   const V np = p(0), nq = p(1);
   const V det = O::Add(O::Add(O::Mul(np, ray.d.x), O::Mul(nq, ray.d.y)), ray.d.z);
@@ -279,12 +299,12 @@ HWY_INLINE Tested<O> TestWald(const R& p, const TestedRay<O>& ray) {
     const V pp = O::Add(ray.o.x, O::Mul(t, ray.d.x)), pq = O::Add(ray.o.y, O::Mul(t, ray.d.y));
     return O::Add(O::Add(O::Mul(pp, p(at)), O::Mul(pq, p(at + 1))), p(at + 2));
   };
-  return DividedTest<O>(
+  return DividedTest<O, kEdges>(
       det, t, ray.t_max, [&]() HWY_ATTR { return weight(3); },
       [&]() HWY_ATTR { return weight(6); });
 }
 
-template <class O, class R, class V = typename O::V>
+template <class O, bool kEdges, class R, class V = typename O::V>
 HWY_INLINE Tested<O> TestShevtsov(const R& p, const TestedRay<O>& ray) {
   const V np = p(0), nq = p(1);
   const V det = O::Add(O::Add(O::Mul(np, ray.d.x), O::Mul(nq, ray.d.y)), ray.d.z);
@@ -296,13 +316,13 @@ HWY_INLINE Tested<O> TestShevtsov(const R& p, const TestedRay<O>& ray) {
   const auto tq = [&]() HWY_ATTR {
     return O::Sub(O::Mul(scaled_t, ray.d.y), O::Mul(det, O::Sub(p(4), ray.o.y)));
   };
-  return DeferredTest<O>(
+  return DeferredTest<O, kEdges>(
       det, scaled_t, ray.t_max,
       [&]() HWY_ATTR { return O::Sub(O::Mul(p(8), tp()), O::Mul(p(7), tq())); },
       [&]() HWY_ATTR { return O::Sub(O::Mul(p(5), tq()), O::Mul(p(6), tp())); });
 }
 
-template <class O, class R, class V = typename O::V>
+template <class O, bool kEdges, class R, class V = typename O::V>
 HWY_INLINE Tested<O> TestKenslerShirley(const R& p, const TestedRay<O>& ray) {
   const Vec3V<V> a = Row3<O>(p, 0);
   const Vec3V<V> ab = Sub3<O>(Row3<O>(p, 3), a), ca = Sub3<O>(a, Row3<O>(p, 6));
@@ -312,12 +332,12 @@ HWY_INLINE Tested<O> TestKenslerShirley(const R& p, const TestedRay<O>& ray) {
   const Vec3V<V> oa = Sub3<O>(a, ray.o);
   const V t = O::Mul(Dot3<O>(n, oa), reciprocal);
   const auto across = [&]() HWY_ATTR { return Cross3<O>(ray.d, oa); };
-  return DividedTest<O>(
+  return DividedTest<O, kEdges>(
       det, t, ray.t_max, [&]() HWY_ATTR { return O::Mul(Dot3<O>(across(), ca), reciprocal); },
       [&]() HWY_ATTR { return O::Mul(Dot3<O>(across(), ab), reciprocal); });
 }
 
-template <class O, class R, class V = typename O::V>
+template <class O, bool kEdges, class R, class V = typename O::V>
 HWY_INLINE Tested<O> TestMoellerTrumbore(const R& p, const TestedRay<O>& ray) {
   const Vec3V<V> a = Row3<O>(p, 0);
   const Vec3V<V> ab = Sub3<O>(Row3<O>(p, 3), a), ac = Sub3<O>(Row3<O>(p, 6), a);
@@ -326,7 +346,13 @@ HWY_INLINE Tested<O> TestMoellerTrumbore(const R& p, const TestedRay<O>& ray) {
   const V reciprocal = O::Div(O::Set(1.0f), det), one = O::Set(1.0f);
   const Vec3V<V> ao = Sub3<O>(ray.o, a);
   Tested<O> r;
-  r.t = r.v = O::Set(0.0f);
+  r.t = r.u = r.v = O::Set(0.0f);
+  if constexpr (!kEdges) {
+    r.t = PlainZero<O>(O::Mul(Dot3<O>(ac, Cross3<O>(ao, ab)), reciprocal));
+    r.hit = O::And(NotNegative<O>(r.t), O::Le(r.t, ray.t_max));
+    r.hit = O::And(r.hit, O::And(O::Gt(O::Abs(det), O::Set(0.0f)), IsFinite<O>(r.t)));
+    return r;
+  }
   r.u = PlainZero<O>(O::Mul(Dot3<O>(ao, across), reciprocal));
   r.hit = O::And(NotNegative<O>(r.u), O::Le(r.u, one));
   if (O::None(r.hit)) return r;
@@ -341,17 +367,21 @@ HWY_INLINE Tested<O> TestMoellerTrumbore(const R& p, const TestedRay<O>& ray) {
 }
 
 // One of the tests by its name. REQUIRES: a projecting test's ray is turned.
-template <Intersector kKind, class O, class R>
+template <Intersector kKind, class O, bool kEdges = true, class R>
 HWY_INLINE Tested<O> Test(const R& p, const TestedRay<O>& ray) {
   if constexpr (kKind == Intersector::kHavelHerout ||
                 kKind == Intersector::kHavelHeroutDotProduct) {
-    return TestHavelHerout<O, true>(p, ray);
+    return TestHavelHerout<O, true, kEdges>(p, ray);
   }
-  if constexpr (kKind == Intersector::kHavelHeroutDivided) return TestHavelHerout<O, false>(p, ray);
-  if constexpr (kKind == Intersector::kWald) return TestWald<O>(p, ray);
-  if constexpr (kKind == Intersector::kShevtsov) return TestShevtsov<O>(p, ray);
-  if constexpr (kKind == Intersector::kKenslerShirley) return TestKenslerShirley<O>(p, ray);
-  if constexpr (kKind == Intersector::kMoellerTrumbore) return TestMoellerTrumbore<O>(p, ray);
+  if constexpr (kKind == Intersector::kHavelHeroutDivided) {
+    return TestHavelHerout<O, false, kEdges>(p, ray);
+  }
+  if constexpr (kKind == Intersector::kWald) return TestWald<O, kEdges>(p, ray);
+  if constexpr (kKind == Intersector::kShevtsov) return TestShevtsov<O, kEdges>(p, ray);
+  if constexpr (kKind == Intersector::kKenslerShirley) return TestKenslerShirley<O, kEdges>(p, ray);
+  if constexpr (kKind == Intersector::kMoellerTrumbore) {
+    return TestMoellerTrumbore<O, kEdges>(p, ray);
+  }
 }
 
 template <Intersector kKind>
@@ -395,7 +425,7 @@ HWY_INLINE Tested<ScalarOps<float>> TestByDotProducts(const float* value, const 
   const auto point = [&]() HWY_ATTR {
     return _mm_add_ps(_mm_mul_ps(ray.o, det4), _mm_mul_ps(t4, ray.d));
   };
-  return DeferredTest<ScalarOps<float>>(
+  return DeferredTest<ScalarOps<float>, /*kEdges=*/true>(
       _mm_cvtss_f32(det4), _mm_cvtss_f32(t4), t_max,
       [&]() HWY_ATTR { return _mm_cvtss_f32(_mm_dp_ps(point(), _mm_load_ps(value + 4), 0xF1)); },
       [&]() HWY_ATTR { return _mm_cvtss_f32(_mm_dp_ps(point(), _mm_load_ps(value + 8), 0xF1)); });

@@ -30,6 +30,7 @@
 #include "core/accel/bvh.h"
 #include "core/accel/kd_tree.h"
 #include "core/base/cancel.h"
+#include "core/intersect/hit.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/packet_leaf-inl.h"
 #include "core/traverse/ray_box_leaf-inl.h"
@@ -483,7 +484,10 @@ bool TraceCulledPacket(const IndexedGeometry& scene, const LeafCulling& culling,
     IntersectorHit at;
     if (packet.triangle[i] != kNoTriangle) {
       const auto [a, b, c] = scene.geometry.Corners(packet.triangle[i]);
-      IntersectRay(culling.intersector, packet.ray(i), a, b, c, &at);
+      if (!IntersectRay(culling.intersector, packet.ray(i), a, b, c, &at)) {
+        // The corner rays had settled its edges, beside which the test itself has it miss.
+        HitBarycentrics(packet.ray(i), a, b, c, &at.u, &at.v);
+      }
     }
     packet.u[i] = at.u;
     packet.v[i] = at.v;

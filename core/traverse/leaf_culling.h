@@ -74,7 +74,8 @@ struct LeafCulling {
   // Near and far planes after the triangle's edges, not before.
   bool aperture_first = false;
   // Where all four corner rays pass within a triangle's edges, so do all rays: their own edge tests
-  // are left out. Needs `aperture`; with the papers' intersectors it has no effect.
+  // are left out, and only distances are asked for. Needs `aperture`. A paper's intersector then
+  // hits, too, where its own rounding beside an edge would have it miss.
   bool skip_edges = true;
   FrustumRays frustum = FrustumRays::kMasked;
   bool first_axis = false;  // The first axis that will do, not the one with the longest directions.

@@ -95,7 +95,7 @@ class PacketLeaf {
       if (culling_.intersector != Intersector::kExact && !edges) {
         Count(leaf.count - std::popcount(chosen), rays);
         for (; chosen != 0; chosen &= chosen - 1) {
-          TestByIntersector(leaf, std::countr_zero(chosen), met, begin);
+          TestByIntersector<true>(leaf, std::countr_zero(chosen), met, begin);
         }
         continue;
       }
@@ -115,12 +115,13 @@ class PacketLeaf {
           }
         }
         ++kept;
+        const bool inside = corners == Corners::kInside && culling_.skip_edges && covered;
         if (culling_.intersector != Intersector::kExact) {
-          TestByIntersector(leaf, facing[i].lane, met, begin);
-        } else if (corners == Corners::kInside && culling_.skip_edges && covered) {
-          Test<false>(leaf, facing[i], met, begin);
+          inside ? TestByIntersector<false>(leaf, facing[i].lane, met, begin)
+                 : TestByIntersector<true>(leaf, facing[i].lane, met, begin);
         } else {
-          Test<true>(leaf, facing[i], met, begin);
+          inside ? Test<false>(leaf, facing[i], met, begin)
+                 : Test<true>(leaf, facing[i], met, begin);
         }
         // All rays meet it: what lies behind it is behind all of them (paper 000, section 2; paper
         // 004, section 4).
@@ -175,6 +176,7 @@ class PacketLeaf {
     }
   }
 
+  template <bool kEdges>
   void TestByIntersector(const LeafView& leaf, uint32_t lane, uint32_t* met, uint32_t begin) {
     const uint32_t id = leaf.id(lane);
     if (id == lanes_.origin_source() || lanes_.unseen().Holds(id)) return;
@@ -189,33 +191,35 @@ class PacketLeaf {
     for (uint32_t g = begin; g < lanes_.groups(); ++g) {
       if (met[g] == 0) continue;
       stats_->triangle_tests += std::popcount(met[g]);
+      if (!kEdges) stats_->edges_spared += std::popcount(met[g]);
       const uint32_t asked = met[g] & ~lanes_.SourceLanes(g, id);
-      met[g] &= ~TestGroup(value, g, asked, id);
+      met[g] &= ~TestGroup<kEdges>(value, g, asked, id);
     }
   }
 
   // Returns the lanes that need no further triangle.
+  template <bool kEdges>
   uint32_t TestGroup(const float* value, uint32_t group, uint32_t asked, uint32_t id) {
     switch (culling_.intersector) {
       case Intersector::kHavelHerout:
       case Intersector::kHavelHeroutDotProduct:
-        return TestGroupBy<Intersector::kHavelHerout>(value, group, asked, id);
+        return TestGroupBy<Intersector::kHavelHerout, kEdges>(value, group, asked, id);
       case Intersector::kHavelHeroutDivided:
-        return TestGroupBy<Intersector::kHavelHeroutDivided>(value, group, asked, id);
+        return TestGroupBy<Intersector::kHavelHeroutDivided, kEdges>(value, group, asked, id);
       case Intersector::kWald:
-        return TestGroupBy<Intersector::kWald>(value, group, asked, id);
+        return TestGroupBy<Intersector::kWald, kEdges>(value, group, asked, id);
       case Intersector::kShevtsov:
-        return TestGroupBy<Intersector::kShevtsov>(value, group, asked, id);
+        return TestGroupBy<Intersector::kShevtsov, kEdges>(value, group, asked, id);
       case Intersector::kKenslerShirley:
-        return TestGroupBy<Intersector::kKenslerShirley>(value, group, asked, id);
+        return TestGroupBy<Intersector::kKenslerShirley, kEdges>(value, group, asked, id);
       case Intersector::kExact:
       case Intersector::kMoellerTrumbore:
         break;
     }
-    return TestGroupBy<Intersector::kMoellerTrumbore>(value, group, asked, id);
+    return TestGroupBy<Intersector::kMoellerTrumbore, kEdges>(value, group, asked, id);
   }
 
-  template <Intersector kKind>
+  template <Intersector kKind, bool kEdges>
   HWY_INLINE uint32_t TestGroupBy(const float* value, uint32_t group, uint32_t asked, uint32_t id) {
     using O = LaneOps<D>;
     const D d;
@@ -234,7 +238,7 @@ class PacketLeaf {
          hn::Load(d, lanes_.direction_row(r) + first)},
         hn::Min(hn::Load(d, lanes_.limit_row() + first), hn::Set(d, end))};
     const Tested<O> tested =
-        ::sightline::HWY_NAMESPACE::Test<kKind, O>(BroadcastRows<O>{value}, ray);
+        ::sightline::HWY_NAMESPACE::Test<kKind, O, kEdges>(BroadcastRows<O>{value}, ray);
     uint32_t hits = MaskBits(d, tested.hit) & asked;
     if (hits == 0) return 0;
     if constexpr (kAny) {

@@ -65,8 +65,10 @@ class Disagreements {
   Disagreements(const SceneGeometry& geometry, Intersector kind)
       : geometry_(geometry), kind_(kind) {}
 
-  void Compare(const PredicateRay& ray, const Hit& hit, const Hit& truth) {
-    const Difference difference = CompareHits(geometry_, kind_, ray, hit, truth);
+  void Compare(const PredicateRay& ray, const Hit& hit, const Hit& truth, const QueryOptions& way) {
+    const bool edges_left_out =
+        way.strategy == Strategy::kPacket && way.leaf_culling && way.leaf_culling->skip_edges;
+    const Difference difference = CompareHits(geometry_, kind_, ray, hit, truth, edges_left_out);
     tally_.Add(difference);
     if (difference == Difference::kNone) return;
     EXPECT_NE(difference, Difference::kBeyondBound) << Text(hit) << " instead of " << Text(truth);
@@ -106,7 +108,8 @@ void CheckCameraRays(const QueryScene& scene, Intersector kind, Disagreements* f
     for (uint32_t p = 0; p < camera.width * camera.height; ++p) {
       const PredicateRay ray =
           PredicateRay::Ray(eye, PixelDirection(camera, p % camera.width, p / camera.width));
-      found->Compare(ray, {tile.depth[p], tile.triangle[p]}, {truth.depth[p], truth.triangle[p]});
+      found->Compare(ray, {tile.depth[p], tile.triangle[p]}, {truth.depth[p], truth.triangle[p]},
+                     way);
       if (tile.triangle[p] != truth.triangle[p]) continue;
       EXPECT_EQ(tile.u[p], truth.u[p]);
       EXPECT_EQ(tile.v[p], truth.v[p]);
@@ -134,7 +137,7 @@ void CheckShadowRays(const QueryScene& scene, Intersector kind, const PreparedPo
         found->Compare(lights[s].directional ? PredicateRay::Ray(p, lights[s].value)
                                              : PredicateRay::Segment(lights[s].value, p),
                        {result.blocker_t[at], result.blocker[at]},
-                       {truth.blocker_t[at], truth.blocker[at]});
+                       {truth.blocker_t[at], truth.blocker[at]}, way);
       }
     }
   }

@@ -38,6 +38,7 @@ bool SameBits(const Hit& a, const Hit& b) {
 // What excuses one of two answers. Nothing does where it is that nothing is hit.
 struct HitCheck {
   bool is_hit = false, certain = true;
+  bool denied = false;  // By the test, edges and all.
   double t_error = 0;
   bool sliver = false, edge = false, end = false;
 };
@@ -49,6 +50,7 @@ HitCheck CheckHit(const SceneGeometry& geometry, Intersector kind, const Predica
   const IntersectorCheck check = CheckIntersector(kind, ray, a, b, c);
   result.is_hit = true;
   result.certain = check.certain;
+  result.denied = !check.hit;
   result.t_error = check.t_error;
   result.sliver = AspectRatio(a, b, c) >= kSliverAspect;
   result.edge = LeastWeight(ray, a, b, c) < kBesideEdge;
@@ -67,7 +69,7 @@ double AspectRatio(Vec3f a, Vec3f b, Vec3f c) {
 }
 
 Difference CompareHits(const SceneGeometry& geometry, Intersector kind, const PredicateRay& ray,
-                       const Hit& hit, const Hit& truth) {
+                       const Hit& hit, const Hit& truth, bool edges_left_out) {
   if (SameBits(hit, truth)) return Difference::kNone;
   const HitCheck found = CheckHit(geometry, kind, ray, hit);
   const HitCheck true_one = CheckHit(geometry, kind, ray, truth);
@@ -76,8 +78,13 @@ Difference CompareHits(const SceneGeometry& geometry, Intersector kind, const Pr
       !(std::abs(static_cast<double>(hit.t) - truth.t) > found.t_error + true_one.t_error);
   // A walk puts the ray to some of the triangles, by the same test: it may lose a hit in doubt to
   // a box that the ray passes by, but no certain one, and it finds none that is nearer.
+  // Without the edges' tests it may find one that they deny in doubt, whatever that hides.
   const bool nearer = found.is_hit && (!true_one.is_hit || hit.t < truth.t);
   const bool lost = true_one.is_hit && true_one.certain;
+  if (nearer && found.denied && edges_left_out) {
+    if (found.certain) return Difference::kBeyondBound;
+    return found.sliver ? Difference::kSliver : found.edge ? Difference::kEdge : Difference::kPlain;
+  }
   if (!tie && ((found.certain && true_one.certain) || nearer || lost))
     return Difference::kBeyondBound;
   return found.sliver || true_one.sliver ? Difference::kSliver

@@ -5,7 +5,9 @@
 //
 // A walk leaves a triangle out because no ray of its can meet it, or none before the nearest hit,
 // as exact arithmetic has it. So it may miss a hit only where the test's own bound
-// (core/intersect/intersector_check.h) allows that there is none, or that it is no nearer.
+// (core/intersect/intersector_check.h) allows that there is none, or that it is no nearer. And it
+// has one that all triangles together have not only where it leaves edge tests out
+// (LeafCulling::skip_edges), and where that bound allows that there is one.
 //
 // Thread safety: pure functions.
 //
@@ -39,9 +41,10 @@ inline constexpr int kDifferences = 7;
 // The longest edge over the height on it; +inf without area.
 double AspectRatio(Vec3f a, Vec3f b, Vec3f c);
 
-// Closest hits of one ray; `truth` is that of all triangles.
+// Closest hits of one ray; `truth` is that of all triangles. `edges_left_out`: the walk may have
+// left out edge tests.
 Difference CompareHits(const SceneGeometry& geometry, Intersector kind, const PredicateRay& ray,
-                       const Hit& hit, const Hit& truth);
+                       const Hit& hit, const Hit& truth, bool edges_left_out = false);
 
 // Counts by kind; prints those that are not 0.
 class DifferenceTally {

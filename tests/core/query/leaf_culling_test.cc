@@ -196,13 +196,21 @@ TEST(LeafCullingTest, TheOrderOfTestsDecidesHowManyComeToEach) {
   EXPECT_EQ(WalkDown(kNone, 16).aperture_tests, 0u);
 }
 
+// Of the papers' tests, too, whose distances alone are asked for then.
 TEST(LeafCullingTest, EdgesAreSparedWhereAllCornerRaysAreInside) {
-  LeafCulling spares, tests;
-  tests.skip_edges = false;
-  const WalkStats a = WalkDown(spares, 2), b = WalkDown(tests, 2);
-  EXPECT_GT(a.edges_spared, a.triangle_tests / 50);
-  EXPECT_EQ(b.edges_spared, 0u);
-  EXPECT_EQ(a.triangle_tests, b.triangle_tests);
+  for (const Intersector intersector :
+       {Intersector::kExact, Intersector::kHavelHerout, Intersector::kHavelHeroutDivided,
+        Intersector::kWald, Intersector::kShevtsov, Intersector::kKenslerShirley,
+        Intersector::kMoellerTrumbore}) {
+    SCOPED_TRACE(IntersectorName(intersector));
+    LeafCulling spares, tests;
+    spares.intersector = tests.intersector = intersector;
+    tests.skip_edges = false;
+    const WalkStats a = WalkDown(spares, 2), b = WalkDown(tests, 2);
+    EXPECT_GT(a.edges_spared, a.triangle_tests / 50);
+    EXPECT_EQ(b.edges_spared, 0u);
+    EXPECT_EQ(a.triangle_tests, b.triangle_tests);
+  }
 }
 
 // Each way comes to the same nodes, by fewer and fewer tests of boxes.
