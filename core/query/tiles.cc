@@ -112,11 +112,13 @@ class TileTrace {
   }
 
   absl::Status Run() {
-    constexpr uint32_t kSide = kGroupSide * kBlockSide;
-    for (uint32_t y = 0; y < tile_.height; y += kSide) {
-      for (uint32_t x = 0; x < tile_.width; x += kSide) {
-        SL_RETURN_IF_ERROR(TraceGroup(
-            {x, y, std::min(kSide, tile_.width - x), std::min(kSide, tile_.height - y)}));
+    // Groups of whole tiles: those of a tile that a group's border cut would have few rays each.
+    constexpr uint32_t kMostSide = kGroupSide * kBlockSide;
+    const uint32_t side = ByTiles() ? kMostSide / TileSide() * TileSide() : kMostSide;
+    for (uint32_t y = 0; y < tile_.height; y += side) {
+      for (uint32_t x = 0; x < tile_.width; x += side) {
+        SL_RETURN_IF_ERROR(
+            TraceGroup({x, y, std::min(side, tile_.width - x), std::min(side, tile_.height - y)}));
       }
     }
     if (outputs_.points) SortPoints();
@@ -156,7 +158,7 @@ class TileTrace {
                                 : nullptr;
       has_grid_ = kind == HitKind::kClosest && strategy == Strategy::kShaft &&
                   MakePixelGrid(Terms(columns_), group.width, Terms(rows_), group.height, &grid_);
-      const uint32_t side = strategy == Strategy::kRtt ? RttBlockSide()
+      const uint32_t side = strategy == Strategy::kRtt ? RttBlockSide(group)
                             : strategy == Strategy::kPacket
                                 ? static_cast<uint32_t>(run_.options().packet_side)
                                 : kBlockSide;
@@ -188,27 +190,34 @@ class TileTrace {
   absl::Status Finish(const TileRect& group, const TileRect& block, StatsScope* scope,
                       size_t* points) {
     if (run_.options().count_answers) {
-      CountAnswers({packet_->answered_by, static_cast<size_t>(packet_->count)}, &out_.primary);
+      ForEachRun(block, [&](const PixelRun& run) {
+        CountAnswers({packet_->answered_by + run.lane, run.count}, &out_.primary);
+      });
     }
     if (outputs_.lit || outputs_.points) PlaceHits();
-    if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(scope));
+    if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(block, scope));
     Write(group, block);
     if (outputs_.lit || outputs_.points) *points = PlacePoints(group, block, *points);
     return absl::OkStatus();
   }
 
-  // Whether relevant triangles tracing has tiles that no packet holds.
-  bool LargeTile() const {
-    return run_.options().strategy == Strategy::kRtt &&
-           RttTileRays(run_.options().rtt_antialiasing) > kBlockRays;
+  // Whether relevant triangles tracing goes by tiles: AUTO never chooses it.
+  bool ByTiles() const { return run_.options().strategy == Strategy::kRtt; }
+
+  // The pixels along a tile's side.
+  uint32_t TileSide() const {
+    return kRunPixels * static_cast<uint32_t>(run_.options().rtt_antialiasing);
   }
+
+  // Whether it has tiles that no packet holds.
+  bool LargeTile() const { return ByTiles() && TileSide() > kBlockSide; }
 
   // Its tile, a block's walk and what follows it: as blocks of some of its rows, together.
   absl::Status TraceLarge(const TileRect& group, const TileRect& tile, HitKind kind,
                           StatsScope* scope, size_t* points) {
     TileRect blocks[kMostParts];
     uint32_t count = 0;
-    const uint32_t rows = kBlockRays / tile.width / kRunPixels * kRunPixels;
+    const uint32_t rows = kBlockRays / WholeSquares(tile.width) / kRunPixels * kRunPixels;
     for (uint32_t y = 0; y < tile.height; y += rows) {
       packet_ = &parts_[count];
       blocks[count] = {tile.x, tile.y + y, tile.width, std::min(rows, tile.height - y)};
@@ -225,11 +234,16 @@ class TileTrace {
     return status;
   }
 
-  // The pixels along a tile's side where tiles do not divide a block: three by three rays a pixel,
-  // and more than four by four. Each is a block then, or several (TraceLarge).
-  uint32_t RttBlockSide() const {
-    const uint32_t side = kRunPixels * static_cast<uint32_t>(run_.options().rtt_antialiasing);
-    return kBlockSide % side == 0 ? kBlockSide : side;
+  // Of a block of tiles: one tile, where tiles do not divide a block (three by three rays a pixel,
+  // and more than four by four; these are several blocks, TraceLarge), or the group into blocks.
+  uint32_t RttBlockSide(const TileRect& group) const {
+    const uint32_t side = TileSide();
+    const bool whole = group.width % kBlockSide == 0 && group.height % kBlockSide == 0;
+    return kBlockSide % side == 0 && (whole || side == kRunPixels) ? kBlockSide : side;
+  }
+
+  static uint32_t WholeSquares(uint32_t pixels) {
+    return (pixels + kRunPixels - 1) / kRunPixels * kRunPixels;
   }
 
   // All rays of the group lie between those of its corners.
@@ -248,26 +262,30 @@ class TileTrace {
     return CutGroup(scene_, run_, std::span<const RayPacket>(&outline_, 1), &cut_);
   }
 
-  // fn(run) for the runs of a block, in the order of its lanes.
+  // fn(run) for the runs of a block, in the order of its lanes. Where tiles are of lanes that
+  // follow one another, squares have the lanes of whole ones; else those of their pixels.
   template <class Fn>
-  static void ForEachRun(const TileRect& block, const Fn& fn) {
-    int lane = 0;
+  void ForEachRun(const TileRect& block, const Fn& fn) const {
+    uint32_t lane = 0;
     for (uint32_t gy = 0; gy < block.height; gy += kRunPixels) {
       const uint32_t end = std::min(gy + kRunPixels, block.height);
       for (uint32_t gx = 0; gx < block.width; gx += kRunPixels) {
         const uint32_t count = std::min(kRunPixels, block.width - gx);
-        for (uint32_t y = gy; y < end; ++y) {
-          fn(PixelRun{lane, gx, y, count});
-          lane += static_cast<int>(count);
+        const uint32_t first = lane, stride = ByTiles() ? kRunPixels : count;
+        for (uint32_t y = gy; y < end; ++y, lane += stride) {
+          fn(PixelRun{static_cast<int>(lane), gx, y, count});
         }
+        if (ByTiles()) lane = first + kRunPixels * kRunPixels;
       }
     }
   }
 
   // The block's rays. `block` is in pixels of its group.
   void Place(const TileRect& block) {
-    packet_->count = static_cast<int>(block.width * block.height);
-    packet_->grid = has_grid_ && IsWhole(block) ? &grid_ : nullptr;
+    const bool whole = IsWhole(block), fill = ByTiles() && !whole;
+    packet_->count = static_cast<int>(fill ? WholeSquares(block.width) * WholeSquares(block.height)
+                                           : block.width * block.height);
+    packet_->grid = has_grid_ && whole ? &grid_ : nullptr;
     packet_->grid_column = block.x;
     packet_->grid_row = block.y;
     float* const targets[3] = {packet_->target_x, packet_->target_y, packet_->target_z};
@@ -275,13 +293,22 @@ class TileTrace {
       const double* columns = columns_[axis] + block.x;
       const double* rows = rows_[axis] + block.y;
       float* target = targets[axis];
-      if (IsWhole(block)) {
+      if (whole) {
         blocks_.lay_out(columns, rows, target);
         continue;
       }
       ForEachRun(block, [&](const PixelRun& run) {
         for (uint32_t k = 0; k < run.count; ++k) {
           target[run.lane + k] = static_cast<float>(columns[run.x + k] + rows[run.y]);
+        }
+        if (!fill) return;
+        // The paper renders a larger picture, and crops it: here a cut square's last rays are its
+        // other rays' again.
+        float* const last = target + run.lane;
+        std::fill(last + run.count, last + kRunPixels, last[run.count - 1]);
+        if (run.y + 1 < block.height) return;
+        for (uint32_t y = block.height; y % kRunPixels != 0; ++y) {
+          std::copy_n(last, kRunPixels, last + (y + 1 - block.height) * kRunPixels);
         }
       });
     }
@@ -352,16 +379,17 @@ class TileTrace {
   }
 
   // Replaces hits on mirrors by what is seen in them.
-  absl::Status LookIntoMirrors(StatsScope* scope) {
+  absl::Status LookIntoMirrors(const TileRect& block, StatsScope* scope) {
     const std::span<const PreparedMirror> all = mirrors_.all();
-    for (int lane = 0; lane < packet_->count; ++lane) {
-      mirror_of_[lane] = 0;
-      for (size_t m = 0; m < all.size() && mirror_of_[lane] == 0; ++m) {
-        if (all[m].triangles().Holds(packet_->triangle[lane])) {
+    std::fill_n(mirror_of_, packet_->count, 0);
+    ForEachRun(block, [&](const PixelRun& run) {
+      for (int lane = run.lane; lane < run.lane + static_cast<int>(run.count); ++lane) {
+        for (size_t m = 0; m < all.size() && mirror_of_[lane] == 0; ++m) {
+          if (!all[m].triangles().Holds(packet_->triangle[lane])) continue;
           mirror_of_[lane] = static_cast<uint8_t>(m + 1);
         }
       }
-    }
+    });
     for (size_t m = 0; m < all.size(); ++m) {
       SL_RETURN_IF_ERROR(LookInto(all[m], static_cast<uint8_t>(m + 1), scope));
     }

@@ -8,7 +8,8 @@
 // One whose edge forms certainly hold at all corners is met by every ray: it covers the shaft. Two
 // triangles that share an edge, and all of whose other edge forms hold at all corners, cover it
 // together: the form of the shared edge is the same determinant in both, so each ray is on one
-// side of it or the other (an option: paper 002, section 3.1, left it out as complicated).
+// side of it or the other (an option: paper 002, section 3.1, left it out as complicated). Not for
+// segments, which may end before one of the two, nor where hits count from a distance on (`near`).
 //
 // Thread safety: a list is one walk's own.
 
