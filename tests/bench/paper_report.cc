@@ -41,18 +41,112 @@ struct Line {
   std::vector<std::pair<double, double>> points;
 };
 
-std::vector<Line> LinesOf(const std::vector<Row>& rows, const PlotSpec& spec) {
+// `names`: of the places of bars, in their order.
+std::vector<Line> LinesOf(const std::vector<Row>& rows, const PlotSpec& spec,
+                          std::vector<std::string>* names) {
   std::vector<Line> lines;
   for (const Row& row : rows) {
-    if (!row.at(spec.x).is_number() || !row.at(spec.y).is_number()) continue;
+    if (!row.at(spec.y).is_number() || (!spec.bars && !row.at(spec.x).is_number())) continue;
     const std::string name = PaperCell(row.at(spec.series));
     auto line = std::find_if(lines.begin(), lines.end(),
                              [&](const Line& other) { return other.name == name; });
     if (line == lines.end()) line = lines.insert(lines.end(), {name, {}});
-    const double x = row.at(spec.x).get<double>();
-    line->points.emplace_back(spec.log_x ? std::log10(x) : x, row.at(spec.y).get<double>());
+    double x = 0;
+    if (spec.bars) {
+      const auto place = std::find(names->begin(), names->end(), PaperCell(row.at(spec.x)));
+      x = static_cast<double>(place - names->begin());
+      if (place == names->end()) names->push_back(PaperCell(row.at(spec.x)));
+    } else {
+      x = row.at(spec.x).get<double>();
+      if (spec.log_x) x = std::log10(x);
+    }
+    line->points.emplace_back(x, row.at(spec.y).get<double>());
   }
   return lines;
+}
+
+// What lies between: from values to places in the picture.
+struct Frame {
+  double x0 = 0, x1 = 1, y1 = 1;
+  double X(double x) const { return kLeft + (x - x0) / (x1 - x0) * (kWidth - kLeft - kRight); }
+  double Y(double y) const { return kHeight - kBottom - y / y1 * (kHeight - kTop - kBottom); }
+};
+
+// The title, what stands beside the axes, and a line for each quarter of y.
+std::string OpenSvg(double width, const Frame& frame, const PlotSpec& spec,
+                    const std::string& title) {
+  std::string svg = absl::StrFormat(
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" "
+      "font-family=\"sans-serif\" font-size=\"11\">\n<rect width=\"100%%\" height=\"100%%\" "
+      "fill=\"white\"/>\n<text x=\"%.0f\" y=\"16\" font-size=\"13\">%s</text>\n",
+      width, kHeight, kLeft, Escaped(title));
+  for (int i = 0; i <= 4; ++i) {
+    const double y = frame.y1 * i / 4;
+    absl::StrAppend(
+        &svg,
+        absl::StrFormat("<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"#ddd\"/>\n",
+                        kLeft, kWidth - kRight, frame.Y(y), frame.Y(y)),
+        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">%s</text>\n", kLeft - 6,
+                        frame.Y(y) + 4, PaperCell(y)));
+  }
+  absl::StrAppend(&svg, absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\">%s, over %s</text>\n", kLeft,
+                                        kHeight - 6, Escaped(spec.y), Escaped(spec.x)));
+  return svg;
+}
+
+std::string MarkX(double x, const std::string& text) {
+  return absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">%s</text>\n", x,
+                         kHeight - kBottom + 16, Escaped(text));
+}
+
+const char* Colour(size_t line) { return kColours[line % kColours.size()]; }
+// Where colours come again, they come dashed.
+const char* Dashes(size_t line) { return kDashes[line / kColours.size() % kDashes.size()]; }
+
+// Its name beside the plot, behind a piece of line.
+std::string NameLine(size_t line, const std::string& name) {
+  const double y = kTop + 12 + 16 * static_cast<double>(line);
+  return absl::StrCat(
+      absl::StrFormat("<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
+                      "stroke-width=\"2\" stroke-dasharray=\"%s\"/>\n",
+                      kWidth - kRight + 10, kWidth - kRight + kSample, y - 4, y - 4, Colour(line),
+                      Dashes(line)),
+      absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" fill=\"%s\">%s</text>\n",
+                      kWidth - kRight + kSample + 6, y, Colour(line), Escaped(name)));
+}
+
+double WidthFor(const std::vector<Line>& lines) {
+  size_t longest_name = 0;
+  for (const Line& line : lines) longest_name = std::max(longest_name, line.name.size());
+  return std::max(kWidth,
+                  kWidth - kRight + 20 + kSample + kLetter * static_cast<double>(longest_name));
+}
+
+std::string Polyline(const Line& line, size_t number, const Frame& frame) {
+  std::string points;
+  for (const auto& [x, y] : line.points) {
+    absl::StrAppend(&points, absl::StrFormat("%.1f,%.1f ", frame.X(x), frame.Y(y)));
+  }
+  return absl::StrFormat(
+      "<polyline points=\"%s\" fill=\"none\" stroke=\"%s\" stroke-width=\"2\" "
+      "stroke-dasharray=\"%s\"/>\n",
+      points, Colour(number), Dashes(number));
+}
+
+// Those of one of `count` lines, beside the others' at every place.
+std::string Bars(const Line& line, size_t number, size_t count, const Frame& frame) {
+  const double width = 0.8 / static_cast<double>(count);
+  std::string bars;
+  for (const auto& [x, y] : line.points) {
+    const double left = frame.X(x - 0.4 + width * static_cast<double>(number));
+    absl::StrAppend(
+        &bars,
+        absl::StrFormat(
+            "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"%s\"/>\n", left,
+            frame.Y(y), frame.X(x - 0.4 + width * static_cast<double>(number + 1)) - left,
+            frame.Y(0) - frame.Y(y), Colour(number)));
+  }
+  return bars;
 }
 
 // From the table's title to a file name.
@@ -110,11 +204,8 @@ std::string PaperCell(const Row& value) {
 }
 
 std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const std::string& title) {
-  const std::vector<Line> lines = LinesOf(rows, spec);
-  size_t longest_name = 0;
-  for (const Line& line : lines) longest_name = std::max(longest_name, line.name.size());
-  const double names = kSample + kLetter * static_cast<double>(longest_name);
-  const double width = std::max(kWidth, kWidth - kRight + 20 + names);
+  std::vector<std::string> names;  // Of bars' places.
+  const std::vector<Line> lines = LinesOf(rows, spec, &names);
   double x0 = std::numeric_limits<double>::infinity(), x1 = -x0, y1 = 0;
   for (const Line& line : lines) {
     for (const auto& [x, y] : line.points) {
@@ -123,50 +214,24 @@ std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const st
       y1 = std::max(y1, y);
     }
   }
-  if (!(x1 > x0)) x1 = x0 + 1;
-  if (!(y1 > 0)) y1 = 1;
-  const auto px = [&](double x) {
-    return kLeft + (x - x0) / (x1 - x0) * (kWidth - kLeft - kRight);
-  };
-  const auto py = [&](double y) { return kHeight - kBottom - y / y1 * (kHeight - kTop - kBottom); };
-  std::string svg = absl::StrFormat(
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" "
-      "font-family=\"sans-serif\" font-size=\"11\">\n<rect width=\"100%%\" height=\"100%%\" "
-      "fill=\"white\"/>\n<text x=\"%.0f\" y=\"16\" font-size=\"13\">%s</text>\n",
-      width, kHeight, kLeft, Escaped(title));
-  for (int i = 0; i <= 4; ++i) {
-    const double y = y1 * i / 4, x = x0 + (x1 - x0) * i / 4;
-    absl::StrAppend(
-        &svg,
-        absl::StrFormat("<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"#ddd\"/>\n",
-                        kLeft, kWidth - kRight, py(y), py(y)),
-        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">%s</text>\n", kLeft - 6,
-                        py(y) + 4, PaperCell(y)),
-        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">%s</text>\n", px(x),
-                        kHeight - kBottom + 16, PaperCell(spec.log_x ? std::pow(10, x) : x)));
+  if (spec.bars) {
+    x0 = -0.5;
+    x1 = static_cast<double>(names.size()) - 0.5;
   }
-  absl::StrAppend(&svg, absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\">%s, over %s</text>\n", kLeft,
-                                        kHeight - 6, Escaped(spec.y), Escaped(spec.x)));
+  if (!(x1 > x0)) x1 = x0 + 1;
+  const Frame frame = {x0, x1, y1 > 0 ? y1 : 1};
+  std::string svg = OpenSvg(WidthFor(lines), frame, spec, title);
+  for (size_t i = 0; i < names.size(); ++i) {
+    absl::StrAppend(&svg, MarkX(frame.X(static_cast<double>(i)), names[i]));
+  }
+  for (int i = 0; i <= 4 && !spec.bars; ++i) {
+    const double x = x0 + (x1 - x0) * i / 4;
+    absl::StrAppend(&svg, MarkX(frame.X(x), PaperCell(spec.log_x ? std::pow(10, x) : x)));
+  }
   for (size_t i = 0; i < lines.size(); ++i) {
-    // Where colours come again, they come dashed.
-    const char* const colour = kColours[i % kColours.size()];
-    const char* const dashes = kDashes[i / kColours.size() % kDashes.size()];
-    const double name_y = kTop + 12 + 16 * static_cast<double>(i);
-    std::string points;
-    for (const auto& [x, y] : lines[i].points) {
-      absl::StrAppend(&points, absl::StrFormat("%.1f,%.1f ", px(x), py(y)));
-    }
     absl::StrAppend(
-        &svg,
-        absl::StrFormat("<polyline points=\"%s\" fill=\"none\" stroke=\"%s\" stroke-width=\"2\" "
-                        "stroke-dasharray=\"%s\"/>\n",
-                        points, colour, dashes),
-        absl::StrFormat("<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
-                        "stroke-width=\"2\" stroke-dasharray=\"%s\"/>\n",
-                        kWidth - kRight + 10, kWidth - kRight + kSample, name_y - 4, name_y - 4,
-                        colour, dashes),
-        absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" fill=\"%s\">%s</text>\n",
-                        kWidth - kRight + kSample + 6, name_y, colour, Escaped(lines[i].name)));
+        &svg, spec.bars ? Bars(lines[i], i, lines.size(), frame) : Polyline(lines[i], i, frame));
+    absl::StrAppend(&svg, NameLine(i, lines[i].name));
   }
   return svg + "</svg>\n";
 }
@@ -182,7 +247,7 @@ void PaperReport::Begin(std::string paper, std::string title, std::string remark
 
 void PaperReport::Add(Row row) {
   if (json_) {
-    Row line = {{"paper", paper_}, {"table", title_}};
+    Row line = {{"paper", paper_}, {"table", title_}, {"remark", remark_}};
     for (const auto& [key, value] : row.items()) line[key] = value;
     out_ << line.dump() << std::endl;
   }
@@ -190,13 +255,24 @@ void PaperReport::Add(Row row) {
 }
 
 void PaperReport::Claim(PaperClaim claim) {
-  claims_.push_back({{"paper", paper_},
-                     {"table", title_},
-                     {"claim", std::move(claim.what)},
-                     {"the paper's", std::move(claim.paper)},
-                     {"measured", std::move(claim.measured)},
-                     {"carries over", VerdictName(claim.verdict)},
-                     {"why not", claim.verdict == Verdict::kHolds ? "" : std::move(claim.reason)}});
+  claims_.push_back(
+      {{"paper", paper_},
+       {"table", title_},
+       {"claim", std::move(claim.what)},
+       {"the paper's", std::move(claim.paper)},
+       {"measured", std::move(claim.measured)},
+       {"carries over", VerdictName(claim.verdict)},
+       {"our explanation", claim.verdict == Verdict::kHolds ? "" : std::move(claim.explanation)}});
+}
+
+void PaperReport::NotMeasured(const std::string& paper, const std::string& what,
+                              const std::string& why) {
+  if (json_) {
+    out_ << Row({{"paper", paper}, {"not measured", what}, {"why", why}}).dump() << std::endl;
+  } else {
+    out_ << "\nPaper " << paper << ", not measured: " << what << " (" << why << ")\n";
+  }
+  absl::StrAppend(&markdown_, "Paper ", paper, ", not measured: ", what, " (", why, ")\n\n");
 }
 
 void PaperReport::EndClaims() {
@@ -204,7 +280,7 @@ void PaperReport::EndClaims() {
   Begin("all", "what carries over",
         absl::StrFormat("the papers' claims, each with what was measured here; yes: from %.0f %% "
                         "below the paper's gain on, or %.0f points below its share; in part: the "
-                        "same effect, but less of it",
+                        "same effect, but less of it; explanations are ours, not measured",
                         100 * kGainBand, 100 * kShareBand));
   for (Row& claim : claims_) {
     // Its own paper and table, not this one's.

@@ -4,7 +4,9 @@
 // a Markdown file with the same tables and SVG plots beside it.
 //
 // A table's rows are ordered JSON objects with the same keys, which are its columns. Numbers are
-// shown with three significant digits, counts whole, null as "-".
+// shown with three significant digits, counts whole, null as "-". What could not be measured is
+// named in all three. Why a claim does not carry over is our explanation, and is called so: the
+// figures show that it does not, and only sometimes why.
 //
 // Thread safety: none.
 //
@@ -27,15 +29,17 @@
 
 namespace sightline::bench {
 
-// One line per value of `series`, over `x`. Rows without a number in x or y are left out.
+// One line per value of `series`, over `x`. Rows without a number in x or y are left out. `bars`:
+// x has names, and each name a bar per value of `series`.
 struct PlotSpec {
   std::string x, y, series;
   bool log_x = false;
+  bool bars = false;
 };
 
 // The text of a table's cell.
 std::string PaperCell(const Row& value);
-// An SVG picture of the rows' lines. REQUIRES: every row has the keys.
+// An SVG picture of the rows' lines or bars. REQUIRES: every row has the keys.
 std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const std::string& title);
 
 // How a claim fares: it holds from kGainBand below the paper's figure on, or kShareBand; in part
@@ -48,11 +52,11 @@ Verdict VerdictOfGain(double measured, double paper);
 // Of a share that is left out or saved: no effect is 0.
 Verdict VerdictOfShare(double measured, double paper);
 
-// What a paper says, what was measured, and whether it carries over; if not, why.
+// What a paper says, what was measured, and whether it carries over; if not, why, as we think.
 struct PaperClaim {
   std::string what, paper, measured;
   Verdict verdict = Verdict::kDoesNotHold;
-  std::string reason;  // Shown where it does not hold, or in part.
+  std::string explanation;  // Shown where it does not hold, or in part.
 };
 
 class PaperReport {
@@ -62,13 +66,16 @@ class PaperReport {
       : json_(json), out_(out), markdown_path_(std::move(markdown_path)) {}
 
   void Begin(std::string paper, std::string title, std::string remark);
-  void Add(Row row);  // JSON goes out at once, with "paper" and "table" in front.
+  // JSON goes out at once, with "paper", "table" and "remark" in front.
+  void Add(Row row);
   void Plot(PlotSpec spec) { plots_.push_back(std::move(spec)); }
   // A sentence below the table that is open: how the paper's claim fared.
   void Conclude(std::string sentence) { conclusions_.push_back(std::move(sentence)); }
   // One of the table that is open; all of them are a table of their own at the end.
   void Claim(PaperClaim claim);
   void End();
+  // That something is missing, and why: a scene's file, mostly. REQUIRES: no table is open.
+  void NotMeasured(const std::string& paper, const std::string& what, const std::string& why);
   // The table of claims. REQUIRES: none is open.
   void EndClaims();
   // Whether the Markdown file can be written, before hours are spent on it. Creates it.

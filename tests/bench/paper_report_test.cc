@@ -41,7 +41,8 @@ TEST(PaperReportTest, JsonIsOneObjectPerLineNamingPaperAndTable) {
   report.Conclude("it holds");
   report.End();
   EXPECT_EQ(out.str(),
-            "{\"paper\":\"003\",\"table\":\"Table I\",\"test\":\"Wald\",\"single\":1.5}\n"
+            "{\"paper\":\"003\",\"table\":\"Table I\",\"remark\":\"speed\",\"test\":\"Wald\","
+            "\"single\":1.5}\n"
             "{\"paper\":\"003\",\"table\":\"Table I\",\"conclusion\":\"it holds\"}\n");
   EXPECT_TRUE(report.Finish().ok());
 }
@@ -66,6 +67,57 @@ TEST(PaperReportTest, MarkdownHasTheTableAndItsPlot) {
   const std::string svg = ReadAll(folder.path() + "/r-000-figure-3-cycles.svg");
   EXPECT_NE(svg.find("<polyline"), std::string::npos);
   EXPECT_EQ(svg.find("<4>"), std::string::npos) << "a name must not become a tag";
+}
+
+// What a run could not measure is said wherever its figures are.
+TEST(PaperReportTest, WhatIsNotMeasuredIsNamedInAllForms) {
+  const testing_support::TempDir folder;
+  for (const bool json : {false, true}) {
+    std::stringstream out;
+    PaperReport report(json, out, folder.path() + "/r.md");
+    report.NotMeasured("001", "bunny.ply.xz", "there is no such file");
+    ASSERT_TRUE(report.Finish().ok());
+    EXPECT_EQ(out.str(), json
+                             ? "{\"paper\":\"001\",\"not measured\":\"bunny.ply.xz\","
+                               "\"why\":\"there is no such file\"}\n"
+                             : "\nPaper 001, not measured: bunny.ply.xz (there is no such file)\n");
+    EXPECT_NE(ReadAll(folder.path() + "/r.md")
+                  .find("Paper 001, not measured: bunny.ply.xz (there is no such file)\n"),
+              std::string::npos);
+  }
+}
+
+// A bar for each name and series, as high as its figure.
+TEST(PaperReportTest, BarsStandSideBySideOverTheirNames) {
+  std::vector<Row> rows;
+  for (const char* packets : {"8 x 8", "16 x 16"}) {
+    for (const char* test : {"none", "TE"}) {
+      rows.push_back({{"packets", packets}, {"tests", test}, {"percent", rows.empty() ? 50 : 100}});
+    }
+  }
+  const std::string svg =
+      PlotSvg(rows, {.x = "tests", .y = "percent", .series = "packets", .bars = true}, "speed");
+  EXPECT_EQ(svg.find("<polyline"), std::string::npos);
+  EXPECT_NE(svg.find(">none</text>"), std::string::npos);
+  EXPECT_NE(svg.find(">TE</text>"), std::string::npos);
+  std::vector<double> lefts, heights;
+  for (size_t at = svg.find("<rect x="); at != std::string::npos;
+       at = svg.find("<rect x=", at + 1)) {
+    const auto number = [&](const char* key) {
+      const size_t from = svg.find(key, at) + std::string(key).size();
+      double value = 0;
+      EXPECT_TRUE(absl::SimpleAtod(svg.substr(from, svg.find('"', from) - from), &value));
+      return value;
+    };
+    lefts.push_back(number("x=\""));
+    heights.push_back(number("height=\""));
+  }
+  ASSERT_EQ(lefts.size(), 4u);  // 8 x 8 over none and TE, then 16 x 16.
+  EXPECT_LT(lefts[0], lefts[2]);
+  EXPECT_LT(lefts[2], lefts[1]);
+  EXPECT_LT(lefts[1], lefts[3]);
+  EXPECT_NEAR(2 * heights[0], heights[1], 0.2);
+  EXPECT_EQ(heights[1], heights[3]);
 }
 
 // However many lines there are, each is told from the others, and their names are not cut off.
@@ -102,11 +154,11 @@ TEST(PaperReportTest, ClaimsAreATableOfTheirOwn) {
   EXPECT_EQ(
       out.str(),
       "{\"paper\":\"003\",\"table\":\"Table I\",\"claim\":\"gain\",\"the paper's\":\"1.37\","
-      "\"measured\":\"1.10\",\"carries over\":\"in part\",\"why not\":\"latency\"}\n"
+      "\"measured\":\"1.10\",\"carries over\":\"in part\",\"our explanation\":\"latency\"}\n"
       "{\"paper\":\"003\",\"table\":\"Table I\",\"claim\":\"packets\",\"the paper's\":\"1.09\","
-      "\"measured\":\"1.20\",\"carries over\":\"yes\",\"why not\":\"\"}\n"
+      "\"measured\":\"1.20\",\"carries over\":\"yes\",\"our explanation\":\"\"}\n"
       "{\"paper\":\"003\",\"table\":\"Table I\",\"claim\":\"loss\",\"the paper's\":\"1.09\","
-      "\"measured\":\"0.90\",\"carries over\":\"no\",\"why not\":\"width\"}\n");
+      "\"measured\":\"0.90\",\"carries over\":\"no\",\"our explanation\":\"width\"}\n");
 }
 
 TEST(PaperReportTest, VerdictsHaveTheirBands) {
