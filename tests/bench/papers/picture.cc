@@ -42,6 +42,19 @@ absl::StatusOr<PaperScene> ReadPaperScene(const std::string& name, const PaperOp
   return scene;
 }
 
+absl::StatusOr<std::optional<PaperScene>> ReadIfThere(const std::string& paper,
+                                                      const std::string& name,
+                                                      const PaperOptions& options,
+                                                      PaperReport* report, Context& context,
+                                                      ThreadPool& pool) {
+  absl::StatusOr<PaperScene> scene = ReadPaperScene(name, options, pool);
+  if (scene.ok()) return *std::move(scene);
+  if (!absl::IsNotFound(scene.status())) return scene.status();
+  context.err << scene.status().message() << ": left out" << std::endl;
+  report->NotMeasured(paper, name, std::string(scene.status().message()));
+  return std::nullopt;
+}
+
 Picture MakePicture(const PaperScene& scene, uint32_t width, uint32_t height, int side) {
   const BuiltinView& view = scene.view;
   const auto camera = LookAt(view.eye, view.at, view.up, view.fov_y_degrees, width, height);
@@ -82,19 +95,56 @@ Picture ShadowsOf(const PaperScene& scene, const Picture& picture, const std::ve
   return shadows;
 }
 
-std::vector<TraceRay> BouncesOf(const Picture& picture, const std::vector<Hit>& hits, size_t step) {
-  Random random(17);
-  std::vector<TraceRay> rays;
-  for (size_t i = 0; i < hits.size(); i += step) {
-    if (hits[i].triangle == kNoTriangle) continue;
-    TraceRay ray;
-    const Vec3f at = picture.origin + picture.targets[i] * hits[i].t;
-    const auto coordinate = [&] { return static_cast<float>(random.Uniform(-1, 1)); };
-    ray.ray = PredicateRay::Ray(at, {coordinate(), coordinate(), coordinate()});
-    ray.from_source = hits[i].triangle;
-    rays.push_back(ray);
+namespace {
+
+Vec3d OnUnitSphere(Random& random) {
+  for (;;) {
+    const Vec3d v{random.Uniform(-1, 1), random.Uniform(-1, 1), random.Uniform(-1, 1)};
+    const double length = Length(v);
+    if (length > 0.1 && length <= 1) return v * (1 / length);
   }
-  return rays;
+}
+
+// About the normal of the triangle, on the side that the ray came from: a sphere that touches the
+// surface there has as much of itself in a direction as the cosine says.
+Vec3f Bounce(const SceneGeometry& geometry, uint32_t triangle, Vec3f came, Random& random) {
+  const auto [a, b, c] = geometry.Corners(triangle);
+  const Vec3d ad = ToDouble(a), normal = Cross(ToDouble(b) - ad, ToDouble(c) - ad);
+  const double turn = Dot(normal, ToDouble(came)) > 0 ? -1 : 1;
+  const Vec3d up = normal * (turn / Length(normal)), along = up + OnUnitSphere(random);
+  return ToFloat(Length(along) > 1e-3 ? along : up);
+}
+
+}  // namespace
+
+Paths PathsOf(const PaperScene& scene, const Picture& picture, size_t step, int depth,
+              Vec3d light) {
+  LeafCulling culling = LeafCulling::None();
+  culling.tree = CulledTree::kKdTree;
+  const Vec3f from = ToFloat(light - scene.indexed.geometry.origin);
+  Random random(17);
+  Paths paths;
+  std::vector<TraceRay> rays;
+  for (size_t i = 0; i < picture.targets.size(); i += step) {
+    rays.push_back({.ray = PredicateRay::Ray(picture.origin, picture.targets[i])});
+  }
+  for (int bounce = 0; bounce <= depth; ++bounce) {
+    WalkStats stats;
+    const std::vector<Hit> hits = TraceSingly(scene.indexed, culling, rays, /*any=*/false, &stats);
+    std::vector<TraceRay> next;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      if (hits[i].triangle == kNoTriangle) continue;
+      const PredicateRay& ray = rays[i].ray;
+      const Vec3f at = ray.origin + ray.target * hits[i].t;
+      paths.any.push_back({.ray = PredicateRay::Segment(from, at), .to_source = hits[i].triangle});
+      next.push_back({.ray = PredicateRay::Ray(
+                          at, Bounce(scene.indexed.geometry, hits[i].triangle, ray.target, random)),
+                      .from_source = hits[i].triangle});
+    }
+    paths.closest.insert(paths.closest.end(), rays.begin(), rays.end());
+    rays = std::move(next);
+  }
+  return paths;
 }
 
 std::vector<TraceRay> RaysOf(const Picture& picture) {

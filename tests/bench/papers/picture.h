@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Scenes and rays of the papers' tables over real scenes: a picture's camera rays as packets of any
-// square size or one by one, shadow rays from a light to what they hit, and rays that bounce off it
-// at random.
+// square size or one by one, shadow rays from a light to what they hit, and paths that bounce off
+// it.
 //
 // Packets are filled within the timed call, in every variant alike. Single thread.
 //
@@ -38,6 +38,13 @@ struct PaperScene {
 absl::StatusOr<PaperScene> ReadPaperScene(const std::string& name, const PaperOptions& options,
                                           ThreadPool& pool);
 
+// As ReadPaperScene, but a file that is not there is none: the report names it as not measured.
+absl::StatusOr<std::optional<PaperScene>> ReadIfThere(const std::string& paper,
+                                                      const std::string& name,
+                                                      const PaperOptions& options,
+                                                      PaperReport* report, Context& context,
+                                                      ThreadPool& pool);
+
 // Targets (directions of camera rays, ends of segments) in the order of packets.
 struct Picture {
   Vec3f origin;
@@ -54,9 +61,15 @@ Picture MakePicture(const PaperScene& scene, uint32_t width, uint32_t height, in
 Picture ShadowsOf(const PaperScene& scene, const Picture& picture, const std::vector<Hit>& hits,
                   Vec3d light);
 
-// From every `step`th hit one ray in a random direction: as incoherent as a path's. Each names the
-// triangle that it begins on.
-std::vector<TraceRay> BouncesOf(const Picture& picture, const std::vector<Hit>& hits, size_t step);
+// What a path tracer asks, each ray naming the triangle that it begins or ends on.
+struct Paths {
+  std::vector<TraceRay> closest;  // Every path's camera ray, then its bounces.
+  std::vector<TraceRay> any;      // To each of their hits, from the light.
+};
+// A path begins with every `step`th of the picture's rays, and bounces `depth` times: into a
+// direction about the normal of what it hit, on the side that it came from, as likely as its cosine
+// (what a matt surface reflects). REQUIRES: the scene has a kd-tree.
+Paths PathsOf(const PaperScene& scene, const Picture& picture, size_t step, int depth, Vec3d light);
 
 std::vector<TraceRay> RaysOf(const Picture& picture);
 
