@@ -51,6 +51,8 @@ PassData MakePassData(Intersector kind, const std::vector<std::array<Vec3f, 3>>&
 
 // Whether this machine has so many lanes (and 4 and 8 it has).
 bool HasLanes(int lanes);
+// How many rays a register of this machine holds.
+inline int RegisterRays() { return HasLanes(16) ? 16 : 8; }
 
 // Returns how many hits were found, in ordinary passes those nearer than the ones before.
 uint64_t RunPass(const PassSpec& spec, const PassData& data);
