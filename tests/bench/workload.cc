@@ -41,11 +41,11 @@ absl::StatusOr<Camera> ViewCamera(const WorkloadSpec& spec, const BuiltinView& v
   return LookAt(view.eye, view.at, view.up, view.fov_y_degrees, spec.width, spec.height);
 }
 
-std::vector<TileRect> CutImage(uint32_t width, uint32_t height) {
+std::vector<TileRect> CutImage(uint32_t width, uint32_t height, uint32_t side) {
   std::vector<TileRect> tiles;
-  for (uint32_t y = 0; y < height; y += kTileSide) {
-    for (uint32_t x = 0; x < width; x += kTileSide) {
-      tiles.push_back({x, y, std::min(kTileSide, width - x), std::min(kTileSide, height - y)});
+  for (uint32_t y = 0; y < height; y += side) {
+    for (uint32_t x = 0; x < width; x += side) {
+      tiles.push_back({x, y, std::min(side, width - x), std::min(side, height - y)});
     }
   }
   return tiles;

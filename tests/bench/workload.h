@@ -118,8 +118,8 @@ WorkloadMaker MakeSegmentWorkload;
 // The view's camera at the spec's size.
 absl::StatusOr<Camera> ViewCamera(const WorkloadSpec& spec, const BuiltinView& view);
 
-// The image cut into tiles of kTileSide, row by row.
-std::vector<TileRect> CutImage(uint32_t width, uint32_t height);
+// The image cut into tiles, row by row.
+std::vector<TileRect> CutImage(uint32_t width, uint32_t height, uint32_t side = kTileSide);
 
 }  // namespace sightline::bench
 
