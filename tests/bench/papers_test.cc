@@ -216,8 +216,8 @@ TEST(PapersTest, TheReportHasAllTablesAndPlots) {
     EXPECT_TRUE(absl::StrContains(svg, "<polyline") || absl::StrContains(svg, "<rect x=")) << name;
     ++plots;
   }
-  // Of 000 four and two, of 001 two and one, of 002 two each, of 004 two, one and one.
-  EXPECT_EQ(plots, 4u + 2 + 3 + 4 + 4);
+  // Of 000 four and four, of 001 two and one, of 002 two each, of 004 two, one and one.
+  EXPECT_EQ(plots, 4u + 4 + 3 + 4 + 4);
 }
 
 }  // namespace
