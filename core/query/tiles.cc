@@ -13,6 +13,7 @@
 #include "core/mesh/rebase.h"
 #include "core/query/hit_placement.h"
 #include "core/query/pixel_blocks.h"
+#include "core/query/pixel_runs.h"
 #include "core/query/ray_block.h"
 #include "core/query/sample_tracer.h"
 #include "core/traverse/pixel_grid.h"
@@ -126,12 +127,6 @@ class TileTrace {
   }
 
  private:
-  // A row of at most four pixels: lanes `lane` .. of a block, pixels from (x, y) of the tile.
-  struct PixelRun {
-    int lane;
-    uint32_t x, y, count;
-  };
-
   // The blocks of a group, from a common cut. `group` is in pixels of the tile.
   absl::Status TraceGroup(const TileRect& group) {
     SL_RETURN_IF_ERROR(run_.Poll());
@@ -190,7 +185,7 @@ class TileTrace {
   absl::Status Finish(const TileRect& group, const TileRect& block, StatsScope* scope,
                       size_t* points) {
     if (run_.options().count_answers) {
-      ForEachRun(block, [&](const PixelRun& run) {
+      ForEachRun(block, Squares(), [&](const PixelRun& run) {
         CountAnswers({packet_->answered_by + run.lane, run.count}, &out_.primary);
       });
     }
@@ -242,10 +237,6 @@ class TileTrace {
     return kBlockSide % side == 0 && (whole || side == kRunPixels) ? kBlockSide : side;
   }
 
-  static uint32_t WholeSquares(uint32_t pixels) {
-    return (pixels + kRunPixels - 1) / kRunPixels * kRunPixels;
-  }
-
   // All rays of the group lie between those of its corners.
   const ShaftCut* CutOutline(const TileRect& group) {
     // Around it: lanes 0 and 3 are in one row, which the shaft's frame follows.
@@ -262,23 +253,8 @@ class TileTrace {
     return CutGroup(scene_, run_, std::span<const RayPacket>(&outline_, 1), &cut_);
   }
 
-  // fn(run) for the runs of a block, in the order of its lanes. Where tiles are of lanes that
-  // follow one another, squares have the lanes of whole ones; else those of their pixels.
-  template <class Fn>
-  void ForEachRun(const TileRect& block, const Fn& fn) const {
-    uint32_t lane = 0;
-    for (uint32_t gy = 0; gy < block.height; gy += kRunPixels) {
-      const uint32_t end = std::min(gy + kRunPixels, block.height);
-      for (uint32_t gx = 0; gx < block.width; gx += kRunPixels) {
-        const uint32_t count = std::min(kRunPixels, block.width - gx);
-        const uint32_t first = lane, stride = ByTiles() ? kRunPixels : count;
-        for (uint32_t y = gy; y < end; ++y, lane += stride) {
-          fn(PixelRun{static_cast<int>(lane), gx, y, count});
-        }
-        if (ByTiles()) lane = first + kRunPixels * kRunPixels;
-      }
-    }
-  }
+  // Where tiles are of lanes that follow one another, squares have the lanes of whole ones.
+  SquareLanes Squares() const { return ByTiles() ? SquareLanes::kWhole : SquareLanes::kOfPixels; }
 
   // The block's rays. `block` is in pixels of its group.
   void Place(const TileRect& block) {
@@ -297,7 +273,7 @@ class TileTrace {
         blocks_.lay_out(columns, rows, target);
         continue;
       }
-      ForEachRun(block, [&](const PixelRun& run) {
+      ForEachRun(block, Squares(), [&](const PixelRun& run) {
         for (uint32_t k = 0; k < run.count; ++k) {
           target[run.lane + k] = static_cast<float>(columns[run.x + k] + rows[run.y]);
         }
@@ -334,7 +310,7 @@ class TileTrace {
         whole(from, to, tile_.width);
         return;
       }
-      ForEachRun(block, [&](const PixelRun& run) {
+      ForEachRun(block, Squares(), [&](const PixelRun& run) {
         std::copy_n(from + run.lane, run.count, to + size_t{run.y} * tile_.width + run.x);
       });
     };
@@ -349,13 +325,13 @@ class TileTrace {
       copy(write, packet_->v, out_.v.data());
     }
     if (outputs_.answered_by) {
-      ForEachRun(block, [&](const PixelRun& run) {
+      ForEachRun(block, Squares(), [&](const PixelRun& run) {
         std::copy_n(packet_->answered_by + run.lane, run.count,
                     out_.answered_by.data() + first + size_t{run.y} * tile_.width + run.x);
       });
     }
     if (outputs_.mirrors && !mirrors_.empty()) {
-      ForEachRun(block, [&](const PixelRun& run) {
+      ForEachRun(block, Squares(), [&](const PixelRun& run) {
         const size_t pixel = first + size_t{run.y} * tile_.width + run.x;
         for (uint32_t k = 0; k < run.count; ++k) {
           if (mirror_of_[run.lane + k] != 0) SetBit(out_.mirror_bits.data(), pixel + k);
@@ -363,7 +339,7 @@ class TileTrace {
       });
     }
     if (!outputs_.hits) return;
-    ForEachRun(block, [&](const PixelRun& run) {
+    ForEachRun(block, Squares(), [&](const PixelRun& run) {
       const size_t pixel = first + size_t{run.y} * tile_.width + run.x;
       for (uint32_t k = 0; k < run.count; ++k) {
         if (packet_->triangle[run.lane + k] != kNoTriangle) SetBit(out_.hit_bits.data(), pixel + k);
@@ -382,7 +358,7 @@ class TileTrace {
   absl::Status LookIntoMirrors(const TileRect& block, StatsScope* scope) {
     const std::span<const PreparedMirror> all = mirrors_.all();
     std::fill_n(mirror_of_, packet_->count, 0);
-    ForEachRun(block, [&](const PixelRun& run) {
+    ForEachRun(block, Squares(), [&](const PixelRun& run) {
       for (int lane = run.lane; lane < run.lane + static_cast<int>(run.count); ++lane) {
         for (size_t m = 0; m < all.size() && mirror_of_[lane] == 0; ++m) {
           if (!all[m].triangles().Holds(packet_->triangle[lane])) continue;
@@ -446,7 +422,7 @@ class TileTrace {
     const size_t none = static_cast<size_t>(packet_->count);
     size_t stand_in = PixelShadowPackets() ? 0 : none;  // The first hit, for those that have none.
     while (stand_in < none && packet_->triangle[stand_in] == kNoTriangle) ++stand_in;
-    ForEachRun(block, [&](const PixelRun& run) {
+    ForEachRun(block, Squares(), [&](const PixelRun& run) {
       for (uint32_t k = 0; k < run.count; ++k) {
         const size_t lane = static_cast<size_t>(run.lane) + k;
         if (packet_->triangle[lane] != kNoTriangle) {
