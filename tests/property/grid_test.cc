@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The whole grid of a query's options, structure × strategy × culling × packet size × intersector,
-// and of RTT antialiasing × shared edges × tiles side by side, against brute force: every
-// combination there is, each over one small scene of several in turn, and, but for those of the
-// binary BVH, a share of them over one of as many whose kd-tree stands alone. By the predicate
-// answers have brute force's bits; by the papers' tests they differ from the same test over all
-// triangles within its bound; and what has no meaning is refused by name. A camera's rays and a
-// light's are asked about by all; suns, segments and a larger picture with its lights, some of them
-// by the pixels' own packets, which take the same options through other walks or more of them at
-// once, by a share drawn at random.
+// The whole grid of a query's options (grid_options.h) against brute force: every combination there
+// is, each over one small scene of several in turn, by a picture and points that fill one packet of
+// its size and begin others; and, but for those of the binary BVH, a share of them over one of as
+// many whose kd-tree stands alone. How scenes are built, for which of the papers' tests they are
+// prepared, and the instruction set change from one to the next. By the predicate answers have
+// brute force's bits; by the papers' tests they differ from the same test over all triangles within
+// its bound; and what has no meaning is refused by name. A camera's rays and a light's are asked
+// about by all; suns, segments, shortened shadows, what mirrors show, and a larger picture with its
+// lights, some of them by the pixels' own packets, which take the same options through other walks
+// or more of them at once, by a share drawn at random.
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <iostream>
 #include <optional>
@@ -23,14 +25,16 @@
 #include "core/accel/leaf_triangles.h"
 #include "core/base/parallel.h"
 #include "core/intersect/intersector_check.h"
+#include "core/intersect/prepared_geometry.h"
 #include "core/mesh/rebase.h"
 #include "core/query/segments.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
-#include "core/traverse/rtt.h"
 #include "gtest/gtest.h"
 #include "tests/core/intersect/intersector_answers.h"
+#include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
+#include "tests/property/grid_options.h"
 #include "tests/property/query_cases.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -39,10 +43,15 @@ namespace sightline {
 namespace {
 
 using testing_support::AddKdTree;
+using testing_support::AllNamed;
+using testing_support::AvailableTargets;
 using testing_support::Bit;
 using testing_support::CompareHits;
+using testing_support::Describe;
 using testing_support::Difference;
 using testing_support::DifferenceTally;
+using testing_support::ForEachQuery;
+using testing_support::HasMeaning;
 using testing_support::IndexObjects;
 using testing_support::kSanitizerBuild;
 using testing_support::MakeClosedSphere;
@@ -55,138 +64,35 @@ using testing_support::NastyScene;
 using testing_support::SameBytes;
 using testing_support::TestRng;
 
-// ---- What there is, as the options themselves say
-
-// All values of an enumeration that counts from 0 and has names.
-template <typename T>
-std::vector<T> AllNamed(absl::string_view (*name)(T)) {
-  std::vector<T> values;
-  for (int i = 0; name(static_cast<T>(i)) != "UNKNOWN"; ++i) values.push_back(static_cast<T>(i));
-  return values;
-}
-
-template <typename T, size_t kCount, typename Fn>
-void ForEachOf(const std::array<T, kCount>& values, T* target, const Fn& fn) {
-  for (const T value : values) {
-    *target = value;
-    fn();
-  }
-}
-
-template <size_t kCount, typename Fn>
-void ForEachSwitching(const std::array<bool*, kCount>& switches, const Fn& fn) {
-  for (uint32_t bits = 0; bits < 1u << kCount; ++bits) {
-    for (size_t i = 0; i < kCount; ++i) *switches[i] = (bits >> i & 1) != 0;
-    fn();
-  }
-}
-
-// fn(culling) for all that packets, or single rays, go by; what only the other goes by stays off.
-template <typename Fn>
-void ForEachCulling(Structure structure, Strategy strategy, const Fn& fn) {
-  LeafCulling culling = LeafCulling::None();
-  // A field that is not named here does not compile.
-  auto& [tree, intersector, side_planes, near_far, aperture, aperture_first, skip_edges, frustum,
-         first_axis, ray_mask, node_test, split, ray_box, ray_box_min_triangles, ray_box_update,
-         mailbox, cell_boxes] = culling;
-  static_cast<void>(tree), static_cast<void>(intersector);  // The query's own.
-  const std::array<bool*, 7> of_packets = {&side_planes, &near_far,   &aperture, &aperture_first,
-                                           &skip_edges,  &first_axis, &ray_mask};
-  const std::array<bool*, 3> of_rays = {&ray_box, &ray_box_update, &mailbox};
-  const auto call = [&, on_kd_tree = structure == Structure::kKdTree, cells = &cell_boxes] {
-    fn(culling);
-    if (!on_kd_tree) return;
-    *cells = true;
-    fn(culling);
-    *cells = false;
-  };
-  if (strategy == Strategy::kPacket) {
-    FrustumRays* const rays = &frustum;
-    NodeTest* const test = &node_test;
-    PacketSplit* const parts = &split;
-    ForEachSwitching(of_packets, [&] {
-      ForEachOf(kAllFrustumRays, rays, [&] {
-        ForEachOf(kAllNodeTests, test, [&] { ForEachOf(kAllPacketSplits, parts, call); });
-      });
-    });
-    return;
-  }
-  uint32_t* const least = &ray_box_min_triangles;
-  ForEachSwitching(of_rays, [&] { ForEachOf(std::array<uint32_t, 3>{0, 3, 1000}, least, call); });
-}
-
-// fn(options) for every combination, sensible or not.
-template <typename Fn>
-void ForEachQuery(const Fn& fn) {
-  for (const Structure structure : AllNamed(&StructureName)) {
-    for (const Strategy strategy : AllNamed(&StrategyName)) {
-      for (const Intersector intersector : AllNamed(&IntersectorName)) {
-        QueryOptions options;
-        options.structure = structure;
-        options.strategy = strategy;
-        options.intersector = intersector;
-        const bool packets = strategy == Strategy::kPacket;
-        for (const int side : kPacketSides) {
-          if (!packets && side != kPacketSides[0]) continue;  // Read by packets alone.
-          options.packet_side = side;
-          options.leaf_culling.reset();
-          fn(options);
-          if (structure == Structure::kAuto && packets) continue;  // The BVH, again.
-          if (!packets && strategy != Strategy::kSingle) {
-            options.leaf_culling = LeafCulling();
-            fn(options);
-            continue;
-          }
-          ForEachCulling(structure, strategy, [&](const LeafCulling& culling) {
-            options.leaf_culling = culling;
-            fn(options);
-          });
-        }
-        if (strategy != Strategy::kRtt) continue;
-        options.leaf_culling.reset();
-        for (int n = 1; n <= kMaxRttAntialiasing; ++n) {
-          options.rtt_antialiasing = n;
-          for (const bool shared : {false, true}) {
-            options.rtt_shared_edges = shared;
-            for (int tiles = 0; tiles <= kMaxRttSideBySide; ++tiles) {
-              options.rtt_side_by_side = tiles;
-              fn(options);
-            }
-          }
-        }
-      }
-    }
-  }
-}
-
-std::string Describe(const QueryOptions& options) {
-  std::string text =
-      absl::StrCat(StrategyName(options.strategy), " on ", StructureName(options.structure), ", ",
-                   IntersectorName(options.intersector), ", packets of ", options.packet_side,
-                   ", antialiasing ", options.rtt_antialiasing, ", ", options.rtt_side_by_side,
-                   " side by side", options.rtt_shared_edges ? ", shared edges" : "");
-  if (!options.leaf_culling) return text;
-  const LeafCulling& c = *options.leaf_culling;
-  for (const bool on :
-       {c.side_planes, c.near_far, c.aperture, c.aperture_first, c.skip_edges, c.first_axis,
-        c.ray_mask, c.ray_box, c.ray_box_update, c.mailbox, c.cell_boxes}) {
-    absl::StrAppend(&text, on ? " 1" : " 0");
-  }
-  absl::StrAppend(&text, ", frustum ", static_cast<int>(c.frustum), ", nodes ",
-                  static_cast<int>(c.node_test), ", split ", static_cast<int>(c.split), ", from ",
-                  c.ray_box_min_triangles, " triangles");
-  return text;
-}
-
 // ---- What is asked, and what brute force answers
 
-constexpr uint32_t kWidth = 11, kHeight = 7;  // No side of a packet divides them.
+// So many pixels, and so many valid points that follow one another: a packet of its side is full in
+// both, and others are begun. Where packets have no size, what none divides.
+struct Shape {
+  uint32_t width, height;
+  size_t points;
+};
+constexpr Shape kShapes[] = {{5, 3, 9}, {7, 5, 21}, {11, 9, 69}, {19, 17, 261}, {11, 7, 30}};
+static_assert(std::size(kShapes) == kPacketSides.size() + 1);
+constexpr Shape kLargest = {19, 17, 261};
 // Of one scene more: several tiles and packets of every size, and cut ones.
-constexpr uint32_t kLargeWidth = 37, kLargeHeight = 33;
-constexpr double kShareOfMore = 1.0 / 64, kShareOfLarge = 1.0 / 512, kShareOfAlone = 1.0 / 8;
-constexpr TileOutputs kLitTile = {.hits = true, .lit = true};
-constexpr SegmentOutputs kSegments = {.bits = true, .first_hits = true};
+constexpr Shape kLarge = {37, 33, 30};
+
+size_t ShapeOf(const QueryOptions& options) {
+  if (options.strategy != Strategy::kPacket) return std::size(kShapes) - 1;
+  return static_cast<size_t>(
+      std::find(kPacketSides.begin(), kPacketSides.end(), options.packet_side) -
+      kPacketSides.begin());
+}
+
+constexpr double kShareOfMore = 1.0 / 64, kShareOfAlone = 1.0 / 8;
+// Of the large picture: by the predicate alone it has lights.
+constexpr double kShareOfLarge = 1.0 / 1024, kShareOfLargeExact = 1.0 / 128;
+constexpr double kShortened = 0.2;  // ShadowOptions::t_min.
 constexpr TileOutputs kTile = {.hits = true, .ids = true, .depth = true, .uv = true};
+constexpr TileOutputs kLitTile = {.hits = true, .lit = true};
+constexpr TileOutputs kMirrored = {.ids = true, .depth = true, .uv = true, .mirrors = true};
+constexpr SegmentOutputs kSegments = {.bits = true, .first_hits = true};
 constexpr ShadowOutputs kBlockers = {.bits = true, .blockers = true};
 
 struct Answers {
@@ -195,7 +101,10 @@ struct Answers {
   bool more = false;           // Whether these were asked about:
   ShadowResult sun_lit, sun_blockers;
   SegmentResult free, segments;
-  TileResult lit_tile;  // Of the large picture by the predicate alone: the light, and the sun.
+  // By the predicate alone, as where a test is off the hit is another, and what reaches it.
+  ShadowResult short_lit, short_sun, short_blockers;
+  TileResult mirrored;
+  TileResult lit_tile;  // Of the large picture: the light, and the sun.
 };
 
 struct GridScene {
@@ -205,118 +114,206 @@ struct GridScene {
   LightSample light, sun;
   PreparedPoints points;
   PreparedSegments segments;
-  std::vector<Answers> truth;  // By intersector.
+  std::vector<Mirror> mirrors;
+  std::vector<Shape> shapes;
+  std::vector<std::vector<Answers>> truth;  // By intersector and shape.
 
-  absl::Status Ask(const QueryOptions& options, bool more, Answers* answers) const {
+  // Amid the picture, where the most is seen.
+  TileRect RectOf(const Shape& shape) const {
+    return {(camera.width - shape.width) / 2, (camera.height - shape.height) / 2, shape.width,
+            shape.height};
+  }
+  // So many that the shape's number of them is valid: packets hold no others.
+  size_t PointsOf(const Shape& shape) const {
+    size_t count = 0;
+    for (size_t valid = 0; valid < shape.points && count < points.size(); ++count) {
+      valid += points.valid[count];
+    }
+    return count;
+  }
+  bool IsLarge() const { return shapes.size() == 1; }
+  const Shape& ShapeFor(const QueryOptions& options) const {
+    return shapes[IsLarge() ? 0 : ShapeOf(options)];
+  }
+  const Answers& Truth(const QueryOptions& options) const {
+    return truth[static_cast<size_t>(options.intersector)][IsLarge() ? 0 : ShapeOf(options)];
+  }
+
+  absl::Status Ask(const QueryOptions& options, const Shape& shape, bool more,
+                   Answers* answers) const {
     answers->more = more;
-    absl::Status status = TraceTile(indexed, camera, {0, 0, camera.width, camera.height}, {}, kTile,
-                                    options, &answers->tile);
-    if (!status.ok()) return status;
-    const PointRange range = PointRange::Slice(points, 0, points.size());
-    const auto shade = [&](const LightSample& from, ShadowResult* lit, ShadowResult* blockers) {
-      const std::span<const LightSample> one(&from, 1);
-      status = ComputeShadows(indexed, range, one, {}, {}, {.bits = true}, options, lit);
+    const TileRect rect = RectOf(shape);
+    absl::Status status = TraceTile(indexed, camera, rect, {}, kTile, options, &answers->tile);
+    const PointRange range = PointRange::Slice(points, 0, PointsOf(shape));
+    const auto shade = [&](const LightSample& from, const ShadowOptions& shadow,
+                           const ShadowOutputs& outputs, ShadowResult* result) {
       if (!status.ok()) return;
-      status = ComputeShadows(indexed, range, one, {}, {}, kBlockers, options, blockers);
+      status = ComputeShadows(indexed, range, {&from, 1}, {}, shadow, outputs, options, result);
     };
-    shade(light, &answers->lit, &answers->blockers);
+    shade(light, {}, {.bits = true}, &answers->lit);
+    shade(light, {}, kBlockers, &answers->blockers);
     if (!status.ok() || !more) return status;
-    shade(sun, &answers->sun_lit, &answers->sun_blockers);
+    shade(sun, {}, {.bits = true}, &answers->sun_lit);
+    shade(sun, {}, kBlockers, &answers->sun_blockers);
     if (!status.ok()) return status;
     status = TestSegments(indexed, segments, {.bits = true}, options, &answers->free);
     if (!status.ok()) return status;
     status = TestSegments(indexed, segments, kSegments, options, &answers->segments);
-    if (!status.ok() || !ShadesPixels(options)) return status;
+    if (!status.ok() || options.intersector != Intersector::kExact) return status;
+    const ShadowOptions shortened = {.t_min = kShortened};
+    shade(light, shortened, {.bits = true}, &answers->short_lit);
+    shade(sun, shortened, {.bits = true}, &answers->short_sun);
+    shade(light, shortened, kBlockers, &answers->short_blockers);
+    if (!status.ok()) return status;
+    if (!mirrors.empty()) {
+      status =
+          TraceTile(indexed, camera, rect, {}, mirrors, kMirrored, options, &answers->mirrored);
+    }
+    if (!status.ok() || !IsLarge()) return status;
     const LightSample lights[] = {light, sun};
-    return TraceTile(indexed, camera, {0, 0, camera.width, camera.height}, lights, kLitTile,
-                     options, &answers->lit_tile);
-  }
-
-  // Where a test is off the hit is another, and what reaches it: these are not compared.
-  bool ShadesPixels(const QueryOptions& options) const {
-    return camera.width == kLargeWidth && options.intersector == Intersector::kExact;
+    return TraceTile(indexed, camera, rect, lights, kLitTile, options, &answers->lit_tile);
   }
 };
 
-// Leaves of all structures hold many triangles, and some few.
-GridScene Finish(std::string name, IndexedGeometry indexed, TestRng& rng, uint32_t width = kWidth,
-                 uint32_t height = kHeight) {
-  GridScene scene{std::move(name), std::move(indexed), {}, {}, {}, {}, {}, {}};
-  AddKdTree({.traversal_cost = 0.3f, .min_leaf_triangles = 12}, &scene.indexed);
+template <typename T, size_t kCount>
+T OneOf(TestRng& rng, const T (&values)[kCount]) {
+  return values[rng.Below(kCount)];
+}
+
+// Leaves hold many triangles, and some few; laid out beforehand, or not.
+void AddTrees(TestRng& rng, IndexedGeometry* indexed) {
+  AddKdTree({.traversal_cost = OneOf(rng, {0.1f, 0.3f, 3.0f}),
+             .min_leaf_triangles = OneOf(rng, {1, 12, 40})},
+            indexed);
+  indexed->kd_leaves.reset();
+  if (rng.Chance(0.5)) {
+    const auto& ids = indexed->kd_tree->ids;
+    indexed->kd_leaves = MakeLeafTriangles(indexed->geometry, {ids.data(), ids.size()});
+  }
   ThreadPool pool(1);
-  absl::StatusOr<BinaryBvh> binary =
-      BuildBinaryBvh(scene.indexed.geometry, {.cost_ratio = 0.1f}, pool);
+  absl::StatusOr<BinaryBvh> binary = BuildBinaryBvh(indexed->geometry,
+                                                    {.bins = OneOf(rng, {2, 8, 64}),
+                                                     .cost_ratio = OneOf(rng, {0.01f, 0.1f, 1.0f}),
+                                                     .min_triangles = OneOf(rng, {1, 8})},
+                                                    pool);
   EXPECT_TRUE(binary.ok()) << binary.status();
-  if (binary.ok()) scene.indexed.binary_bvh = *std::move(binary);
+  if (binary.ok()) indexed->binary_bvh = *std::move(binary);
+  indexed->bvh = testing_support::BuildOrFail(
+      indexed->geometry, BvhPresetOptions(OneOf(rng, {BvhPreset::kStatic, BvhPreset::kCompact})));
+}
+
+// Whether mirrors take a good part of the picture, but not all.
+bool SeesMirrors(const GridScene& scene) {
+  const Camera& camera = scene.camera;
+  TileResult tile;
+  const absl::Status status =
+      TraceTile(scene.indexed, camera, {0, 0, camera.width, camera.height}, {}, scene.mirrors,
+                kMirrored, {.strategy = Strategy::kBruteForce}, &tile);
+  if (!status.ok()) return false;  // The eye may lie in the mirror.
+  uint32_t mirrored = 0;
+  for (const uint8_t byte : tile.mirror_bits) {
+    mirrored += static_cast<uint32_t>(std::popcount(byte));
+  }
+  const uint32_t pixels = camera.width * camera.height;
+  return mirrored > pixels / 4 && mirrored < pixels;
+}
+
+GridScene Finish(std::string name, IndexedGeometry indexed, std::vector<Mirror> mirrors,
+                 std::vector<Shape> shapes, TestRng& rng) {
+  GridScene scene;
+  scene.name = std::move(name);
+  scene.indexed = std::move(indexed);
+  scene.mirrors = std::move(mirrors);
+  scene.shapes = std::move(shapes);
+  AddTrees(rng, &scene.indexed);
+  const bool large = scene.IsLarge();
   NastyRays rays(scene.indexed, rng);
   const Vec3d origin = scene.indexed.geometry.origin;
-  absl::StatusOr<Camera> camera = absl::UnknownError("none");
-  for (int tries = 0; tries < 50 && !camera.ok(); ++tries) {
-    camera = LookAt(origin + ToDouble(rays.Point()), origin + ToDouble(rays.Point()), {0.1, 0.3, 1},
-                    70, width, height);
+  bool found = false;
+  for (int tries = 0; tries < 1000 && !found; ++tries) {
+    const absl::StatusOr<Camera> camera =
+        LookAt(origin + ToDouble(rays.Point()), origin + ToDouble(rays.Point()), {0.1, 0.3, 1}, 70,
+               large ? kLarge.width : kLargest.width, large ? kLarge.height : kLargest.height);
+    if (!camera.ok()) continue;
+    scene.camera = *camera;
+    found = scene.mirrors.empty() || SeesMirrors(scene);
   }
-  EXPECT_TRUE(camera.ok()) << camera.status();
-  if (camera.ok()) scene.camera = *camera;
+  EXPECT_TRUE(found) << "no camera sees the scene, or its mirrors";
   scene.light.value = rays.Point();
   scene.sun.directional = true;
   scene.sun.value = rays.Target({}, /*segment=*/false);
-  scene.points = MakePoints(scene.indexed, rng, 30);
+  const size_t valid = large ? kLarge.points : kLargest.points;
+  scene.points = MakePoints(scene.indexed, rng, 2 * valid);
+  EXPECT_GE(scene.points.size() - scene.points.invalid, valid);
   scene.segments = MakeSegments(scene.indexed, rng, 12);
   for (const Intersector intersector : AllNamed(&IntersectorName)) {
-    scene.truth.emplace_back();
     QueryOptions options;
     options.strategy = Strategy::kBruteForce;
     options.intersector = intersector;
-    const absl::Status status = scene.Ask(options, /*more=*/true, &scene.truth.back());
-    EXPECT_TRUE(status.ok()) << status;
+    std::vector<Answers>& truth = scene.truth.emplace_back();
+    for (const Shape& shape : scene.shapes) {
+      const absl::Status status = scene.Ask(options, shape, /*more=*/true, &truth.emplace_back());
+      EXPECT_TRUE(status.ok()) << status;
+    }
   }
   return scene;
 }
 
 std::vector<GridScene> MakeGridScenes(TestRng& rng) {
+  const std::vector<Shape> shapes(std::begin(kShapes), std::end(kShapes));
   std::vector<GridScene> scenes;
-  // Ordinary: waves with a ball over them.
-  scenes.push_back(Finish("waves and a ball",
-                          IndexObjects({MakeGrid(5, 0.4, {-2.5, 0, -2.5}, rng),
-                                        MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1})},
-                                       std::nullopt),
-                          rng));
+  // Ordinary: waves with a ball over them, before a mirror.
+  scenes.push_back(Finish(
+      "waves, a ball and a mirror",
+      IndexObjects({MakeGrid(5, 0.4, {-2.5, 0, -2.5}, rng),
+                    MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1}), MakeGrid(2, 0, {-1, 2.5, -1}, rng)},
+                   std::nullopt),
+      {Mirror{.object = 2}}, shapes, rng));
   for (NastyScene& nasty : MakeNastyScenes(rng)) {
     for (const absl::string_view name :
          {"slivers", "coplanar and duplicate faces", "a closed box", "masks and culling",
           "mixed exponents, fewer", "zero areas and non-finite corners"}) {
       if (nasty.name == name) {
-        scenes.push_back(Finish(nasty.name, std::move(nasty.indexed), rng));
+        scenes.push_back(Finish(nasty.name, std::move(nasty.indexed), {}, shapes, rng));
         break;
       }
     }
+  }
+  // Each prepared for one of the papers' tests; the others prepare each triangle anew.
+  std::vector<Intersector> kinds(kPaperIntersectors.begin(), kPaperIntersectors.end());
+  for (GridScene& scene : scenes) {
+    std::swap(kinds[rng.Below(kinds.size())], kinds.back());
+    scene.indexed.prepared = PrepareGeometry(scene.indexed.geometry, kinds.back());
+    if (kinds.size() > 1) kinds.pop_back();
   }
   return scenes;
 }
 
 GridScene MakeLargePicture(TestRng& rng) {
   return Finish(
-      "a ball over a floor, a large picture",
-      IndexObjects({MakeGrid(3, 2, {-3, 0, -3}, rng), MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1})},
+      "a ball over a mirror, a large picture",
+      IndexObjects({MakeGrid(3, 0, {-3, 0, -3}, rng), MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1})},
                    std::nullopt),
-      rng, kLargeWidth, kLargeHeight);
+      {Mirror{.object = 0}}, {kLarge}, rng);
 }
 
-// The same scenes and answers without their BVHs. Some kd-trees are cut as finely as can be, and
-// some have their leaves laid out: neither is what the scenes beside a BVH have.
-std::vector<GridScene> OnKdTreesAlone(const std::vector<GridScene>& scenes) {
+// The same scenes and answers without their BVHs. Some kd-trees are cut as finely as can be.
+std::vector<GridScene> OnKdTreesAlone(const std::vector<GridScene>& scenes, TestRng& rng) {
   std::vector<GridScene> alone = scenes;
   for (size_t i = 0; i < alone.size(); ++i) {
+    IndexedGeometry& indexed = alone[i].indexed;
     alone[i].name += ", a kd-tree alone";
-    AddKdTree({.traversal_cost = 0.1f, .perfect_splits = i % 2 == 0, .min_leaf_triangles = 3},
-              &alone[i].indexed);
+    AddKdTree({.traversal_cost = 0.1f,
+               .perfect_splits = i % 2 == 0,
+               .min_leaf_triangles = OneOf(rng, {1, 3, 12})},
+              &indexed);
+    indexed.kd_leaves.reset();
     if (i % 3 == 0) {
-      const auto& ids = alone[i].indexed.kd_tree->ids;
-      alone[i].indexed.kd_leaves =
-          MakeLeafTriangles(alone[i].indexed.geometry, {ids.data(), ids.size()});
+      const auto& ids = indexed.kd_tree->ids;
+      indexed.kd_leaves = MakeLeafTriangles(indexed.geometry, {ids.data(), ids.size()});
     }
-    alone[i].indexed.bvh = Bvh();
-    EXPECT_TRUE(alone[i].indexed.kd_tree_alone());
+    indexed.bvh = Bvh();
+    EXPECT_TRUE(indexed.kd_tree_alone());
   }
   return alone;
 }
@@ -342,6 +339,16 @@ void ExpectSameBits(const Answers& a, const Answers& b) {
   EXPECT_TRUE(SameBytes(a.segments.blocked_bits, b.segments.blocked_bits));
   EXPECT_TRUE(SameBytes(a.segments.triangle, b.segments.triangle));
   EXPECT_TRUE(SameBytes(a.segments.t, b.segments.t));
+  EXPECT_TRUE(SameBytes(a.short_lit.lit_bits, b.short_lit.lit_bits));
+  EXPECT_TRUE(SameBytes(a.short_sun.lit_bits, b.short_sun.lit_bits));
+  EXPECT_TRUE(SameBytes(a.short_blockers.lit_bits, b.short_blockers.lit_bits));
+  EXPECT_TRUE(SameBytes(a.short_blockers.blocker, b.short_blockers.blocker));
+  EXPECT_TRUE(SameBytes(a.short_blockers.blocker_t, b.short_blockers.blocker_t));
+  EXPECT_TRUE(SameBytes(a.mirrored.triangle, b.mirrored.triangle));
+  EXPECT_TRUE(SameBytes(a.mirrored.depth, b.mirrored.depth));
+  EXPECT_TRUE(SameBytes(a.mirrored.u, b.mirrored.u));
+  EXPECT_TRUE(SameBytes(a.mirrored.v, b.mirrored.v));
+  EXPECT_TRUE(SameBytes(a.mirrored.mirror_bits, b.mirrored.mirror_bits));
   EXPECT_TRUE(SameBytes(a.lit_tile.hit_bits, b.lit_tile.hit_bits));
   EXPECT_TRUE(SameBytes(a.lit_tile.lit_bits, b.lit_tile.lit_bits));
 }
@@ -372,7 +379,8 @@ bool IsDeniedInDoubt(const IntersectorCheck& check, bool) { return !check.hit &&
 void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, const Answers& a,
                        DifferenceTally* tally) {
   const Intersector kind = options.intersector;
-  const Answers& b = scene.truth[static_cast<size_t>(kind)];
+  const Answers& b = scene.Truth(options);
+  const Shape& shape = scene.ShapeFor(options);
   const SceneGeometry& geometry = scene.indexed.geometry;
   const bool edges_left_out = options.strategy == Strategy::kPacket && options.leaf_culling &&
                               options.leaf_culling->aperture && options.leaf_culling->skip_edges;
@@ -385,20 +393,21 @@ void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, cons
   };
   Vec3f eye;
   ASSERT_TRUE(Rebase(scene.camera.eye, geometry.origin, &eye));
-  const uint32_t width = scene.camera.width;
-  for (uint32_t p = 0; p < width * scene.camera.height; ++p) {
-    const PredicateRay ray =
-        PredicateRay::Ray(eye, PixelDirection(scene.camera, p % width, p / width));
+  const TileRect rect = scene.RectOf(shape);
+  for (uint32_t p = 0; p < rect.width * rect.height; ++p) {
+    const PredicateRay ray = PredicateRay::Ray(
+        eye, PixelDirection(scene.camera, rect.x + p % rect.width, rect.y + p / rect.width));
     if (compare(ray, {a.tile.depth[p], a.tile.triangle[p]},
                 {b.tile.depth[p], b.tile.triangle[p]})) {
       EXPECT_EQ(a.tile.u[p], b.tile.u[p]);
       EXPECT_EQ(a.tile.v[p], b.tile.v[p]);
     }
   }
+  const size_t points = scene.PointsOf(shape);
   const auto compare_shadows = [&](const LightSample& light, const ShadowResult& lit,
                                    const ShadowResult& blockers, const ShadowResult& true_lit,
                                    const ShadowResult& true_blockers) {
-    for (size_t i = 0; i < scene.points.size(); ++i) {
+    for (size_t i = 0; i < points; ++i) {
       if (!scene.points.valid[i]) continue;
       const Vec3f point = scene.points.positions[i];
       const PredicateRay ray = light.directional ? PredicateRay::Ray(point, light.value)
@@ -433,24 +442,6 @@ void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, cons
   }
 }
 
-// What CheckOptions is to say: the contract, written down a second time.
-bool HasMeaning(const QueryOptions& options) {
-  const bool walks = options.strategy == Strategy::kSingle || options.strategy == Strategy::kPacket;
-  if (options.strategy == Strategy::kRtt && options.structure == Structure::kBvh) return false;
-  if ((options.strategy == Strategy::kRtt || options.strategy == Strategy::kShaft) &&
-      options.structure == Structure::kBinaryBvh) {
-    return false;
-  }
-  if (options.strategy == Strategy::kShaft && options.structure == Structure::kKdTree) return false;
-  if (options.leaf_culling && !walks) return false;
-  if (options.intersector == Intersector::kHavelHeroutDotProduct &&
-      options.strategy == Strategy::kPacket) {
-    return false;
-  }
-  return options.intersector == Intersector::kExact || walks ||
-         options.strategy == Strategy::kBruteForce;
-}
-
 // What a scene is to say of the options where it cannot answer them.
 std::optional<absl::StatusCode> Refusal(const GridScene& scene, const QueryOptions& options) {
   const bool wants_bvh = options.structure == Structure::kBvh ? options.strategy != Strategy::kRtt
@@ -466,8 +457,9 @@ std::optional<absl::StatusCode> Refusal(const GridScene& scene, const QueryOptio
 class Grid {
  public:
   void Ask(const GridScene& scene, const QueryOptions& options, bool more) {
-    answers_.lit_tile = TileResult();
-    const absl::Status status = scene.Ask(options, more, &answers_);
+    // Asked about by some alone, as the truth is that of the predicate.
+    answers_.lit_tile = answers_.mirrored = TileResult();
+    const absl::Status status = scene.Ask(options, scene.ShapeFor(options), more, &answers_);
     const std::optional<absl::StatusCode> refusal = Refusal(scene, options);
     if (refusal.has_value()) {
       ++refused_;
@@ -482,6 +474,8 @@ class Grid {
     ++(scene.indexed.kd_tree_alone() ? answered_alone_ : answered_);
     ASSERT_TRUE(status.ok()) << status << " for " << Describe(options) << " over " << scene.name;
     more_ += more;
+    for (const uint8_t byte : answers_.mirrored.mirror_bits) mirrored_ += std::popcount(byte);
+    prepared_ += scene.indexed.prepared && scene.indexed.prepared->kind == options.intersector;
     pixel_packets_ += options.pixel_shadow_packets && options.strategy == Strategy::kPacket &&
                       !answers_.lit_tile.lit_bits.empty();
     for (const QueryStats* stats :
@@ -490,7 +484,7 @@ class Grid {
       culled_tests_ += stats->culled_tests;
     }
     if (options.intersector == Intersector::kExact) {
-      ExpectSameBits(answers_, scene.truth[0]);
+      ExpectSameBits(answers_, scene.Truth(options));
     } else {
       ExpectWithinBound(scene, options, answers_, &tally_);
     }
@@ -502,6 +496,8 @@ class Grid {
   uint64_t answered() const { return answered_; }
   uint64_t more() const { return more_; }
   uint64_t pixel_packets() const { return pixel_packets_; }
+  uint64_t mirrored() const { return mirrored_; }
+  uint64_t prepared() const { return prepared_; }
   uint64_t answered_alone() const { return answered_alone_; }
   uint64_t refused() const { return refused_; }
   uint64_t tiles_answered() const { return tiles_answered_; }
@@ -512,6 +508,7 @@ class Grid {
   Answers answers_;
   uint64_t answered_ = 0, answered_alone_ = 0, refused_ = 0;
   uint64_t tiles_answered_ = 0, culled_tests_ = 0, more_ = 0, pixel_packets_ = 0;
+  uint64_t mirrored_ = 0, prepared_ = 0;
   DifferenceTally tally_;
 };
 
@@ -519,17 +516,21 @@ TEST(GridTest, EveryCombinationAnswersAsBruteForceDoesOrIsRefused) {
   TestRng rng;
   const std::vector<GridScene> scenes = MakeGridScenes(rng);
   ASSERT_EQ(scenes.size(), 7u);
-  const std::vector<GridScene> alone = OnKdTreesAlone(scenes);
+  const std::vector<GridScene> alone = OnKdTreesAlone(scenes, rng);
   const GridScene large = MakeLargePicture(rng);
   // Sanitizers see every so many-th of them.
   const uint64_t step = kSanitizerBuild ? 61 : 1, offset = rng.Below(step);
   uint64_t number = 0;
   Grid grid;
-  ForEachQuery([&](const QueryOptions& options) {
+  const std::vector<SimdTarget> targets = AvailableTargets();
+  ForEachQuery([&](QueryOptions options) {
     if (testing::Test::HasFailure() || number++ % step != offset) return;
+    options.simd = targets[rng.Below(targets.size())];
     grid.Ask(scenes[rng.Below(scenes.size())], options, rng.Chance(kShareOfMore));
     // All of RTT, and some of the others.
-    if (options.strategy == Strategy::kRtt || rng.Chance(kShareOfLarge)) {
+    const bool exact = options.intersector == Intersector::kExact;
+    if (options.strategy == Strategy::kRtt ||
+        rng.Chance(exact ? kShareOfLargeExact : kShareOfLarge)) {
       QueryOptions pixels = options;
       pixels.pixel_shadow_packets = rng.Chance(0.5);
       grid.Ask(large, pixels, /*more=*/true);
@@ -541,16 +542,19 @@ TEST(GridTest, EveryCombinationAnswersAsBruteForceDoesOrIsRefused) {
   });
   std::cout << grid.answered() << " combinations answered, and " << grid.answered_alone()
             << " by kd-trees alone, " << grid.more() << " with suns and segments, "
-            << grid.pixel_packets() << " with the pixels' own packets, " << grid.refused()
-            << " refused; " << grid.tiles_answered() << " tiles answered, " << grid.culled_tests()
-            << " tests culled; the papers' tests: " << grid.tally() << '\n';
+            << grid.pixel_packets() << " with the pixels' own packets, " << grid.prepared()
+            << " over prepared triangles, " << grid.refused() << " refused; " << grid.mirrored()
+            << " pixels of mirrors, " << grid.tiles_answered() << " tiles answered, "
+            << grid.culled_tests() << " tests culled; the papers' tests: " << grid.tally() << '\n';
   EXPECT_GT(grid.tiles_answered(), 0u);
   EXPECT_GT(grid.more(), 0u);
   EXPECT_GT(grid.culled_tests(), 0u);
   if (kSanitizerBuild) return;
   EXPECT_GT(grid.answered(), 100'000u);
   EXPECT_GT(grid.answered_alone(), 10'000u);
-  EXPECT_GT(grid.pixel_packets(), 10u);
+  EXPECT_GT(grid.pixel_packets(), 50u);
+  EXPECT_GT(grid.mirrored(), 1'000u);
+  EXPECT_GT(grid.prepared(), 10'000u);
   EXPECT_GT(grid.refused(), 50u);
   EXPECT_GT(grid.tally().of(Difference::kNone), grid.tally().compared() * 3 / 4);
 }
