@@ -120,8 +120,9 @@ HWY_INLINE V PlainZero(V x) {
   return O::Add(x, O::Set(0.0f));
 }
 
-// A distance that is none: with a determinant that all but vanishes the quotient may be +inf, which
-// the weights would not let through.
+// A distance that is none: with a determinant that all but vanishes the quotient may be +inf, or
+// NaN where it is 0 times the reciprocal's +inf. Weights that are divided do not let it through,
+// those whose division is deferred do.
 template <class O, class V = typename O::V>
 HWY_INLINE typename O::M IsFinite(V t) {
   return O::Gt(O::Set(std::numeric_limits<float>::infinity()), t);
@@ -154,6 +155,7 @@ HWY_INLINE Tested<O> DeferredTest(V det, V scaled_t, V t_max, const FU& scaled_u
   if (O::None(r.hit)) return r;
   const V reciprocal = O::Div(O::Set(1.0f), det);
   r.t = PlainZero<O>(O::Mul(scaled_t, reciprocal));
+  r.hit = O::And(r.hit, IsFinite<O>(r.t));
   r.u = PlainZero<O>(O::Mul(u, reciprocal));
   r.v = PlainZero<O>(O::Mul(v, reciprocal));
   return r;

@@ -18,7 +18,8 @@
 //                        would drop small triangles whole. Only det = 0 misses.
 //
 // Semantics: a ray O + tD hits where 0 <= t <= t_max, u >= 0, v >= 0, u + v <= 1, all as rounded;
-// u is the weight of B, v that of C. A zero or NaN determinant misses.
+// u is the weight of B, v that of C. A zero or NaN determinant misses, and so does one so small
+// that its reciprocal, or t, is not finite.
 //
 // One order of operations. Each test is written once (intersector-inl.h), for whatever holds a
 // number: dot products are (a + b) + (c + d), division is IEEE's, nothing is fused, zeros come out

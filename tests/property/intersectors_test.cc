@@ -6,6 +6,7 @@
 // surface is as near, there is none. Camera rays and their shadows, over built-in and nasty scenes.
 #include <cstdint>
 #include <iostream>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -17,6 +18,7 @@
 #include "core/query/tiles.h"
 #include "gtest/gtest.h"
 #include "tests/core/intersect/intersector_answers.h"
+#include "tests/core/traverse/nasty_scenes.h"
 #include "tests/property/query_cases.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -172,6 +174,47 @@ TEST(IntersectorsTest, BuiltinScenesDifferOnlyWithinTheBoundAndForAReason) {
 TEST(IntersectorsTest, NastyScenesDifferOnlyWithinTheBound) {
   TestRng rng;
   Check(MakeNastyQueryScenes(rng), /*plain=*/false, rng);
+}
+
+// Rays all but within a triangle's plane, from in it: a determinant without a finite reciprocal
+// gives no distance, and is no hit, neither for who asks what blocks first nor for who asks whether
+// anything does.
+TEST(IntersectorsTest, WhatHasNoDistanceBlocksNothing) {
+  ObjectInput object;
+  object.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  object.indices = {0, 1, 2};
+  IndexedGeometry scene = testing_support::IndexObjects({object}, Vec3d{0, 0, 0});
+  testing_support::AddKdTree({}, &scene);
+  LightSample light;
+  light.value = {0.25f, 0.25f, 0};
+  PreparedPoints points;
+  for (int i = 0; i < 40; ++i) {
+    points.positions.push_back({1.25f + 0.01f * static_cast<float>(i), 0.25f, 0x1p-140f});
+    points.sources.push_back(kNoTriangle);
+    points.valid.push_back(true);
+  }
+  for (const Intersector kind : kPaperIntersectors) {
+    std::vector<QueryOptions> ways = WaysBy(kind);
+    QueryOptions& brute = ways.emplace_back();
+    brute.strategy = Strategy::kBruteForce;
+    brute.intersector = kind;
+    for (const QueryOptions& way : ways) {
+      SCOPED_TRACE(absl::StrCat(IntersectorName(kind), " by ", StrategyName(way.strategy), " on ",
+                                StructureName(way.structure)));
+      for (const bool first : {false, true}) {
+        ShadowResult result;
+        ASSERT_TRUE(ComputeShadows(scene, PointRange::Slice(points, 0, points.size()), {&light, 1},
+                                   {}, {}, {.bits = true, .blockers = first}, way, &result)
+                        .ok());
+        for (size_t i = 0; i < points.size(); ++i) {
+          EXPECT_EQ(result.lit_bits[i / 8] >> (i % 8) & 1, 1);
+          if (!first) continue;
+          EXPECT_EQ(result.blocker[i], kNoTriangle);
+          EXPECT_EQ(result.blocker_t[i], std::numeric_limits<float>::infinity());
+        }
+      }
+    }
+  }
 }
 
 }  // namespace
