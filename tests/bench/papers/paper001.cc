@@ -2,14 +2,15 @@
 //
 // Paper 001 (Nah, Park, Kang, Han): Tables 2 and 3, ray-box culling in kd-trees by leaf size.
 //
-// The paper's scenes are PBRT's; here are four of like character, with the paper's rows beside those
-// that are most like one of its own (published001.h). Direct light is a picture and its shadow rays
-// toward one light; paths are every second pixel's, of three bounces, with a shadow ray to each hit,
-// as the paper's path tracer has them. One thread; the tests are Moeller and Trumbore's, one at a
-// time, as PBRT's are. Trees are built by our exact sweep, with PBRT's costs and depth rule; their
-// leaves' triangles are laid out beside them, and the time that takes is part of the build's. Boxes
-// are put to sixteen triangles at once, and to those left of them again after a hit. The engine's
-// own test, the predicate, takes sixteen triangles at once with or without boxes.
+// The paper's scenes are PBRT's; here are four of like character, with the paper's rows beside
+// those that are most like one of its own (published001.h). Direct light is a picture and its
+// shadow rays toward one light; paths are every second pixel's, of three bounces, with a shadow ray
+// to each hit, as the paper's path tracer has them. One thread; the tests are Moeller and
+// Trumbore's, one at a time, as PBRT's are. Trees are built by our exact sweep, with PBRT's costs
+// and depth rule; their leaves' triangles are laid out beside them, and the time that takes is part
+// of the build's. Boxes are put to sixteen triangles at once, and to those left of them again after
+// a hit. The engine's own test, the predicate, takes sixteen triangles at once with or without
+// boxes.
 #include <algorithm>
 #include <array>
 #include <optional>
