@@ -11,16 +11,19 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
 
 namespace sightline::bench {
 namespace {
 
-constexpr double kWidth = 640, kHeight = 360, kLeft = 60, kRight = 170, kTop = 30, kBottom = 40;
+constexpr double kWidth = 640, kHeight = 360, kLeft = 60, kRight = 170, kTop = 30, kBottom = 54;
 constexpr std::array<const char*, 8> kColours = {"#1b6ca8", "#c0392b", "#2e8b57", "#8e44ad",
                                                  "#d68910", "#16a085", "#7f8c8d", "#2c3e50"};
 constexpr std::array kDashes = {"none", "6 3", "2 3"};
 // Of the names beside the plot: what the piece of line before them takes, and a letter at most.
 constexpr double kSample = 34, kLetter = 7;
+// Of the marks below it: a row's height.
+constexpr double kRow = 14;
 
 std::string Escaped(const std::string& text) {
   std::string out;
@@ -41,26 +44,32 @@ struct Line {
   std::vector<std::pair<double, double>> points;
 };
 
+double NumberOf(const Row& value) {
+  return value.is_number() ? value.get<double>() : std::numeric_limits<double>::quiet_NaN();
+}
+
 // `names`: of the places of bars, in their order.
 std::vector<Line> LinesOf(const std::vector<Row>& rows, const PlotSpec& spec,
                           std::vector<std::string>* names) {
   std::vector<Line> lines;
   for (const Row& row : rows) {
-    if (!row.at(spec.y).is_number() || (!spec.bars && !row.at(spec.x).is_number())) continue;
-    const std::string name = PaperCell(row.at(spec.series));
-    auto line = std::find_if(lines.begin(), lines.end(),
-                             [&](const Line& other) { return other.name == name; });
-    if (line == lines.end()) line = lines.insert(lines.end(), {name, {}});
+    const double y = NumberOf(row.at(spec.y));
     double x = 0;
+    if (!std::isfinite(y)) continue;  // No place in the picture, here and below.
     if (spec.bars) {
       const auto place = std::find(names->begin(), names->end(), PaperCell(row.at(spec.x)));
       x = static_cast<double>(place - names->begin());
       if (place == names->end()) names->push_back(PaperCell(row.at(spec.x)));
     } else {
-      x = row.at(spec.x).get<double>();
+      x = NumberOf(row.at(spec.x));
       if (spec.log_x) x = std::log10(x);
+      if (!std::isfinite(x)) continue;
     }
-    line->points.emplace_back(x, row.at(spec.y).get<double>());
+    const std::string name = PaperCell(row.at(spec.series));
+    auto line = std::find_if(lines.begin(), lines.end(),
+                             [&](const Line& other) { return other.name == name; });
+    if (line == lines.end()) line = lines.insert(lines.end(), {name, {}});
+    line->points.emplace_back(x, y);
   }
   return lines;
 }
@@ -94,9 +103,9 @@ std::string OpenSvg(double width, const Frame& frame, const PlotSpec& spec,
   return svg;
 }
 
-std::string MarkX(double x, const std::string& text) {
+std::string MarkX(double x, size_t row, const std::string& text) {
   return absl::StrFormat("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">%s</text>\n", x,
-                         kHeight - kBottom + 16, Escaped(text));
+                         kHeight - kBottom + kRow * static_cast<double>(row + 1), Escaped(text));
 }
 
 const char* Colour(size_t line) { return kColours[line % kColours.size()]; }
@@ -147,6 +156,11 @@ std::string Bars(const Line& line, size_t number, size_t count, const Frame& fra
             frame.Y(0) - frame.Y(y), Colour(number)));
   }
   return bars;
+}
+
+// A cell ends at a bar, so one of its own is marked as such.
+std::string MarkdownCell(const std::string& text) {
+  return absl::StrReplaceAll(text, {{"|", "\\|"}});
 }
 
 // From the table's title to a file name.
@@ -218,15 +232,17 @@ std::string PlotSvg(const std::vector<Row>& rows, const PlotSpec& spec, const st
     x0 = -0.5;
     x1 = static_cast<double>(names.size()) - 0.5;
   }
+  if (lines.empty()) x0 = 0;
   if (!(x1 > x0)) x1 = x0 + 1;
   const Frame frame = {x0, x1, y1 > 0 ? y1 : 1};
   std::string svg = OpenSvg(WidthFor(lines), frame, spec, title);
+  // Names take turns in two rows: long ones would run into their neighbours.
   for (size_t i = 0; i < names.size(); ++i) {
-    absl::StrAppend(&svg, MarkX(frame.X(static_cast<double>(i)), names[i]));
+    absl::StrAppend(&svg, MarkX(frame.X(static_cast<double>(i)), i % 2, names[i]));
   }
   for (int i = 0; i <= 4 && !spec.bars; ++i) {
     const double x = x0 + (x1 - x0) * i / 4;
-    absl::StrAppend(&svg, MarkX(frame.X(x), PaperCell(spec.log_x ? std::pow(10, x) : x)));
+    absl::StrAppend(&svg, MarkX(frame.X(x), 0, PaperCell(spec.log_x ? std::pow(10, x) : x)));
   }
   for (size_t i = 0; i < lines.size(); ++i) {
     absl::StrAppend(
@@ -324,14 +340,14 @@ void PaperReport::EndMarkdown() {
   if (!rows_.empty()) {
     std::string heads("|"), rule("|");
     for (const auto& [key, value] : rows_[0].items()) {
-      absl::StrAppend(&heads, " ", key, " |");
+      absl::StrAppend(&heads, " ", MarkdownCell(key), " |");
       absl::StrAppend(&rule, value.is_string() ? "---|" : "--:|");
     }
     absl::StrAppend(&markdown_, heads, "\n", rule, "\n");
     for (const Row& row : rows_) {
       absl::StrAppend(&markdown_, "|");
       for (const auto& [key, value] : row.items()) {
-        absl::StrAppend(&markdown_, " ", PaperCell(value), " |");
+        absl::StrAppend(&markdown_, " ", MarkdownCell(PaperCell(value)), " |");
       }
       absl::StrAppend(&markdown_, "\n");
     }

@@ -29,8 +29,8 @@
 
 namespace sightline::bench {
 
-// One line per value of `series`, over `x`. Rows without a number in x or y are left out. `bars`:
-// x has names, and each name a bar per value of `series`.
+// One line per value of `series`, over `x`. Rows without a finite number in x (of its logarithm) or
+// y are left out. `bars`: x has names, and each name a bar per value of `series`.
 struct PlotSpec {
   std::string x, y, series;
   bool log_x = false;

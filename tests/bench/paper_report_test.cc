@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/bench/paper_report.h"
 
+#include <algorithm>
+#include <cmath>
 #include <fstream>
+#include <limits>
+#include <map>
 #include <set>
 #include <sstream>
 #include <string>
@@ -9,7 +13,10 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/bench/markup.h"
 #include "tests/support/temp_dir.h"
 
 namespace sightline::bench {
@@ -20,6 +27,43 @@ std::string ReadAll(const std::string& path) {
   std::stringstream text;
   text << file.rdbuf();
   return text.str();
+}
+
+using testing::ElementsAre;
+
+// The picture's elements of that name. Whatever its elements are, they lie within it.
+std::vector<XmlElement> Elements(const std::string& svg, absl::string_view name) {
+  const absl::StatusOr<std::vector<XmlElement>> all = ParseXml(svg);
+  EXPECT_TRUE(all.ok()) << all.status() << " of " << svg;
+  std::vector<XmlElement> found;
+  if (!all.ok()) return found;
+  EXPECT_EQ(all->front().name, "svg");
+  const double width = all->front().Number("width"), height = all->front().Number("height");
+  const auto expect_within = [&](const std::string& number, double size) {
+    double at = std::numeric_limits<double>::quiet_NaN();
+    EXPECT_TRUE(absl::SimpleAtod(number, &at)) << number;
+    EXPECT_TRUE(at >= 0 && at <= size) << number << " of " << svg;
+  };
+  for (const XmlElement& element : *all) {
+    for (const auto& [key, value] : element.attributes) {
+      if (key == "x" || key == "x1" || key == "x2") expect_within(value, width);
+      if (key == "y" || key == "y1" || key == "y2") expect_within(value, height);
+      if (key != "points") continue;
+      for (const absl::string_view point : absl::StrSplit(value, ' ', absl::SkipEmpty())) {
+        const std::pair<std::string, std::string> at = absl::StrSplit(point, ',');
+        expect_within(at.first, width);
+        expect_within(at.second, height);
+      }
+    }
+    if (element.name == name) found.push_back(element);
+  }
+  return found;
+}
+
+std::vector<std::string> Texts(const std::string& svg) {
+  std::vector<std::string> texts;
+  for (const XmlElement& text : Elements(svg, "text")) texts.push_back(text.text);
+  return texts;
 }
 
 TEST(PaperReportTest, CellsShowThreeDigitsAndWholeCounts) {
@@ -65,8 +109,36 @@ TEST(PaperReportTest, MarkdownHasTheTableAndItsPlot) {
       << text;
   EXPECT_NE(text.find("](r-000-figure-3-cycles.svg)"), std::string::npos);
   const std::string svg = ReadAll(folder.path() + "/r-000-figure-3-cycles.svg");
-  EXPECT_NE(svg.find("<polyline"), std::string::npos);
+  EXPECT_EQ(Elements(svg, "polyline").size(), 1u);
   EXPECT_EQ(svg.find("<4>"), std::string::npos) << "a name must not become a tag";
+}
+
+// All tables' columns are their rows' keys, whatever their cells hold, with figures of a paper's
+// own beside ours where it has them.
+TEST(PaperReportTest, MarkdownIsWellFormed) {
+  const testing_support::TempDir folder;
+  std::stringstream out;
+  PaperReport report(/*json=*/false, out, folder.path() + "/r.md");
+  report.Begin("000", "Figure 3", "cycles a test");
+  report.Add({{"culling", "base"}, {"cycles", 8.5}, {"paper_cycles", 8}});
+  report.Add({{"culling", "6 planes | aperture"}, {"cycles", 4.0}, {"paper_cycles", nullptr}});
+  report.Conclude("A gain of two.");
+  report.Claim({"gain", "2.7", "1 | 2", Verdict::kInPart, "wide & <deep>"});
+  report.End();
+  report.Begin("000", "Figure 4", "nothing was measured");
+  report.End();
+  report.EndClaims();
+  ASSERT_TRUE(report.Finish().ok());
+  const auto tables = ParseMarkdownTables(ReadAll(folder.path() + "/r.md"));
+  ASSERT_TRUE(tables.ok()) << tables.status();
+  ASSERT_EQ(tables->size(), 2u);
+  EXPECT_THAT((*tables)[0], ElementsAre(ElementsAre("culling", "cycles", "paper_cycles"),
+                                        ElementsAre("base", "8.50", "8"),
+                                        ElementsAre("6 planes | aperture", "4.00", "-")));
+  EXPECT_THAT((*tables)[1], ElementsAre(ElementsAre("paper", "table", "claim", "the paper's",
+                                                    "measured", "carries over", "our explanation"),
+                                        ElementsAre("000", "Figure 3", "gain", "2.7", "1 | 2",
+                                                    "in part", "wide & <deep>")));
 }
 
 // What a run could not measure is said wherever its figures are.
@@ -97,20 +169,14 @@ TEST(PaperReportTest, BarsStandSideBySideOverTheirNames) {
   }
   const std::string svg =
       PlotSvg(rows, {.x = "tests", .y = "percent", .series = "packets", .bars = true}, "speed");
-  EXPECT_EQ(svg.find("<polyline"), std::string::npos);
-  EXPECT_NE(svg.find(">none</text>"), std::string::npos);
-  EXPECT_NE(svg.find(">TE</text>"), std::string::npos);
+  EXPECT_TRUE(Elements(svg, "polyline").empty());
+  EXPECT_THAT(Texts(svg), testing::IsSupersetOf({"none", "TE", "8 x 8", "16 x 16"}));
   std::vector<double> lefts, heights;
-  for (size_t at = svg.find("<rect x="); at != std::string::npos;
-       at = svg.find("<rect x=", at + 1)) {
-    const auto number = [&](const char* key) {
-      const size_t from = svg.find(key, at) + std::string(key).size();
-      double value = 0;
-      EXPECT_TRUE(absl::SimpleAtod(svg.substr(from, svg.find('"', from) - from), &value));
-      return value;
-    };
-    lefts.push_back(number("x=\""));
-    heights.push_back(number("height=\""));
+  for (const XmlElement& bar : Elements(svg, "rect")) {
+    if (bar.attributes.contains("x")) {  // The ground has none.
+      lefts.push_back(bar.Number("x"));
+      heights.push_back(bar.Number("height"));
+    }
   }
   ASSERT_EQ(lefts.size(), 4u);  // 8 x 8 over none and TE, then 16 x 16.
   EXPECT_LT(lefts[0], lefts[2]);
@@ -118,6 +184,75 @@ TEST(PaperReportTest, BarsStandSideBySideOverTheirNames) {
   EXPECT_LT(lefts[1], lefts[3]);
   EXPECT_NEAR(2 * heights[0], heights[1], 0.2);
   EXPECT_EQ(heights[1], heights[3]);
+}
+
+// Names of two neighbours may be wider than a place: each has its row to itself there.
+TEST(PaperReportTest, NamesOfBarsTakeTurnsInTwoRows) {
+  std::vector<Row> rows;
+  for (const char* form : {"single", "single, 16 triangles", "packets of 4", "packets of 16"}) {
+    rows.push_back({{"form", form}, {"test", "WALD"}, {"rate", 1.5}});
+  }
+  const std::string svg =
+      PlotSvg(rows, {.x = "form", .y = "rate", .series = "test", .bars = true}, "rates");
+  std::map<std::string, double> heights;
+  for (const XmlElement& text : Elements(svg, "text")) heights[text.text] = text.Number("y");
+  EXPECT_EQ(heights.at("single"), heights.at("packets of 4"));
+  EXPECT_EQ(heights.at("single, 16 triangles"), heights.at("packets of 16"));
+  EXPECT_GT(heights.at("packets of 16"), heights.at("single") + 11) << "the letters' height";
+  EXPECT_GT(heights.at("rate, over form"), heights.at("packets of 16") + 11);
+}
+
+// Figures that have no place in a picture, and pictures without any.
+TEST(PaperReportTest, WhatHasNoPlaceIsLeftOutOfPlots) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const std::vector<Row> rows = {{{"way", "a"}, {"x", 1.0}, {"y", 1.0}},
+                                 {{"way", "a"}, {"x", 10.0}, {"y", 2.0}},
+                                 {{"way", "a"}, {"x", 0.0}, {"y", 2.0}},
+                                 {{"way", "a"}, {"x", 100.0}, {"y", kInfinity}},
+                                 {{"way", "a"}, {"x", kInfinity}, {"y", 2.0}},
+                                 {{"way", "a"}, {"x", "none"}, {"y", 2.0}},
+                                 {{"way", "a"}, {"x", 100.0}, {"y", std::nan("")}},
+                                 {{"way", "b"}, {"x", 1.0}, {"y", nullptr}}};
+  const PlotSpec spec = {.x = "x", .y = "y", .series = "way", .log_x = true};
+  const std::vector<XmlElement> lines = Elements(PlotSvg(rows, spec, "lines"), "polyline");
+  ASSERT_EQ(lines.size(), 1u);
+  EXPECT_EQ(std::count(lines[0].attributes.at("points").begin(),
+                       lines[0].attributes.at("points").end(), ','),
+            2);
+  for (const bool bars : {false, true}) {
+    PlotSpec none = spec;
+    none.bars = bars;
+    const std::string svg = PlotSvg({rows.back()}, none, "nothing");
+    EXPECT_TRUE(Elements(svg, "polyline").empty());
+    for (const XmlElement& rect : Elements(svg, "rect"))
+      EXPECT_FALSE(rect.attributes.contains("x"));
+  }
+}
+
+// Several series of one tree say the same of it: its line goes through its own figures alone.
+TEST(PaperReportTest, ALineGoesThroughItsRowsInTheirOrder) {
+  std::vector<Row> rows;
+  for (const double ratio : {0.1, 1.0, 10.0}) {
+    for (const char* culling : {"kd, base", "kd, masked"}) {
+      rows.push_back({{"way", culling}, {"tree", "kd"}, {"ratio", ratio}, {"leaf", 10 * ratio}});
+    }
+  }
+  const std::string svg =
+      PlotSvg(rows, {.x = "ratio", .y = "leaf", .series = "tree", .log_x = true}, "sizes");
+  const std::vector<XmlElement> lines = Elements(svg, "polyline");
+  ASSERT_EQ(lines.size(), 1u);
+  const std::vector<std::string> points =
+      absl::StrSplit(lines[0].attributes.at("points"), ' ', absl::SkipEmpty());
+  ASSERT_EQ(points.size(), 6u);
+  for (size_t i = 0; i < points.size(); i += 2) EXPECT_EQ(points[i], points[i + 1]);
+  // Ratios a tenth and ten times of one another are equally far apart.
+  const auto x = [&](size_t i) {
+    double value = 0;
+    EXPECT_TRUE(absl::SimpleAtod(points[i].substr(0, points[i].find(',')), &value));
+    return value;
+  };
+  EXPECT_NEAR(x(2) - x(0), x(4) - x(2), 0.11);
+  EXPECT_THAT(Texts(svg), testing::IsSupersetOf({"0.100", "1.00", "10.0", "100", "kd"}));
 }
 
 // However many lines there are, each is told from the others, and their names are not cut off.
@@ -129,15 +264,12 @@ TEST(PaperReportTest, LinesOfPlotsAreAllDifferent) {
   }
   const std::string svg = PlotSvg(rows, {.x = "x", .y = "y", .series = "way"}, "lines");
   std::set<std::string> looks;
-  for (size_t at = svg.find("<polyline"); at != std::string::npos;
-       at = svg.find("<polyline", at + 1)) {
-    const size_t look = svg.find("stroke=", at);
-    looks.insert(svg.substr(look, svg.find("/>", at) - look));
+  for (const XmlElement& line : Elements(svg, "polyline")) {
+    looks.insert(
+        absl::StrCat(line.attributes.at("stroke"), " ", line.attributes.at("stroke-dasharray")));
   }
   EXPECT_EQ(looks.size(), 20u);
-  double width = 0;
-  ASSERT_TRUE(absl::SimpleAtod(svg.substr(svg.find("width=\"") + 7, 3), &width));
-  EXPECT_GT(width, 700);  // 640 for names that fit.
+  EXPECT_GT(Elements(svg, "svg")[0].Number("width"), 700);  // 640 for names that fit.
 }
 
 TEST(PaperReportTest, ClaimsAreATableOfTheirOwn) {

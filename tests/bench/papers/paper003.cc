@@ -151,6 +151,8 @@ void TableOne(const std::vector<Measured>& all, double hit_share, PaperReport* r
       "What registers of today give a single ray is triangles in lanes: %d of them run at %.1f "
       "times the dot-product form.",
       widest, RateOf(all, Intersector::kHavelHerout, PassForm::kTriangles, widest, false) / dots));
+  report->Plot({.x = "form", .y = "ordinary", .series = "test", .bars = true});
+  report->Plot({.x = "form", .y = "worst", .series = "test", .bars = true});
   report->End();
 }
 
@@ -206,6 +208,7 @@ void TableTwo(const std::vector<PassData>& data, uint64_t repeats, PaperReport* 
   report->Claim({"preparing triangles: gain over Shevtsov's test", "1.11",
                  absl::StrFormat("%.2f", one[0] / one[2]), VerdictOfGain(one[0] / one[2], 1.11),
                  reason});
+  report->Plot({.x = "form", .y = "rate", .series = "test", .bars = true});
   report->End();
 }
 
