@@ -244,7 +244,7 @@ enum class Intersector {
 enum class FrustumRays { kAll, kRows, kMasked };
 enum class NodeTest { kFirstActive, kCorners, kAllRays };
 // What single rays and packets leave out within leaves: LeafCulling of query_options.proto, which
-// says more. As made, nothing.
+// says more. As made, nothing. Suns and segments are single rays under PACKET, too.
 struct LeafCulling {
   bool side_planes = false, near_far_planes = false, aperture = false, aperture_first = false;
   bool skip_edges = false, first_axis = false, ray_mask = false, split_to_rays = false;
@@ -444,9 +444,11 @@ struct PointSetSource {
   int64_t revision = 0;
   absl::Duration lease = absl::Minutes(10);
   PointOptions point_options;
-  Points points;                 // Or:
-  std::optional<Camera> camera;  // What it sees becomes the points.
-  QueryOptions options;          // For the camera's rays.
+  Points points;  // Or:
+  // What it sees becomes the points, row by row of its picture: packets of them are runs of its
+  // rows, whatever packet_side says, and not squares of pixels.
+  std::optional<Camera> camera;
+  QueryOptions options;  // For the camera's rays.
 };
 
 struct PointSet {

@@ -22,7 +22,11 @@ struct IndexedGeometry {
   std::optional<KdTree> kd_tree;           // Where it was asked for, as the next two.
   std::optional<LeafTriangles> kd_leaves;  // Of kd_tree's ids, for walks that cull in leaves.
   std::optional<BinaryBvh> binary_bvh;
-  std::optional<PreparedGeometry> prepared;  // For a paper's test; by tests and benchmarks alone.
+  // For one of the papers' tests, by whoever holds the scene and asks by it: tests and benchmarks.
+  // Neither builders nor the server set it, since those tests are for comparison, and 48 bytes a
+  // triangle for each would be the scene's to pay; without it a triangle is prepared anew for each
+  // ray or packet that is put to it.
+  std::optional<PreparedGeometry> prepared;
 
   // Whether there is something to hit, but no BVH: whatever leaves it open walks the kd-tree then.
   bool kd_tree_alone() const { return bvh.empty() && kd_tree && !kd_tree->empty(); }

@@ -69,6 +69,8 @@ struct QueryOptions {
   bool rtt_shared_edges = false;  // RttOptions::shared_edges.
   int rtt_side_by_side = 0;       // RttOptions::side_by_side, 0 .. kMaxRttSideBySide.
   // Culling within leaves: kSingle and kPacket alone. Its `tree` and `intersector` are not read.
+  // Under kPacket rays of one direction are then single rays, as they are on other trees than the
+  // BVH, by another intersector than the predicate and where their first hits are asked for.
   std::optional<LeafCulling> leaf_culling;
   // The test that decides: another than the predicate with kSingle, kPacket and kBruteForce alone,
   // kHavelHeroutDotProduct not with kPacket.

@@ -165,7 +165,7 @@ void StrategyFlags::Register(FlagSet* flags) {
       "split-to-rays, and how nodes are tested, corner-nodes or all-ray-nodes; with SINGLE "
       "ray-box, ray-box-fixed, ray-box-from=N (a ray-box in leaves of N triangles or more alone), "
       "mailbox; on KD_TREE also cell-boxes, the cells for the leaves' "
-      "boxes",
+      "boxes; suns and segments are single rays with PACKET, too",
       "", [this](const std::string& text) { return ParseLeafCulling(text, &leaf_culling); });
   intersector = kIntersectors[0].first;
   flags->Choice("intersector", WordsOf(kIntersectors),

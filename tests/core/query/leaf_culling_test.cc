@@ -13,9 +13,12 @@
 #include "absl/strings/str_cat.h"
 #include "core/accel/binary_bvh_builder.h"
 #include "core/accel/kd_builder.h"
+#include "core/light/light.h"
+#include "core/query/shadows.h"
 #include "core/query/tiles.h"
 #include "core/traverse/culled_kernels.h"
 #include "core/traverse/trace_ray.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
 
@@ -138,6 +141,54 @@ TEST(LeafCullingTest, MailboxesSparePairsThatWereTested) {
   EXPECT_LT(Count(Strategy::kSingle, Structure::kKdTree, With(kNone, &LeafCulling::mailbox, true))
                 .triangle_tests,
             Count(Strategy::kSingle, Structure::kKdTree, kNone).triangle_tests);
+}
+
+// Packets of a sun's rays have no leaf culling, no other tree than the BVH, no other test than the
+// predicate and no first hits: there they are single rays, culled as those are. A light's stay.
+TEST(LeafCullingTest, SunsAreSingleRaysAndLightsArePackets) {
+  PreparedPoints points;
+  for (int i = 0; i < 256; ++i) {
+    points.positions.push_back(ToFloat(Vec3d{0.2 * (i % 16) - 1.5, 0.2 * (i / 16) - 1.5, 4}));
+    points.sources.push_back(kNoTriangle);
+    points.valid.push_back(true);
+  }
+  const auto shade = [&](const Light& light, const QueryOptions& options, bool first) {
+    std::vector<LightSample> samples;
+    EXPECT_TRUE(AppendSamples(light, 0, {}, &samples).ok());
+    ShadowResult result;
+    const absl::Status status =
+        ComputeShadows(Scene(), PointRange::All(points), samples, {}, {},
+                       {.bits = true, .blockers = first, .answered_by = true}, options, &result);
+    EXPECT_TRUE(status.ok()) << status;
+    return result;
+  };
+  const Light below = Light::Point({0, 0, -3}), sun = Light::Directional({0.1, 0, -1});
+  for (const Structure structure : {Structure::kBvh, Structure::kKdTree, Structure::kBinaryBvh}) {
+    for (const bool culls : {false, true}) {
+      for (const Intersector test : {Intersector::kExact, Intersector::kWald}) {
+        for (const bool first : {false, true}) {
+          QueryOptions options = {.strategy = Strategy::kPacket, .structure = structure};
+          if (culls) options.leaf_culling = kAll;
+          options.intersector = test;
+          options.simd = SimdTarget::kAvx2;
+          SCOPED_TRACE(absl::StrCat(StructureName(structure), culls ? " culls" : "", first,
+                                    IntersectorName(test)));
+          EXPECT_THAT(shade(below, options, first).answered_by, testing::Each(AnsweredBy::kPacket));
+          const bool together =
+              structure == Structure::kBvh && !culls && !first && test == Intersector::kExact;
+          const ShadowResult packets = shade(sun, options, first);
+          EXPECT_THAT(packets.answered_by,
+                      testing::Each(together ? AnsweredBy::kPacket : AnsweredBy::kRay));
+          if (together) continue;
+          options.strategy = Strategy::kSingle;
+          const ShadowResult single = shade(sun, options, first);
+          EXPECT_EQ(packets.stats.triangle_tests, single.stats.triangle_tests);
+          EXPECT_EQ(packets.stats.culled_tests, single.stats.culled_tests);
+          EXPECT_EQ(single.stats.culled_tests > 0, culls);
+        }
+      }
+    }
+  }
 }
 
 // Stored boxes leave out the empty cells around a leaf, so that fewer rays come to it.
