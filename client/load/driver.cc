@@ -39,22 +39,24 @@ absl::Status Driver::Run() {
 
 void Driver::Stop() {
   MutexLock lock(mutex_);
-  stopped_ = stopped_early_ = true;
+  stop_ = std::min(stop_, clock_.Now());
   answered_.SignalAll();
 }
 
 absl::Time Driver::end() const {
   MutexLock lock(mutex_);
-  const bool early = stopped_early_ || (plan_.max_requests > 0 && measured_ >= plan_.max_requests);
+  const bool early = stop_ < end_ || (plan_.max_requests > 0 && measured_ >= plan_.max_requests);
   return early ? std::min(last_outcome_, end_) : end_;
 }
 
+absl::Time Driver::LastDue() const { return std::min(end_, stop_); }
+
 // Whether the plan has a request then, sent or not.
 bool Driver::IsDue(absl::Time planned) const {
-  return planned < end_ && (plan_.max_requests == 0 || measured_ < plan_.max_requests);
+  return planned < LastDue() && (plan_.max_requests == 0 || measured_ < plan_.max_requests);
 }
 
-bool Driver::Over(absl::Time time) const { return stopped_ || !IsDue(time); }
+bool Driver::Over(absl::Time time) const { return given_up_ || !IsDue(time); }
 
 Request Driver::Plan(absl::Time planned) {
   const uint64_t number = planned_++;
@@ -99,7 +101,7 @@ bool Driver::WaitForRoom(absl::Time due) {
   MutexLock lock(mutex_);
   while (!Over(due) && outstanding_ >= plan_.max_outstanding) {
     // Late is late: past the end and the time to drain nothing more is sent.
-    if (clock_.Now() >= end_ + plan_.drain) return false;
+    if (clock_.Now() >= LastDue() + plan_.drain) return false;
     answered_.WaitUntil(mutex_, PollTime());
   }
   return !Over(due);
@@ -140,12 +142,14 @@ void Driver::WaitForAnswers() {
     const absl::Time now = clock_.Now();
     // An open loop has planned everything by now; a closed one goes on by itself.
     const bool planned_all = plan_.mode == Mode::kOpen || Over(now) || !target_.status().ok();
-    if (give_up == absl::InfiniteFuture() && planned_all) give_up = now + plan_.drain;
+    if (give_up == absl::InfiniteFuture() && planned_all) {
+      give_up = std::min(now, LastDue()) + plan_.drain;
+    }
     if (now >= give_up) break;
     answered_.WaitUntil(mutex_, PollTime());
   }
   if (outstanding_ == 0) return;
-  stopped_ = true;
+  given_up_ = true;
   while (outstanding_ > 0) {
     // Again and again: a request on its way out may have been overlooked.
     mutex_.Unlock();

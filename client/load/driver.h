@@ -54,7 +54,8 @@ class Driver {
 
   // Returns when every request has its outcome. The target's status if it cannot be reached.
   absl::Status Run();
-  // Ends the run early; what is unanswered may still be answered.
+  // Ends the run early, as if its time were over now: what was due by now is sent, and may be
+  // answered.
   void Stop();
   // When the run ended: its time was over, or the last request had its outcome before that.
   absl::Time end() const;
@@ -62,6 +63,7 @@ class Driver {
  private:
   bool Next(absl::Time planned, Request* request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Request Plan(absl::Time planned) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Time LastDue() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool IsDue(absl::Time planned) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool Over(absl::Time time) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void RunOpen();
@@ -82,8 +84,9 @@ class Driver {
   uint64_t planned_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t measured_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t outstanding_ ABSL_GUARDED_BY(mutex_) = 0;
-  bool stopped_ ABSL_GUARDED_BY(mutex_) = false;        // Nothing more is sent.
-  bool stopped_early_ ABSL_GUARDED_BY(mutex_) = false;  // By Stop, or since the target is gone.
+  // When Stop was called, or the target was gone.
+  absl::Time stop_ ABSL_GUARDED_BY(mutex_) = absl::InfiniteFuture();
+  bool given_up_ ABSL_GUARDED_BY(mutex_) = false;  // Nothing more is sent.
   absl::Time last_outcome_ ABSL_GUARDED_BY(mutex_);
 };
 
