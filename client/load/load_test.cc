@@ -8,6 +8,7 @@
 #include "absl/strings/str_format.h"
 #include "client/load/knee.h"
 #include "client/load/monitor.h"
+#include "client/load/plain_number.h"
 #include "client/load/server_answers.h"
 #include "client/load/server_metrics.h"
 #include "client/load/stability.h"
@@ -66,9 +67,7 @@ absl::Status LoadTest::Prepare() {
   SL_ASSIGN_OR_RETURN(metrics_token_,
                       MetricsToken(options_.metrics_token_file, options_.server_metrics));
   SL_ASSIGN_OR_RETURN(session_, cli::Session::Open(options_.session));
-  SL_ASSIGN_OR_RETURN(const client::Capabilities capabilities,
-                      session_->client().GetCapabilities(session_->call()));
-  max_lease_ = capabilities.limits.max_lease;
+  SL_ASSIGN_OR_RETURN(capabilities_, session_->client().GetCapabilities(session_->call()));
   SL_ASSIGN_OR_RETURN(scene_, OpenTestScene(*session_, options_, err_));
   const client::Scene& scene = scene_.opened->scene();
   const WorkloadSpec spec{.scene = scene.name,
@@ -97,7 +96,7 @@ absl::Status LoadTest::Prepare() {
       target_,
       ServerTarget::Open(
           *session_->connection(), *workload_, reference_.get(),
-          {.item_timeout = options_.item_timeout, .retry = retry, .limits = capabilities.limits},
+          {.item_timeout = options_.item_timeout, .retry = retry, .limits = capabilities_.limits},
           clock_));
   return absl::OkStatus();
 }
@@ -114,9 +113,10 @@ absl::Status LoadTest::OpenPointSet() {
                                                        .points = workload_->shadow_query().points},
                                                       session_->call()));
   point_set_ = set.name;
-  if (TimeOf(options_.plan) > max_lease_) {
+  if (TimeOf(options_.plan) > capabilities_.limits.max_lease) {
     err_ << "warning: a run may take " << absl::FormatDuration(TimeOf(options_.plan))
-         << ", but the server keeps points for max_lease = " << absl::FormatDuration(max_lease_)
+         << ", but the server keeps points for max_lease = "
+         << absl::FormatDuration(capabilities_.limits.max_lease)
          << " at most: shorten --duration, or have the server's --max-lease-seconds raised\n";
   }
   workload_->UsePointSet(set.name);
@@ -124,7 +124,7 @@ absl::Status LoadTest::OpenPointSet() {
 }
 
 absl::Duration LoadTest::LeaseFor(const RunPlan& plan) const {
-  return std::min(TimeOf(plan) + kLeaseMargin, max_lease_);
+  return std::min(TimeOf(plan) + kLeaseMargin, capabilities_.limits.max_lease);
 }
 
 absl::Status LoadTest::FindReference() {
@@ -214,7 +214,7 @@ absl::Status LoadTest::MeasureReported(LoadReport* report) {
   }
   const absl::Status status =
       Measure(plan, options_.until_stable,
-              plan.mode == Mode::kOpen ? absl::StrFormat("%.4g/s", plan.rate)
+              plan.mode == Mode::kOpen ? absl::StrCat(PlainNumber(plan.rate, 4), "/s")
                                        : absl::StrCat(plan.concurrency, " at once"),
               &report->measured);
   if (options_.server_metrics.empty()) return status;
@@ -238,8 +238,8 @@ absl::StatusOr<KneeTrial> LoadTest::Try(double rate) {
   plan.rate = rate;
   plan.duration = options_.trial;
   Measurement measured;
-  SL_RETURN_IF_ERROR(
-      Measure(plan, /*until_stable=*/false, absl::StrFormat("trying %.4g/s", rate), &measured));
+  SL_RETURN_IF_ERROR(Measure(plan, /*until_stable=*/false,
+                             absl::StrCat("trying ", PlainNumber(rate, 4), "/s"), &measured));
   return TrialOf(rate, measured);
 }
 
@@ -247,6 +247,7 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->options = &options_;
   report->scene_name = scene_.opened->scene().name;
   report->triangles = scene_.opened->scene().triangles;
+  report->server = capabilities_;
   report->check = check_;
   report->streams = target_->stream_count();
   report->rate = options_.plan.rate;

@@ -21,6 +21,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/cli/session.h"
+#include "client/lib/types.h"
 #include "client/load/check_source.h"
 #include "client/load/clock.h"
 #include "client/load/driver.h"
@@ -73,8 +74,8 @@ class LoadTest {
   TestScene scene_;
   std::optional<Workload> workload_;
   std::string metrics_token_;
-  absl::Duration max_lease_;  // The server's.
-  std::string point_set_;     // Made for the test; empty: none.
+  client::Capabilities capabilities_;
+  std::string point_set_;  // Made for the test; empty: none.
   CheckSource check_;
   std::unique_ptr<Reference> reference_;
   std::unique_ptr<ServerTarget> target_;

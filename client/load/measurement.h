@@ -32,6 +32,9 @@ struct Series {
   // with the time that they had waited by then: an answer would have taken longer still.
   LatencyHistogram planned;
   LatencyHistogram sent;  // From the send; answers alone.
+
+  // Of the failed ones: those that the run gave up on.
+  uint64_t given_up() const { return planned.count() - answered; }
 };
 
 // Failures by their code, an absl::StatusCode.

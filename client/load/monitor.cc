@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/progress.h"
+#include "client/load/plain_number.h"
 #include "client/load/stability.h"
 
 namespace sightline::load {
@@ -22,11 +23,9 @@ std::string LiveLine(const MonitorOptions& options, const Glance& glance) {
       absl::ToDoubleSeconds(options.duration), cli::GroupedCount(glance.answered));
   if (!glance.last.empty()) {
     const Window& window = glance.last.back();
-    absl::StrAppend(&line,
-                    absl::StrFormat("  last window %s answers, p50 %.3g ms, p99 %.3g ms",
-                                    cli::GroupedCount(window.answered),
-                                    absl::ToDoubleMilliseconds(window.planned.PercentileOf(50)),
-                                    absl::ToDoubleMilliseconds(window.planned.PercentileOf(99))));
+    absl::StrAppend(&line, "  last window ", cli::GroupedCount(window.answered), " answers, p50 ",
+                    MillisecondsText(window.planned.PercentileOf(50)), " ms, p99 ",
+                    MillisecondsText(window.planned.PercentileOf(99)), " ms");
   }
   if (glance.failed > 0) absl::StrAppend(&line, "  ", cli::GroupedCount(glance.failed), " failed");
   if (glance.wrong > 0) absl::StrAppend(&line, "  ", cli::GroupedCount(glance.wrong), " WRONG");

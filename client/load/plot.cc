@@ -12,6 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/formats/file.h"
 #include "client/load/hgrm.h"
+#include "client/load/plain_number.h"
 
 namespace sightline::load {
 namespace {
@@ -57,26 +58,33 @@ void AddFrame(const Panel& panel, const std::string& title, Drawing* drawing) {
   const PlotPoint a{panel.left, panel.top}, b{panel.right, panel.bottom};
   drawing->strokes.push_back(
       {.points = {a, {b.x, a.y}, b, {a.x, b.y}, a}, .color = kFrame, .width = 1});
-  drawing->labels.push_back({.x = panel.left, .y = panel.top - 12, .text = title});
+  drawing->labels.push_back({.x = panel.left, .y = panel.top - 40, .text = title});
 }
 
+// Decades, and where there is room, twice and five times them.
 void AddLatencyScale(const Panel& panel, Drawing* drawing) {
+  const bool room = panel.y_most - panel.y_least <= 4;
   for (double decade = std::ceil(panel.y_least); decade <= panel.y_most; ++decade) {
-    const PlotPoint at = panel.At(panel.x_least, decade);
-    AddLine(at, panel.At(panel.x_most, decade), kGrid, drawing);
-    drawing->labels.push_back({.x = at.x - 8,
-                               .y = at.y + 6,
-                               .text = absl::StrFormat("%.4g", std::pow(10, decade)),
-                               .anchor = Label::Anchor::kEnd});
+    for (const double factor : {1.0, 2.0, 5.0}) {
+      const double y = decade + std::log10(factor);
+      if (factor > 1 && (!room || y > panel.y_most)) break;
+      const double value = factor * std::pow(10, decade);
+      const PlotPoint at = panel.At(panel.x_least, y);
+      AddLine(at, panel.At(panel.x_most, y), kGrid, drawing);
+      drawing->labels.push_back({.x = at.x - 8,
+                                 .y = at.y + 6,
+                                 .text = PlainNumber(value, 3),
+                                 .anchor = Label::Anchor::kEnd});
+    }
   }
 }
 
-void AddKey(const Panel& panel, int row, const std::string& text, uint32_t color,
+// Above the frame, where no curve is; `x` from its left.
+void AddKey(const Panel& panel, double x, const std::string& text, uint32_t color,
             Drawing* drawing) {
-  const double y = panel.top + 20 + 22 * row;
-  drawing->strokes.push_back(
-      {.points = {{panel.left + 12, y}, {panel.left + 36, y}}, .color = color, .width = 3});
-  drawing->labels.push_back({.x = panel.left + 44, .y = y + 6, .text = text, .color = color});
+  const double left = panel.left + x, y = panel.top - 18;
+  drawing->strokes.push_back({.points = {{left, y}, {left + 24, y}}, .color = color, .width = 3});
+  drawing->labels.push_back({.x = left + 32, .y = y + 6, .text = text, .color = color});
 }
 
 void AddPercentiles(const Panel& panel, const LatencyHistogram& histogram, uint32_t color,
@@ -114,19 +122,21 @@ void AddWindows(const Panel& panel, const Measurement& measured, double percent,
 }  // namespace
 
 Drawing DrawPlot(const Measurement& measured, const std::string& title) {
-  Drawing drawing{.width = 1280, .height = 520};
+  Drawing drawing{.width = 1280, .height = 552};
   drawing.labels.push_back({.x = 80, .y = 30, .text = title});
   const LatencyHistogram &planned = measured.all.planned, &sent = measured.all.sent;
-  double least = std::floor(Decades(std::min(planned.min(), sent.min())));
+  // Without an answer nothing is known from the send.
+  double least =
+      std::floor(Decades(sent.count() == 0 ? planned.min() : std::min(planned.min(), sent.min())));
   double most = std::ceil(Decades(std::max(planned.max(), sent.max())));
   if (most <= least) most = least + 1;
   Panel by_percentile{
       .left = 80,
       .right = 640,
-      .top = 80,
-      .bottom = 460,
-      .x_most = std::max(
-          1.0, std::log10(static_cast<double>(std::max<uint64_t>(2, measured.all.answered)))),
+      .top = 112,
+      .bottom = 492,
+      .x_most =
+          std::max(1.0, std::log10(static_cast<double>(std::max<uint64_t>(2, planned.count())))),
       .y_least = least,
       .y_most = most};
   AddLatencyScale(by_percentile, &drawing);
@@ -145,7 +155,7 @@ Drawing DrawPlot(const Measurement& measured, const std::string& title) {
   AddPercentiles(by_percentile, planned, kPlanColor, &drawing);
   AddFrame(by_percentile, "latency by percentile, ms", &drawing);
   AddKey(by_percentile, 0, "from the planned time", kPlanColor, &drawing);
-  AddKey(by_percentile, 1, "from the send", kSendColor, &drawing);
+  AddKey(by_percentile, 330, "from the send", kSendColor, &drawing);
 
   Panel over_time = by_percentile;
   over_time.left = 720;
@@ -158,14 +168,14 @@ Drawing DrawPlot(const Measurement& measured, const std::string& title) {
     AddLine(at, over_time.At(seconds, most), kGrid, &drawing);
     drawing.labels.push_back({.x = at.x,
                               .y = at.y + 24,
-                              .text = absl::StrFormat("%.3g", seconds),
+                              .text = PlainNumber(seconds, 3),
                               .anchor = Label::Anchor::kMiddle});
   }
   AddWindows(over_time, measured, 99, kSendColor, &drawing);
   AddWindows(over_time, measured, 50, kPlanColor, &drawing);
   AddFrame(over_time, "from the planned time, ms, over seconds", &drawing);
   AddKey(over_time, 0, "median", kPlanColor, &drawing);
-  AddKey(over_time, 1, "p99", kSendColor, &drawing);
+  AddKey(over_time, 330, "p99", kSendColor, &drawing);
   return drawing;
 }
 

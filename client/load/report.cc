@@ -6,12 +6,14 @@
 #include <utility>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/progress.h"
+#include "client/load/plain_number.h"
 
 namespace sightline::load {
 namespace {
@@ -22,7 +24,7 @@ using cli::Json;
 using Rows = std::vector<std::pair<std::string, std::string>>;
 
 // The most server metrics that the page shows; JSON has all.
-constexpr size_t kMetricsShown = 24;
+constexpr size_t kMetricsShown = 40;
 
 double Milliseconds(absl::Duration duration) { return absl::ToDoubleMilliseconds(duration); }
 
@@ -30,12 +32,11 @@ std::string PercentName(double percent) { return absl::StrCat("p", percent); }
 
 // ---- Text
 
-std::string LoopText(const LoadReport& report) {
-  const RunPlan& plan = report.options->plan;
-  if (plan.mode == Mode::kClosed)
-    return absl::StrCat("closed loop, ", plan.concurrency, " at once");
-  return absl::StrFormat("open loop, %s, %.4g/s",
-                         plan.arrivals == Arrivals::kPoisson ? "poisson" : "constant", report.rate);
+std::string ServerText(const LoadReport& report) {
+  const std::string& address = report.options->session.server;
+  return absl::StrCat(address.empty() ? "in this process" : address, ", version ",
+                      report.server.version, ", ", report.server.instruction_set, ", ",
+                      report.server.threads, " threads");
 }
 
 std::string WorkloadText(const LoadReport& report) {
@@ -68,8 +69,10 @@ std::string RequestsText(const Series& all) {
 
 std::string CheckText(const LoadReport& report) {
   const Measurement& m = report.measured;
-  std::string text =
-      absl::StrCat(GroupedCount(m.checked), " answers, ", GroupedCount(m.wrong), " wrong; ");
+  std::string text = absl::StrCat(
+      GroupedCount(m.checked), " answers",
+      report.options->plan.warm_up > absl::ZeroDuration() ? ", the warm-up's too, " : ", ",
+      GroupedCount(m.wrong), " wrong; ");
   switch (report.check.by) {
     case CheckSource::By::kNothing:
       return "nothing (--check none)";
@@ -119,17 +122,34 @@ std::string KneeText(const Knee& knee) {
   bool whole = false;
   for (const KneeTrial& trial : knee.trials) {
     absl::StrAppend(
-        &text, absl::StrFormat("%-9.4g %10.4g %10.3f %10.3f  %s%s\n", trial.rate, trial.answered,
-                               trial.p50, trial.p99, trial.held ? "held" : "missed",
-                               trial.whole ? ", in full" : ""));
+        &text, absl::StrFormat("%-9s %10s %10.3f %10.3f  %s%s\n", PlainNumber(trial.rate, 4),
+                               PlainNumber(trial.answered, 4), trial.p50, trial.p99,
+                               trial.held ? "held" : "missed", trial.whole ? ", in full" : ""));
     whole = whole || trial.whole;
   }
   if (knee.rate == 0) {
     return absl::StrCat(text, "no rate met the objective", whole ? " in full" : "", "\n");
   }
-  absl::StrAppend(&text, absl::StrFormat("knee: %.4g requests/s meet the objective", knee.rate));
-  if (knee.missed > 0) absl::StrAppend(&text, absl::StrFormat(", %.4g do not", knee.missed));
+  absl::StrAppend(&text, whole ? "knee: " : "knee, by trials alone: ", PlainNumber(knee.rate, 4),
+                  " requests/s meet the objective");
+  if (knee.missed > 0) absl::StrAppend(&text, ", ", PlainNumber(knee.missed, 4), " do not");
   return absl::StrCat(text, "\n");
+}
+
+// Counts in full, "1,047,060"; what is no count as short as may be.
+std::string SampleText(double value) {
+  constexpr double kExact = 1e15;  // Doubles hold every whole number up to here.
+  if (value == std::floor(value) && std::abs(value) < kExact) {
+    return absl::StrCat(value < 0 ? "-" : "", GroupedCount(static_cast<uint64_t>(std::abs(value))));
+  }
+  return std::abs(value) < 1000 ? PlainNumber(value, 4) : HumanCount(value);
+}
+
+// What Prometheus has in seconds, people read in milliseconds.
+std::string MeanText(const std::string& name, double mean) {
+  return absl::StrContains(name, "_seconds_count")
+             ? absl::StrCat(MillisecondsText(absl::Seconds(mean)), " ms")
+             : PlainNumber(mean, 3);
 }
 
 std::string MetricsText(const LoadReport& report) {
@@ -146,14 +166,16 @@ std::string MetricsText(const LoadReport& report) {
       break;
     }
     const double grown = change.after - change.before;
+    const char* const sign = grown < 0 ? "" : "+";
     const auto sum = report.server_metrics.find(absl::StrReplaceAll(name, {{"_count", "_sum"}}));
     if (name.find("_count") != std::string::npos && sum != report.server_metrics.end()) {
-      absl::StrAppend(&text, absl::StrFormat("  %-58s %+.6g, mean %.3g\n",
-                                             absl::StrReplaceAll(name, {{"_count", ""}}), grown,
-                                             (sum->second.after - sum->second.before) / grown));
+      const double mean = (sum->second.after - sum->second.before) / grown;
+      absl::StrAppend(&text, absl::StrFormat("  %-58s %s%s, mean %s\n",
+                                             absl::StrReplaceAll(name, {{"_count", ""}}), sign,
+                                             SampleText(grown), MeanText(name, mean)));
     } else {
-      absl::StrAppend(&text,
-                      absl::StrFormat("  %-58s %+.6g, now %.6g\n", name, grown, change.after));
+      absl::StrAppend(&text, absl::StrFormat("  %-58s %s%s, now %s\n", name, sign,
+                                             SampleText(grown), SampleText(change.after)));
     }
   }
   return text;
@@ -163,6 +185,7 @@ void PrintText(const LoadReport& report, std::ostream& out) {
   const Measurement& m = report.measured;
   const LoadOptions& o = *report.options;
   Rows rows = {
+      {"server", ServerText(report)},
       {"scene", absl::StrCat(o.scene, ", ", GroupedCount(report.triangles), " triangles")},
       {"asked", WorkloadText(report)},
       {"load", absl::StrCat(LoopText(report), "; ", o.session.connections, " connections, ",
@@ -172,19 +195,25 @@ void PrintText(const LoadReport& report, std::ostream& out) {
                        absl::ToDoubleSeconds(o.plan.warm_up))},
       {"windows", StabilityText(report.stability)},
       {"requests", RequestsText(m.all)},
-      {"answers/s", absl::StrFormat("%.4g", m.Rate())},
+      {"answers/s", PlainNumber(m.Rate(), 4)},
       {"rays/s", HumanCount(m.PerSecond(m.all.rays_in_time))},
       {"bytes/s", absl::StrCat(HumanCount(m.PerSecond(m.all.bytes_received_in_time)), " received, ",
                                HumanCount(m.PerSecond(m.all.bytes_sent_in_time)), " sent")}};
   for (const auto& [name, count] : m.errors)
     rows.emplace_back("failed", absl::StrCat(GroupedCount(count), " ", name));
+  if (m.all.given_up() > 0) {
+    rows.emplace_back("given up", absl::StrCat(GroupedCount(m.all.given_up()),
+                                               " of them at the end; latencies from ",
+                                               "the plan have what they had waited by then"));
+  }
   rows.emplace_back("checked", CheckText(report));
   if (m.wrong > 0) rows.emplace_back("first wrong", m.first_wrong);
   if (report.reloads) {
-    rows.emplace_back(report.reloads->by == ReloadBy::kEdit ? "edits" : "reloads",
-                      absl::StrFormat("%d, p50 %.3g ms, max %.3g ms", report.reloads->changes,
-                                      Milliseconds(report.reloads->latency.PercentileOf(50)),
-                                      Milliseconds(report.reloads->latency.max())));
+    rows.emplace_back(
+        report.reloads->by == ReloadBy::kEdit ? "edits" : "reloads",
+        absl::StrCat(report.reloads->changes, ", p50 ",
+                     MillisecondsText(report.reloads->latency.PercentileOf(50)), " ms, max ",
+                     MillisecondsText(report.reloads->latency.max()), " ms"));
   }
   for (const SloResult& result : report.slo) {
     rows.emplace_back("objective",
@@ -216,6 +245,7 @@ Json SeriesJson(const Measurement& m, const Series& series) {
   json["answered"] = series.answered;
   json["failed"] = series.failed;
   json["unsent"] = series.unsent;
+  json["given_up"] = series.given_up();
   json["answers_per_s"] = m.PerSecond(series.answered_in_time);
   json["rays_per_s"] = m.PerSecond(series.rays_in_time);
   json["bytes_received_per_s"] = m.PerSecond(series.bytes_received_in_time);
@@ -247,6 +277,10 @@ Json MainJson(const LoadReport& report) {
   const Measurement& m = report.measured;
   const LoadOptions& o = *report.options;
   Json json;
+  json["server"] = {{"address", o.session.server.empty() ? Json(nullptr) : Json(o.session.server)},
+                    {"version", report.server.version},
+                    {"instruction_set", report.server.instruction_set},
+                    {"threads", report.server.threads}};
   json["scene"] = o.scene;
   json["scene_name"] = report.scene_name;
   json["triangles"] = report.triangles;
@@ -378,6 +412,14 @@ void PrintCsv(const LoadReport& report, std::ostream& out) {
 }
 
 }  // namespace
+
+std::string LoopText(const LoadReport& report) {
+  const RunPlan& plan = report.options->plan;
+  if (plan.mode == Mode::kClosed)
+    return absl::StrCat("closed loop, ", plan.concurrency, " at once");
+  return absl::StrCat("open loop, ", plan.arrivals == Arrivals::kPoisson ? "poisson" : "constant",
+                      ", ", PlainNumber(report.rate, 4), "/s");
+}
 
 void PrintReport(const LoadReport& report, const std::string& output, std::ostream& out) {
   if (output == "json") {

@@ -19,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "client/lib/types.h"
 #include "client/load/check_source.h"
 #include "client/load/knee.h"
 #include "client/load/measurement.h"
@@ -34,6 +35,7 @@ inline constexpr std::array<double, 6> kReportedPercentiles = {50, 90, 95, 99, 9
 
 struct LoadReport {
   const LoadOptions* options = nullptr;
+  client::Capabilities server;
   std::string scene_name;
   uint64_t triangles = 0;
   size_t streams = 0;
@@ -47,6 +49,9 @@ struct LoadReport {
   std::map<std::string, MetricChange> server_metrics;
   std::string server_metrics_error;
 };
+
+// "open loop, poisson, 600/s" or "closed loop, 8 at once".
+std::string LoopText(const LoadReport& report);
 
 // `output`: text, json or csv. A page for people; one JSON object; or a header and a line for each
 // window and one for all, whose columns README lists: new ones come behind those that there are.

@@ -33,9 +33,10 @@ absl::Status WriteFiles(const LoadReport& report) {
     status.Update(cli::WriteFile(options.hgrm, FormatHgrm(measured.all.planned)));
   }
   if (!options.plot.empty()) {
-    status.Update(WritePlot(options.plot, measured,
-                            absl::StrCat(options.scene, "   ", options.workload, "   ",
-                                         measured.all.answered, " answers")));
+    status.Update(
+        WritePlot(options.plot, measured,
+                  absl::StrCat(options.scene, "   ", options.workload, "   ", LoopText(report),
+                               "   ", measured.all.answered, " answers")));
   }
   return WithExitCode(status, cli::kExitCannotCreate);
 }

@@ -12,6 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "client/load/plain_number.h"
 #include "core/base/status_macros.h"
 
 namespace sightline::load {
@@ -108,13 +109,14 @@ std::string DescribeSlo(const SloResult& result) {
   if (std::isnan(result.value)) return absl::StrCat(clause.name, ": no answer");
   switch (clause.metric) {
     case Metric::kErrors:
-      return absl::StrFormat("%s %.3g %% of %.3g %%", clause.name, 100 * result.value,
-                             100 * clause.limit);
+      return absl::StrCat(clause.name, " ", PlainNumber(100 * result.value, 3), " % of ",
+                          PlainNumber(100 * clause.limit, 3), " %");
     case Metric::kRate:
-      return absl::StrFormat("%s %.4g/s of %.4g/s", clause.name, result.value, clause.limit);
+      return absl::StrCat(clause.name, " ", PlainNumber(result.value, 4), "/s of ",
+                          PlainNumber(clause.limit, 4), "/s");
     default:
-      return absl::StrFormat("%s %.3g ms of %.3g ms", clause.name, 1000 * result.value,
-                             1000 * clause.limit);
+      return absl::StrCat(clause.name, " ", MillisecondsText(absl::Seconds(result.value)),
+                          " ms of ", MillisecondsText(absl::Seconds(clause.limit)), " ms");
   }
 }
 

@@ -52,6 +52,8 @@ TEST(LiveLineTest, ItSaysHowFarTheRunIsAndHowItsLastWindowWas) {
   EXPECT_THAT(line, StartsWith("600/s  1.2 s of 30.0 s  12,345 answers  last window 1,200 answers, "
                                "p50 2"));
   EXPECT_THAT(line, EndsWith(", p99 50 ms"));
+  glance.last.back().planned.Record(absl::Seconds(2), 1'000'000);
+  EXPECT_THAT(LiveLine(options, glance), EndsWith(", p50 2000 ms, p99 2000 ms"));
 }
 
 TEST(LiveLineTest, FailuresAndWrongAnswersAreSaidWhereThereAreAny) {

@@ -98,14 +98,43 @@ TEST(PlotTest, CurvesStayWithinTheirPanels) {
   for (const int windows : {0, 1, 30}) {
     const Drawing drawing = DrawPlot(Measured(windows), "a run");
     for (const Stroke& stroke : drawing.strokes) {
+      const bool key = stroke.width == 3;  // Above the frames, where it hides no curve.
       for (const PlotPoint& point : stroke.points) {
         EXPECT_GE(point.x, 80) << windows;
         EXPECT_LE(point.x, 1250.001) << windows;
-        EXPECT_GE(point.y, 79.999) << windows;
-        EXPECT_LE(point.y, 460.001) << windows;
+        EXPECT_GE(point.y, key ? 60 : 111.999) << windows;
+        EXPECT_LE(point.y, key ? 108 : 492.001) << windows;
       }
     }
   }
+}
+
+// Within one decade the decades alone would leave a curve between two lines.
+TEST(PlotTest, ANarrowScaleHasTwosAndFives) {
+  const auto has = [](const Measurement& m, const std::string& text) {
+    const Drawing drawing = DrawPlot(m, "");
+    return std::any_of(drawing.labels.begin(), drawing.labels.end(), [&](const Label& label) {
+      return label.anchor == Label::Anchor::kEnd && label.text == text;
+    });
+  };
+  Measurement m = Measured(3);  // 0.5 to 102 ms.
+  for (const char* text : {"1", "2", "5", "10", "100"}) EXPECT_TRUE(has(m, text)) << text;
+  m.all.planned.Record(absl::Seconds(50));
+  EXPECT_TRUE(has(m, "10000"));
+  EXPECT_FALSE(has(m, "5"));
+}
+
+TEST(PlotTest, HoursAreSecondsInFull) {
+  Measurement m = Measured(3);
+  m.window = absl::Minutes(20);
+  m.elapsed = absl::Hours(1);
+  const Drawing drawing = DrawPlot(m, "");
+  const auto has = [&](const std::string& text) {
+    return std::any_of(drawing.labels.begin(), drawing.labels.end(),
+                       [&](const Label& label) { return label.text == text; });
+  };
+  EXPECT_TRUE(has("1000") && has("3000"));
+  EXPECT_FALSE(has("1e+03"));
 }
 
 TEST(PlotTest, AWindowWithoutAnswersLeavesAGap) {

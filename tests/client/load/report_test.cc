@@ -26,6 +26,9 @@ class ReportTest : public testing::Test {
     options_.slo = *ParseSlo("p99=20ms,rate=100");
     report_.options = &options_;
     report_.rate = 200;
+    report_.server.version = "1.2";
+    report_.server.instruction_set = "AVX2";
+    report_.server.threads = 4;
     report_.check = {CheckSource::By::kEngine, "builtin:box"};
     Measurement& m = report_.measured;
     m.elapsed = absl::Seconds(10);
@@ -60,6 +63,9 @@ TEST_F(ReportTest, JsonHasTheNumbers) {
   report_.server_metrics["sightline_x"] = {1, 4};
   report_.reloads = ReloadReport{.changes = 3};
   const nlohmann::json json = nlohmann::json::parse(Print("json"));
+  EXPECT_TRUE(json["server"]["address"].is_null());
+  EXPECT_EQ(json["server"]["version"], "1.2");
+  EXPECT_EQ(json["server"]["threads"], 4);
   EXPECT_EQ(json["mode"], "open");
   EXPECT_EQ(json["rate_per_s"], 200);
   EXPECT_EQ(json["all"]["requests"], 1010);
@@ -123,13 +129,24 @@ TEST_F(ReportTest, TextSaysWhatWentWrong) {
   report_.server_metrics_error = "HTTP status 500";
   const std::string text = Print("text");
   for (const char* words :
-       {"open loop, constant, 200/s", "mixed: tiles 5, segments 2", "10 RESOURCE_EXHAUSTED",
+       {"in this process, version 1.2, AVX2, 4 threads", "open loop, constant, 200/s",
+        "mixed: tiles 5, segments 2", "10 RESOURCE_EXHAUSTED",
         "120 answers, 2 wrong; by the engine in this process on builtin:box", "flags[3]",
         "p99 10 ms of 20 ms: held", "errors 0.99 % of 0 %: MISSED", "from the plan",
         "from the send", "HTTP status 500"}) {
     EXPECT_THAT(text, HasSubstr(words));
   }
   EXPECT_THAT(text, Not(HasSubstr("points, plan")));
+  EXPECT_THAT(text, Not(HasSubstr("given up")));
+  EXPECT_THAT(text, Not(HasSubstr("never sent")));
+  report_.measured.all.unsent = 4;
+  report_.measured.all.planned.Record(absl::Seconds(3), 7);
+  EXPECT_THAT(Print("text"), HasSubstr("10 failed, of them 4 never sent\n"));
+  EXPECT_THAT(Print("text"), testing::ContainsRegex("given up +7 of them"));
+  EXPECT_EQ(nlohmann::json::parse(Print("json"))["all"]["given_up"], 7);
+  options_.plan.warm_up = absl::Seconds(1);
+  EXPECT_THAT(Print("text"), HasSubstr("120 answers, the warm-up's too, 2 wrong; "));
+  options_.plan.warm_up = absl::ZeroDuration();
   report_.check = {CheckSource::By::kServer, "SINGLE"};
   EXPECT_THAT(Print("text"), HasSubstr("2 wrong; by the server itself with SINGLE\n"));
   report_.check = {};
@@ -150,6 +167,20 @@ TEST_F(ReportTest, AKneeSaysWhichRunsWereWhole) {
   EXPECT_THAT(Print("text"), HasSubstr("no rate met the objective in full\n"));
   report_.knee->trials.resize(1);
   EXPECT_THAT(Print("text"), HasSubstr("no rate met the objective\n"));
+  // The run in full was broken off.
+  report_.knee->rate = 100;
+  EXPECT_THAT(Print("text"), HasSubstr("knee, by trials alone: 100 requests/s meet"));
+}
+
+TEST_F(ReportTest, RatesAreWrittenOutInFull) {
+  report_.rate = 20'000;
+  report_.knee = Knee{.rate = 12'345.6, .trials = {{.rate = 12'345.6, .answered = 23'456.7}}};
+  report_.measured.elapsed = absl::Milliseconds(10);
+  const std::string text = Print("text");
+  EXPECT_THAT(text, HasSubstr("open loop, constant, 20000/s"));
+  EXPECT_THAT(text, testing::ContainsRegex("answers/s +100000\n"));
+  EXPECT_THAT(text, testing::ContainsRegex("\n12346 +23457 .*missed\n"));
+  EXPECT_THAT(text, HasSubstr("12346 requests/s meet"));
 }
 
 TEST_F(ReportTest, SumsAndCountsOfMetricsBecomeMeans) {
@@ -157,8 +188,17 @@ TEST_F(ReportTest, SumsAndCountsOfMetricsBecomeMeans) {
   report_.server_metrics["x_seconds_sum{method=\"A\"}"] = {1, 6};
   report_.server_metrics["y_total"] = {1, 4};
   const std::string text = Print("text");
-  EXPECT_THAT(text, testing::ContainsRegex("x_seconds.method=.A.. +.20, mean 0.25\n"));
+  EXPECT_THAT(text, testing::ContainsRegex("x_seconds.method=.A.. +.20, mean 250 ms\n"));
   EXPECT_THAT(text, testing::ContainsRegex("y_total +.3, now 4\n"));
+  report_.server_metrics = {{"many", {5, 1'047'065}},
+                            {"less", {2e7 + 0.5, 5e6}},
+                            {"share", {0, 0.0000125}},
+                            {"rays_count", {1, 3}},
+                            {"rays_sum", {0, 5}}};
+  EXPECT_THAT(Print("text"), testing::ContainsRegex("many +.1,047,060, now 1,047,065\n"));
+  EXPECT_THAT(Print("text"), testing::ContainsRegex("less +-15.0 M, now 5,000,000\n"));
+  EXPECT_THAT(Print("text"), testing::ContainsRegex("share +.0.0000125, now 0.0000125\n"));
+  EXPECT_THAT(Print("text"), testing::ContainsRegex("rays +.2, mean 2.5\n"));
   EXPECT_THAT(text, Not(HasSubstr("_sum")));
 }
 

@@ -7,6 +7,7 @@
 namespace sightline::load {
 namespace {
 
+using testing::EndsWith;
 using testing::HasSubstr;
 
 // 990 answers of 10 ms, 10 of 100 ms, and `failed` failures, in one second.
@@ -74,6 +75,20 @@ TEST(SloTest, ResultsAreTold) {
   EXPECT_EQ(DescribeSlo(results[1]), "errors 0.99 % of 0.5 %");
   EXPECT_EQ(DescribeSlo(results[2]), "rate 1000/s of 2000/s");
   EXPECT_EQ(DescribeSlo(slo->Judge(Measurement())[0]), "p99.9: no answer");
+  // No exponents for people to decode.
+  const absl::StatusOr<Slo> long_one = ParseSlo("max=5m");
+  ASSERT_TRUE(long_one.ok());
+  Measurement slow;
+  slow.all.planned.Record(absl::Milliseconds(3370.4));
+  EXPECT_EQ(DescribeSlo(long_one->Judge(slow)[0]), "max 3370 ms of 300000 ms");
+  slow.all.planned.Record(absl::Milliseconds(999'999.7));
+  EXPECT_EQ(DescribeSlo(long_one->Judge(slow)[0]), "max 1000000 ms of 300000 ms");
+  const absl::StatusOr<Slo> fast = ParseSlo("rate=20000,p50=1ns,errors=0.00001%");
+  ASSERT_TRUE(fast.ok());
+  const std::vector<SloResult> extremes = fast->Judge(Measured(10));
+  EXPECT_EQ(DescribeSlo(extremes[0]), "rate 1000/s of 20000/s");
+  EXPECT_THAT(DescribeSlo(extremes[1]), EndsWith(" ms of 0.000001 ms"));
+  EXPECT_EQ(DescribeSlo(extremes[2]), "errors 0.99 % of 0.00001 %");
 }
 
 }  // namespace
