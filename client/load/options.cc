@@ -12,6 +12,7 @@
 #include "client/cli/exit_code.h"
 #include "client/cli/flags.h"
 #include "client/cli/scene_argument.h"
+#include "client/load/plain_number.h"
 #include "core/base/status_macros.h"
 
 namespace sightline::load {
@@ -82,10 +83,11 @@ void RegisterLoad(FlagSet* flags, LoadOptions* o, Texts* texts) {
   flags->Text("scene", "SCENE", "what is asked about, see below; required", &o->scene);
   flags->Heading("Load");
   flags->Choice("mode", {"open", "closed"},
-                "open: requests go out when they are due, at --rate; closed: --concurrency are "
-                "always under way",
+                "open: requests go out when they are due, at --rate, and --rate alone says so; "
+                "closed: --concurrency are always under way",
                 &texts->mode);
-  flags->Number("rate", "R", "open loop: requests per second; with --find-knee: where it begins",
+  flags->Number("rate", "R",
+                "open loop: requests per second; with --find-knee: where it begins, else at 50",
                 &o->plan.rate);
   flags->Choice("arrivals", {"poisson", "constant"},
                 "open loop: due as independent users come, or evenly", &texts->arrivals);
@@ -179,7 +181,8 @@ absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
       !std::filesystem::exists(o->scene)) {
     o->scene = cli::SceneName(o->scene);
   }
-  o->plan.mode = texts.mode == "open" || o->find_knee ? Mode::kOpen : Mode::kClosed;
+  const bool open = texts.mode == "open" || (!flags.given("mode") && flags.given("rate"));
+  o->plan.mode = open || o->find_knee ? Mode::kOpen : Mode::kClosed;
   o->plan.arrivals = texts.arrivals == "poisson" ? Arrivals::kPoisson : Arrivals::kConstant;
   o->check = texts.check == "none"  ? Check::kNone
              : texts.check == "all" ? Check::kAll
@@ -201,18 +204,39 @@ absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
     if (o->slo.empty()) return UsageError("--find-knee wants --slo: what the rate is to meet");
     if (!flags.given("rate")) o->plan.rate = 50;
   }
-  if (o->plan.mode == Mode::kOpen && !(o->plan.rate > 0 && o->plan.rate <= kHighestRate)) {
-    return UsageError(absl::StrCat("--mode open wants --rate above 0 and at most ", kHighestRate,
-                                   "; got ", o->plan.rate));
+  if (flags.given("rate") && !(o->plan.rate > 0 && o->plan.rate <= kHighestRate)) {
+    return UsageError(absl::StrCat("--rate wants requests per second, above 0 and at most ",
+                                   PlainNumber(kHighestRate, 3), "; got ",
+                                   PlainNumber(o->plan.rate, 6)));
   }
-  if (o->plan.mode == Mode::kClosed && flags.given("rate")) {
-    return UsageError("--rate goes with --mode open");
+  if (o->plan.mode == Mode::kOpen && !(o->plan.rate > 0)) {
+    return UsageError("--mode open wants --rate: the requests per second");
   }
+  if (texts.mode == "closed" && flags.given("mode") && o->find_knee) {
+    return UsageError("--find-knee goes with --mode open");
+  }
+  for (const char* flag : {"rate", "arrivals"}) {
+    if (o->plan.mode == Mode::kClosed && flags.given(flag)) {
+      return UsageError(absl::StrCat("--", flag, " goes with --mode open"));
+    }
+  }
+  if (o->plan.mode == Mode::kOpen && flags.given("concurrency")) {
+    return UsageError("--concurrency goes with --mode closed: an open loop sends what is due");
+  }
+  if (!o->find_knee && flags.given("trial")) return UsageError("--trial goes with --find-knee");
   if (!o->plot.empty() && !absl::EndsWith(o->plot, ".png") && !absl::EndsWith(o->plot, ".svg")) {
     return UsageError(absl::StrCat("--plot wants FILE.png or FILE.svg; got '", o->plot, "'"));
   }
   if (!o->metrics_token_file.empty() && o->server_metrics.empty()) {
     return UsageError("--metrics-token-file goes with --server-metrics");
+  }
+  for (const char* flag : {"cameras", "eye", "at"}) {
+    if (!o->path.empty() && flags.given(flag)) {
+      return UsageError(absl::StrCat("--", flag, " goes without --path, which has the places"));
+    }
+  }
+  if (!o->check_scene.empty() && o->check == Check::kNone) {
+    return UsageError("--check-scene goes with --check sample or all");
   }
   if (!o->check_scene.empty() && cli::KindOf(o->check_scene) == cli::SceneKind::kServer) {
     return UsageError("--check-scene wants a file, FILE.slscene or builtin:NAME");
@@ -237,7 +261,10 @@ absl::StatusOr<std::unique_ptr<LoadOptions>> ParseOptions(std::span<const std::s
   options->session.Register(&flags, /*embeddable=*/true, /*streams=*/false);
   SL_ASSIGN_OR_RETURN(const std::vector<std::string> words, flags.Parse(args));
   if (flags.help_requested()) {
-    out << flags.Help() << '\n' << cli::SceneHelp() << '\n' << kChecks << '\n' << kExitCodes;
+    out << flags.Help() << '\n'
+        << cli::SceneHelp() << '\n'
+        << kChecks << '\n'
+        << kExitCodes;
     return std::unique_ptr<LoadOptions>();
   }
   if (!words.empty()) return UsageError(absl::StrCat("unexpected '", words[0], "'"));

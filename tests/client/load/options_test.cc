@@ -64,6 +64,13 @@ TEST(OptionsTest, AScenesOfTheServersIsCheckedAsIsSaid) {
   EXPECT_EQ((*Parse({"--scene=hall", "--server=localhost:1"}))->check, Check::kSample);
 }
 
+TEST(OptionsTest, ARateAloneMeansAnOpenLoop) {
+  const auto options = Parse({"--scene=builtin:box", "--rate=20"});
+  ASSERT_TRUE(options.ok()) << options.status();
+  EXPECT_EQ((*options)->plan.mode, Mode::kOpen);
+  EXPECT_EQ((*options)->plan.rate, 20);
+}
+
 TEST(OptionsTest, TheKneeIsSearchedInAnOpenLoop) {
   const auto options = Parse({"--scene=builtin:box", "--find-knee", "--slo=p99=1s"});
   ASSERT_TRUE(options.ok()) << options.status();
@@ -74,10 +81,16 @@ TEST(OptionsTest, TheKneeIsSearchedInAnOpenLoop) {
 TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{}, "--scene"},
-      {{"--mode=open"}, "--rate"},
-      {{"--mode=open", "--rate=0"}, "--rate"},
-      {{"--mode=open", "--rate=1e9"}, "--rate"},
-      {{"--rate=5"}, "--rate goes with"},
+      {{"--mode=open"}, "--mode open wants --rate: "},
+      {{"--mode=open", "--rate=0"}, "--rate wants requests per second, above 0"},
+      {{"--rate=-1"}, "--rate wants requests per second, above 0"},
+      {{"--rate=1e9"}, "at most 1000000; got 1000000000"},
+      {{"--find-knee", "--slo=p50=1s", "--rate=0"}, "--rate wants requests per second"},
+      {{"--mode=closed", "--rate=5"}, "--rate goes with"},
+      {{"--arrivals=constant"}, "--arrivals goes with"},
+      {{"--rate=5", "--concurrency=2"}, "--concurrency goes with"},
+      {{"--trial=1s"}, "--trial goes with"},
+      {{"--mode=closed", "--find-knee", "--slo=p50=1s"}, "--find-knee goes with"},
       {{"--reload-by=file"}, "--reload-every"},
       {{"--find-knee"}, "--slo"},
       {{"--slo=p99"}, "--slo"},
@@ -91,6 +104,10 @@ TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
       {{"--connections=65"}, "--connections"},
       {{"--size=0x4"}, "--size"},
       {{"--check-scene=scenes/x"}, "--check-scene"},
+      {{"--check-scene=builtin:box", "--check=none"}, "--check-scene goes with"},
+      {{"--path=p.csv", "--eye=1,2,3"}, "--eye goes without --path"},
+      {{"--path=p.csv", "--at=1,2,3"}, "--at goes without --path"},
+      {{"--path=p.csv", "--cameras=3"}, "--cameras goes without --path"},
       {{"--output=xml"}, "--output"},
       {{"--sceen=x"}, "did you mean --scene"},
       {{"word"}, "unexpected 'word'"},
