@@ -37,6 +37,15 @@ client::ObjectUpload ToUpload(const ObjectInput& object) {
   return upload;
 }
 
+// `status` with another message, and with the details that it has.
+absl::Status Reworded(const absl::Status& status, absl::string_view message) {
+  absl::Status reworded(status.code(), message);
+  status.ForEachPayload([&reworded](absl::string_view url, const absl::Cord& payload) {
+    reworded.SetPayload(url, payload);
+  });
+  return reworded;
+}
+
 std::string TemporaryId() {
   absl::BitGen random;
   return absl::StrFormat("cli-%016x", absl::Uniform<uint64_t>(random));
@@ -126,11 +135,7 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
     const absl::Status& status = scene.status();
     // What the server says of the arrays is said of the file.
     if (KindOf(argument) != SceneKind::kFile || absl::IsUnavailable(status)) return status;
-    absl::Status named(status.code(), absl::StrCat("'", argument, "': ", status.message()));
-    status.ForEachPayload([&named](absl::string_view url, const absl::Cord& payload) {
-      named.SetPayload(url, payload);
-    });
-    return named;
+    return Reworded(status, absl::StrCat("'", argument, "': ", status.message()));
   }
   if (imported != nullptr) *imported = std::move(file);
   return scene;
@@ -146,8 +151,13 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                      "'./",
                                      argument, "' for a file of that name"));
     }
-    SL_ASSIGN_OR_RETURN(client::Scene scene, session.client().GetScene(argument, session.call()));
-    return std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/false);
+    absl::StatusOr<client::Scene> scene = session.client().GetScene(argument, session.call());
+    if (absl::IsNotFound(scene.status())) {
+      return Reworded(scene.status(), absl::StrCat(scene.status().message(),
+                                                   ": sightline scene list says which there are"));
+    }
+    SL_RETURN_IF_ERROR(scene.status());
+    return std::make_unique<OpenedScene>(session, *std::move(scene), /*temporary=*/false);
   }
   ImportedScene imported;
   SL_ASSIGN_OR_RETURN(client::Scene scene, LoadScene(session, argument, TemporaryId(), build,

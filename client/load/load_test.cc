@@ -27,6 +27,9 @@ constexpr absl::Duration kLeaseMargin = absl::Minutes(30);
 
 absl::Duration TimeOf(const RunPlan& plan) { return plan.warm_up + plan.duration + plan.drain; }
 
+// The calls after the preparation, for which --timeout is.
+client::CallOptions LateCall() { return {.deadline = absl::Now() + absl::Seconds(10)}; }
+
 // Outcomes on their way to the driver also count toward the next edit.
 class CountingTarget final : public Target {
  public:
@@ -57,15 +60,17 @@ LoadTest::~LoadTest() {
   reloader_.reset();
   if (!point_set_.empty()) {
     // Its lease ends it where this fails.
-    session_->client()
-        .DeletePointSet(point_set_, {.deadline = absl::Now() + absl::Seconds(10)})
-        .IgnoreError();
+    session_->client().DeletePointSet(point_set_, LateCall()).IgnoreError();
   }
 }
 
 absl::Status LoadTest::Prepare() {
   SL_ASSIGN_OR_RETURN(metrics_token_,
                       MetricsToken(options_.metrics_token_file, options_.server_metrics));
+  if (!options_.server_metrics.empty()) {
+    const absl::Status readable = ReadMetrics(options_.server_metrics, metrics_token_).status();
+    if (!readable.ok()) err_ << "warning: " << readable.message() << "; the run goes on without\n";
+  }
   SL_ASSIGN_OR_RETURN(session_, cli::Session::Open(options_.session));
   SL_ASSIGN_OR_RETURN(capabilities_, session_->client().GetCapabilities(session_->call()));
   SL_ASSIGN_OR_RETURN(scene_, OpenTestScene(*session_, options_, err_));
@@ -164,7 +169,7 @@ absl::Status LoadTest::Measure(const RunPlan& plan, bool until_stable, const std
   // The search for the knee is many runs.
   if (!point_set_.empty()) {
     SL_RETURN_IF_ERROR(
-        session_->client().RenewLease(point_set_, LeaseFor(plan), session_->call()).status());
+        session_->client().RenewLease(point_set_, LeaseFor(plan), LateCall()).status());
   }
   CountingTarget target(*target_, reloader_.get());
   Recorder recorder(options_.window);
@@ -231,7 +236,7 @@ absl::Status LoadTest::MeasureReported(LoadReport* report) {
 }
 
 absl::StatusOr<KneeTrial> LoadTest::Try(double rate) {
-  if (interrupted_ != nullptr && interrupted_->load()) {
+  if (Interrupted()) {
     return absl::CancelledError("interrupted while the knee was searched");
   }
   RunPlan plan = options_.plan;
@@ -259,6 +264,7 @@ absl::Status LoadTest::Run(LoadReport* report) {
     status = HoldKnee(&*report->knee, [&](double rate) -> absl::StatusOr<KneeTrial> {
       report->rate = rate;
       SL_RETURN_IF_ERROR(MeasureReported(report));
+      if (Interrupted()) return absl::CancelledError("interrupted while the knee was measured");
       return TrialOf(rate, report->measured);
     });
   } else {

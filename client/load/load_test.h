@@ -63,6 +63,7 @@ class LoadTest {
   // Whether a run met the objective and kept up with what was due.
   bool Keeps(const Measurement& measured) const;
   KneeTrial TrialOf(double rate, const Measurement& measured) const;
+  bool Interrupted() const { return interrupted_ != nullptr && interrupted_->load(); }
 
   const LoadOptions& options_;
   std::ostream& err_;

@@ -34,6 +34,9 @@ constexpr char kExitCodes[] =
     "  1   the objective was missed, or --find-knee found no rate that meets it\n"
     "  76  answers were wrong\n";
 
+constexpr char kTimeout[] =
+    "--timeout holds for what comes before a run, --item-timeout for each request of it.\n";
+
 constexpr char kChecks[] =
     "What is due is found before the run: by the engine in this process, on --check-scene, or on "
     "SCENE\n"
@@ -263,6 +266,7 @@ absl::StatusOr<std::unique_ptr<LoadOptions>> ParseOptions(std::span<const std::s
   if (flags.help_requested()) {
     out << flags.Help() << '\n'
         << cli::SceneHelp() << '\n'
+        << kTimeout << '\n'
         << kChecks << '\n'
         << kExitCodes;
     return std::unique_ptr<LoadOptions>();

@@ -200,7 +200,9 @@ TEST_F(LoadRunTest, FilesAreWritten) {
 }
 
 TEST_F(LoadRunTest, WhatCannotBeReachedOrFoundHasItsExitCode) {
-  EXPECT_EQ(RunWith({ServerFlag(), "--scene=scenes/nowhere"}).code, cli::kExitNoInput);
+  const RunResult nowhere = RunWith({ServerFlag(), "--scene=scenes/nowhere"});
+  EXPECT_EQ(nowhere.code, cli::kExitNoInput);
+  EXPECT_THAT(nowhere.err, HasSubstr("scenes/nowhere: sightline scene list"));
   EXPECT_EQ(RunWith({ServerFlag(), "--scene=builtin:nothing"}).code, cli::kExitUsage);
   EXPECT_EQ(RunWith({ServerFlag()}).code, cli::kExitUsage);
   const std::string gone = ServerFlag();
@@ -231,6 +233,8 @@ TEST_F(LoadRunTest, MetricsThatAreNotThereDoNotEndTheRun) {
                                     absl::StrCat("--server-metrics=127.0.0.1:", server_->port())});
   ASSERT_EQ(result.code, 0) << result.err;
   EXPECT_TRUE(result.json().contains("server_metrics_error"));
+  EXPECT_THAT(result.err, StartsWith("warning: metrics of http://127.0.0.1:"));
+  EXPECT_THAT(result.err, HasSubstr("the run goes on without"));
 }
 
 TEST(LoadEmbeddedTest, NoServerIsNeeded) {
