@@ -138,8 +138,11 @@ absl::Status Server::ServeHttp() {
   };
   SL_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options_.metrics_listen));
   SL_ASSIGN_OR_RETURN(http_, HttpEndpoint::Start(options_.metrics_listen, std::move(handlers)));
-  if (!access_.active() && !address.IsLoopback()) {
-    Log(LogLevel::kWarning, "metrics_without_roles", {{"address", options_.metrics_listen}});
+  if (!address.IsLoopback()) {
+    // This port has no TLS: with roles it is their tokens that whoever listens on the way gets.
+    Log(LogLevel::kWarning,
+        access_.active() ? "metrics_tokens_in_the_clear" : "metrics_without_roles",
+        {{"address", options_.metrics_listen}});
   }
   return absl::OkStatus();
 }

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
 #include <string>
 #include <thread>
@@ -244,6 +245,25 @@ TEST(SightlinedTest, MetricsForEverybodyAreWarnedAbout) {
   const std::string line = process.ReadUntil("event=metrics_without_roles");
   EXPECT_TRUE(absl::StrContains(line, "level=warning event=metrics_without_roles")) << line;
   EXPECT_TRUE(absl::StrContains(line, "address=0.0.0.0:0")) << line;
+}
+
+// A role's token would be read by whoever listens on the way: the port has no TLS, whatever the
+// other one has.
+TEST(SightlinedTest, MetricsTokensInTheClearAreWarnedAbout) {
+  const testing_support::TempDir dir;
+  const std::string access = dir.File("access.conf");
+  std::ofstream(access) << "metrics token prometheus plain:a-secret-of-16-characters\n";
+  std::filesystem::permissions(access, std::filesystem::perms(0600));
+  ServerProcess beyond(
+      {"--listen=127.0.0.1:0", "--metrics-listen=0.0.0.0:0", "--access-file", access});
+  const std::string line = beyond.ReadUntil("event=metrics_");
+  EXPECT_TRUE(absl::StrContains(line, "level=warning event=metrics_tokens_in_the_clear")) << line;
+  EXPECT_TRUE(absl::StrContains(line, "address=0.0.0.0:0")) << line;
+  ServerProcess within(
+      {"--listen=127.0.0.1:0", "--metrics-listen=127.0.0.1:0", "--access-file", access});
+  const std::string log = within.ReadThrough("event=serving");
+  EXPECT_TRUE(absl::StrContains(log, "event=serving")) << log;
+  EXPECT_FALSE(absl::StrContains(log, "event=metrics_")) << log;
 }
 
 // The second scene takes seconds to make.

@@ -75,6 +75,17 @@ class ServerProcess {
     }
     return all;
   }
+  // Everything, the first line with `text` in it the last.
+  std::string ReadThrough(const std::string& text) {
+    std::string all;
+    char line[4096];
+    while (std::fgets(line, sizeof(line), log_) != nullptr) {
+      Keep(line);
+      all += line;
+      if (absl::StrContains(line, text)) break;
+    }
+    return all;
+  }
   // Waits until it serves; the port. What it logs from then on is read as it comes: a full pipe
   // would cost it lines.
   int Port() {
