@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/intersect/predicate.h"
 #include "core/mesh/rebase.h"
@@ -14,7 +15,7 @@
 namespace sightline {
 namespace {
 
-// Points between two looks at the cancel token: some hundred microseconds of work.
+// Points between two looks at the cancel token: some hundred microseconds of work at most.
 constexpr size_t kCancelBlock = 256;
 
 absl::Status CheckInput(const IndexedGeometry& scene, const PointInput& input,
@@ -74,83 +75,102 @@ int SideOfSource(const IndexedGeometry& scene, uint32_t source, Vec3f p, TouchRa
   return normal != nullptr && Dot(n, *normal) < 0 ? -1 : 1;
 }
 
-class Preparer {
+class Placer {
  public:
-  Preparer(const IndexedGeometry& scene, const PointInput& input, const PointOptions& options)
-      : scene_(scene), input_(input), options_(options) {
-    const size_t n = input.positions.size();
-    out_.positions.resize(n);
-    out_.sources.assign(n, kNoTriangle);
-    out_.valid.assign(n, 0);
-  }
+  Placer(const IndexedGeometry& scene, std::span<const Vec3d> normals, const PointOptions& options,
+         PreparedPoints* points)
+      : scene_(scene), normals_(normals), options_(options), points_(*points) {}
 
-  void Prepare(size_t i) {
-    Vec3d world = input_.positions[i];
-    const bool placeable =
-        options_.offset == 0 || MoveAlong(input_.normals[i], options_.offset, &world);
-    if (!input_.source_triangles.empty()) out_.sources[i] = input_.source_triangles[i];
-    if (!placeable || !Rebase(world, scene_.geometry.origin, &out_.positions[i])) {
-      ++out_.invalid;
-      return;
-    }
-    out_.valid[i] = 1;
+  void Place(size_t i) {
+    if (!points_.valid[i]) return;
     bool near = false, known = false;
-    if (out_.sources[i] == kNoTriangle && options_.attach_distance > 0) known = Attach(i, &near);
-    out_.attached += out_.sources[i] != kNoTriangle;
+    if (points_.sources[i] == kNoTriangle && options_.attach_distance > 0) known = Attach(i, &near);
+    points_.attached += points_.sources[i] != kNoTriangle;
     if (!options_.count_near_surface) return;
     if (!known) {
-      const Vec3d p = ToDouble(out_.positions[i]);
-      near = TouchesAny(scene_, p, WorldTouchRadius(NormOne(p)), out_.sources[i]);
+      const Vec3d p = ToDouble(points_.positions[i]);
+      near = TouchesAny(scene_, p, WorldTouchRadius(NormOne(p)), points_.sources[i]);
     }
-    out_.near_surface += near;
+    points_.near_surface += near;
   }
-
-  PreparedPoints Take() { return std::move(out_); }
 
  private:
   // False if no triangle is near enough. Otherwise *near says whether some touched triangle could
   // not be cleared.
   bool Attach(size_t i, bool* near) {
-    const Vec3d p = ToDouble(out_.positions[i]);
+    const Vec3d p = ToDouble(points_.positions[i]);
     const double limit = options_.attach_distance;
     const NearestTriangle nearest = FindNearest(scene_, p, limit * limit);
     if (nearest.triangle == kNoTriangle) return false;
     const TouchRadius radius = WorldTouchRadius(NormOne(p));
-    const Vec3d* normal = input_.normals.empty() ? nullptr : &input_.normals[i];
-    const int side = SideOfSource(scene_, nearest.triangle, out_.positions[i], radius, normal);
-    const Placed placed = Place(scene_,
-                                {.at = p,
-                                 .source = nearest.triangle,
-                                 .side = side,
-                                 .radius = radius,
-                                 .reference = out_.positions[i]},
-                                &scratch_);
-    out_.positions[i] = placed.position;
-    out_.sources[i] = nearest.triangle;
+    const Vec3d* normal = normals_.empty() ? nullptr : &normals_[i];
+    const int side = SideOfSource(scene_, nearest.triangle, points_.positions[i], radius, normal);
+    const Placed placed = sightline::Place(scene_,
+                                           {.at = p,
+                                            .source = nearest.triangle,
+                                            .side = side,
+                                            .radius = radius,
+                                            .reference = points_.positions[i]},
+                                           &scratch_);
+    points_.positions[i] = placed.position;
+    points_.sources[i] = nearest.triangle;
     *near = !placed.clear;
     return true;
   }
 
   const IndexedGeometry& scene_;
-  const PointInput& input_;
+  const std::span<const Vec3d> normals_;
   const PointOptions& options_;
   PlacementScratch scratch_;
-  PreparedPoints out_;
+  PreparedPoints& points_;
 };
 
 }  // namespace
 
+absl::StatusOr<PreparedPoints> RebasePoints(const IndexedGeometry& scene, const PointInput& input,
+                                            const PointOptions& options,
+                                            const CancelToken* cancel) {
+  SL_RETURN_IF_ERROR(CheckInput(scene, input, options));
+  const size_t n = input.positions.size();
+  PreparedPoints points;
+  points.positions.resize(n);
+  points.valid.assign(n, 0);
+  points.sources.assign(input.source_triangles.begin(), input.source_triangles.end());
+  points.sources.resize(n, kNoTriangle);
+  for (size_t i = 0; i < n; ++i) {
+    if (i % kCancelBlock == 0 && cancel != nullptr && cancel->cancelled())
+      return cancel->ToStatus();
+    Vec3d world = input.positions[i];
+    const bool placeable =
+        options.offset == 0 || MoveAlong(input.normals[i], options.offset, &world);
+    points.valid[i] = placeable && Rebase(world, scene.geometry.origin, &points.positions[i]);
+    points.invalid += points.valid[i] == 0;
+    points.attached += points.valid[i] != 0 && points.sources[i] != kNoTriangle;
+  }
+  return points;
+}
+
+absl::Status PlacePoints(const IndexedGeometry& scene, std::span<const Vec3d> normals,
+                         const PointOptions& options, const CancelToken* cancel,
+                         PreparedPoints* points) {
+  SIGHTLINE_DCHECK(normals.empty() || normals.size() == points->size());
+  if (!WantsPlacing(options)) return absl::OkStatus();
+  points->attached = points->near_surface = 0;
+  Placer placer(scene, normals, options, points);
+  for (size_t i = 0; i < points->size(); ++i) {
+    if (i % kCancelBlock == 0 && cancel != nullptr && cancel->cancelled())
+      return cancel->ToStatus();
+    placer.Place(i);
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<PreparedPoints> PreparePoints(const IndexedGeometry& scene, const PointInput& input,
                                              const PointOptions& options,
                                              const CancelToken* cancel) {
-  SL_RETURN_IF_ERROR(CheckInput(scene, input, options));
-  Preparer preparer(scene, input, options);
-  for (size_t i = 0; i < input.positions.size(); ++i) {
-    if (i % kCancelBlock == 0 && cancel != nullptr && cancel->cancelled())
-      return cancel->ToStatus();
-    preparer.Prepare(i);
-  }
-  return preparer.Take();
+  SL_ASSIGN_OR_RETURN(PreparedPoints points, RebasePoints(scene, input, options, cancel));
+  SL_RETURN_IF_ERROR(PlacePoints(scene, input.normals, options, cancel, &points));
+  return points;
 }
 
 }  // namespace sightline

@@ -73,6 +73,23 @@ absl::StatusOr<PreparedPoints> PreparePoints(const IndexedGeometry& scene, const
                                              const PointOptions& options,
                                              const CancelToken* cancel = nullptr);
 
+// PreparePoints in two steps, for whoever shares out the second one, which is nearly all of the
+// work, or orders the points before it. The first: moved by `offset`, rebased and rounded, with the
+// sources that were given. Errors as above.
+absl::StatusOr<PreparedPoints> RebasePoints(const IndexedGeometry& scene, const PointInput& input,
+                                            const PointOptions& options,
+                                            const CancelToken* cancel = nullptr);
+// Whether the options leave the second one anything to do.
+inline bool WantsPlacing(const PointOptions& options) {
+  return options.attach_distance > 0 || options.count_near_surface;
+}
+// The second: attaches, and counts `attached` and `near_surface`. Each point by itself, so that any
+// of those that were rebased may come, in any order. Cancelled / DeadlineExceeded from `cancel`.
+// REQUIRES: `normals` is empty, or has one per point.
+absl::Status PlacePoints(const IndexedGeometry& scene, std::span<const Vec3d> normals,
+                         const PointOptions& options, const CancelToken* cancel,
+                         PreparedPoints* points);
+
 }  // namespace sightline
 
 #endif  // SIGHTLINE_CORE_QUERY_POINTS_H_

@@ -139,6 +139,8 @@ class Scheduler {
     Pace pace_, cpu_pace_;
   };
 
+  static std::chrono::nanoseconds ThreadCpuTime();
+
   Scheduler(int threads, Executor executor, Now now = &Clock::now,
             CpuTime cpu_time = &ThreadCpuTime);
   ~Scheduler();
@@ -181,7 +183,6 @@ class Scheduler {
   bool Take(Taken* taken) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   double NanosPerRay(const Flow& flow) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint64_t PartRays(const Flow& flow) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  static std::chrono::nanoseconds ThreadCpuTime();
   // How many more threads there is work for; they are then to be asked for without the lock.
   int Claim() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Spawn(int workers);

@@ -50,14 +50,7 @@ absl::StatusOr<bool> ShadowChunk::RunPart(size_t part, const PointRange& points,
   const std::vector<uint32_t> places = Begin(part, points, &hints);
   ShadowResult mine;
   if (!places.empty()) {
-    std::vector<Vec3f> positions(places.size());
-    std::vector<uint32_t> sources(places.size());
-    for (size_t i = 0; i < places.size(); ++i) {
-      positions[i] = points.positions[places[i]];
-      sources[i] = points.sources[places[i]];
-    }
-    const std::vector<uint8_t> valid(places.size(), 1);
-    SL_RETURN_IF_ERROR(compute({positions, sources, valid}, &hints, &mine));
+    SL_RETURN_IF_ERROR(compute(places, &hints, &mine));
     stats->Add(mine.stats);
   }
   MutexLock lock(mutex_);

@@ -20,6 +20,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -35,8 +36,8 @@ class ShadowChunk {
   // Among so many points neighbours are near enough, and ordering more would keep others waiting.
   static constexpr uint64_t kMostPoints = PointOrders::kBlock;
 
-  // The shadows of some points, all valid, in an order of neighbours.
-  using Compute = std::function<absl::Status(const PointRange& points, ShadowHints* hints,
+  // The shadows of the points in some places of the chunk, all valid, in an order of neighbours.
+  using Compute = std::function<absl::Status(std::span<const uint32_t> places, ShadowHints* hints,
                                              ShadowResult* result)>;
 
   // Of `count` points, `part_points` to a part. REQUIRES: both > 0.
@@ -50,7 +51,8 @@ class ShadowChunk {
 
   size_t parts() const { return parts_; }
   // Whether this was the last one to be done; then `result` has the answers of all, in their order,
-  // and belongs to the caller. `points` are the chunk's, the same ones for every part.
+  // and belongs to the caller. `points` are the chunk's, the same ones for every part: where they
+  // are, to be ordered by, and which are valid.
   absl::StatusOr<bool> RunPart(size_t part, const PointRange& points, size_t samples,
                                const ShadowOutputs& outputs, const Compute& compute,
                                ShadowResult* result, QueryStats* stats);

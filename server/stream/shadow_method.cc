@@ -13,17 +13,10 @@
 #include "server/base/error.h"
 #include "server/base/resource_name.h"
 #include "server/codec/result_codec.h"
+#include "server/stream/item_points.h"
 #include "server/stream/shadow_chunk.h"
 
 namespace sightline {
-
-// The prepared points of an item: its own, or a range of a set.
-struct ShadowMethod::Points {
-  std::shared_ptr<const PreparedPoints> points;
-  std::shared_ptr<const PointOrders> orders;  // Of its set; null: none.
-  size_t offset = 0, count = 0;
-  uint64_t near_surface = 0;  // Of inline points.
-};
 
 // Which points each part computes, and which reply they go into.
 struct ShadowMethod::Plan {
@@ -55,7 +48,8 @@ struct ShadowMethod::Plan {
 class ShadowMethod::ShadowWork final : public ItemWork {
  public:
   ShadowWork(const ShadowMethod& method, std::shared_ptr<const Scene> scene,
-             std::shared_ptr<const SampleSet> samples, Points points, Plan plan)
+             std::shared_ptr<const SampleSet> samples, std::unique_ptr<ItemPoints> points,
+             Plan plan)
       : ItemWork(std::move(scene), std::move(plan.parts), plan.runs.size()),
         method_(method),
         samples_(std::move(samples)),
@@ -67,8 +61,8 @@ class ShadowMethod::ShadowWork final : public ItemWork {
                                     QueryStats* stats) override {
     const auto [index, within] = of_part_[part];
     const Plan::Run& run = runs_[index];
-    const PointRange points =
-        PointRange::Slice(*points_.points, points_.offset + run.points.offset, run.points.count);
+    const uint64_t begin = run.points.offset, count = run.points.count;
+    const PointRange points = points_->Range(begin, count);
     const v1::ShadowOutputs& wanted = method_.outputs_;
     const ShadowOutputs outputs = DecodeShadowOutputs(wanted);
     const QueryOptions options = PartOptions(method_.options_.query, cancel);
@@ -78,16 +72,24 @@ class ShadowMethod::ShadowWork final : public ItemWork {
       shadow.hints = hints;
       return ComputeShadows(scene(), some, *samples_, shadow, outputs, options, result);
     };
+    PreparedPoints placed;
     ShadowResult result;
     if (run.chunk == nullptr) {
+      SL_ASSIGN_OR_RETURN(const PointRange ready, points_->Place(begin, count, &cancel, &placed));
       ShadowHints hints = TakeHints();
-      SL_RETURN_IF_ERROR(compute(points, &hints, &result));
+      SL_RETURN_IF_ERROR(compute(ready, &hints, &result));
       LeaveHints(std::move(hints));
       stats->Add(result.stats);
     } else {
+      const auto compute_places = [&](std::span<const uint32_t> places, ShadowHints* hints,
+                                      ShadowResult* some) -> absl::Status {
+        SL_ASSIGN_OR_RETURN(const PointRange ready,
+                            points_->Place(begin, places, &cancel, &placed));
+        return compute(ready, hints, some);
+      };
       SL_ASSIGN_OR_RETURN(const bool last,
                           run.chunk->RunPart(within, points, samples_->samples.size(), outputs,
-                                             compute, &result, stats));
+                                             compute_places, &result, stats));
       if (!last) return PartRange();
     }
     reply->Add(v1::ShadowReply::kShadowsFieldNumber,
@@ -98,7 +100,7 @@ class ShadowMethod::ShadowWork final : public ItemWork {
 
   void Complete(ItemReply* reply) override {
     v1::ShadowResult whole;
-    whole.set_near_surface_point_count(points_.near_surface);
+    whole.set_near_surface_point_count(points_->near_surface());
     reply->AddFields(v1::ShadowReply::kShadowsFieldNumber, whole);
   }
 
@@ -115,7 +117,7 @@ class ShadowMethod::ShadowWork final : public ItemWork {
 
   const ShadowMethod& method_;
   const std::shared_ptr<const SampleSet> samples_;
-  const Points points_;
+  const std::unique_ptr<ItemPoints> points_;
   const std::vector<Plan::Run> runs_;
   const std::vector<std::pair<size_t, size_t>> of_part_;
   Mutex mutex_;
@@ -173,7 +175,7 @@ uint64_t ShadowMethod::Rays(const Item& item) const {
                   sample_count());
 }
 
-absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
+absl::StatusOr<std::unique_ptr<ItemPoints>> ShadowMethod::FindPoints(
     const Item& item, const std::shared_ptr<const Scene>& scene, const CancelToken& cancel) const {
   switch (item.message.source_case()) {
     case v1::ShadowItem::SOURCE_NOT_SET:
@@ -181,14 +183,8 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
     case v1::ShadowItem::kPoints: {
       DecodedPoints decoded;
       SL_RETURN_IF_ERROR(AppendPoints("item.points", item.points, &decoded));
-      SL_ASSIGN_OR_RETURN(const std::vector<uint32_t> sources, decoded.Sources(scene->geometry));
-      SL_ASSIGN_OR_RETURN(PreparedPoints prepared,
-                          PreparePoints(*scene, {decoded.positions, decoded.normals, sources},
-                                        point_options_, &cancel));
-      const size_t count = prepared.size();
-      const uint64_t near_surface = prepared.near_surface;
-      return Points{std::make_shared<const PreparedPoints>(std::move(prepared)), nullptr, 0, count,
-                    near_surface};
+      return ItemPoints::Own(*scene, std::move(decoded), point_options_, placement_pace_.get(),
+                             &cancel);
     }
     case v1::ShadowItem::kPointSetRange:
       break;
@@ -219,31 +215,31 @@ absl::StatusOr<ShadowMethod::Points> ShadowMethod::FindPoints(
         "item.point_set_range.count", range.count(),
         absl::StrCat("from ", range.offset(), " on leaves the set, which has ", size, " points"));
   }
-  const PointOrders* orders = view.set->orders.empty() ? nullptr : &view.set->orders;
-  return Points{std::shared_ptr<const PreparedPoints>(view.set, &view.set->points),
-                std::shared_ptr<const PointOrders>(view.set, orders), range.offset(), range.count(),
-                0};
+  return ItemPoints::OfSet(view.set, range.offset(), range.count());
 }
 
 // Runs are long where their points have to be ordered, since they are ordered within a run.
-absl::StatusOr<ShadowMethod::Plan> ShadowMethod::MakePlan(const Points& points, uint64_t samples,
+absl::StatusOr<ShadowMethod::Plan> ShadowMethod::MakePlan(const ItemPoints& points,
+                                                          uint64_t samples,
                                                           uint64_t part_rays) const {
+  if (points.wants_placing()) {
+    part_rays = std::min(part_rays, RayCount(placement_pace_->MostPoints(), samples));
+  }
   const auto bytes = [&](uint64_t n) { return ShadowBytes(outputs_, n, samples); };
   const auto cut = [&](uint64_t count, uint64_t rays) {
     return CutIntoParts(count, 1, samples, rays, env_.limits, bytes);
   };
   SL_ASSIGN_OR_RETURN(
       const std::vector<PartRange> runs,
-      cut(points.count, std::max(part_rays, RayCount(ShadowChunk::kMostPoints, samples))));
+      cut(points.size(), std::max(part_rays, RayCount(ShadowChunk::kMostPoints, samples))));
   Plan plan;
   for (const PartRange& run : runs) {
-    if (points.orders != nullptr && run.count >= kLeastOrderedPoints) {
-      plan.Add(run, ShadowChunk::PartPoints(part_rays, samples), points.orders.get(),
-               points.offset + run.offset);
+    if (points.orders() != nullptr && run.count >= kLeastOrderedPoints) {
+      plan.Add(run, ShadowChunk::PartPoints(part_rays, samples), points.orders(),
+               points.offset() + run.offset);
       continue;
     }
-    const PointRange slice =
-        PointRange::Slice(*points.points, points.offset + run.offset, run.count);
+    const PointRange slice = points.Range(run.offset, run.count);
     if (OrderingPays(slice.positions, slice.valid, samples)) {
       plan.Add(run, ShadowChunk::PartPoints(part_rays, samples));
       continue;
@@ -260,8 +256,8 @@ absl::StatusOr<std::unique_ptr<ItemWork>> ShadowMethod::Prepare(const Item& item
                                                                 uint64_t part_rays) const {
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
-  SL_ASSIGN_OR_RETURN(Points points, FindPoints(item, scene, cancel));
-  SL_ASSIGN_OR_RETURN(Plan plan, MakePlan(points, samples->samples.size(), part_rays));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<ItemPoints> points, FindPoints(item, scene, cancel));
+  SL_ASSIGN_OR_RETURN(Plan plan, MakePlan(*points, samples->samples.size(), part_rays));
   return std::unique_ptr<ItemWork>(new ShadowWork(*this, std::move(scene), std::move(samples),
                                                   std::move(points), std::move(plan)));
 }

@@ -16,7 +16,9 @@
 #include "core/query/shadows.h"
 #include "server/codec/wire_request.h"
 #include "server/metrics/metrics.h"
+#include "server/stream/item_points.h"
 #include "server/stream/item_work.h"
+#include "server/stream/placement_pace.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/stream_method.h"
 #include "sightline/v1/visibility_service.pb.h"
@@ -47,17 +49,20 @@ class ShadowMethod final : public StreamMethod {
 
  private:
   class ShadowWork;
-  struct Points;
   struct Plan;
-  explicit ShadowMethod(const QueryEnvironment& env) : StreamMethod(env) {}
+  explicit ShadowMethod(const QueryEnvironment& env)
+      : StreamMethod(env), placement_pace_(std::make_unique<PlacementPace>()) {}
 
-  absl::StatusOr<Points> FindPoints(const Item& item, const std::shared_ptr<const Scene>& scene,
-                                    const CancelToken& cancel) const;
-  absl::StatusOr<Plan> MakePlan(const Points& points, uint64_t samples, uint64_t part_rays) const;
+  absl::StatusOr<std::unique_ptr<ItemPoints>> FindPoints(const Item& item,
+                                                         const std::shared_ptr<const Scene>& scene,
+                                                         const CancelToken& cancel) const;
+  absl::StatusOr<Plan> MakePlan(const ItemPoints& points, uint64_t samples,
+                                uint64_t part_rays) const;
 
   PointOptions point_options_;
   ShadowOptions shadow_options_;
   v1::ShadowOutputs outputs_;
+  const std::unique_ptr<PlacementPace> placement_pace_;  // The one thing that changes.
 };
 
 }  // namespace sightline

@@ -5,12 +5,17 @@
 // stream.
 #include <grpcpp/generic/generic_stub.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
+#include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "absl/strings/match.h"
+#include "core/query/shadows.h"
+#include "server/codec/result_codec.h"
 #include "server/codec/wire_request.h"
 #include "tests/integration/server_harness.h"
 #include "tests/support/random.h"
@@ -136,6 +141,74 @@ TEST_F(LargeItemsTest, PointsWithSourcesAndNormalsAreAnsweredAlikeInOneItemAndIn
   for (size_t id = 1; id <= kCount / kSmall; ++id) parts += Answers(replies.at(id), bits);
   EXPECT_EQ(whole, parts);
   EXPECT_EQ(whole.size(), kCount / 8);
+}
+
+// The parts of an item find out by themselves what their points lie on, whether they come in order
+// or are put into one.
+TEST_F(LargeItemsTest, PointsAreAttachedAsTheEngineDoes) {
+  const std::shared_ptr<const Scene> scene = *harness_.server->scenes().Pin("room", 0);
+  TestRng rng;
+  std::vector<Vec3d> points, normals;
+  // On surfaces, and anywhere.
+  for (const Vec3f vertex : scene->geometry.vertices) {
+    points.push_back(ToDouble(vertex) + scene->geometry.origin);
+  }
+  while (points.size() < 20'000) {
+    points.push_back({rng.Uniform(-4, 4), rng.Uniform(-4, 4), rng.Uniform(0, 3)});
+  }
+  std::shuffle(points.begin(), points.end(), rng);
+  points[3].x = std::nan("");
+  for (size_t i = 0; i < points.size(); ++i) {
+    normals.push_back({rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-1, 1)});
+  }
+  for (const double attach : {0.0, 0.05}) {
+    PreparedPoints prepared =
+        *PreparePoints(*scene, {points, normals, {}}, {.attach_distance = attach});
+    ASSERT_GT(prepared.near_surface, 0u);
+    ASSERT_EQ(prepared.attached > 0, attach > 0);
+    for (const uint32_t lights : {1u, 20u}) {
+      v1::ComputeShadowsRequest request;
+      request.mutable_header()->mutable_stream()->set_scene("scenes/room");
+      request.mutable_header()->mutable_point_options()->set_attach_distance(attach);
+      std::vector<LightSample> samples;
+      for (uint32_t i = 0; i < lights; ++i) {
+        const Vec3d at = {rng.Uniform(-2, 2), rng.Uniform(-2, 2), rng.Uniform(0, 3)};
+        EncodeTestVector(
+            at, request.mutable_header()->add_lights()->mutable_point()->mutable_position());
+        ASSERT_TRUE(AppendSamples(Light::Point(at), i, scene->geometry.origin, &samples).ok());
+      }
+      ShadowStream stream(harness_, request);
+      request.Clear();
+      request.mutable_item()->mutable_points()->set_points(PackArray(points));
+      request.mutable_item()->mutable_points()->set_normals(PackArray(normals));
+      stream.Write(request);
+      const auto replies = stream.ReadAll();
+      ASSERT_TRUE(stream.Finish().ok());
+      ShadowResult engine;
+      ASSERT_TRUE(ComputeShadows(*scene, PointRange::All(prepared), samples, {}, {}, {.bits = true},
+                                 {.strategy = Strategy::kSingle}, &engine)
+                      .ok());
+      std::string valid;
+      EncodeBits(prepared.valid, &valid);
+      EXPECT_EQ(
+          Answers(replies.at(0), [](const v1::ShadowReply& r) { return r.shadows().valid_bits(); }),
+          valid);
+      for (uint32_t light = 0; light < lights; ++light) {
+        const size_t row = points.size() / 8;
+        EXPECT_EQ(Answers(replies.at(0),
+                          [&](const v1::ShadowReply& r) {
+                            const std::string& bits = r.shadows().lit_bits();
+                            const size_t length = bits.size() / lights;
+                            return bits.substr(light * length, length);
+                          }),
+                  PackArray(std::span(engine.lit_bits).subspan(light * row, row)))
+            << light;
+      }
+      const v1::ComputeShadowsResponse& last = replies.at(0).back();
+      EXPECT_TRUE(last.reply().header().last());
+      EXPECT_EQ(last.reply().shadows().near_surface_point_count(), prepared.near_surface);
+    }
+  }
 }
 
 // Bytes that are no message, before the header and after it.

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/query/points.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <span>
 #include <string>
 #include <vector>
@@ -193,6 +195,64 @@ TEST(PointsTest, NearSurfaceCountsWhatRoundingCannotTell) {
   const IndexedGeometry inert =
       MakeScene({{.vertices = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, .indices = {0, 1, 2}}});
   EXPECT_EQ(Prepare(inert, {{1, 0, 0}}).near_surface, 0u);
+}
+
+// In one piece, or in any order piece by piece: what a point becomes is its own affair.
+TEST(PointsTest, PlacedInPiecesAsInOne) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeScene({MakeBox({1, 2, 3}, RandomPlacement(rng, {7, 8, 9})),
+                                           MakeIcosphere(2, 2, RandomPlacement(rng, {8, 8, 9}))});
+  std::vector<Vec3d> positions = World(scene.geometry, scene.geometry.vertices), normals;
+  for (size_t i = positions.size(); i < 1000; ++i) {
+    positions.push_back(Vec3d{7, 8, 9} + RandomDirection(rng) * rng.Uniform(0, 4));
+  }
+  std::vector<uint32_t> sources(positions.size(), kNoTriangle);
+  for (size_t i = 0; i < positions.size(); ++i) {
+    normals.push_back(RandomDirection(rng));
+    if (rng.Chance(0.1)) positions[i].y = kNan;
+    if (rng.Chance(0.1)) sources[i] = static_cast<uint32_t>(rng.Below(12));
+  }
+  for (const PointOptions& options :
+       {PointOptions{}, PointOptions{.attach_distance = 0.5},
+        PointOptions{.attach_distance = 0.5, .offset = 1e-3},
+        PointOptions{.attach_distance = 0.5, .count_near_surface = false},
+        PointOptions{.offset = -1e-3, .count_near_surface = false}}) {
+    const PreparedPoints whole = Prepare(scene, positions, options, normals, sources);
+    const PreparedPoints rebased = *RebasePoints(scene, {positions, normals, sources}, options);
+    EXPECT_EQ(rebased.valid, whole.valid);
+    EXPECT_EQ(rebased.invalid, whole.invalid);
+    EXPECT_GT(whole.invalid, 0u);
+    // Attached points are mostly cleared of what they touch.
+    if (options.attach_distance == 0) {
+      EXPECT_EQ(whole.near_surface > 0, options.count_near_surface);
+    }
+    std::vector<size_t> order(positions.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::shuffle(order.begin(), order.end(), rng);
+    uint64_t attached = 0, near_surface = 0;
+    for (size_t begin = 0; begin < order.size();) {
+      const size_t end = std::min(order.size(), begin + 1 + rng.Below(300));
+      PreparedPoints piece;
+      std::vector<Vec3d> of_piece;
+      for (size_t k = begin; k < end; ++k) {
+        piece.positions.push_back(rebased.positions[order[k]]);
+        piece.sources.push_back(rebased.sources[order[k]]);
+        piece.valid.push_back(rebased.valid[order[k]]);
+        of_piece.push_back(normals[order[k]]);
+      }
+      ASSERT_TRUE(PlacePoints(scene, of_piece, options, nullptr, &piece).ok());
+      for (size_t k = begin; k < end; ++k) {
+        EXPECT_EQ(piece.positions[k - begin], whole.positions[order[k]]);
+        EXPECT_EQ(piece.sources[k - begin], whole.sources[order[k]]);
+      }
+      attached += piece.attached;
+      near_surface += piece.near_surface;
+      begin = end;
+    }
+    // Without anything to place nobody counted: the first step has.
+    EXPECT_EQ(WantsPlacing(options) ? attached : rebased.attached, whole.attached);
+    EXPECT_EQ(near_surface, whole.near_surface);
+  }
 }
 
 // A point between two sheets nearer than rounding can tell apart cannot be cleared of both, and

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bit>
 #include <numeric>
+#include <span>
 #include <thread>
 #include <vector>
 
@@ -34,12 +35,12 @@ struct Numbered {
   }
   PointRange range() const { return {positions, sources, valid}; }
 
-  static absl::Status Compute(const PointRange& points, ShadowResult* result) {
-    const size_t n = points.positions.size();
+  absl::Status Compute(std::span<const uint32_t> places, ShadowResult* result) const {
+    const size_t n = places.size();
     *result = NothingLit(n, kSamples, kAll);
     for (size_t i = 0; i < n; ++i) {
-      const uint32_t number = points.sources[i];
-      EXPECT_EQ(points.valid[i], 1);
+      const uint32_t number = places[i];
+      EXPECT_EQ(valid[number], 1);
       for (size_t s = 0; s < kSamples; ++s) {
         if (((number >> s) & 1) != 0) {
           result->lit_bits[s * ((n + 7) / 8) + i / 8] |= static_cast<uint8_t>(1u << (i % 8));
@@ -76,8 +77,8 @@ TEST(ShadowChunkTest, EveryPointGetsItsOwnAnswers) {
       for (size_t k = 0; k < order.size(); ++k) {
         const absl::StatusOr<bool> last = chunk.RunPart(
             order[k], points.range(), kSamples, kAll,
-            [](const PointRange& some, ShadowHints*, ShadowResult* out) {
-              return Numbered::Compute(some, out);
+            [&](std::span<const uint32_t> some, ShadowHints*, ShadowResult* out) {
+              return points.Compute(some, out);
             },
             &result, &stats);
         ASSERT_TRUE(last.ok()) << last.status();
@@ -107,16 +108,17 @@ TEST(ShadowChunkTest, PartsAreNeighbours) {
   ShadowResult result;
   QueryStats stats;
   for (size_t part = 0; part < chunk.parts(); ++part) {
-    const auto compute = [](const PointRange& some, ShadowHints*, ShadowResult* out) {
+    const auto compute = [&](std::span<const uint32_t> some, ShadowHints*, ShadowResult* out) {
       float volume = 1;
       for (int axis = 0; axis < 3; ++axis) {
-        const auto [low, high] =
-            std::minmax_element(some.positions.begin(), some.positions.end(),
-                                [axis](Vec3f a, Vec3f b) { return a[axis] < b[axis]; });
-        volume *= (*high)[axis] - (*low)[axis];
+        const auto less = [&](uint32_t a, uint32_t b) {
+          return points.positions[a][axis] < points.positions[b][axis];
+        };
+        const auto [low, high] = std::minmax_element(some.begin(), some.end(), less);
+        volume *= points.positions[*high][axis] - points.positions[*low][axis];
       }
       EXPECT_LT(volume, 8.0 / 4);  // Of the whole's 8; an eighth of it would be a perfect cell.
-      return Numbered::Compute(some, out);
+      return points.Compute(some, out);
     };
     ASSERT_TRUE(chunk.RunPart(part, points.range(), kSamples, kAll, compute, &result, &stats).ok());
   }
@@ -129,10 +131,11 @@ TEST(ShadowChunkTest, HintsArePassedOn) {
   ShadowResult result;
   QueryStats stats;
   for (size_t part = 0; part < 2; ++part) {
-    const auto compute = [&](const PointRange& some, ShadowHints* hints, ShadowResult* out) {
+    const auto compute = [&](std::span<const uint32_t> some, ShadowHints* hints,
+                             ShadowResult* out) {
       EXPECT_EQ(hints->first_leaves.size(), part);
       hints->first_leaves.push_back(7);
-      return Numbered::Compute(some, out);
+      return points.Compute(some, out);
     };
     ASSERT_TRUE(chunk.RunPart(part, points.range(), kSamples, kAll, compute, &result, &stats).ok());
   }
@@ -151,8 +154,8 @@ TEST(ShadowChunkTest, PartsRunSideBySide) {
       for (size_t part = next++; part < chunk.parts(); part = next++) {
         const absl::StatusOr<bool> last = chunk.RunPart(
             part, points.range(), kSamples, kAll,
-            [](const PointRange& some, ShadowHints*, ShadowResult* out) {
-              return Numbered::Compute(some, out);
+            [&](std::span<const uint32_t> some, ShadowHints*, ShadowResult* out) {
+              return points.Compute(some, out);
             },
             &result, &stats);
         lasts += *last ? 1 : 0;
