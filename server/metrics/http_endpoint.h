@@ -1,45 +1,50 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The HTTP port for probes and metrics: a few paths, GET alone, each answered by a function. It is
-// apart from the gRPC port, so that it answers while that one is overloaded or dead.
+// The HTTP port for probes and metrics: a few paths, GET and HEAD alone, each answered by a
+// function. It is apart from the gRPC port, so that it answers while that one is overloaded or
+// dead.
 //
-// Bounds: four requests at once, each read within five seconds; anything but the paths is 404.
+// Invariants
+//  1. One thread reads and writes all connections and waits for none of them; a connection takes a
+//     thread of its path's once its request is there, whole. So silent and slow clients take none.
+//  2. At most kMostConnections are open. When another comes, the oldest one that is not being
+//     answered makes room: whoever asks at once is answered, however many others say nothing.
+//  3. A request is read, and its answer taken, within the endpoint's patience, or the connection is
+//     closed. One request each.
+//  4. Anything but the paths is 404. More at once than a path takes (http_path.h) is 503.
 //
-// Thread safety: handlers are called from the endpoint's own threads, several at once. Stop once.
+// Thread safety: handlers are called from the paths' threads, several at once. Stop once.
 //
 //   auto http = HttpEndpoint::Start("127.0.0.1:9090", {{"/livez", [](auto&) { return ...; }}});
 #ifndef SIGHTLINE_SERVER_METRICS_HTTP_ENDPOINT_H_
 #define SIGHTLINE_SERVER_METRICS_HTTP_ENDPOINT_H_
 
-#include <functional>
+#include <chrono>
+#include <cstddef>
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/metrics/http_path.h"
+#include "server/metrics/http_request.h"
 
 namespace sightline {
 
-struct HttpRequest {
-  std::string authorization;  // The header; empty without.
-};
-
-struct HttpReply {
-  int code = 200;
-  std::string body;
-  std::string content_type = "text/plain; charset=utf-8";
-};
-
 class HttpEndpoint {
  public:
-  using Handler = std::function<HttpReply(const HttpRequest&)>;
-  using Handlers = std::vector<std::pair<std::string, Handler>>;
+  // More than all paths answer at once: some are always left that can make room.
+  static constexpr size_t kMostConnections = 64;
+  // How long a client may take to ask, and again to take its answer.
+  static constexpr std::chrono::seconds kPatience{5};
+
+  using Handlers = std::vector<std::pair<std::string, HttpPath::Handler>>;
 
   // Binds `listen` (HOST:PORT; port 0 takes a free one) and serves. InvalidArgument, Unavailable.
-  static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(const std::string& listen,
-                                                             Handlers handlers);
-  // Waits for requests under way.
+  static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(
+      const std::string& listen, Handlers handlers, std::chrono::milliseconds patience = kPatience);
+  // Waits for handlers that run; connections are closed.
   ~HttpEndpoint();
   HttpEndpoint(const HttpEndpoint&) = delete;
   HttpEndpoint& operator=(const HttpEndpoint&) = delete;

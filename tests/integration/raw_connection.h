@@ -76,6 +76,11 @@ class RawConnection {
     }
     return received == 0 || errno == ECONNRESET;
   }
+  // Whether the server has not hung up so far, nor said anything.
+  bool IsOpen() const {
+    char byte;
+    return recv(socket_, &byte, 1, MSG_DONTWAIT | MSG_PEEK) < 0 && errno == EAGAIN;
+  }
   // Closes with a reset instead of an orderly end.
   void Abort() const {
     const linger at_once{1, 0};
