@@ -177,7 +177,9 @@ std::vector<Option> MakeTable() {
        [](absl::string_view value, ParsedOptions* out) {
          return SetThreads(value, &out->options.threads);
        }},
-      {"build-threads", "N", "threads that build scenes; 0: one per hardware thread", "0",
+      {"build-threads", "N",
+       "threads that build scenes and make point sets; 0: half as many as hardware threads, or one",
+       "0",
        [](absl::string_view value, ParsedOptions* out) {
          return SetThreads(value, &out->options.build_threads);
        }},

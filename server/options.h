@@ -45,7 +45,8 @@ struct ServerOptions {
   bool evict_least_used = false;                 // Whether stored scenes make room for others.
   FileCalls* files = &FileCalls::System();  // What reaches the repository; tests put faults there.
   int threads = 0;                          // That answer queries; 0: one per hardware thread.
-  int build_threads = 0;                    // That build scenes; 0: one per hardware thread.
+  // That build scenes and make point sets; 0: half as many as there are hardware threads, or one.
+  int build_threads = 0;
   // HOST:PORT of probes and metrics over HTTP; empty: none.
   std::string metrics_listen;
   absl::Duration slow_query_log = absl::InfiniteDuration();  // Items that took as long are logged.

@@ -45,6 +45,16 @@ constexpr absl::Duration kLastRepliesTimeout = absl::Seconds(1);
 // HTTP/2's own bound on what headers may take; ours carry nothing large.
 constexpr int kMaxMetadataBytes = 16 << 10;
 
+// Short tasks all: two, so that one that frees a large scene holds up no other.
+constexpr int kCallThreads = 2;
+
+// Queries have a thread for every core, so whatever builds take they take from queries: half the
+// cores leave them two thirds of what they have without a build (server/DESIGN.md).
+int BuildThreads(const ServerOptions& options) {
+  if (options.build_threads > 0) return options.build_threads;
+  return std::max(1, ThreadPool(0).threads() / 2);
+}
+
 }  // namespace
 
 Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> repository)
@@ -57,7 +67,8 @@ Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> re
           "uploads", CallQuota::Shares::kPass,
           {"max_concurrent_uploads_per_client", options.limits.max_concurrent_uploads_per_client}),
       query_pool_(options.threads),
-      build_pool_(options.build_threads),
+      build_pool_(BuildThreads(options)),
+      call_pool_(kCallThreads),
       scheduler_(query_pool_.threads(),
                  [this](absl::AnyInvocable<void()> work) { query_pool_.Submit(std::move(work)); }),
       repository_(std::move(repository)),
@@ -66,9 +77,9 @@ Server::Server(const ServerOptions& options, std::unique_ptr<SceneRepository> re
       point_sets_(options_.limits, [] { return absl::Now(); }),
       metrics_([this] { return StateNow(); }),
       slow_queries_(options.slow_query_log),
-      env_{options_.limits, scenes_,      point_sets_, query_pool_, build_pool_,
-           ray_queue_,      scheduler_,   calls_,      streams_,    uploads_,
-           upload_bytes_,   scenes_made_, &access_,    &metrics_,   &slow_queries_},
+      env_{options_.limits, scenes_,    point_sets_, query_pool_,   build_pool_, call_pool_,
+           ray_queue_,      scheduler_, calls_,      streams_,      uploads_,    upload_bytes_,
+           scenes_made_,    &access_,   &metrics_,   &slow_queries_},
       scene_service_(env_, upload_slots_),
       point_set_service_(env_, upload_slots_),
       visibility_service_(env_),

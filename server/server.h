@@ -110,7 +110,7 @@ class Server {
   UploadSlots upload_slots_;
   CallQuota streams_, uploads_, upload_bytes_{"upload-bytes"};
   CallQuota scenes_made_{"scenes", CallQuota::Shares::kLast};
-  ThreadPool query_pool_, build_pool_;
+  ThreadPool query_pool_, build_pool_, call_pool_;
   Scheduler scheduler_;
   const std::unique_ptr<SceneRepository> repository_;  // Null without one.
   SceneCatalog scenes_;

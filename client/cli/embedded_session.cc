@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/session.h"
+#include "core/base/parallel.h"
 #include "core/base/status_macros.h"
 #include "server/base/log.h"
 #include "server/machine_memory.h"
@@ -44,7 +45,9 @@ absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags)
   ServerOptions options;
   options.listen.clear();  // No socket: in-process channels alone.
   options.threads = static_cast<int>(flags.threads);
-  options.build_threads = static_cast<int>(flags.threads);
+  // Nobody asks anything before the scene is there.
+  options.build_threads =
+      flags.threads > 0 ? static_cast<int>(flags.threads) : ThreadPool(0).threads();
   // Standard error belongs to the command.
   options.log_level = LogLevel::kError;
   SetLogLevel(options.log_level);

@@ -153,11 +153,12 @@ grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerCon
 grpc::ServerUnaryReactor* PointSetService::DeletePointSet(grpc::CallbackServerContext*,
                                                           const v1::DeletePointSetRequest* request,
                                                           google::protobuf::Empty*) {
-  return AnswerLater(
-      env_, Operation::kDeletePointSet, [this, request](const CancelToken&) -> absl::Status {
-        SL_ASSIGN_OR_RETURN(const PointSetName name, ParsePointSetName("name", request->name()));
-        return env_.point_sets.Remove(name.scene_id, name.point_set_id);
-      });
+  return AnswerLater(env_, env_.call_pool, Operation::kDeletePointSet,
+                     [this, request](const CancelToken&) -> absl::Status {
+                       SL_ASSIGN_OR_RETURN(const PointSetName name,
+                                           ParsePointSetName("name", request->name()));
+                       return env_.point_sets.Remove(name.scene_id, name.point_set_id);
+                     });
 }
 
 grpc::ServerUnaryReactor* PointSetService::RenewLease(grpc::CallbackServerContext*,

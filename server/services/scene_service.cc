@@ -212,20 +212,22 @@ grpc::ServerUnaryReactor* SceneService::ListSceneObjects(grpc::CallbackServerCon
 grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*,
                                                     const v1::DeleteSceneRequest* request,
                                                     google::protobuf::Empty*) {
-  return AnswerLater(
-      env_, Operation::kDeleteScene, [this, request](const CancelToken&) -> absl::Status {
-        SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-        SL_RETURN_IF_ERROR(env_.scenes.Delete(scene_id));
-        Log(LogLevel::kInfo, "scene_deleted", {{"scene", scene_id}});
-        return absl::OkStatus();
-      });
+  return AnswerLater(env_, env_.call_pool, Operation::kDeleteScene,
+                     [this, request](const CancelToken&) -> absl::Status {
+                       SL_ASSIGN_OR_RETURN(const std::string scene_id,
+                                           ParseSceneName("name", request->name()));
+                       SL_RETURN_IF_ERROR(env_.scenes.Delete(scene_id));
+                       Log(LogLevel::kInfo, "scene_deleted", {{"scene", scene_id}});
+                       return absl::OkStatus();
+                     });
 }
 
 grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext*,
                                                   const v1::LoadSceneRequest* request,
                                                   v1::Scene* response) {
   return AnswerLater(
-      env_, Operation::kLoadScene, [=, this](const CancelToken& cancel) -> absl::Status {
+      env_, env_.build_pool, Operation::kLoadScene,
+      [=, this](const CancelToken& cancel) -> absl::Status {
         SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
         SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Load(scene_id, &cancel));
         LogScene("scene_loaded", view);
@@ -238,7 +240,8 @@ grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext*
                                                     const v1::ReloadSceneRequest* request,
                                                     v1::Scene* response) {
   return AnswerLater(
-      env_, Operation::kReloadScene, [=, this](const CancelToken& cancel) -> absl::Status {
+      env_, env_.build_pool, Operation::kReloadScene,
+      [=, this](const CancelToken& cancel) -> absl::Status {
         SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
         SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Reload(scene_id, &cancel));
         LogScene("scene_reloaded", view);
@@ -250,19 +253,20 @@ grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext*
 grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext*,
                                                     const v1::UnloadSceneRequest* request,
                                                     google::protobuf::Empty*) {
-  return AnswerLater(
-      env_, Operation::kUnloadScene, [this, request](const CancelToken&) -> absl::Status {
-        SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
-        SL_RETURN_IF_ERROR(env_.scenes.Unload(scene_id));
-        Log(LogLevel::kInfo, "scene_unloaded", {{"scene", scene_id}});
-        return absl::OkStatus();
-      });
+  return AnswerLater(env_, env_.call_pool, Operation::kUnloadScene,
+                     [this, request](const CancelToken&) -> absl::Status {
+                       SL_ASSIGN_OR_RETURN(const std::string scene_id,
+                                           ParseSceneName("name", request->name()));
+                       SL_RETURN_IF_ERROR(env_.scenes.Unload(scene_id));
+                       Log(LogLevel::kInfo, "scene_unloaded", {{"scene", scene_id}});
+                       return absl::OkStatus();
+                     });
 }
 
 grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerContext*,
                                                          const v1::ListStoredScenesRequest* request,
                                                          v1::ListStoredScenesResponse* response) {
-  return AnswerLater(env_, Operation::kListStoredScenes,
+  return AnswerLater(env_, env_.call_pool, Operation::kListStoredScenes,
                      [=, this](const CancelToken&) -> absl::Status {
                        SL_ASSIGN_OR_RETURN(const Page page,
                                            ParsePage(request->page_size(), request->page_token()));

@@ -26,13 +26,14 @@ class AnsweredCall final : public grpc::ServerUnaryReactor {
   const ActiveCall call_;
 };
 
-// A call whose handler runs on the build pool. It deletes itself.
+// A call whose handler runs on a pool. It deletes itself.
 class LaterCall final : public grpc::ServerUnaryReactor,
                         public std::enable_shared_from_this<LaterCall> {
  public:
-  static LaterCall* Start(const QueryEnvironment& env, Operation operation, LaterHandler handler) {
+  static LaterCall* Start(const QueryEnvironment& env, ThreadPool& pool, Operation operation,
+                          LaterHandler handler) {
     std::shared_ptr<LaterCall> call(new LaterCall(env, operation, std::move(handler)));
-    call->Begin(env);
+    call->Begin(env, pool);
     return call.get();
   }
 
@@ -48,13 +49,13 @@ class LaterCall final : public grpc::ServerUnaryReactor,
   LaterCall(const QueryEnvironment& env, Operation operation, LaterHandler handler)
       : timer_(env.metrics, operation), handler_(std::move(handler)) {}
 
-  void Begin(const QueryEnvironment& env) {
+  void Begin(const QueryEnvironment& env, ThreadPool& pool) {
     MutexLock lock(mutex_);
     self_ = shared_from_this();
     absl::StatusOr<ActiveCall> call = env.calls.Admit();
     if (!call.ok()) return End(call.status());
     call_ = *std::move(call);
-    env.build_pool.Submit([self = self_] { self->Run(); });
+    pool.Submit([self = self_] { self->Run(); });
   }
   void Run() {
     absl::Status status = cancel_.ToStatus();
@@ -81,9 +82,9 @@ grpc::ServerUnaryReactor* FinishedCall(ActiveCall call, const absl::Status& stat
   return new AnsweredCall(std::move(call), status);
 }
 
-grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, Operation operation,
-                                      LaterHandler handler) {
-  return LaterCall::Start(env, operation, std::move(handler));
+grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, ThreadPool& pool,
+                                      Operation operation, LaterHandler handler) {
+  return LaterCall::Start(env, pool, operation, std::move(handler));
 }
 
 absl::StatusOr<Page> ParsePage(int32_t page_size, const std::string& page_token) {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How unary handlers run: a short lookup in the reaction, or a task of the build pool for what
-// frees or makes much memory. Either is counted by how it ended; running out of memory fails the
-// call alone. A draining server refuses new ones, and waits until those that it took are answered
-// and their answers written.
+// How unary handlers run: a short lookup in the reaction, or a task of a pool: of the call pool for
+// what frees much memory or looks at files, of the build pool for what makes much. Each is counted
+// by how it ended; running out of memory fails the call alone. A draining server refuses new ones,
+// and waits until those that it took are answered and their answers written.
 //
 // Thread safety: functions only.
 //
@@ -24,6 +24,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/base/cancel.h"
+#include "core/base/parallel.h"
 #include "server/admission/call_tracker.h"
 #include "server/base/error.h"
 #include "server/base/memory_guard.h"
@@ -46,11 +47,11 @@ grpc::ServerUnaryReactor* Answer(const QueryEnvironment& env, Operation operatio
   return FinishedCall(call.ok() ? *std::move(call) : ActiveCall(), status);
 }
 
-// Runs `handler` on the build pool. Its captures live until it is done, and its token fires when
-// the client goes away.
+// Runs `handler` on `pool`, one of the environment's. Its captures live until it is done, and its
+// token fires when the client goes away.
 using LaterHandler = absl::AnyInvocable<absl::Status(const CancelToken& cancel)>;
-grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, Operation operation,
-                                      LaterHandler handler);
+grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, ThreadPool& pool,
+                                      Operation operation, LaterHandler handler);
 
 struct Page {
   size_t size = 0;

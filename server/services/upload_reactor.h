@@ -5,8 +5,8 @@
 // after, when everything has arrived (upload_job.h).
 //
 // Invariants
-//  1. Reactions never compute: decoding and building are tasks of the build pool, and so is freeing
-//     what has arrived.
+//  1. Reactions never compute: reading a message is a task of the call pool, and so is freeing what
+//     has arrived; making something of it is one of the build pool.
 //  2. One message is in memory beside what the upload holds.
 //  3. Finish is called exactly once, with no task running; the job's cancel token fires when the
 //     client goes away.
@@ -85,9 +85,9 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     }
     ++running_;
     if (ok) {
-      pool_.Submit([self = this->shared_from_this()] { self->Receive(); });
+      call_pool_.Submit([self = this->shared_from_this()] { self->Receive(); });
     } else {
-      pool_.Submit([self = this->shared_from_this()] { self->EndTask(self->FinishJob()); });
+      build_pool_.Submit([self = this->shared_from_this()] { self->EndTask(self->FinishJob()); });
     }
   }
 
@@ -115,7 +115,8 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
  private:
   UploadReactor(Response* response, const QueryEnvironment& env, const Client& client)
       : response_(response),
-        pool_(env.build_pool),
+        call_pool_(env.call_pool),
+        build_pool_(env.build_pool),
         timer_(env.metrics, Job::kOperation),
         most_bytes_(client.limits.upload_bytes),
         most_idle_seconds_(env.limits.max_upload_idle_seconds),
@@ -170,7 +171,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   // The same in a reaction, with no task running; a read may be under way.
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (std::exchange(ended_, true)) return;
-    pool_.Submit([self = this->shared_from_this(), status] {
+    call_pool_.Submit([self = this->shared_from_this(), status] {
       self->job_.reset();
       MutexLock lock(self->mutex_);
       self->Tell(status);
@@ -185,7 +186,8 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   }
 
   Response* const response_;
-  ThreadPool& pool_;
+  ThreadPool& call_pool_;
+  ThreadPool& build_pool_;
   const CallTimer timer_;
   const uint64_t most_bytes_;  // Of the client's uploads together; 0: any number.
   const uint64_t most_idle_seconds_;

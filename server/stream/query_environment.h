@@ -26,7 +26,8 @@ struct QueryEnvironment {
   SceneCatalog& scenes;
   PointSetStore& point_sets;
   ThreadPool& query_pool;  // Answers queries; never builds.
-  ThreadPool& build_pool;  // Builds scenes and prepares uploads; never answers.
+  ThreadPool& build_pool;  // Builds and loads scenes, makes point sets; never answers.
+  ThreadPool& call_pool;   // What calls have to do that is short: reads uploads, frees memory.
   RayQueue& ray_queue;
   Scheduler& scheduler;  // Shares the query pool's threads.
   CallTracker& calls;
