@@ -65,6 +65,8 @@ class RayTicket {
   ~RayTicket() { Release(); }
 
   void Release();
+  // 0 once it is given back.
+  uint64_t rays() const { return queue_ == nullptr ? 0 : rays_; }
 
  private:
   friend class RayQueue;

@@ -150,6 +150,8 @@ class Scheduler {
   // A stream of `client`. Flows of one name share one part.
   std::unique_ptr<Flow> Open(const std::string& client);
 
+  // At most so many tasks run at once.
+  int threads() const { return threads_; }
   // How long all threads together take for so many rays, at the pace of late.
   std::chrono::nanoseconds TimeFor(uint64_t rays) const;
 

@@ -4,67 +4,67 @@
 #include <algorithm>
 #include <utility>
 
-#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/query/tiles.h"
 #include "server/codec/query_codec.h"
 
 namespace sightline {
-namespace {
 
-// Large enough to share a walk between neighbours, small enough to keep all threads busy.
-constexpr uint32_t kTileSide = 64;
+CameraPoints::CameraPoints(std::shared_ptr<const Scene> scene, const Camera& camera,
+                           const QueryOptions& options)
+    : scene_(std::move(scene)),
+      camera_(camera),
+      options_(options),
+      across_((camera.width + kTileSide - 1) / kTileSide),
+      down_((camera.height + kTileSide - 1) / kTileSide) {
+  points_.positions.resize(rays());
+  points_.sources.assign(rays(), kNoTriangle);
+  points_.valid.assign(rays(), 0);
+}
 
-}  // namespace
+absl::StatusOr<std::unique_ptr<CameraPoints>> CameraPoints::Make(std::shared_ptr<const Scene> scene,
+                                                                 const Camera& camera,
+                                                                 const QueryOptions& options) {
+  SL_RETURN_IF_ERROR(CheckSceneOptions(*scene, options));
+  return std::unique_ptr<CameraPoints>(new CameraPoints(std::move(scene), camera, options));
+}
 
-absl::StatusOr<PreparedPoints> TraceCameraPoints(const Scene& scene, const Camera& camera,
-                                                 const QueryOptions& options, ThreadPool& pool) {
-  SL_RETURN_IF_ERROR(CheckSceneOptions(scene, options));
-  const size_t pixels = size_t{camera.width} * camera.height;
-  PreparedPoints points;
-  points.positions.resize(pixels);
-  points.sources.assign(pixels, kNoTriangle);
-  points.valid.assign(pixels, 0);
-  const uint32_t across = (camera.width + kTileSide - 1) / kTileSide;
-  const uint32_t down = (camera.height + kTileSide - 1) / kTileSide;
-  Mutex mutex;
-  absl::Status status;  // The first failure, under `mutex`.
-  uint64_t hits = 0, near_surface = 0;
-  pool.ParallelFor(
-      size_t{across} * down, 1,
-      [&](size_t begin, size_t end) {
-        for (size_t t = begin; t < end; ++t) {
-          TileRect tile{static_cast<uint32_t>(t % across) * kTileSide,
-                        static_cast<uint32_t>(t / across) * kTileSide, kTileSide, kTileSide};
-          tile.width = std::min(tile.width, camera.width - tile.x);
-          tile.height = std::min(tile.height, camera.height - tile.y);
-          TileResult result;
-          absl::Status traced =
-              TraceTile(scene, camera, tile, {}, {.hits = true, .points = true}, options, &result);
-          MutexLock lock(mutex);
-          if (!traced.ok()) {
-            if (status.ok()) status = std::move(traced);
-            return;
-          }
-          hits += result.points.size();
-          near_surface += result.points.near_surface;
-          for (size_t i = 0; i < result.points.size(); ++i) {
-            const uint32_t in_tile = result.point_pixel[i];
-            const size_t pixel = size_t{tile.y + in_tile / tile.width} * camera.width + tile.x +
-                                 in_tile % tile.width;
-            points.positions[pixel] = result.points.positions[i];
-            points.sources[pixel] = result.points.sources[i];
-            points.valid[pixel] = result.points.valid[i];
-          }
-        }
-      },
-      options.cancel);
-  if (options.cancel != nullptr && options.cancel->cancelled()) return options.cancel->ToStatus();
-  if (!status.ok()) return status;
-  points.attached = hits;
-  points.invalid = pixels - hits;
-  points.near_surface = near_surface;
-  return points;
+TileRect CameraPoints::RectOf(size_t tile) const {
+  const uint32_t x = static_cast<uint32_t>(tile % across_) * kTileSide;
+  const uint32_t y = static_cast<uint32_t>(tile / across_) * kTileSide;
+  return {x, y, std::min(kTileSide, camera_.width - x), std::min(kTileSide, camera_.height - y)};
+}
+
+uint64_t CameraPoints::RaysOf(size_t tile) const {
+  const TileRect rect = RectOf(tile);
+  return uint64_t{rect.width} * rect.height;
+}
+
+absl::Status CameraPoints::Trace(size_t tile, const CancelToken* cancel, TileResult* scratch) {
+  const TileRect rect = RectOf(tile);
+  QueryOptions options = options_;
+  options.cancel = cancel;
+  SL_RETURN_IF_ERROR(
+      TraceTile(*scene_, camera_, rect, {}, {.hits = true, .points = true}, options, scratch));
+  const PreparedPoints& seen = scratch->points;
+  for (size_t i = 0; i < seen.size(); ++i) {
+    const uint32_t in_tile = scratch->point_pixel[i];
+    const size_t pixel =
+        size_t{rect.y + in_tile / rect.width} * camera_.width + rect.x + in_tile % rect.width;
+    points_.positions[pixel] = seen.positions[i];
+    points_.sources[pixel] = seen.sources[i];
+    points_.valid[pixel] = seen.valid[i];
+  }
+  hits_ += seen.size();
+  near_surface_ += seen.near_surface;
+  return absl::OkStatus();
+}
+
+PreparedPoints CameraPoints::Take() {
+  points_.attached = hits_;
+  points_.invalid = rays() - hits_;
+  points_.near_surface = near_surface_;
+  return std::move(points_);
 }
 
 }  // namespace sightline

@@ -15,6 +15,7 @@
 #include "server/base/resource_name.h"
 #include "server/codec/scene_codec.h"
 #include "server/points/camera_points.h"
+#include "server/points/camera_trace.h"
 #include "server/points/point_upload.h"
 #include "server/services/unary.h"
 #include "server/services/upload_job.h"
@@ -53,7 +54,8 @@ class CreateSteps {
   using Upload = PointUpload;
   using Header = PointSetHeader;
 
-  CreateSteps(const QueryEnvironment& env, const Client&) : env_(env) {}
+  CreateSteps(const QueryEnvironment& env, const Client& client)
+      : env_(env), client_(client), charge_(env.point_sets) {}
 
   RequestLog& requests() const { return env_.point_sets.requests(); }
   static MemoryBudget& BudgetOf(const QueryEnvironment& env) { return env.point_sets; }
@@ -70,28 +72,37 @@ class CreateSteps {
                                      arriving);
   }
 
-  absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,
-                                   Response* response) const {
-    SL_ASSIGN_OR_RETURN(const DecodedPoints uploaded, upload.Finish());
+  // A camera's points are traced by turns with everybody's queries.
+  absl::StatusOr<WorkElsewhere> Prepare(Upload& upload, const CancelToken& cancel) {
+    SL_ASSIGN_OR_RETURN(uploaded_, upload.Finish());
     const PointSetHeader& header = *upload.header();
-    PointSet set;
-    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
-                        env_.scenes.PinTagged(header.scene_id, revision_, &set.scene_tag));
-    set.scene_id = header.scene_id;
-    set.point_set_id = header.point_set_id.empty() ? MakeId("points") : header.point_set_id;
-    set.revision = scene->revision;
-    set.scene = scene;
+    SL_ASSIGN_OR_RETURN(scene_, env_.scenes.PinTagged(header.scene_id, revision_, &set_.scene_tag));
+    set_.scene_id = header.scene_id;
+    set_.point_set_id = header.point_set_id.empty() ? MakeId("points") : header.point_set_id;
+    set_.revision = scene_->revision;
+    set_.scene = scene_;
     // Before anything is traced: several of these may be under way.
-    MemoryCharge charge(env_.point_sets);
-    SL_RETURN_IF_ERROR(charge.Add(PointSetStore::BytesFor(header.point_count)));
-    SL_ASSIGN_OR_RETURN(set.points, MakePoints(header, uploaded, *scene, cancel));
+    SL_RETURN_IF_ERROR(charge_.Add(PointSetStore::BytesFor(header.point_count)));
+    if (!header.camera.has_value()) return WorkElsewhere();
+    SL_ASSIGN_OR_RETURN(std::unique_ptr<CameraPoints> points,
+                        CameraPoints::Make(scene_, *header.camera, header.camera_options));
+    SL_ASSIGN_OR_RETURN(trace_, CameraTrace::Admit(env_.scheduler, env_.ray_queue, client_,
+                                                   std::move(points), &cancel));
+    // The last task takes the trace's lock before it resumes: not before Start has let go of it.
+    return [this](CameraTrace::Done resume) { trace_->Start(std::move(resume)); };
+  }
+
+  absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel, Response* response) {
+    const PointSetHeader& header = *upload.header();
+    SL_ASSIGN_OR_RETURN(set_.points, MakePoints(header, cancel));
     // Once for all lights that are going to be asked about. Speed alone: not where it is too much.
-    if (charge.Add(PointOrders::BytesFor(set.points.size())).ok()) {
-      set.orders = PointOrders(set.points.positions, set.points.valid, env_.query_pool, &cancel);
+    // By the pool that this runs in: no query waits for it.
+    if (charge_.Add(PointOrders::BytesFor(set_.points.size())).ok()) {
+      set_.orders = PointOrders(set_.points.positions, set_.points.valid, env_.build_pool, &cancel);
       if (cancel.cancelled()) return cancel.ToStatus();
     }
     SL_ASSIGN_OR_RETURN(const PointSetView view,
-                        env_.point_sets.Add(std::move(set), header.lease, charge.Leave()));
+                        env_.point_sets.Add(std::move(set_), header.lease, charge_.Leave()));
     Log(LogLevel::kInfo, "point_set_created",
         {{"point_set", view.set->name()}, {"points", absl::StrCat(view.set->points.size())}});
     EncodePointSet(view, response);
@@ -104,20 +115,22 @@ class CreateSteps {
 
  private:
   absl::StatusOr<PreparedPoints> MakePoints(const PointSetHeader& header,
-                                            const DecodedPoints& uploaded, const Scene& scene,
                                             const CancelToken& cancel) const {
-    if (header.camera.has_value()) {
-      QueryOptions options = header.camera_options;
-      options.cancel = &cancel;
-      return TraceCameraPoints(scene, *header.camera, options, env_.query_pool);
-    }
-    SL_ASSIGN_OR_RETURN(const std::vector<uint32_t> sources, uploaded.Sources(scene.geometry));
-    return PreparePoints(scene, {uploaded.positions, uploaded.normals, sources}, header.options,
+    if (trace_ != nullptr) return trace_->Take();
+    SL_ASSIGN_OR_RETURN(const std::vector<uint32_t> sources, uploaded_.Sources(scene_->geometry));
+    return PreparePoints(*scene_, {uploaded_.positions, uploaded_.normals, sources}, header.options,
                          &cancel);
   }
 
   const QueryEnvironment env_;
+  const Client client_;
   uint64_t revision_ = 0;
+  // From Prepare to Make.
+  MemoryCharge charge_;
+  std::shared_ptr<const Scene> scene_;
+  DecodedPoints uploaded_;
+  std::shared_ptr<CameraTrace> trace_;  // Null for points that were uploaded.
+  PointSet set_;
 };
 
 }  // namespace

@@ -54,6 +54,10 @@ class SceneSteps {
 
   RequestLog& requests() const { return env_.scenes.requests(); }
   static MemoryBudget& BudgetOf(const QueryEnvironment& env) { return env.scenes; }
+  // Builds are the build pool's own.
+  static absl::StatusOr<WorkElsewhere> Prepare(const auto& /*upload*/, const CancelToken&) {
+    return WorkElsewhere();
+  }
   absl::Status Find(const std::string& resource, v1::Scene* response) const {
     return FindScene(env_, resource, response);
   }

@@ -16,6 +16,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "core/base/cancel.h"
 #include "core/base/status_macros.h"
 #include "server/admission/client_name.h"
@@ -35,6 +36,8 @@ namespace sightline {
 //   static MemoryBudget& BudgetOf(const QueryEnvironment&);
 //   absl::Status CheckHeader(const Header&);  // Of a new request; told before the upload.
 //   absl::Status CheckAnnounced(const Upload&) const;  // After each message but the header.
+//   // Everything has arrived. See UploadReactor's Job.
+//   absl::StatusOr<WorkElsewhere> Prepare(Upload&, const CancelToken&);
 //   // Makes what the upload describes, fills the response, and returns the resource's name.
 //   absl::StatusOr<std::string> Make(Upload&, const CancelToken&, Response*);
 //   absl::Status Find(const std::string& resource, Response*) const;  // Made by an earlier call.
@@ -61,6 +64,11 @@ class UploadJob {
   }
 
   bool answered() const { return claim_.repeated(); }
+
+  absl::StatusOr<WorkElsewhere> Prepare(const CancelToken& cancel) {
+    if (claim_.repeated()) return WorkElsewhere();
+    return steps_.Prepare(upload_, cancel);
+  }
 
   absl::Status Finish(const CancelToken& cancel, Response* response) {
     if (claim_.repeated()) return steps_.Find(claim_.resource(), response);

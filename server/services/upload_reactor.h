@@ -6,10 +6,11 @@
 //
 // Invariants
 //  1. Reactions never compute: reading a message is a task of the call pool, and so is freeing what
-//     has arrived; making something of it is one of the build pool.
+//     has arrived; making something of it is one of the build pool. What has to wait for its turn
+//     elsewhere holds no thread of either meanwhile.
 //  2. One message is in memory beside what the upload holds.
-//  3. Finish is called exactly once, with no task running; the job's cancel token fires when the
-//     client goes away.
+//  3. Finish is called exactly once, with no task running, nor anything elsewhere; the job's cancel
+//     token fires when the client goes away.
 //  4. What has arrived counts against its client's bytes, and against the memory budget (the
 //     job's), until it is freed; that, and giving back the client's shares, comes before the client
 //     hears of the call's end: one that sends upload after upload never has two at once.
@@ -28,7 +29,9 @@
 #include <memory>
 #include <utility>
 
+#include "absl/functional/any_invocable.h"
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "core/base/cancel.h"
 #include "core/base/hand_over.h"
 #include "core/base/mutex.h"
@@ -49,6 +52,10 @@ namespace sightline {
 // DEADLINE_EXCEEDED: nothing has come of an upload for so many seconds.
 absl::Status UploadIdleError(uint64_t max_upload_idle_seconds);
 
+// Work that takes its turns elsewhere than on these pools: it begins when it is called, and calls
+// `resume` once, from any thread, when it has ended. Null: there is none.
+using WorkElsewhere = absl::AnyInvocable<void(absl::AnyInvocable<void()> resume)>;
+
 // Job must have:
 //   using Request, Response;
 //   static constexpr Operation kOperation;
@@ -56,6 +63,9 @@ absl::Status UploadIdleError(uint64_t max_upload_idle_seconds);
 //   static uint64_t BytesOf(const Request&);    // What the job will hold of it; 0: nothing.
 //   absl::Status Add(const Request&);           // One message, in order.
 //   bool answered() const;                      // The response is known before the upload's end.
+//   // Everything has arrived. What is returned runs before Finish is called; it ends soon once the
+//   // token has fired.
+//   absl::StatusOr<WorkElsewhere> Prepare(const CancelToken&);
 //   absl::Status Finish(const CancelToken&, Response*);
 template <typename Job>
 class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request>,
@@ -87,7 +97,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     if (ok) {
       call_pool_.Submit([self = this->shared_from_this()] { self->Receive(); });
     } else {
-      build_pool_.Submit([self = this->shared_from_this()] { self->EndTask(self->FinishJob()); });
+      build_pool_.Submit([self = this->shared_from_this()] { self->Complete(); });
     }
   }
 
@@ -156,6 +166,14 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     if (cancel_.cancelled()) return End(cancel_.ToStatus());
     Read();
   }
+  void Complete() {
+    absl::StatusOr<WorkElsewhere> work = GuardMemory([&] { return job_->Prepare(cancel_); });
+    if (!work.ok()) return EndTask(work.status());
+    if (*work == nullptr) return EndTask(FinishJob());
+    (*work)([self = this->shared_from_this()] {
+      self->build_pool_.Submit([self] { self->EndTask(self->FinishJob()); });
+    });
+  }
   absl::Status FinishJob() {
     return GuardMemory([&] { return job_->Finish(cancel_, response_); });
   }
@@ -203,7 +221,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   CallShare share_ ABSL_GUARDED_BY(mutex_);
   CallShare bytes_ ABSL_GUARDED_BY(mutex_);  // What has arrived.
   IdleClock idle_ ABSL_GUARDED_BY(mutex_);
-  int running_ ABSL_GUARDED_BY(mutex_) = 0;
+  int running_ ABSL_GUARDED_BY(mutex_) = 0;     // Tasks, here or elsewhere.
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;  // The client has been told, or is about to be.
 };
 

@@ -373,6 +373,25 @@ ServiceWorkload Tiles(const std::string& name, std::shared_ptr<const Scene> scen
   return workload;
 }
 
+// What the camera sees, as a point set of it has it.
+absl::StatusOr<PreparedPoints> HitsOf(const std::shared_ptr<const Scene>& scene,
+                                      const Camera& camera, ThreadPool& pool) {
+  SL_ASSIGN_OR_RETURN(const std::unique_ptr<CameraPoints> points,
+                      CameraPoints::Make(scene, camera, {}));
+  Mutex mutex;
+  absl::Status status;  // Under `mutex`.
+  pool.ParallelFor(points->tiles(), 1, [&](size_t begin, size_t end) {
+    TileResult scratch;
+    for (size_t tile = begin; tile < end; ++tile) {
+      const absl::Status traced = points->Trace(tile, nullptr, &scratch);
+      MutexLock lock(mutex);
+      status.Update(traced);
+    }
+  });
+  SL_RETURN_IF_ERROR(status);
+  return points->Take();
+}
+
 }  // namespace
 
 void EncodeBenchCamera(const Camera& camera, v1::Camera* out) {
@@ -389,7 +408,7 @@ absl::StatusOr<std::vector<ServiceWorkload>> MakeServiceWorkloads(
     std::shared_ptr<const Scene> scene, const BuiltinView& view, const ServiceSpec& spec,
     ThreadPool& pool) {
   SL_ASSIGN_OR_RETURN(const Camera camera, CameraOf(view, spec));
-  SL_ASSIGN_OR_RETURN(PreparedPoints hits, TraceCameraPoints(*scene, camera, {}, pool));
+  SL_ASSIGN_OR_RETURN(PreparedPoints hits, HitsOf(scene, camera, pool));
   const auto points = std::make_shared<const PreparedPoints>(std::move(hits));
   std::vector<Light> lights;
   for (const Vec3d& position : view.lights) lights.push_back(Light::Point(position));
