@@ -204,6 +204,27 @@ TEST_F(CliTest, StrategyPictureTellsWhatAnswered) {
   EXPECT_GT(rtt["packet"].get<double>(), 0.1);
   EXPECT_EQ(rtt["ray"], 0.0);
   EXPECT_EQ(shares({"--strategy", "PACKET"})["packet"], 1.0);
+  // As figure 5 of paper 002 tells them apart: tiles without a relevant triangle, which see nothing
+  // or are lit, tiles with some, and those that needed rays.
+  for (const std::vector<std::string>& of :
+       {std::vector<std::string>{}, {"--light", "2,8,4", "--strategy-of", "0"}}) {
+    std::vector<std::string> args = {"view",       Write("small.obj", kSmallObj),
+                                     "--up",       "0,0,1",
+                                     "--size",     "256x192",
+                                     "--strategy", "RTT",
+                                     "--picture",  "strategy",
+                                     "--out",      File("o.png"),
+                                     "--output",   "json"};
+    args.insert(args.end(), of.begin(), of.end());
+    const nlohmann::json open = nlohmann::json::parse(Good(args).out)["answered_by_shares"];
+    for (const char* kind : {"shaft", "triangles", "packet"}) {
+      EXPECT_GT(open[kind].get<double>(), 0.02) << kind << " of " << open;
+    }
+    EXPECT_EQ(open["ray"], 0.0);
+    EXPECT_NEAR(open["shaft"].get<double>() + open["triangles"].get<double>() +
+                    open["packet"].get<double>(),
+                1, 1e-9);
+  }
   // Of the shadows of a light, and of a sun.
   EXPECT_EQ(shares({"--strategy", "PACKET", "--light", "0,0,1", "--sun", "1,2,3", "--strategy-of",
                     "1"})["packet"],
