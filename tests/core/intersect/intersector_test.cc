@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/intersect/intersector.h"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -187,6 +188,38 @@ TEST(IntersectorTest, TrianglesWithoutAreaAreMissed) {
       const Vec3f o{integer(), integer(), integer()}, at = a + step * 0.5f;
       IntersectorHit hit;
       EXPECT_FALSE(Intersect(kind, t, o, at - o, kInfinity, &hit)) << "through its middle";
+    }
+  }
+}
+
+// Nearly in the plane, from in it and from a denormal below it: the determinant's reciprocal is
+// +inf, and what is multiplied by it no number, or no distance. Scaled weights lie within the
+// triangle.
+TEST(IntersectorTest, DeterminantsWithoutAReciprocalMiss) {
+  const Vec3f a{0, 0, 0}, b{1, 0, 0}, c{0, 1, 0}, direction{1, 0, 0x1p-140f};
+  for (const float below : {0.0f, 0x1p-145f}) {
+    const Vec3f origin{0.25f, 0.25f, -below};
+    for (const Intersector kind : kPaperIntersectors) {
+      SCOPED_TRACE(IntersectorName(kind));
+      const PreparedTriangle t = PrepareTriangle(kind, a, b, c);
+      for (const float t_max : {1.0f, kInfinity}) {
+        IntersectorHit hit;
+        EXPECT_FALSE(Intersect(kind, t, origin, direction, t_max, &hit))
+            << hit.t << " " << hit.u << " " << hit.v;
+        float rows[7][kRoom];
+        const float values[] = {origin.x,    origin.y,    origin.z, direction.x,
+                                direction.y, direction.z, t_max};
+        for (int i = 0; i < 7; ++i) std::fill_n(rows[i], kRoom, values[i]);
+        HitRows lanes;
+        lanes.Clear();
+        IntersectRays(kind, t,
+                      {.origin = {rows[0], rows[1], rows[2]},
+                       .direction = {rows[3], rows[4], rows[5]},
+                       .t_max = rows[6],
+                       .count = kCount},
+                      lanes.hits());
+        for (size_t i = 0; i < kCount; ++i) EXPECT_EQ(lanes.hit[i], 0);
+      }
     }
   }
 }
