@@ -180,10 +180,12 @@ T OneOf(TestRng& rng, const T (&values)[kCount]) {
   return values[rng.Below(kCount)];
 }
 
-// Leaves hold many triangles, and some few; laid out beforehand, or not.
+// The papers' leaf sizes, as costs say or kept to; laid out beforehand, or not.
 void AddTrees(TestRng& rng, IndexedGeometry* indexed) {
-  AddKdTree({.traversal_cost = OneOf(rng, {0.1f, 0.3f, 3.0f}),
-             .min_leaf_triangles = OneOf(rng, {1, 12, 40})},
+  const int kd_leaf = OneOf(rng, {1, 4, 8, 16, 32});
+  AddKdTree({.traversal_cost = OneOf(rng, {0.01f, 0.3f, 3.0f, 10.0f}),
+             .min_leaf_triangles = kd_leaf,
+             .max_leaf_triangles = OneOf(rng, {0, kd_leaf})},
             indexed);
   indexed->kd_leaves.reset();
   if (rng.Chance(0.5)) {
@@ -192,9 +194,10 @@ void AddTrees(TestRng& rng, IndexedGeometry* indexed) {
   }
   ThreadPool pool(1);
   absl::StatusOr<BinaryBvh> binary = BuildBinaryBvh(indexed->geometry,
-                                                    {.bins = OneOf(rng, {2, 8, 64}),
+                                                    {.bins = OneOf(rng, {2, 8, 64, 1024}),
                                                      .cost_ratio = OneOf(rng, {0.01f, 0.1f, 1.0f}),
-                                                     .min_triangles = OneOf(rng, {1, 8})},
+                                                     .min_triangles = OneOf(rng, {1, 4, 8, 16, 32}),
+                                                     .stop_by_cost = rng.Chance(0.5)},
                                                     pool);
   EXPECT_TRUE(binary.ok()) << binary.status();
   if (binary.ok()) indexed->binary_bvh = *std::move(binary);
