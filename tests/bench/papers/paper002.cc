@@ -6,10 +6,10 @@
 // Reconstruction. Its scenes are not published: the built-in room with seven of its views' nine
 // point lights, the office with its sixteen, and plants under a grid of sixteen, each through its
 // first view. Its packets of four rays are the engine's packets of 2×2 on the kd-tree, whose lanes
-// are mostly idle in registers of eight or sixteen; so there are two verdicts: against those, as the
-// paper compares, and against packets of whichever side is the fastest, which is what RTT is worth
-// here. Rays that RTT walks are four corner rays a tile, which here are beside the tile's own, and
-// all rays of tiles that their lists do not answer.
+// are mostly idle in registers of eight or sixteen; so there are two verdicts: against those, as
+// the paper compares, and against packets of whichever side is the fastest, which is what RTT is
+// worth here. Rays that RTT walks are four corner rays a tile, which here are beside the tile's
+// own, and all rays of tiles that their lists do not answer.
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -227,7 +227,7 @@ constexpr uint32_t kWidth = 640, kHeight = 480;
 // prime, so that no column of tiles is left out.
 constexpr double kMostRays = 1.5e6;
 size_t StepOf(uint32_t width, uint32_t height, uint32_t tile_side) {
-  const double share = double{width} * height / kMostRays;
+  const double share = static_cast<double>(width) * height / kMostRays;
   const size_t columns = (width + tile_side - 1) / tile_side;
   for (const size_t prime :
        {1, 2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61, 67, 71, 73, 79}) {
