@@ -18,9 +18,9 @@
 // for one label. A token is sent as "authorization: Bearer TOKEN" and kept here by its SHA-256, or
 // plain. "unix" is whoever may open a Unix socket of the server, by the file's permissions. A limit
 // is of each caller with that role: how many rays it may have unanswered in all its streams, how
-// many visibility streams and how many uploads at once, how many bytes these may be together, and
-// how many scenes it may have made that are not deleted; of several roles with limits the largest
-// counts, and without any the server's own.
+// many streams (of visibility and of watched scenes) and how many uploads at once, how many bytes
+// these may be together, and how many scenes it may have made that are not deleted; of several
+// roles with limits the largest counts, and without any the server's own.
 //
 // Invariants: a policy never changes; every token of the file is compared on every look, in time
 // that does not depend on where they differ; errors never quote a token.

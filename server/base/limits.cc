@@ -53,7 +53,7 @@ constexpr LimitEntry kTable[] = {
     {"max_concurrent_uploads_per_client", &Limits::max_concurrent_uploads_per_client, 1, 1 << 16,
      "uploads at once of one client, unless its role has a limit"},
     {"max_streams_per_client", &Limits::max_streams_per_client, 1, kInt,
-     "visibility streams at once of one client, unless its role has a limit"},
+     "streams at once of one client, watched scenes among them, unless its role has a limit"},
     {"max_upload_idle_seconds", &Limits::max_upload_idle_seconds, 1, 86400,
      "how long an upload may wait for a message that brings something, seconds"},
 };

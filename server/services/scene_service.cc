@@ -287,8 +287,8 @@ grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerCon
 }
 
 grpc::ServerWriteReactor<v1::WatchSceneResponse>* SceneService::WatchScene(
-    grpc::CallbackServerContext*, const v1::WatchSceneRequest* request) {
-  return SceneWatch::Start(*request, env_);
+    grpc::CallbackServerContext* context, const v1::WatchSceneRequest* request) {
+  return SceneWatch::Start(*context, *request, env_);
 }
 
 }  // namespace sightline

@@ -3,31 +3,32 @@
 
 #include <utility>
 
+#include "core/base/status_macros.h"
 #include "server/base/error.h"
 #include "server/base/resource_name.h"
 #include "server/codec/scene_codec.h"
 
 namespace sightline {
 
-SceneWatch* SceneWatch::Start(const v1::WatchSceneRequest& request, const QueryEnvironment& env) {
+SceneWatch* SceneWatch::Start(const grpc::CallbackServerContext& context,
+                              const v1::WatchSceneRequest& request, const QueryEnvironment& env) {
   auto watch = std::shared_ptr<SceneWatch>(new SceneWatch(env));
-  watch->Begin(request);
+  watch->Begin(ClientOf(context, env.access), request);
   watch->begun_.Release();
   return watch.get();
 }
 
-void SceneWatch::Begin(const v1::WatchSceneRequest& request) {
+void SceneWatch::Begin(const Client& client, const v1::WatchSceneRequest& request) {
   absl::StatusOr<std::string> scene_id = ParseSceneName("name", request.name());
-  absl::StatusOr<ActiveCall> call = env_.calls.Admit(weak_from_this());
+  const absl::Status admitted = Enter(client);
   // Before the first look, so that no change falls in between.
-  if (scene_id.ok()) env_.scenes.AddWatcher(*scene_id, weak_from_this());
+  if (admitted.ok() && scene_id.ok()) env_.scenes.AddWatcher(*scene_id, weak_from_this());
   absl::StatusOr<SceneView> view = scene_id.ok() ? env_.scenes.Get(*scene_id) : scene_id.status();
   MutexLock lock(mutex_);
   self_ = shared_from_this();
-  if (!call.ok()) {
-    EndWith(call.status());
+  if (!admitted.ok()) {
+    EndWith(admitted);
   } else {
-    call_ = *std::move(call);
     if (scene_id.ok()) scene_id_ = *scene_id;
     // A change that came first is newer than the look.
     if (view.ok() && !next_.has_value() && !writing_) {
@@ -38,6 +39,13 @@ void SceneWatch::Begin(const v1::WatchSceneRequest& request) {
     }
   }
   Advance();
+}
+
+absl::Status SceneWatch::Enter(const Client& client) {
+  MutexLock lock(mutex_);
+  SL_ASSIGN_OR_RETURN(call_, env_.calls.Admit(weak_from_this()));
+  SL_ASSIGN_OR_RETURN(share_, env_.streams.Take(client.name, client.limits.streams));
+  return absl::OkStatus();
 }
 
 void SceneWatch::OnScene(const SceneView& view) {
@@ -109,6 +117,7 @@ void SceneWatch::Advance() {
   } else if (end_.has_value()) {
     finished_ = true;
     timer_.Record(end_->code());
+    share_.Release();  // Before the client hears of it, who may watch the next at once.
     Finish(ToGrpcStatus(*end_));
   }
 }

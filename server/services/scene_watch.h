@@ -20,6 +20,8 @@
 #include "absl/status/status.h"
 #include "core/base/hand_over.h"
 #include "core/base/mutex.h"
+#include "server/admission/call_quota.h"
+#include "server/admission/client_name.h"
 #include "server/metrics/metrics.h"
 #include "server/scenes/scene_catalog.h"
 #include "server/stream/query_environment.h"
@@ -32,7 +34,8 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
                          public DrainListener,
                          public std::enable_shared_from_this<SceneWatch> {
  public:
-  static SceneWatch* Start(const v1::WatchSceneRequest& request, const QueryEnvironment& env);
+  static SceneWatch* Start(const grpc::CallbackServerContext& context,
+                           const v1::WatchSceneRequest& request, const QueryEnvironment& env);
 
   void OnWriteDone(bool ok) override;
   void OnCancel() override;
@@ -44,7 +47,8 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   explicit SceneWatch(const QueryEnvironment& env)
       : env_(env), timer_(env.metrics, Operation::kWatchScene) {}
 
-  void Begin(const v1::WatchSceneRequest& request);
+  void Begin(const Client& client, const v1::WatchSceneRequest& request);
+  absl::Status Enter(const Client& client);
   void Push(const SceneView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void EndWith(absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -55,6 +59,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   Mutex mutex_;
   std::shared_ptr<SceneWatch> self_ ABSL_GUARDED_BY(mutex_);
   ActiveCall call_ ABSL_GUARDED_BY(mutex_);
+  CallShare share_ ABSL_GUARDED_BY(mutex_);
   std::string scene_id_ ABSL_GUARDED_BY(mutex_);
   uint64_t creation_ ABSL_GUARDED_BY(mutex_) = 0;  // Of the scene that was told of last.
   std::optional<v1::WatchSceneResponse> next_ ABSL_GUARDED_BY(mutex_);

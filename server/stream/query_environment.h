@@ -31,7 +31,7 @@ struct QueryEnvironment {
   RayQueue& ray_queue;
   Scheduler& scheduler;  // Shares the query pool's threads.
   CallTracker& calls;
-  CallQuota& streams;                     // Visibility streams of each client.
+  CallQuota& streams;                     // Of each client: of visibility, of watched scenes.
   CallQuota& uploads;                     // Its uploads,
   CallQuota& upload_bytes;                // and the bytes that have arrived of them.
   CallQuota& scenes_made;                 // The scenes that it made.

@@ -134,6 +134,13 @@ inline std::string OpenCall(uint32_t stream, const std::string& path) {
                    HeaderField("te", "trailers"), HeaderField("content-type", "application/grpc")));
 }
 
+// A message of a call.
+inline std::string CallData(uint32_t stream, const std::string& message, bool last) {
+  constexpr int kData = 0, kEndStream = 1;
+  return Frame(kData, last ? kEndStream : 0, stream,
+               absl::StrCat(BigEndian(message.size(), 5), message));
+}
+
 struct CallBytesOptions {
   bool whole = false;                      // Half-closed behind the last message.
   std::optional<uint32_t> initial_window;  // What the server may send of a stream; 65,535 else.
@@ -142,7 +149,6 @@ struct CallBytesOptions {
 // below the first window, 64 KiB.
 inline std::string CallBytes(const std::string& path, const std::vector<std::string>& messages,
                              const CallBytesOptions& options = {}) {
-  constexpr int kData = 0, kEndStream = 1;
   constexpr int kInitialWindowSize = 4;
   std::string settings;
   if (options.initial_window.has_value()) {
@@ -151,9 +157,7 @@ inline std::string CallBytes(const std::string& path, const std::vector<std::str
   }
   std::string bytes = absl::StrCat(ConnectionBytes(settings), OpenCall(1, path));
   for (const std::string& message : messages) {
-    const bool last = options.whole && &message == &messages.back();
-    bytes +=
-        Frame(kData, last ? kEndStream : 0, 1, absl::StrCat(BigEndian(message.size(), 5), message));
+    bytes += CallData(1, message, options.whole && &message == &messages.back());
   }
   return bytes;
 }

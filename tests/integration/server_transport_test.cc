@@ -163,5 +163,38 @@ TEST(TransportTest, WhoOpensOneCallTooManyIsCutOff) {
   EXPECT_TRUE(Until("all calls have ended", [&] { return ActiveCalls(server) == 0; }));
 }
 
+// One that never says that it was told is held to that bound by nobody; what lasts is bounded all
+// the same, by its client's share.
+TEST(TransportTest, WhoHearsOfNoBoundHasAClientsShareOfWatches) {
+  ServingProcess server({"--scene=box=builtin:box:1000", "--metrics-listen=127.0.0.1:0",
+                         "--max-concurrent-streams=10", "--max-streams-per-client=20"});
+  v1::WatchSceneRequest watch;
+  watch.set_name("scenes/box");
+  constexpr int kCalls = 50;
+  {
+    const RawConnection client(server.port());
+    ASSERT_TRUE(client.connected());
+    client.Send(ConnectionBytes());
+    for (uint32_t i = 0; i < kCalls; ++i) {
+      const uint32_t stream = 2 * i + 1;
+      client.Send(absl::StrCat(OpenCall(stream, "/sightline.v1.SceneService/WatchScene"),
+                               CallData(stream, watch.SerializeAsString(), /*last=*/true)));
+    }
+    const std::string refused =
+        "sightline_requests_total{method=\"WatchScene\",result=\"rejected\"}";
+    EXPECT_TRUE(Until("the others are refused",
+                      [&] { return MetricOf(server.metrics_port(), refused) == kCalls - 20; }));
+    EXPECT_TRUE(Until("no more are under way", [&] { return ActiveCalls(server) == 20; }));
+  }
+  EXPECT_TRUE(Until("all calls have ended", [&] { return ActiveCalls(server) == 0; }));
+  // What it gives back another may have.
+  grpc::ClientContext context;
+  const auto watcher = v1::SceneService::NewStub(server.Channel())->WatchScene(&context, watch);
+  v1::WatchSceneResponse state;
+  EXPECT_TRUE(watcher->Read(&state));
+  context.TryCancel();
+  watcher->Finish();
+}
+
 }  // namespace
 }  // namespace sightline
