@@ -7,8 +7,8 @@
 // streams lie in slices of a few bytes, and are read with every array left where it is, which must
 // make of them what protobuf does.
 //
-// Queries that are accepted are answered, on a small scene and within small limits, so that
-// whatever a decoder lets through meets the engine.
+// Queries that are accepted are answered, and points are prepared, kept and lit, on a small scene
+// and within small limits, so that whatever a decoder lets through meets the engine.
 #include <google/protobuf/stubs/logging.h>
 #include <grpcpp/support/byte_buffer.h>
 
@@ -27,11 +27,15 @@
 #include "absl/time/time.h"
 #include "core/base/cancel.h"
 #include "core/base/parallel.h"
+#include "core/query/point_order.h"
+#include "core/query/points.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
 #include "server/base/limits.h"
+#include "server/base/resource_name.h"
 #include "server/codec/wire_request.h"
+#include "server/points/camera_points.h"
 #include "server/points/point_set_store.h"
 #include "server/points/point_upload.h"
 #include "server/scenes/scene_catalog.h"
@@ -81,7 +85,29 @@ struct World {
   QueryEnvironment environment{limits,    scenes, point_sets, pool,    pool,         ray_queue,
                                scheduler, calls,  streams,    uploads, upload_bytes, scenes_made};
 
-  World() { Make(kSceneId); }
+  World() {
+    Make(kSceneId);
+    // Points for items that ask about a range of a set.
+    PreparedPoints points;
+    points.positions = {{0.5F, 0.5F, 0.5F}, {0.25F, 0.25F, 2}, {3, 3, 3}};
+    points.sources.assign(points.size(), kNoTriangle);
+    points.valid.assign(points.size(), 1);
+    const std::shared_ptr<const Scene> scene = *scenes.Pin(kSceneId, 0);
+    Require(KeepPoints(scene, "p", std::move(points)).ok());
+  }
+
+  // As "scenes/box/pointSets/{id}".
+  absl::Status KeepPoints(const std::shared_ptr<const Scene>& scene, const std::string& id,
+                          PreparedPoints points) {
+    PointSet set;
+    set.scene_id = kSceneId;
+    set.point_set_id = id;
+    set.revision = scene->revision;
+    set.scene = scene;
+    set.orders = PointOrders(points.positions, points.valid, pool);
+    set.points = std::move(points);
+    return point_sets.Add(std::move(set), absl::Hours(24)).status();
+  }
 
   // Another scene like it.
   std::string MakeEditable() {
@@ -174,17 +200,6 @@ void FuzzUpdateScene(absl::string_view bytes) {
   Require(world.scenes.Delete(options.scene_id).ok());
 }
 
-void FuzzCreatePointSet(absl::string_view bytes) {
-  PointUpload upload(TheWorld().limits);
-  for (const auto& message : Messages<v1::CreatePointSetRequest>(bytes)) {
-    if (!upload.Add(message).ok()) {
-      Require(!upload.Finish().ok());
-      return;
-    }
-  }
-  (void)upload.Finish();
-}
-
 // The message as it may arrive, in slices whose lengths follow from its own bytes.
 grpc::ByteBuffer InSlices(absl::string_view bytes) {
   std::vector<grpc::Slice> slices;
@@ -224,6 +239,29 @@ void RequireSameAsProtobuf(absl::string_view body) {
   Require(scanned.SerializeAsString() == whole.SerializeAsString());
 }
 
+// Answers an item as a visibility stream does, or says why not.
+template <typename Method>
+absl::Status Answer(const Method& method, typename Method::Item item) {
+  const CancelToken cancel;
+  auto work = method.Prepare(std::move(item), cancel, Scheduler::kLeastPartRays);
+  if (!work.ok()) return work.status();
+  QueryStats stats;
+  ItemReply reply;
+  size_t replies = 0;
+  for (size_t part = 0; part < (*work)->parts().size(); ++part) {
+    reply = ItemReply();
+    const absl::StatusOr<PartRange> answered = (*work)->RunPart(part, cancel, &reply, &stats);
+    if (!answered.ok()) return answered.status();
+    if (answered->count > 0) ++replies;
+  }
+  Require(replies == (*work)->replies());
+  (*work)->Complete(&reply);
+  typename Method::Response response;
+  grpc::ByteBuffer answer = ReplyBytes({}, std::move(reply));
+  Require(ReadRequest(&answer, {}, &response, {}).ok() && response.has_reply());
+  return absl::OkStatus();
+}
+
 // A header, then items, as a visibility stream takes them.
 template <typename Method>
 void FuzzStream(absl::string_view bytes) {
@@ -242,24 +280,71 @@ void FuzzStream(absl::string_view bytes) {
     }
     if (!message.has_item() || method == nullptr) continue;
     if (method->Rays(item) > world.limits.max_item_rays) continue;
-    const CancelToken cancel;
-    auto work = method->Prepare(std::move(item), cancel, Scheduler::kLeastPartRays);
-    if (!work.ok()) continue;
-    QueryStats stats;
-    ItemReply reply;
-    size_t replies = 0;
-    for (size_t part = 0; part < (*work)->parts().size(); ++part) {
-      reply = ItemReply();
-      const absl::StatusOr<PartRange> answered = (*work)->RunPart(part, cancel, &reply, &stats);
-      if (!answered.ok()) return;
-      if (answered->count > 0) ++replies;
-    }
-    Require(replies == (*work)->replies());
-    (*work)->Complete(&reply);
-    typename Method::Response response;
-    grpc::ByteBuffer answer = ReplyBytes({}, std::move(reply));
-    Require(ReadRequest(&answer, {}, &response, {}).ok() && response.has_reply());
+    (void)Answer(*method, std::move(item));
   }
+}
+
+// What a set is made of, as PointSetService does it.
+absl::StatusOr<PreparedPoints> MakePoints(const PointSetHeader& header,
+                                          const DecodedPoints& uploaded, const Scene& scene) {
+  World& world = TheWorld();
+  const CancelToken cancel;
+  if (header.camera.has_value()) {
+    QueryOptions options = header.camera_options;
+    options.cancel = &cancel;
+    return TraceCameraPoints(scene, *header.camera, options, world.pool);
+  }
+  const absl::StatusOr<std::vector<uint32_t>> sources = uploaded.Sources(scene.geometry);
+  if (!sources.ok()) return sources.status();
+  return PreparePoints(scene, {uploaded.positions, uploaded.normals, *sources}, header.options,
+                       &cancel);
+}
+
+// The points are kept, and lit by one light.
+void FuzzCreatePointSet(absl::string_view bytes) {
+  World& world = TheWorld();
+  PointUpload upload(world.limits);
+  for (const auto& message : Messages<v1::CreatePointSetRequest>(bytes)) {
+    if (!upload.Add(message).ok()) {
+      Require(!upload.Finish().ok());
+      return;
+    }
+  }
+  const absl::StatusOr<DecodedPoints> uploaded = upload.Finish();
+  if (!uploaded.ok()) return;
+  const PointSetHeader& header = *upload.header();
+  const absl::StatusOr<std::shared_ptr<const Scene>> scene =
+      world.scenes.Pin(header.scene_id, header.revision);
+  if (!scene.ok()) return;
+  absl::StatusOr<PreparedPoints> points = MakePoints(header, *uploaded, **scene);
+  if (!points.ok()) return;
+  const size_t count = points->size();
+  Require(count == header.point_count);
+  Require(points->valid.size() == count && points->sources.size() == count);
+  const auto valid =
+      static_cast<size_t>(std::count(points->valid.begin(), points->valid.end(), uint8_t{1}));
+  Require(valid + points->invalid == count);
+  Require(points->attached <= valid && points->near_surface <= valid);
+  for (const uint32_t source : points->sources) {
+    Require(source == kNoTriangle || source < (*scene)->geometry.triangles.size());
+  }
+  constexpr char kMade[] = "made";
+  Require(world.KeepPoints(*scene, kMade, *std::move(points)).ok());
+  v1::ComputeShadowsRequest request;
+  request.mutable_header()->mutable_stream()->set_scene(SceneName(kSceneId));
+  v1::Vector3* const light =
+      request.mutable_header()->add_lights()->mutable_point()->mutable_position();
+  light->set_x(0.25);
+  light->set_y(0.25);
+  light->set_z(1.5);
+  const auto opened = ShadowMethod::Open(request.header(), world.environment);
+  Require(opened.ok());
+  ShadowMethod::Item item;
+  v1::PointSetRange* const range = item.message.mutable_point_set_range();
+  range->set_point_set(PointSetNameOf(kSceneId, kMade));
+  range->set_count(count);
+  Require(Answer(**opened, std::move(item)).ok());
+  Require(world.point_sets.Remove(kSceneId, kMade).ok());
 }
 
 }  // namespace

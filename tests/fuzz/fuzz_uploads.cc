@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The upload state machines of meshes and points, by whole uploads: the input says how a good
-// upload is cut into messages, and what is then done to them (one dropped, doubled, exchanged with
-// its neighbour, cut short, or a count changed). fuzz_request_decoders hands the same machines any
-// bytes; here most messages are good, so that the states behind them are reached.
+// The upload state machines of meshes, edits and points, by whole uploads: the input says how a
+// good upload is cut into messages, and what is then done to them (one dropped, doubled, exchanged
+// with the last, or a bit of it changed). fuzz_request_decoders hands the same machines any bytes;
+// here most messages are good, so that the states behind them are reached.
 //
 // An upload that nothing was done to is accepted and comes out as it went in; whatever is accepted
 // has what its header announced; after the first error nothing more is.
+//
+// make_upload_corpus.py writes the seeds: it knows what choices are asked for here, and in which
+// order.
 #include <fuzzer/FuzzedDataProvider.h>
 
 #include <algorithm>
@@ -85,9 +88,40 @@ struct Mesh {
   std::vector<uint32_t> indices;
 };
 
+std::vector<double> Vertices(uint32_t count) {
+  std::vector<double> vertices;
+  for (uint32_t i = 0; i < 3 * count; ++i) vertices.push_back(0.25 * i);
+  return vertices;
+}
+
+Mesh AnyMesh(FuzzedDataProvider& input) {
+  Mesh mesh;
+  const auto vertices = input.ConsumeIntegralInRange<uint32_t>(3, 12);
+  mesh.vertices = Vertices(vertices);
+  const auto triangles = input.ConsumeIntegralInRange<uint32_t>(1, 12);
+  for (uint32_t i = 0; i < 3 * triangles; ++i) {
+    mesh.indices.push_back(input.ConsumeIntegralInRange<uint32_t>(0, vertices - 1));
+  }
+  return mesh;
+}
+
+void Announce(const Mesh& mesh, const std::string& name, v1::ObjectHeader* header) {
+  header->set_object_name(name);
+  header->set_vertex_count(mesh.vertices.size() / 3);
+  header->set_triangle_count(mesh.indices.size() / 3);
+}
+
+bool Holds(const ObjectInput& object, const Mesh& mesh) {
+  return object.vertices.size() * 3 == mesh.vertices.size() && object.indices == mesh.indices;
+}
+
+uint64_t HeldBy(const ObjectInput& object) {
+  return object.vertices.size() * sizeof(Vec3d) + object.indices.size() * sizeof(uint32_t);
+}
+
 // The arrays in chunks of any size; indices may come before, with or after their vertices.
-void AddChunks(FuzzedDataProvider& input, const Mesh& mesh,
-               std::vector<v1::CreateSceneRequest>* messages) {
+template <typename Message>
+void AddChunks(FuzzedDataProvider& input, const Mesh& mesh, std::vector<Message>* messages) {
   const bool floats = input.ConsumeBool();
   size_t v = 0, t = 0;
   while (v < mesh.vertices.size() || t < mesh.indices.size()) {
@@ -121,20 +155,12 @@ void FuzzMeshUpload(FuzzedDataProvider& input) {
   std::vector<v1::CreateSceneRequest> messages(1);
   uint64_t triangles = 0, vertices = 0;
   for (size_t m = 0; m < meshes.size(); ++m) {
-    Mesh& mesh = meshes[m];
-    const auto vertex_count = input.ConsumeIntegralInRange<uint32_t>(3, 12);
-    for (uint32_t i = 0; i < 3 * vertex_count; ++i) mesh.vertices.push_back(0.25 * i);
-    const auto triangle_count = input.ConsumeIntegralInRange<uint32_t>(1, 12);
-    for (uint32_t i = 0; i < 3 * triangle_count; ++i) {
-      mesh.indices.push_back(input.ConsumeIntegralInRange<uint32_t>(0, vertex_count - 1));
-    }
+    meshes[m] = AnyMesh(input);
     v1::ObjectHeader* const object = messages.emplace_back().mutable_object();
-    object->set_object_name("object" + std::to_string(m));
-    object->set_vertex_count(vertex_count);
-    object->set_triangle_count(triangle_count);
-    AddChunks(input, mesh, &messages);
-    triangles += triangle_count;
-    vertices += vertex_count;
+    Announce(meshes[m], "object" + std::to_string(m), object);
+    triangles += object->triangle_count();
+    vertices += object->vertex_count();
+    AddChunks(input, meshes[m], &messages);
   }
   v1::UploadSource* const source = messages[0].mutable_header()->mutable_upload();
   source->set_object_count(static_cast<uint32_t>(meshes.size()));
@@ -148,19 +174,89 @@ void FuzzMeshUpload(FuzzedDataProvider& input) {
   Require(taken || !objects.ok());
   uint64_t held = 0;
   if (objects.ok()) {
-    for (const ObjectInput& object : *objects) {
-      held += object.vertices.size() * sizeof(Vec3d) + object.indices.size() * sizeof(uint32_t);
-    }
+    for (const ObjectInput& object : *objects) held += HeldBy(object);
   }
   Require(held <= Charged<SceneUpload>(messages));
   if (!disturbed) {
     Require(objects.ok() && objects->size() == meshes.size());
-    for (size_t m = 0; m < meshes.size(); ++m) {
-      Require((*objects)[m].vertices.size() * 3 == meshes[m].vertices.size());
-      Require((*objects)[m].indices == meshes[m].indices);
-    }
+    for (size_t m = 0; m < meshes.size(); ++m) Require(Holds((*objects)[m], meshes[m]));
   } else if (objects.ok() && upload.header()->builtin.empty()) {
     Require(objects->size() == upload.header()->object_count);
+  }
+}
+
+// An edit that the messages ask for.
+struct Asked {
+  SceneEdit::Kind kind = SceneEdit::Kind::kAdd;
+  std::string name;
+  Mesh mesh;
+  Affine3d transform;
+};
+
+Asked AskForEdit(FuzzedDataProvider& input, const std::string& name,
+                 std::vector<v1::UpdateSceneRequest>* messages) {
+  Asked asked{.name = name};
+  v1::UpdateSceneRequest& message = messages->emplace_back();
+  switch (input.ConsumeIntegralInRange(0, 3)) {
+    case 0:
+      asked.mesh = AnyMesh(input);
+      Announce(asked.mesh, name, message.mutable_add_object());
+      AddChunks(input, asked.mesh, messages);
+      break;
+    case 1:
+      asked.kind = SceneEdit::Kind::kSetVertices;
+      asked.mesh.vertices = Vertices(input.ConsumeIntegralInRange<uint32_t>(1, 12));
+      message.mutable_replace_vertices()->set_object_name(name);
+      message.mutable_replace_vertices()->set_vertex_count(asked.mesh.vertices.size() / 3);
+      AddChunks(input, asked.mesh, messages);
+      break;
+    case 2:
+      asked.kind = SceneEdit::Kind::kRemove;
+      message.mutable_remove_object()->set_object_name(name);
+      break;
+    default:
+      asked.kind = SceneEdit::Kind::kSetTransform;
+      message.mutable_set_transform()->set_object_name(name);
+      for (double& number : asked.transform.m) {
+        number = input.ConsumeIntegralInRange(-4, 4);
+        message.mutable_set_transform()->add_transform(number);
+      }
+  }
+  return asked;
+}
+
+void FuzzEditUpload(FuzzedDataProvider& input) {
+  std::vector<v1::UpdateSceneRequest> messages(1);
+  messages[0].mutable_header()->set_name("scenes/box");
+  messages[0].mutable_header()->set_base_revision(1);
+  std::vector<Asked> asked(input.ConsumeIntegralInRange<size_t>(1, 4));
+  for (size_t e = 0; e < asked.size(); ++e) {
+    asked[e] = AskForEdit(input, "object" + std::to_string(e), &messages);
+  }
+  const bool disturbed = Disturb(input, &messages);
+
+  SceneEditUpload upload{Limits()};
+  const bool taken = Send(messages, &upload);
+  const absl::StatusOr<std::vector<SceneEdit>> edits = upload.Finish();
+  Require(taken || !edits.ok());
+  Require(disturbed || edits.ok());
+  if (!edits.ok()) return;
+  uint64_t held = 0, triangles = 0;
+  for (const SceneEdit& edit : *edits) {
+    held += HeldBy(edit.object);
+    triangles += edit.object.indices.size() / 3;
+  }
+  Require(held <= Charged<SceneEditUpload>(messages));
+  Require(triangles == upload.added_triangles());
+  if (disturbed) return;
+  Require(edits->size() == asked.size());
+  for (size_t e = 0; e < asked.size(); ++e) {
+    const SceneEdit& edit = (*edits)[e];
+    Require(edit.kind == asked[e].kind && edit.object.name == asked[e].name);
+    Require(Holds(edit.object, asked[e].mesh));
+    if (edit.kind == SceneEdit::Kind::kSetTransform) {
+      Require(edit.object.transform.m == asked[e].transform.m);
+    }
   }
 }
 
@@ -202,10 +298,15 @@ void FuzzPointUpload(FuzzedDataProvider& input) {
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   FuzzedDataProvider input(data, size);
-  if (input.ConsumeBool()) {
-    FuzzMeshUpload(input);
-  } else {
-    FuzzPointUpload(input);
+  switch (input.ConsumeIntegralInRange(0, 2)) {
+    case 0:
+      FuzzMeshUpload(input);
+      break;
+    case 1:
+      FuzzEditUpload(input);
+      break;
+    default:
+      FuzzPointUpload(input);
   }
   return 0;
 }

@@ -74,6 +74,13 @@ add CreatePointSetRequest "chunk { points: '$d0$d0$d1$d1$d2$dh' source_objects: 
 begin points_camera 2
 add CreatePointSetRequest "header { parent: 'scenes/box' camera { $camera } }"
 
+begin points_attached 2
+add CreatePointSetRequest "header { parent: 'scenes/box' point_options { attach_distance: 0.75 normal_offset: 0.125 } upload { point_count: 2 } }"
+add CreatePointSetRequest "chunk { points: '$dh$dh$dh$dh$d0$d1' normals: '$d0$d0$d1$d0$d0$d1' }"
+
+begin points_camera_options 2
+add CreatePointSetRequest "header { parent: 'scenes/box' revision: 1 camera { $camera options { strategy: STRATEGY_PACKET mask: 5 statistics: true packet_side: 8 leaf_culling { side_planes: true ray_box: true } } } }"
+
 begin tiles 3
 add TraceTilesRequest "header { $stream $camera $point_light $sun $area outputs { hit_bits: true object_ids: true triangle_ids: true depths: true barycentrics: true } shadow_outputs { $all_shadows } }"
 add TraceTilesRequest "item { item { item_id: 1 timeout { seconds: 1 } priority: 2 } width: 16 height: 8 }"
@@ -82,7 +89,7 @@ add TraceTilesRequest "item { item { item_id: 2 } x: 16 y: 8 width: 16 height: 8
 begin shadows 4
 add ComputeShadowsRequest "header { $stream $point_light $sun $area point_options { attach_distance: 0.1 normal_offset: 0.001 } outputs { $all_shadows } t_min: 0.001 }"
 add ComputeShadowsRequest "item { item { item_id: 1 } points { points: '$d0$d0$d1$d1$d2$dh' normals: '$d0$d0$d1$d0$d0$d1' } }"
-add ComputeShadowsRequest "item { item { item_id: 2 } point_set_range { point_set: 'scenes/box/pointSets/p' } }"
+add ComputeShadowsRequest "item { item { item_id: 2 } point_set_range { point_set: 'scenes/box/pointSets/p' offset: 1 count: 2 } }"
 
 begin segments 5
 add TestSegmentsRequest "header { $stream outputs { } }"
