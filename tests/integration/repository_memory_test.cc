@@ -27,6 +27,9 @@ using testing_support::TempDir;
 
 // Eleven were measured, of a sphere of a million triangles.
 constexpr double kLeastBuildsPerLoad = 4;
+// What operators are promised: so large a stored scene answers within so long of being asked for.
+constexpr int64_t kManyTriangles = 10'000'000;
+constexpr double kMostSecondsForMany = 1;
 
 template <typename T>
 T Median(std::vector<T> values) {
@@ -113,8 +116,9 @@ TEST_F(RepositoryMemoryTest, ALargeSceneIsGivenBack) {
 }
 
 // A mapped file is checked, and not built again: its load and first query cost the server a small
-// share of what making the scene did, in CPU time of one run. The seconds, which are the machine's,
-// are printed; SIGHTLINE_TEST_SCALE=10 makes it ten million triangles.
+// share of what making the scene did, in CPU time of one run. The seconds are the machine's, and so
+// are printed; but whoever asks for ten million triangles (SIGHTLINE_TEST_SCALE=10) asks whether
+// they answer within a second, which the least of a few tries tells.
 TEST_F(RepositoryMemoryTest, AMappedSceneAnswersAtOnce) {
   const int64_t triangles = ScaledCount(1'000'000);
   const double before_build = server_.CpuSeconds();
@@ -130,13 +134,16 @@ TEST_F(RepositoryMemoryTest, AMappedSceneAnswersAtOnce) {
     cpu.push_back(server_.CpuSeconds() - cpu_before);
   }
   ASSERT_EQ(cpu.size(), 5u);
+  const double least_wall = *std::min_element(wall.begin(), wall.end());
   std::printf(
       "%llu triangles: made in %.3f s of CPU time; loaded and asked in %.3f s, of the clock's %.3f "
       "to %.3f s\n",
-      static_cast<unsigned long long>(scene_.triangles), build, Median(cpu),
-      *std::min_element(wall.begin(), wall.end()), *std::max_element(wall.begin(), wall.end()));
-  if (!kSanitizerBuild) {
-    EXPECT_LT(Median(cpu) * kLeastBuildsPerLoad, build);
+      static_cast<unsigned long long>(scene_.triangles), build, Median(cpu), least_wall,
+      *std::max_element(wall.begin(), wall.end()));
+  if (kSanitizerBuild) return;
+  EXPECT_LT(Median(cpu) * kLeastBuildsPerLoad, build);
+  if (triangles >= kManyTriangles) {
+    EXPECT_LT(least_wall, kMostSecondsForMany);
   }
 }
 
