@@ -22,6 +22,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -98,6 +99,21 @@ class ServingProcess : public ServerProcess {
     EXPECT_EQ(clock_getcpuclockid(pid(), &clock), 0);
     EXPECT_EQ(clock_gettime(clock, &time), 0);
     return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+  }
+
+  // How long each of its threads was ready to run and had no core, so far, by its id; nothing where
+  // the kernel does not say.
+  std::map<std::string, double> WaitedForCoreSeconds() const {
+    std::map<std::string, double> waited;
+    for (const auto& task :
+         std::filesystem::directory_iterator(absl::StrCat("/proc/", pid(), "/task"))) {
+      std::ifstream file(task.path() / "schedstat");
+      uint64_t run_nanos = 0, wait_nanos = 0;
+      if (file >> run_nanos >> wait_nanos) {
+        waited[task.path().filename()] = 1e-9 * static_cast<double>(wait_nanos);
+      }
+    }
+    return waited;
   }
 
  private:
