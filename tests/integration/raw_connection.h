@@ -124,6 +124,11 @@ inline std::string SettingsTaken() {
   constexpr int kSettings = 4, kAck = 1;
   return Frame(kSettings, kAck, 0, "");
 }
+// Asks whether what came before has been read: the eight bytes come back when it has.
+inline std::string PingBytes(const std::string& eight_bytes) {
+  constexpr int kPing = 6;
+  return Frame(kPing, 0, 0, eight_bytes);
+}
 // Opens a call of `path` on `stream`, an odd number.
 inline std::string OpenCall(uint32_t stream, const std::string& path) {
   constexpr int kHeaders = 1, kEndHeaders = 4;

@@ -3,15 +3,11 @@
 // The real server under what happens to servers: killed, restarted, drained, spoken to in garbage,
 // abandoned and stalled by clients, out of descriptors and of memory. Clients go on asking all the
 // while, and every answer that they get is held against the engine's.
-#include <algorithm>
 #include <chrono>
-#include <cstdio>
-#include <cstdlib>
 #include <string>
 #include <thread>
 #include <vector>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
@@ -354,164 +350,6 @@ TEST_F(FaultTest, OutOfMemoryARequestFailsAndNothingElse) {
   load.Stop();
   EXPECT_EQ(load.wrong(), 0u);
   EXPECT_EQ(load.broken_streams(), 0u);
-}
-
-// How long the soak lasts: SIGHTLINE_SOAK_SECONDS, a moment without it.
-double SoakSeconds() {
-  const char* const text = std::getenv("SIGHTLINE_SOAK_SECONDS");
-  double seconds = 0;
-  return text != nullptr && absl::SimpleAtod(text, &seconds) ? seconds : 3;
-}
-
-// The bits of one item of segments and one of points that always ask the same, as both were
-// answered.
-std::string BitsOfOneItemEach(v1::VisibilityService::Stub& stub) {
-  testing_support::TestRng rng;
-  std::vector<double> segments(6 * 2000), points(3 * 500);
-  for (double& x : segments) x = rng.Uniform(-2, 2);
-  for (double& x : points) x = rng.Uniform(-2, 2);
-  std::string bits;
-  {
-    grpc::ClientContext context;
-    const auto stream = stub.TestSegments(&context);
-    v1::TestSegmentsRequest request;
-    request.mutable_header()->mutable_stream()->set_scene("scenes/known");
-    stream->Write(request);
-    request.mutable_item()->set_segments(PackArray(segments));
-    stream->Write(request);
-    stream->WritesDone();
-    v1::TestSegmentsResponse response;
-    while (stream->Read(&response)) bits += response.reply().segments().blocked_bits();
-    EXPECT_TRUE(stream->Finish().ok());
-  }
-  grpc::ClientContext context;
-  const auto stream = stub.ComputeShadows(&context);
-  v1::ComputeShadowsRequest request;
-  request.mutable_header()->mutable_stream()->set_scene("scenes/known");
-  EncodeTestVector({0.5, 0.25, 1.5},
-                   request.mutable_header()->add_lights()->mutable_point()->mutable_position());
-  stream->Write(request);
-  request.mutable_item()->mutable_points()->set_points(PackArray(points));
-  stream->Write(request);
-  stream->WritesDone();
-  v1::ComputeShadowsResponse response;
-  while (stream->Read(&response)) bits += response.reply().shadows().lit_bits();
-  EXPECT_TRUE(stream->Finish().ok());
-  return bits;
-}
-
-// Tiles all the time; meanwhile scenes come, are stored, unloaded, loaded again and go, points and
-// segments are answered, streams are opened, cancelled and refused. Resident memory is in the last
-// tenth of the time within 5 % of what it was in the first.
-TEST_F(FaultTest, MixedLoadLeavesMemoryWhereItWas) {
-  const testing_support::TempDir repository;
-  ServingProcess server({tiles_.flag(), "--repository", repository.path()});
-  TileLoad load(tiles_, {.address = server.address(), .clients = 2});
-  const auto channel = server.Channel();
-  const auto scenes = v1::SceneService::NewStub(channel);
-  const auto visibility = v1::VisibilityService::NewStub(channel);
-  const std::string known_bits = BitsOfOneItemEach(*visibility);
-  EXPECT_EQ(known_bits.size(), 2000u / 8 + (500 + 7) / 8);
-  const auto round = [&] {
-    EXPECT_EQ(BitsOfOneItemEach(*visibility), known_bits);
-    uint64_t triangles = 0;
-    {
-      grpc::ClientContext context;
-      v1::Scene scene;
-      const auto writer = scenes->CreateScene(&context, &scene);
-      v1::CreateSceneRequest request;
-      request.mutable_header()->set_scene_id("coming");
-      request.mutable_header()->mutable_builtin()->set_spec("builtin:box:5000");
-      writer->Write(request);
-      writer->WritesDone();
-      const grpc::Status status = writer->Finish();
-      ASSERT_TRUE(status.ok()) << status.error_message();
-      ASSERT_TRUE(scene.stored()) << scene.state_message();
-      triangles = scene.triangle_count();
-    }
-    {
-      grpc::ClientContext unloading, loading;
-      v1::UnloadSceneRequest unload;
-      unload.set_name("scenes/coming");
-      google::protobuf::Empty empty;
-      grpc::Status status = scenes->UnloadScene(&unloading, unload, &empty);
-      ASSERT_TRUE(status.ok()) << status.error_message();
-      v1::LoadSceneRequest load_again;
-      load_again.set_name("scenes/coming");
-      v1::Scene scene;
-      status = scenes->LoadScene(&loading, load_again, &scene);
-      ASSERT_TRUE(status.ok()) << status.error_message();
-      EXPECT_EQ(scene.triangle_count(), triangles);
-    }
-    {
-      grpc::ClientContext context;
-      const auto stream = visibility->TraceTiles(&context);
-      stream->Write(tiles_.Header());
-      for (uint64_t id = 0; id < 100; ++id) stream->Write(tiles_.Request(id));
-      v1::TraceTilesResponse response;
-      stream->Read(&response);
-      context.TryCancel();
-      EXPECT_FALSE(stream->Finish().ok());
-    }
-    {
-      grpc::ClientContext context;
-      v1::TraceTilesRequest wrong = tiles_.Header();
-      wrong.mutable_header()->mutable_stream()->set_scene("scenes/none");
-      const auto stream = visibility->TraceTiles(&context);
-      stream->Write(wrong);
-      EXPECT_EQ(ReasonIn(stream->Finish()), "SCENE_NOT_FOUND");
-    }
-    grpc::ClientContext context;
-    v1::DeleteSceneRequest request;
-    request.set_name("scenes/coming");
-    google::protobuf::Empty empty;
-    EXPECT_TRUE(scenes->DeleteScene(&context, request, &empty).ok());
-  };
-  using Clock = std::chrono::steady_clock;
-  const auto after_seconds = [](double seconds) {
-    return Clock::now() + std::chrono::duration<double>(seconds);
-  };
-  // Rounds for a share of the time, at least one, and what was resident after each.
-  const auto rounds_for = [&](double share) {
-    const auto end = after_seconds(SoakSeconds() * share);
-    std::vector<uint64_t> resident;
-    do {
-      round();
-      resident.push_back(server.ResidentBytes());
-    } while (Clock::now() < end && !HasFailure());
-    return resident;
-  };
-  // What is resident comes and goes by a tenth with the allocator's arenas: medians are compared.
-  const auto median = [](std::vector<uint64_t> resident) {
-    const auto middle = resident.begin() + static_cast<ptrdiff_t>(resident.size() / 2);
-    std::nth_element(resident.begin(), middle, resident.end());
-    return *middle;
-  };
-  // Arenas and pools fill up first: for a tenth of the time.
-  const auto warm = after_seconds(SoakSeconds() / 10);
-  for (int i = 0; (i < 20 || Clock::now() < warm) && !HasFailure(); ++i) round();
-  load.WaitForAnswers(300);
-  const std::vector<uint64_t> first = rounds_for(0.1);
-  const std::vector<uint64_t> middle = rounds_for(0.8);
-  const std::vector<uint64_t> last = rounds_for(0.1);
-  const uint64_t before = median(first), after = median(last);
-  const uint64_t rounds = first.size() + middle.size() + last.size();
-  std::printf(
-      "soak: %.0f s, %llu rounds, %llu answers, resident %.1f MiB before, %.1f after: %+.2f %%\n",
-      SoakSeconds(), static_cast<unsigned long long>(rounds),
-      static_cast<unsigned long long>(load.answers()), static_cast<double>(before) / kMiB,
-      static_cast<double>(after) / kMiB,
-      100.0 * (static_cast<double>(after) / static_cast<double>(before) - 1));
-  RecordProperty("rounds", static_cast<int>(rounds));
-  RecordProperty("resident_before_mib", static_cast<int>(before / kMiB));
-  RecordProperty("resident_after_mib", static_cast<int>(after / kMiB));
-  load.Stop();
-  EXPECT_EQ(load.wrong(), 0u);
-  EXPECT_EQ(load.broken_streams(), 0u);
-  if (testing_support::kSanitizerBuild) return;  // Their allocators hold on to what is freed.
-  // In a short run a few MiB come and go with the allocator's arenas, whatever the whole's size.
-  const double spare = SoakSeconds() < 60 ? 16.0 * kMiB : 0;
-  EXPECT_LT(static_cast<double>(after), 1.05 * static_cast<double>(before) + spare);
 }
 
 }  // namespace

@@ -39,6 +39,7 @@ class ServingProcess : public ServerProcess {
   struct Options {
     std::vector<std::pair<int, rlim_t>> limits;  // setrlimit's resource and value.
     std::string listen = "127.0.0.1:0";
+    std::vector<std::pair<std::string, std::string>> environment;  // Beside what this process has.
   };
 
   explicit ServingProcess(const std::vector<std::string>& flags)
@@ -46,6 +47,9 @@ class ServingProcess : public ServerProcess {
   ServingProcess(std::vector<std::string> flags, const Options& options)
       : ServerProcess(WithListen(std::move(flags), options.listen),
                       [&options] {
+                        for (const auto& [name, value] : options.environment) {
+                          setenv(name.c_str(), value.c_str(), 1);
+                        }
                         for (const auto& [resource, value] : options.limits) {
                           const rlimit limit{value, value};
                           if (setrlimit(static_cast<__rlimit_resource_t>(resource), &limit) != 0) {
