@@ -29,6 +29,7 @@
 #include "core/base/parallel.h"
 #include "core/query/point_order.h"
 #include "core/query/points.h"
+#include "core/query/tile_result.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
@@ -82,8 +83,9 @@ struct World {
                       [this](absl::AnyInvocable<void()> work) { pool.Submit(std::move(work)); }};
   CallTracker calls;
   CallQuota streams{"streams"}, uploads{"uploads"}, upload_bytes{"upload-bytes"};
-  QueryEnvironment environment{limits,    scenes, point_sets, pool,    pool,         ray_queue,
-                               scheduler, calls,  streams,    uploads, upload_bytes, scenes_made};
+  QueryEnvironment environment{limits,  scenes,       point_sets, pool,  pool,
+                               pool,    ray_queue,    scheduler,  calls, streams,
+                               uploads, upload_bytes, scenes_made};
 
   World() {
     Make(kSceneId);
@@ -286,17 +288,22 @@ void FuzzStream(absl::string_view bytes) {
 
 // What a set is made of, as PointSetService does it.
 absl::StatusOr<PreparedPoints> MakePoints(const PointSetHeader& header,
-                                          const DecodedPoints& uploaded, const Scene& scene) {
-  World& world = TheWorld();
+                                          const DecodedPoints& uploaded,
+                                          const std::shared_ptr<const Scene>& scene) {
   const CancelToken cancel;
   if (header.camera.has_value()) {
-    QueryOptions options = header.camera_options;
-    options.cancel = &cancel;
-    return TraceCameraPoints(scene, *header.camera, options, world.pool);
+    absl::StatusOr<std::unique_ptr<CameraPoints>> points =
+        CameraPoints::Make(scene, *header.camera, header.camera_options);
+    if (!points.ok()) return points.status();
+    TileResult scratch;
+    for (size_t tile = 0; tile < (*points)->tiles(); ++tile) {
+      Require((*points)->Trace(tile, &cancel, &scratch).ok());
+    }
+    return (*points)->Take();
   }
-  const absl::StatusOr<std::vector<uint32_t>> sources = uploaded.Sources(scene.geometry);
+  const absl::StatusOr<std::vector<uint32_t>> sources = uploaded.Sources(scene->geometry);
   if (!sources.ok()) return sources.status();
-  return PreparePoints(scene, {uploaded.positions, uploaded.normals, *sources}, header.options,
+  return PreparePoints(*scene, {uploaded.positions, uploaded.normals, *sources}, header.options,
                        &cancel);
 }
 
@@ -316,7 +323,7 @@ void FuzzCreatePointSet(absl::string_view bytes) {
   const absl::StatusOr<std::shared_ptr<const Scene>> scene =
       world.scenes.Pin(header.scene_id, header.revision);
   if (!scene.ok()) return;
-  absl::StatusOr<PreparedPoints> points = MakePoints(header, *uploaded, **scene);
+  absl::StatusOr<PreparedPoints> points = MakePoints(header, *uploaded, *scene);
   if (!points.ok()) return;
   const size_t count = points->size();
   Require(count == header.point_count);

@@ -84,7 +84,20 @@ class CallPoolTest : public testing::Test {
   ServerHarness harness_{Options(dir_, &calls_)};
 };
 
-// The messages are read, and the client is told what is wrong with them.
+TEST_F(CallPoolTest, WhatIsDeletedGoesWhileABuildIsUnderWay) {
+  HeldLoad load(harness_, calls_);
+  ASSERT_TRUE(Until("the load is held up", [&] { return load.held(); }));
+  grpc::ClientContext context;
+  LimitTo(&context);
+  v1::DeleteSceneRequest request;
+  google::protobuf::Empty nothing;
+  request.set_name("scenes/small");
+  const grpc::Status status = harness_.scenes->DeleteScene(&context, request, &nothing);
+  EXPECT_TRUE(status.ok()) << status.error_message();
+  EXPECT_TRUE(load.Finish().ok());
+}
+
+// Its messages are read, and it is told what is wrong with them.
 TEST_F(CallPoolTest, AnUploadIsReadWhileABuildIsUnderWay) {
   HeldLoad load(harness_, calls_);
   ASSERT_TRUE(Until("the load is held up", [&] { return load.held(); }));

@@ -15,8 +15,10 @@
 
 #include "absl/strings/match.h"
 #include "core/query/shadows.h"
+#include "server/admission/scheduler.h"
 #include "server/codec/result_codec.h"
 #include "server/codec/wire_request.h"
+#include "server/stream/placement_pace.h"
 #include "tests/integration/server_harness.h"
 #include "tests/support/random.h"
 
@@ -209,6 +211,37 @@ TEST_F(LargeItemsTest, PointsAreAttachedAsTheEngineDoes) {
       EXPECT_EQ(last.reply().shadows().near_surface_point_count(), prepared.near_surface);
     }
   }
+}
+
+// Points in rows, which come in an order of neighbours, so that each part has a reply of its own:
+// others' turns come between few of them.
+TEST_F(LargeItemsTest, PointsThatAreAttachedComeInSmallParts) {
+  constexpr size_t kSide = 200, kCount = kSide * kSide;
+  static_assert(kCount < Scheduler::kFirstPartRays);  // Whose rays alone would be one part.
+  v1::ComputeShadowsRequest request;
+  request.mutable_header()->mutable_stream()->set_scene("scenes/room");
+  request.mutable_header()->mutable_point_options()->set_attach_distance(1);
+  EncodeTestVector({0.5, 0.25, 1.5},
+                   request.mutable_header()->add_lights()->mutable_point()->mutable_position());
+  ShadowStream stream(harness_, request);
+  std::vector<Vec3d> points;
+  for (size_t i = 0; i < kCount; ++i) {
+    points.push_back(
+        {static_cast<double>(i % kSide) / kSide, static_cast<double>(i / kSide) / kSide, 0.01});
+  }
+  request.Clear();
+  request.mutable_item()->mutable_points()->set_points(PackArray(points));
+  stream.Write(request);
+  const auto replies = stream.ReadAll();
+  ASSERT_TRUE(stream.Finish().ok());
+  uint64_t answered = 0;
+  for (const v1::ComputeShadowsResponse& reply : replies.at(0)) {
+    const uint64_t count = reply.reply().header().element_count();
+    // Nothing was known of their pace; parts are even, so about as many.
+    EXPECT_LE(count, 3 * PlacementPace::kFirstPoints / 2);
+    answered += count;
+  }
+  EXPECT_EQ(answered, kCount);
 }
 
 // Bytes that are no message, before the header and after it.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <string>
 #include <vector>
@@ -26,9 +27,11 @@ using Connections = std::vector<std::unique_ptr<RawConnection>>;
 
 HttpReply Fine(const HttpRequest&) { return {.body = "fine\n"}; }
 
-std::unique_ptr<HttpEndpoint> Serve(HttpEndpoint::Handlers handlers) {
+// Whose clients have no need to hurry, so that a slow machine closes no connection.
+std::unique_ptr<HttpEndpoint> Serve(HttpEndpoint::Handlers handlers,
+                                    std::chrono::milliseconds patience = std::chrono::hours(1)) {
   absl::StatusOr<std::unique_ptr<HttpEndpoint>> http =
-      HttpEndpoint::Start("127.0.0.1:0", std::move(handlers));
+      HttpEndpoint::Start("127.0.0.1:0", std::move(handlers), patience);
   EXPECT_TRUE(http.ok()) << http.status();
   return *std::move(http);
 }
@@ -105,6 +108,16 @@ TEST(HttpEndpointTest, SilentAndSlowClientsKeepNobodyOut) {
   // A slow one that ends what it says is answered, too.
   others.back()->Send(" x\r\n\r\n");
   EXPECT_THAT(others.back()->ReadUntil("fine"), HasSubstr("200 OK"));
+}
+
+// Silent or slow: none stays for ever.
+TEST(HttpEndpointTest, WhoeverTakesTooLongIsClosed) {
+  const auto http = Serve({{"/fine", Fine}}, std::chrono::milliseconds(1));
+  for (const char* says : {"", "GET /fine HTTP/1.1\r\n"}) {
+    const RawConnection slow(http->port());
+    slow.Send(says);
+    EXPECT_TRUE(Until("it is closed", [&] { return !slow.IsOpen(); })) << says;
+  }
 }
 
 // Beyond the bound the oldest make room; the newest are still there.

@@ -108,6 +108,17 @@ TEST_F(ItemPointsTest, ACancelEndsAPart) {
       absl::IsCancelled(ItemPoints::Own(*scene_, decoded_, options, &pace_, &cancel_).status()));
 }
 
+// They take no time: whoever sends many of them first would get parts of any length for the rest.
+TEST_F(ItemPointsTest, InvalidPointsSayNothingOfThePace) {
+  decoded_.positions.assign(size(), Vec3d{0, 0, 1e300});
+  const PointOptions options{.attach_distance = 0.3};
+  const std::unique_ptr<ItemPoints> points =
+      *ItemPoints::Own(*scene_, decoded_, options, &pace_, &cancel_);
+  PreparedPoints placed;
+  ASSERT_TRUE(points->Place(0, size(), &cancel_, &placed).ok());
+  EXPECT_EQ(pace_.MostPoints(), PlacementPace::kFirstPoints);
+}
+
 TEST(PlacementPaceTest, AsManyAsFitAPart) {
   using std::chrono::microseconds;
   using std::chrono::nanoseconds;
