@@ -12,9 +12,12 @@
 //                it gRPC's bound: the ratio of a service that took no more than engine and gRPC.
 //   byte ratio   bytes of results that the service delivers a second, over those that plain gRPC
 //                moves in messages of the same sizes and with nothing to compute, by the clock.
+//                Beside it the engine's bound: the same for the engine in process, since nothing is
+//                delivered faster than it is traced.
 //
-// Bits and sums are small, and judged by the CPU ratio; depth and ids are large, and judged by the
-// byte ratio. Latency: one 16 x 16 tile at a time, beside the engine's.
+// Bits and sums are small, and judged by the CPU ratio. Depth and ids are large, and judged by the
+// byte ratio, unless the engine's own bound is below the bar: what is delivered as it is traced says
+// nothing of how it is moved, and the CPU ratio, with plain gRPC's seconds in it, does. Latency: one 16 x 16 tile at a time, beside the engine's.
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 #include <time.h>  // NOLINT(modernize-deprecated-headers): clock_gettime is POSIX.
@@ -53,11 +56,13 @@ constexpr double kBar = 0.85;
 constexpr char kLegend[] =
     "CPU ratio: CPU seconds without the service (in process; with plain gRPC's for depth and ids) "
     "over those\n"
-    "through it. gRPC's bound: that ratio if there were nothing but engine and plain gRPC. Byte "
-    "ratio: MB/s of\n"
-    "results over what plain gRPC moves alone. The bar is 0.85, on the median of the repetitions: "
-    "of the CPU\n"
-    "ratio where bits or sums come back, of the byte ratio where depth and ids do.\n";
+    "through it. gRPC's bound: that ratio if there were nothing but engine and plain gRPC.\n"
+    "Byte ratio: MB/s of results over what plain gRPC moves alone. Engine's bound: the same of the "
+    "engine in\n"
+    "process; where it is below the bar, tracing sets the pace, and not moving.\n"
+    "The bar is 0.85, on the median of the repetitions: of the byte ratio where depth and ids come "
+    "back and the\n"
+    "engine's bound is not below the bar, of the CPU ratio elsewhere.\n";
 
 struct ServiceFlags {
   std::vector<std::string> scenes;
@@ -178,6 +183,7 @@ std::vector<Column> Columns() {
           MegaColumn("MB/s", "bytes_per_s"),
           MegaColumn("plain gRPC MB/s", "raw_bytes_per_s"),
           SpreadColumn("byte ratio", "bytes_ratio"),
+          NumberColumn("engine's bound", "bytes_bound", 2),
           TextColumn("judged by", "judged_by"),
           TextColumn("bar", "bar_verdict")};
 }
@@ -234,7 +240,8 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
     SL_RETURN_IF_ERROR(RunRaw(endpoint, workload, answer));
   }
   const size_t sides = endpoints.size();
-  std::vector<std::vector<double>> ratios(sides), bounds(sides), bytes_ratios(sides);
+  std::vector<std::vector<double>> ratios(sides), bounds(sides), bytes_ratios(sides),
+      bytes_bounds(sides);
   Cost engine_all;
   std::vector<Cost> service_all(sides), raw_all(sides);
   double passes_all = 0;
@@ -259,7 +266,9 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
       const double ideal = engine.cpu + (workload.moves_arrays ? raw[side].cpu : 0);
       ratios[side].push_back(ideal / service[side].cpu);
       bounds[side].push_back(ideal / (engine.cpu + raw[side].cpu));
-      bytes_ratios[side].push_back(raw[side].wall / service[side].wall);  // The bytes are the same.
+      // The bytes are the same.
+      bytes_ratios[side].push_back(raw[side].wall / service[side].wall);
+      bytes_bounds[side].push_back(raw[side].wall / engine.wall);
       service_all[side].cpu += service[side].cpu;
       service_all[side].wall += service[side].wall;
       raw_all[side].cpu += raw[side].cpu;
@@ -270,7 +279,9 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
   const double bytes = passes_all * static_cast<double>(ours.bytes);
   for (size_t side = 0; side < sides; ++side) {
     const Spread ratio = SpreadOf(ratios[side]), bytes_ratio = SpreadOf(bytes_ratios[side]);
-    const bool met = (workload.moves_arrays ? bytes_ratio : ratio).median >= kBar;
+    const double bytes_bound = SpreadOf(bytes_bounds[side]).median;
+    const bool by_bytes = workload.moves_arrays && bytes_bound >= kBar;
+    const bool met = (by_bytes ? bytes_ratio : ratio).median >= kBar;
     report_->Add(WithCommonKeys(
         {{"workload", absl::StrCat("service-", workload.name)},
          {"scene", source.name},
@@ -298,7 +309,8 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
          {"bytes_ratio", bytes_ratio.median},
          {"bytes_ratio_min", bytes_ratio.min},
          {"bytes_ratio_max", bytes_ratio.max},
-         {"judged_by", workload.moves_arrays ? "byte ratio" : "CPU ratio"},
+         {"bytes_bound", bytes_bound},
+         {"judged_by", by_bytes ? "byte ratio" : "CPU ratio"},
          {"bar", kBar},
          {"bar_verdict", met ? "met" : "missed"},
          {"disagreements", theirs[side].digest == ours.digest ? 0 : 1},

@@ -71,8 +71,12 @@ absl::Duration DrainTime(const NamedConfig& config) {
   const auto entries = ParseConfig(config.name, config.text);
   EXPECT_TRUE(entries.ok()) << entries.status();
   for (const ConfigEntry& entry : *entries) {
-    if (entry.key == "drain-delay") EXPECT_TRUE(absl::ParseDuration(entry.values.at(0), &delay));
-    if (entry.key == "drain-timeout") EXPECT_TRUE(absl::ParseDuration(entry.values.at(0), &drain));
+    if (entry.key == "drain-delay") {
+      EXPECT_TRUE(absl::ParseDuration(entry.values.at(0), &delay));
+    }
+    if (entry.key == "drain-timeout") {
+      EXPECT_TRUE(absl::ParseDuration(entry.values.at(0), &drain));
+    }
   }
   return delay + drain;
 }

@@ -129,8 +129,12 @@ TEST(WalkChoiceTest, WhatShaftsCostIsTheMeanOfTheirFirstBlocks) {
     EXPECT_EQ(choice.Next(), Strategy::kPacket);
     Teach(choice, Strategy::kPacket, 20);
     const int packets = Take(choice, 10, others, 20, 1000).packets;
-    if (others == 4) EXPECT_EQ(packets, 0);
-    if (others == 100) EXPECT_GT(packets, 5);
+    if (others == 4) {
+      EXPECT_EQ(packets, 0);
+    }
+    if (others == 100) {
+      EXPECT_GT(packets, 5);
+    }
   }
 }
 
