@@ -89,7 +89,7 @@ TEST_F(PixelGridTest, BlocksHoldTheirRays) {
   alignas(64) float x0[kBlocks], x1[kBlocks], y0[kBlocks], y1[kBlocks], depth[kBlocks];
   double worst_slope = -1, worst_depth = -1;  // As shares of the margins.
   int made = 0;
-  const int64_t cameras = testing_support::ScaledCount(300);
+  const int64_t cameras = testing_support::ScaledCount(3000);
   for (int64_t n = 0; n < cameras; ++n) {
     Camera camera = RandomCamera(rng_, 2);
     if (rng_.Chance(0.5)) {  // A picture that fills the grid: slopes as large as frames have them.
