@@ -18,20 +18,27 @@ struct Weights {
 };
 // Shafts that cost less a ray than `try_packets` or `try_singles` are not worth comparing: the
 // others seldom do.
+//
+// `first_shafts`: their blocks before another walk is first tried. A trial costs, and one block of
+// shafts is nothing to hold it against; but a picture's tile has some sixteen blocks, and all of
+// them count. Along one direction packets seldom do much worse, so a trial costs little.
 struct Costs {
   Weights of[3];  // By Walk.
   float try_packets, try_singles;
+  uint32_t first_shafts;
 };
 // Those for closest hits were chosen by replaying what every block of some forty rows had cost by
 // each walk (core/traverse/DESIGN.md, "What AUTO walks").
 constexpr Weights kShaftWeights = {55, 250, 3.4f, 6};
 // Those for any hit are fits to what each walk took in all of eight scenes' pictures, area lights
 // and thin points, by counts: within a fifth of most rows, and closer for each by the others.
+// Packets' along one direction were scaled by what made AUTO choose best of eight scenes' suns with
+// AVX2, once their leaves cost less.
 constexpr Costs kCosts[] = {
-    {},                                                                        // By Others: none,
-    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350},          // closest hits,
-    {{{40, 224, 3.85f, 11}, {510, 510, 3.4f, 5}, {30, 35, 0, 130}}, 70, 310},  // one origin,
-    {{{40, 253, 3.2f, 14}, {415, 575, 2.6f, 7}, {21, 56, 0, 76}}, 40, 310}};   // one direction.
+    {},                                                                   // By Others: none,
+    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350, 4},  // closest hits,
+    {{{40, 224, 3.85f, 11}, {510, 510, 3.4f, 5}, {30, 35, 0, 130}}, 70, 310, 4},  // one origin,
+    {{{40, 253, 3.2f, 14}, {290, 400, 1.8f, 6}, {21, 56, 0, 76}}, 40, 310, 1}};   // one direction.
 
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
 // cheapest by chance is taken more often.
@@ -42,9 +49,6 @@ constexpr float kClearlyCheaper = 0.9f;
 constexpr float kNewest = 0.1f;
 // How long a walk that has lost is left alone, in blocks: doubled each time.
 constexpr uint32_t kFirstWait = 16, kLongestWait = 64;
-// Shafts' blocks before another walk is first tried: a trial costs, and one block of shafts is
-// nothing to hold it against. A picture's tile has some sixteen blocks, and all of them count.
-constexpr uint32_t kFirstShafts = 4;
 // Blocks after which what a walk has cost is history. A light's sixteen of one group of points
 // follow each other.
 constexpr uint32_t kMemory = 16;
@@ -82,9 +86,10 @@ Strategy WalkChoice::Next() const {
     // The rays may have come to where shafts do better.
     if (records_[kShafts].wait == 0) next = kShafts;
   } else {
+    const uint32_t first_shafts = kCosts[static_cast<size_t>(others_)].first_shafts;
     for (const Walk walk : {kPackets, kSingles}) {
       if (!WorthATrial(walk) || records_[walk].wait > 0) continue;
-      if (!records_[walk].known() && records_[kShafts].blocks < kFirstShafts) continue;
+      if (!records_[walk].known() && records_[kShafts].blocks < first_shafts) continue;
       next = walk;
       break;
     }

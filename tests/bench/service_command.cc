@@ -16,8 +16,9 @@
 //                delivered faster than it is traced.
 //
 // Bits and sums are small, and judged by the CPU ratio. Depth and ids are large, and judged by the
-// byte ratio, unless the engine's own bound is below the bar: what is delivered as it is traced says
-// nothing of how it is moved, and the CPU ratio, with plain gRPC's seconds in it, does. Latency: one 16 x 16 tile at a time, beside the engine's.
+// byte ratio, unless the engine's own bound is below the bar: what is delivered as it is traced
+// says nothing of how it is moved, and the CPU ratio, with plain gRPC's seconds in it, does.
+// Latency: one 16 x 16 tile at a time, beside the engine's.
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 #include <time.h>  // NOLINT(modernize-deprecated-headers): clock_gettime is POSIX.
