@@ -30,9 +30,9 @@ constexpr char kKnown[] = "room:15000";
 // glibc's heaps, one for every few threads, take hours to fill up: what is freed in one is of no
 // use in another. With one for all, what is lost stands out after minutes.
 constexpr std::pair<const char*, const char*> kOneArena = {"MALLOC_ARENA_MAX", "1"};
-// By what share of resident memory it may grow in all, and in a thousand loads and unloads at the
-// pace of a short run: a round has two of the same scene, a third of another and a reload.
-constexpr double kMostGrowth = 0.05, kPaceRounds = 500;
+// By what share of resident memory it may grow in all, and in a thousand rounds, in each of which
+// scenes are loaded and unloaded, at the pace of a short run.
+constexpr double kMostGrowth = 0.05, kPaceRounds = 1000;
 
 // What one client does in a round: scenes come, are stored, unloaded, loaded again, reloaded,
 // edited and go, points are kept, and all of them are asked about.
