@@ -1,293 +1,256 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/metrics/http_endpoint.h"
 
-#include <poll.h>
-#include <sys/eventfd.h>
+#include <microhttpd.h>
+#include <strings.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <chrono>
 #include <cstdint>
 #include <cstring>
 #include <map>
 #include <optional>
-#include <thread>
+#include <set>
+#include <vector>
 
 #include "absl/status/status.h"
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "server/base/memory_guard.h"
+#include "server/net/accept_loop.h"
 #include "server/net/listen_socket.h"
 #include "server/net/socket_address.h"
 
 namespace sightline {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-// Between two tries while nothing can be taken.
-constexpr std::chrono::milliseconds kPause{50};
-// For the client to take the end of its answer before the connection goes: a close while bytes come
-// in would make a reset of it, and the answer may be lost.
-constexpr std::chrono::seconds kFarewellTime{1};
-
-const char* Reason(int code) {
-  switch (code) {
-    case 200:
-      return "OK";
-    case 400:
-      return "Bad Request";
-    case 401:
-      return "Unauthorized";
-    case 403:
-      return "Forbidden";
-    case 404:
-      return "Not Found";
-    case 405:
-      return "Method Not Allowed";
-    case 503:
-      return "Service Unavailable";
-    default:
-      return "Unknown";
-  }
-}
-
-std::string ReplyText(const HttpReply& reply, bool with_body) {
-  return absl::StrCat("HTTP/1.1 ", reply.code, " ", Reason(reply.code),
-                      "\r\nContent-Type: ", reply.content_type,
-                      "\r\nContent-Length: ", reply.body.size(), "\r\nCache-Control: no-store\r\n",
-                      reply.code == 401 ? "WWW-Authenticate: Bearer\r\n" : "",
-                      reply.code == 405 ? "Allow: GET, HEAD\r\n" : "", "Connection: close\r\n\r\n",
-                      with_body ? reply.body : "");
-}
+// A bearer token fits many times over; the answer's head needs some, too.
+constexpr size_t kConnectionMemory = 16 << 10;
+// Of the library, so that a burst finds room while the oldest are being closed.
+constexpr unsigned int kMostWithClosing = 1024;
+// Malformed requests are refused.
+constexpr int kStrict = 1;
 
 }  // namespace
 
 class HttpEndpoint::Impl {
  public:
-  // `wake`: an eventfd, the object's from now on.
-  Impl(ListenSocket socket, int wake, Handlers handlers, std::chrono::milliseconds patience)
-      : patience_(patience), socket_(std::move(socket)), wake_(wake) {
+  explicit Impl(Handlers handlers) {
     SIGHTLINE_CHECK_LT(handlers.size() * (HttpPath::kMostAtOnce + HttpPath::kThreads),
                        kMostConnections);
     for (auto& [name, handler] : handlers) {
       paths_.push_back(std::make_unique<HttpPath>(name, std::move(handler)));
     }
-    thread_ = std::thread([this] { Run(); });
   }
   ~Impl() {
+    accept_.reset();
+    paths_.clear();  // What ran is answered by now, what waited was dropped.
     {
       MutexLock lock(mutex_);
-      stop_ = true;
+      for (Request* request : answering_) {
+        request->reply = HttpReply{.code = 503, .body = "the server ends\n"};
+        MHD_resume_connection(request->connection);
+      }
     }
-    Wake();
-    thread_.join();
-    paths_.clear();  // They may still wake the thread that was.
-    for (const auto& [id, connection] : connections_) close(connection.fd);
-    close(wake_);
+    if (daemon_ != nullptr) MHD_stop_daemon(daemon_);
   }
 
-  int port() const { return socket_.address().port(); }
+  absl::Status Start(ListenSocket socket, std::chrono::seconds patience) {
+    daemon_ = MHD_start_daemon(
+        MHD_USE_EPOLL_INTERNAL_THREAD | MHD_USE_NO_LISTEN_SOCKET | MHD_ALLOW_SUSPEND_RESUME, 0,
+        nullptr, nullptr, &Impl::Hear, this, MHD_OPTION_NOTIFY_CONNECTION, &Impl::Count, this,
+        MHD_OPTION_NOTIFY_COMPLETED, &Impl::Forget, this, MHD_OPTION_CONNECTION_LIMIT,
+        kMostWithClosing, MHD_OPTION_CONNECTION_TIMEOUT,
+        static_cast<unsigned int>(patience.count()), MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+        kConnectionMemory, MHD_OPTION_STRICT_FOR_CLIENT, kStrict, MHD_OPTION_END);
+    if (daemon_ == nullptr) {
+      return absl::UnavailableError(
+          absl::StrCat(strerror(errno), ": may the process have more descriptors?"));
+    }
+    port_ = socket.address().port();
+    std::vector<ListenSocket> sockets;
+    sockets.push_back(std::move(socket));
+    // The bound on connections is this object's: the newest come in, and not the oldest stay.
+    accept_.emplace(std::move(sockets),
+                    ConnectionLimits{.all = kMostWithClosing, .per_address = kMostWithClosing},
+                    [this](const TakenConnection& taken) {
+                      // Closes it where it fails.
+                      MHD_add_connection(daemon_, taken.fd, nullptr, 0);
+                    });
+    accept_->Start();
+    return absl::OkStatus();
+  }
+
+  int port() const { return port_; }
 
  private:
-  enum class Stage { kReading, kAnswering, kWriting, kClosing };
-  struct Connection {
+  struct Open {
     int fd = -1;
-    Stage stage = Stage::kReading;
-    Clock::time_point deadline;  // Not while it is being answered.
-    std::string bytes;           // Read so far; then to be written.
-    size_t written = 0;
+    bool answering = false, leaving = false;
   };
-  using Connections = std::map<uint64_t, Connection>;  // By number: the oldest first.
+  using Connections = std::map<uint64_t, Open>;  // By number: the oldest first.
 
-  void Run() {
-    while (!Stopped()) {
-      Wait();
-      TakeReplies();
-      for (auto next = connections_.begin(); next != connections_.end();) {
-        const auto connection = next++;
-        if (!Serve(connection->first, &connection->second)) Close(connection);
-      }
-      TakeConnections();
-    }
-  }
-  bool Stopped() {
-    MutexLock lock(mutex_);
-    return stop_;
-  }
-  void Wake() const {
-    const uint64_t one = 1;
-    (void)!write(wake_, &one, sizeof(one));
-  }
+  struct Request {
+    MHD_Connection* connection = nullptr;
+    Open* open = nullptr;
+    std::optional<HttpReply> reply;
+  };
 
-  // Until something may be done.
-  void Wait() {
-    std::vector<pollfd> waiting = {{.fd = wake_, .events = POLLIN, .revents = 0}};
-    std::optional<Clock::time_point> first = pause_end_;
-    if (!pause_end_.has_value()) {
-      waiting.push_back({.fd = socket_.fd(), .events = POLLIN, .revents = 0});
+  // A connection opens or closes.
+  static void Count(void* self, MHD_Connection* connection, void** number,
+                    MHD_ConnectionNotificationCode what) {
+    static_cast<Impl*>(self)->CountOne(connection, reinterpret_cast<uintptr_t*>(number), what);
+  }
+  void CountOne(MHD_Connection* connection, uintptr_t* number,
+                MHD_ConnectionNotificationCode what) {
+    if (what == MHD_CONNECTION_NOTIFY_CLOSED) {
+      const auto it = connections_.find(*number);
+      staying_ -= it->second.leaving ? 0 : 1;
+      connections_.erase(it);
+      return;
     }
-    for (const auto& [id, connection] : connections_) {
-      if (connection.stage == Stage::kAnswering) continue;
-      const bool writing = connection.stage == Stage::kWriting;
-      waiting.push_back({.fd = connection.fd,
-                         .events = static_cast<short>(writing ? POLLOUT : POLLIN),
-                         .revents = 0});
-      first = std::min(first.value_or(connection.deadline), connection.deadline);
-    }
-    int milliseconds = -1;
-    if (first.has_value()) {
-      const auto left = std::chrono::ceil<std::chrono::milliseconds>(*first - Clock::now());
-      milliseconds = static_cast<int>(std::max<int64_t>(0, left.count()));
-    }
-    // What happened is found out by trying: no socket blocks.
-    (void)poll(waiting.data(), waiting.size(), milliseconds);
-    uint64_t wakes = 0;
-    (void)!read(wake_, &wakes, sizeof(wakes));
-    if (pause_end_.has_value() && Clock::now() >= *pause_end_) pause_end_.reset();
+    if (staying_ >= kMostConnections) MakeRoom();
+    *number = next_number_++;
+    const int fd =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd;
+    connections_.emplace(*number, Open{.fd = fd});
+    ++staying_;
+  }
+  // The oldest connection that is not being answered is to close: the library hears of its end.
+  void MakeRoom() {
+    const auto oldest = std::ranges::find_if(connections_, [](const auto& entry) {
+      return !entry.second.answering && !entry.second.leaving;
+    });
+    if (oldest == connections_.end()) return;
+    oldest->second.leaving = true;
+    --staying_;
+    shutdown(oldest->second.fd, SHUT_RDWR);
   }
 
-  void TakeConnections() {
-    while (!pause_end_.has_value()) {
-      const int fd = accept4(socket_.fd(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
-      if (fd < 0) {
-        if (errno == EINTR || errno == ECONNABORTED) continue;
-        if (errno == EAGAIN) return;
-        // Of descriptors those go first that are ours and say nothing.
-        const bool exhausted = errno == EMFILE || errno == ENFILE;
-        if (!exhausted || !MakeRoom()) pause_end_ = Clock::now() + kPause;
-        continue;
-      }
-      if (connections_.size() >= kMostConnections) MakeRoom();
-      const uint64_t id = next_id_++;
-      const auto connection =
-          connections_
-              .emplace(id, Connection{.fd = fd, .deadline = Clock::now() + patience_, .bytes = {}})
-              .first;
-      // Whoever has asked already is not to make room for the next.
-      if (!Serve(id, &connection->second)) Close(connection);
-    }
+  static MHD_Result Hear(void* self, MHD_Connection* connection, const char* path,
+                         const char* method, const char*, const char*, size_t* upload,
+                         void** request) {
+    const absl::StatusOr<MHD_Result> result = GuardMemory([&]() -> absl::StatusOr<MHD_Result> {
+      return static_cast<Impl*>(self)->HearOne(connection, path, method, upload,
+                                               reinterpret_cast<Request**>(request));
+    });
+    return result.ok() ? *result : MHD_NO;
   }
-  // Closes the oldest connection that is not being answered; false if all are.
-  bool MakeRoom() {
-    const auto oldest =
-        std::find_if(connections_.begin(), connections_.end(),
-                     [](const auto& entry) { return entry.second.stage != Stage::kAnswering; });
-    if (oldest == connections_.end()) return false;
-    Close(oldest);
-    return true;
-  }
-  void Close(Connections::iterator connection) {
-    close(connection->second.fd);
-    connections_.erase(connection);
-  }
-
-  // Does what can be done at once; false if the connection is done with.
-  bool Serve(uint64_t id, Connection* connection) {
-    if (connection->stage == Stage::kReading && !Read(id, connection)) return false;
-    if (connection->stage == Stage::kWriting && !Write(connection)) return false;
-    if (connection->stage == Stage::kClosing && !ReadRest(connection)) return false;
-    return connection->stage == Stage::kAnswering || Clock::now() < connection->deadline;
-  }
-  bool Read(uint64_t id, Connection* connection) {
-    char buffer[4096];
-    while (connection->stage == Stage::kReading) {
-      const ssize_t got = recv(connection->fd, buffer, sizeof(buffer), 0);
-      if (got < 0 && errno == EINTR) continue;
-      if (got < 0) return errno == EAGAIN;
-      if (got == 0) return false;
-      const absl::string_view more(buffer, static_cast<size_t>(got));
-      connection->bytes.append(more.data(), more.size());
-      const bool may_be_whole = absl::StrContains(more, '\n');
-      if (may_be_whole || connection->bytes.size() > kMostHeadBytes) Hear(id, connection);
+  // Called when the head is there, for each piece of a body, when that has ended, and once more
+  // when a path has answered.
+  MHD_Result HearOne(MHD_Connection* connection, absl::string_view path, absl::string_view method,
+                     size_t* upload, Request** request) {
+    if (*request == nullptr) {
+      void* const number =
+          MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT)->socket_context;
+      *request = new Request{.connection = connection,
+                             .open = &connections_.at(reinterpret_cast<uintptr_t>(number))};
+      return MHD_YES;
     }
-    return true;
+    if (*upload > 0) {  // Read, so that the end is no reset, and of no interest.
+      *upload = 0;
+      return MHD_YES;
+    }
+    if ((*request)->open->answering) {
+      (*request)->open->answering = false;
+      MutexLock lock(mutex_);
+      return Send(connection, *std::move((*request)->reply));
+    }
+    if (method != MHD_HTTP_METHOD_GET && method != MHD_HTTP_METHOD_HEAD) {
+      return Send(connection, {.code = MHD_HTTP_METHOD_NOT_ALLOWED, .body = "GET or HEAD\n"});
+    }
+    const auto found =
+        std::ranges::find_if(paths_, [&](const auto& entry) { return entry->name() == path; });
+    if (found == paths_.end()) {
+      return Send(connection, {.code = MHD_HTTP_NOT_FOUND, .body = "not found\n"});
+    }
+    std::vector<std::string> authorizations;
+    MHD_get_connection_values(connection, MHD_HEADER_KIND, &Impl::Collect, &authorizations);
+    if (authorizations.size() > 1) {
+      return Send(connection, {.code = MHD_HTTP_BAD_REQUEST, .body = "two Authorizations\n"});
+    }
+    HttpRequest asked;
+    if (!authorizations.empty()) asked.authorization = std::move(authorizations[0]);
+    Ask(**found, std::move(asked), *request);
+    return MHD_YES;
   }
-  void Hear(uint64_t id, Connection* connection) {
-    HttpHead head = ReadHttpHead(connection->bytes);
-    if (head.state == HttpHead::State::kPartial) return;
-    if (head.state == HttpHead::State::kBad) {
-      return Reply(connection, ReplyText({.code = 400, .body = "not a request\n"}, true));
+  static MHD_Result Collect(void* authorizations, MHD_ValueKind, const char* name,
+                            const char* value) {
+    if (strcasecmp(name, MHD_HTTP_HEADER_AUTHORIZATION) == 0) {
+      static_cast<std::vector<std::string>*>(authorizations)
+          ->emplace_back(value == nullptr ? "" : value);
     }
-    const bool get = head.method == "GET";
-    if (!get && head.method != "HEAD") {
-      return Reply(connection, ReplyText({.code = 405, .body = "GET or HEAD\n"}, true));
-    }
-    const auto path = std::find_if(paths_.begin(), paths_.end(),
-                                   [&](const auto& each) { return each->name() == head.path; });
-    if (path == paths_.end()) {
-      return Reply(connection, ReplyText({.code = 404, .body = "no such path\n"}, get));
-    }
-    const bool taken =
-        (*path)->Take(std::move(head.request), [this, id, get](const HttpReply& reply) {
-          MutexLock lock(mutex_);
-          replies_.emplace_back(id, ReplyText(reply, get));
-          Wake();
-        });
-    if (!taken) {
-      return Reply(connection, ReplyText({.code = 503, .body = "too many at once\n"}, get));
-    }
-    connection->stage = Stage::kAnswering;
+    return MHD_YES;
   }
-  void TakeReplies() {
-    std::vector<std::pair<uint64_t, std::string>> replies;
+  // The connection sleeps until the path has answered.
+  void Ask(HttpPath& path, HttpRequest asked, Request* request) {
+    request->open->answering = true;
     {
       MutexLock lock(mutex_);
-      replies.swap(replies_);
+      answering_.insert(request);
     }
-    for (auto& [id, text] : replies) Reply(&connections_.at(id), std::move(text));
-  }
-  void Reply(Connection* connection, std::string text) const {
-    connection->bytes = std::move(text);
-    connection->stage = Stage::kWriting;
-    connection->deadline = Clock::now() + patience_;
-  }
-  static bool Write(Connection* connection) {
-    while (connection->written < connection->bytes.size()) {
-      const ssize_t sent = send(connection->fd, connection->bytes.data() + connection->written,
-                                connection->bytes.size() - connection->written, MSG_NOSIGNAL);
-      if (sent < 0 && errno == EINTR) continue;
-      if (sent < 0) return errno == EAGAIN;
-      connection->written += static_cast<size_t>(sent);
+    MHD_suspend_connection(request->connection);
+    const auto answer = [this, request](HttpReply reply) {
+      MutexLock lock(mutex_);
+      answering_.erase(request);
+      request->reply = std::move(reply);
+      MHD_resume_connection(request->connection);
+    };
+    if (!path.Take(std::move(asked), answer)) {
+      answer({.code = MHD_HTTP_SERVICE_UNAVAILABLE, .body = "too many at once\n"});
     }
-    shutdown(connection->fd, SHUT_WR);
-    connection->bytes = {};
-    connection->stage = Stage::kClosing;
-    connection->deadline = Clock::now() + kFarewellTime;
-    return true;
   }
-  static bool ReadRest(Connection* connection) {
-    char buffer[4096];
-    const ssize_t got = recv(connection->fd, buffer, sizeof(buffer), 0);
-    return got > 0 || (got < 0 && (errno == EAGAIN || errno == EINTR));
+  static MHD_Result Send(MHD_Connection* connection, HttpReply reply) {
+    auto* const body = new std::string(std::move(reply.body));
+    MHD_Response* const response = MHD_create_response_from_buffer_with_free_callback_cls(
+        body->size(), body->data(), [](void* text) { delete static_cast<std::string*>(text); },
+        body);
+    if (response == nullptr) {
+      delete body;
+      return MHD_NO;
+    }
+    const auto add = [response](const char* name, const char* value) {
+      MHD_add_response_header(response, name, value);
+    };
+    add(MHD_HTTP_HEADER_CONTENT_TYPE, reply.content_type.c_str());
+    add(MHD_HTTP_HEADER_CACHE_CONTROL, "no-store");
+    add(MHD_HTTP_HEADER_CONNECTION, "close");
+    if (reply.code == MHD_HTTP_UNAUTHORIZED) add(MHD_HTTP_HEADER_WWW_AUTHENTICATE, "Bearer");
+    if (reply.code == MHD_HTTP_METHOD_NOT_ALLOWED) add(MHD_HTTP_HEADER_ALLOW, "GET, HEAD");
+    const MHD_Result queued =
+        MHD_queue_response(connection, static_cast<unsigned int>(reply.code), response);
+    MHD_destroy_response(response);
+    return queued;
+  }
+  static void Forget(void*, MHD_Connection*, void** request, MHD_RequestTerminationCode) {
+    delete static_cast<Request*>(*request);
+    *request = nullptr;
   }
 
-  const std::chrono::milliseconds patience_;
+  int port_ = 0;
+  MHD_Daemon* daemon_ = nullptr;
 
-  // Of the thread alone.
-  const ListenSocket socket_;
+  // Of the daemon's thread alone.
   Connections connections_;
-  uint64_t next_id_ = 0;
-  std::optional<Clock::time_point> pause_end_;  // Until then no connection can be taken.
+  size_t staying_ = 0;
+  uintptr_t next_number_ = 1;
 
-  const int wake_;
   Mutex mutex_;
-  std::vector<std::pair<uint64_t, std::string>> replies_ ABSL_GUARDED_BY(mutex_);
-  bool stop_ ABSL_GUARDED_BY(mutex_) = false;
-  std::vector<std::unique_ptr<HttpPath>> paths_;  // Constant while the thread runs.
-  std::thread thread_;
+  std::set<Request*> answering_ ABSL_GUARDED_BY(mutex_);  // And what they have for a reply.
+  std::vector<std::unique_ptr<HttpPath>> paths_;          // Constant while the daemon runs.
+  std::optional<AcceptLoop> accept_;
 };
 
 HttpEndpoint::HttpEndpoint(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 HttpEndpoint::~HttpEndpoint() = default;
 int HttpEndpoint::port() const { return impl_->port(); }
 
-absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(
-    const std::string& listen, Handlers handlers, std::chrono::milliseconds patience) {
+absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::string& listen,
+                                                                  Handlers handlers,
+                                                                  std::chrono::seconds patience) {
   SL_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(listen));
   if (!address.unix_path.empty()) {
     return absl::InvalidArgumentError(
@@ -295,18 +258,14 @@ absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(
   }
   // Of a name with several addresses the first: with port 0 they would get ports of their own.
   absl::StatusOr<ListenSocket> socket = ListenSocket::Bind(address.addresses[0], /*mode=*/0);
-  if (!socket.ok()) {
-    return absl::UnavailableError(absl::StrCat("cannot serve probes and metrics on ", listen, ": ",
-                                               socket.status().message()));
+  absl::Status started = socket.status();
+  auto impl = std::make_unique<Impl>(std::move(handlers));
+  if (started.ok()) started = impl->Start(*std::move(socket), patience);
+  if (!started.ok()) {
+    return absl::UnavailableError(
+        absl::StrCat("cannot serve probes and metrics on ", listen, ": ", started.message()));
   }
-  const int wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  if (wake < 0) {
-    return absl::UnavailableError(absl::StrCat("cannot serve probes and metrics on ", listen, ": ",
-                                               strerror(errno),
-                                               ": may the process have more descriptors?"));
-  }
-  return std::unique_ptr<HttpEndpoint>(new HttpEndpoint(
-      std::make_unique<Impl>(*std::move(socket), wake, std::move(handlers), patience)));
+  return std::unique_ptr<HttpEndpoint>(new HttpEndpoint(std::move(impl)));
 }
 
 }  // namespace sightline

@@ -2,15 +2,15 @@
 //
 // The HTTP port for probes and metrics: a few paths, GET and HEAD alone, each answered by a
 // function. It is apart from the gRPC port, so that it answers while that one is overloaded or
-// dead.
+// dead. HTTP itself is libmicrohttpd's; connections are taken by the gRPC port's AcceptLoop.
 //
 // Invariants
 //  1. One thread reads and writes all connections and waits for none of them; a connection takes a
 //     thread of its path's once its request is there, whole. So silent and slow clients take none.
-//  2. At most kMostConnections are open. When another comes, the oldest one that is not being
-//     answered makes room: whoever asks at once is answered, however many others say nothing.
-//  3. A request is read, and its answer taken, within the endpoint's patience, or the connection is
-//     closed. One request each.
+//  2. At most kMostConnections are open, beside those that are being closed. When another comes,
+//     the oldest one that is not being answered makes room: whoever asks at once is answered,
+//     however many others say nothing, or however slowly.
+//  3. A connection on which nothing moves for the endpoint's patience is closed. One request each.
 //  4. Anything but the paths is 404. More at once than a path takes (http_path.h) is 503.
 //
 // Thread safety: handlers are called from the paths' threads, several at once. Stop once.
@@ -36,14 +36,14 @@ class HttpEndpoint {
  public:
   // More than all paths answer at once: some are always left that can make room.
   static constexpr size_t kMostConnections = 64;
-  // How long a client may take to ask, and again to take its answer.
+  // How long a client may say nothing, or take nothing of its answer.
   static constexpr std::chrono::seconds kPatience{5};
 
   using Handlers = std::vector<std::pair<std::string, HttpPath::Handler>>;
 
   // Binds `listen` (HOST:PORT; port 0 takes a free one) and serves. InvalidArgument, Unavailable.
   static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(
-      const std::string& listen, Handlers handlers, std::chrono::milliseconds patience = kPatience);
+      const std::string& listen, Handlers handlers, std::chrono::seconds patience = kPatience);
   // Waits for handlers that run; connections are closed.
   ~HttpEndpoint();
   HttpEndpoint(const HttpEndpoint&) = delete;

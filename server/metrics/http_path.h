@@ -27,12 +27,6 @@
 
 namespace sightline {
 
-struct HttpReply {
-  int code = 200;
-  std::string body;
-  std::string content_type = "text/plain; charset=utf-8";
-};
-
 class HttpPath {
  public:
   // A prober and a person at a time; what else comes waits a little, within its own patience.
