@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/bench/markup.h"
 
+#include <expat.h>
+
 #include <algorithm>
-#include <cctype>
 #include <limits>
 #include <utility>
 
@@ -12,111 +13,53 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "core/base/status_macros.h"
+#include "core/base/check.h"
 
 namespace sightline::bench {
 namespace {
 
-bool IsNamePart(char c) { return absl::ascii_isalnum(static_cast<unsigned char>(c)) || c == '-'; }
-
-// One reading of a text, from its begin to its end.
+// One reading of a text, by Expat.
 class XmlReader {
  public:
-  explicit XmlReader(absl::string_view text) : text_(text) {}
+  XmlReader() : parser_(XML_ParserCreate(nullptr)) {
+    SIGHTLINE_CHECK(parser_ != nullptr) << "no memory";
+    XML_SetUserData(parser_, this);
+    XML_SetElementHandler(parser_, &XmlReader::Begin, &XmlReader::End);
+    XML_SetCharacterDataHandler(parser_, &XmlReader::Text);
+  }
+  ~XmlReader() { XML_ParserFree(parser_); }
+  XmlReader(const XmlReader&) = delete;
+  XmlReader& operator=(const XmlReader&) = delete;
 
-  absl::StatusOr<std::vector<XmlElement>> Read() {
-    while (at_ < text_.size()) {
-      if (Skip("</")) {
-        SL_RETURN_IF_ERROR(ReadEnd());
-      } else if (Skip("<")) {
-        SL_RETURN_IF_ERROR(ReadBegin());
-      } else {
-        SL_RETURN_IF_ERROR(ReadText());
-      }
+  absl::StatusOr<std::vector<XmlElement>> Read(absl::string_view text) {
+    if (XML_Parse(parser_, text.data(), static_cast<int>(text.size()), /*isFinal=*/1) ==
+        XML_STATUS_OK) {
+      return std::move(elements_);
     }
-    if (!open_.empty()) return Wrong(absl::StrCat("no end of ", elements_[open_.back()].name));
-    if (elements_.empty()) return Wrong("no element");
-    return std::move(elements_);
+    return absl::InvalidArgumentError(absl::StrCat(
+        XML_ErrorString(XML_GetErrorCode(parser_)), " at '",
+        text.substr(std::min(text.size(), static_cast<size_t>(XML_GetCurrentByteIndex(parser_))),
+                    40),
+        "'"));
   }
 
  private:
-  absl::Status Wrong(absl::string_view what) const {
-    return absl::InvalidArgumentError(absl::StrCat(what, " at '", text_.substr(at_, 40), "'"));
-  }
-
-  bool Skip(absl::string_view word) {
-    if (!absl::StartsWith(text_.substr(at_), word)) return false;
-    at_ += word.size();
-    return true;
-  }
-
-  void SkipSpace() {
-    while (at_ < text_.size() && absl::ascii_isspace(static_cast<unsigned char>(text_[at_]))) ++at_;
-  }
-
-  std::string ReadName() {
-    const size_t from = at_;
-    while (at_ < text_.size() && IsNamePart(text_[at_])) ++at_;
-    return std::string(text_.substr(from, at_ - from));
-  }
-
-  // Up to the first of `ends`, of which one must come.
-  absl::StatusOr<std::string> ReadUntil(absl::string_view ends) {
-    const size_t from = at_;
-    at_ = std::min(text_.find_first_of(ends, from), text_.size());
-    const absl::string_view read = text_.substr(from, at_ - from);
-    for (size_t i = read.find('&'); i != absl::string_view::npos; i = read.find('&', i + 1)) {
-      bool known = false;
-      for (const absl::string_view entity : {"&amp;", "&lt;", "&gt;", "&quot;", "&apos;"}) {
-        known = known || absl::StartsWith(read.substr(i), entity);
-      }
-      if (!known) return Wrong(absl::StrCat("a bare & in '", read, "',"));
+  static void Begin(void* self, const char* name, const char** attributes) {
+    XmlReader& reader = *static_cast<XmlReader*>(self);
+    XmlElement element{.name = name, .text = {}, .attributes = {}};
+    for (; *attributes != nullptr; attributes += 2) {
+      element.attributes.emplace(attributes[0], attributes[1]);
     }
-    return std::string(read);
+    reader.open_.push_back(reader.elements_.size());
+    reader.elements_.push_back(std::move(element));
+  }
+  static void End(void* self, const char*) { static_cast<XmlReader*>(self)->open_.pop_back(); }
+  static void Text(void* self, const char* text, int length) {
+    XmlReader& reader = *static_cast<XmlReader*>(self);
+    reader.elements_[reader.open_.back()].text.append(text, static_cast<size_t>(length));
   }
 
-  absl::Status ReadText() {
-    SL_ASSIGN_OR_RETURN(const std::string text, ReadUntil("<"));
-    if (!open_.empty()) {
-      elements_[open_.back()].text += text;
-    } else if (!absl::StripAsciiWhitespace(text).empty()) {
-      return Wrong(absl::StrCat("text outside all elements, '", text, "',"));
-    }
-    return absl::OkStatus();
-  }
-
-  absl::Status ReadBegin() {
-    if (open_.empty() && !elements_.empty()) return Wrong("a second root");
-    XmlElement element;
-    element.name = ReadName();
-    if (element.name.empty()) return Wrong("no name");
-    for (SkipSpace(); at_ < text_.size() && IsNamePart(text_[at_]); SkipSpace()) {
-      const std::string attribute = ReadName();
-      if (!Skip("=\"")) return Wrong(absl::StrCat("no quoted value of ", attribute));
-      SL_ASSIGN_OR_RETURN(std::string value, ReadUntil("\"<"));
-      if (!Skip("\"")) return Wrong(absl::StrCat("no end of the value of ", attribute));
-      if (!element.attributes.emplace(attribute, std::move(value)).second) {
-        return Wrong(absl::StrCat("a second ", attribute));
-      }
-    }
-    const bool ends = Skip("/");
-    if (!Skip(">")) return Wrong(absl::StrCat("no end of the tag of ", element.name));
-    if (!ends) open_.push_back(elements_.size());
-    elements_.push_back(std::move(element));
-    return absl::OkStatus();
-  }
-
-  absl::Status ReadEnd() {
-    const std::string name = ReadName();
-    if (open_.empty() || elements_[open_.back()].name != name) {
-      return Wrong(absl::StrCat("an end of ", name, ", which is not the one that is open,"));
-    }
-    open_.pop_back();
-    return Skip(">") ? absl::OkStatus() : Wrong(absl::StrCat("no end of the end of ", name));
-  }
-
-  const absl::string_view text_;
-  size_t at_ = 0;
+  const XML_Parser parser_;
   std::vector<XmlElement> elements_;
   std::vector<size_t> open_;  // Of elements_, from the root down.
 };
@@ -152,7 +95,7 @@ double XmlElement::Number(absl::string_view attribute) const {
 }
 
 absl::StatusOr<std::vector<XmlElement>> ParseXml(absl::string_view text) {
-  return XmlReader(text).Read();
+  return XmlReader().Read(text);
 }
 
 absl::StatusOr<std::vector<MarkdownTable>> ParseMarkdownTables(absl::string_view text) {

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Reads the markup that reports are written in, to tell what tests find in it from what breaks it:
-// XML's elements, as SVG has them, and Markdown's tables. No more of either than reports write:
-// XML without declarations, comments and character data sections, tables that begin and end each
-// line with a bar.
+// XML's elements, as SVG has them, by Expat, and Markdown's tables. Of these no more than reports
+// write: tables that begin and end each line with a bar.
 //
 // Invariants: what is returned without an error is well-formed.
 // Thread safety: functions only.
@@ -24,7 +23,7 @@ namespace sightline::bench {
 
 struct XmlElement {
   std::string name;
-  std::string text;  // What stands directly within it, entities as they are written.
+  std::string text;  // What stands directly within it.
   absl::flat_hash_map<std::string, std::string> attributes;
 
   // Of the attribute; NaN where there is none, or it is no number.

@@ -25,7 +25,7 @@ TEST(MarkupTest, ElementsComeInOrderWithWhatTheyHold) {
   EXPECT_EQ((*svg)[2].attributes.at("fill"), "a > b");
   EXPECT_TRUE(std::isnan((*svg)[2].Number("fill")));
   EXPECT_TRUE(std::isnan((*svg)[2].Number("y")));
-  EXPECT_EQ((*svg)[3].text, "1 &lt; 2");
+  EXPECT_EQ((*svg)[3].text, "1 < 2");
 }
 
 TEST(MarkupTest, WhatIsNoXmlIsRefused) {
