@@ -332,7 +332,7 @@ TEST_F(SoakTest, MixedLoadLeavesMemoryWhereItWas) {
   using Clock = std::chrono::steady_clock;
   TileLoad load(tiles_, {.address = server_.address(), .clients = 1});
   load.WaitForAnswers(100);
-  const auto least = static_cast<size_t>(std::max<int64_t>(4, testing_support::ScaledCount(400)));
+  const auto least = static_cast<size_t>(std::max<int64_t>(4, testing_support::ScaledCount(800)));
   const Clock::time_point begin = Clock::now();
   const auto lasted = [&] { return std::chrono::duration<double>(Clock::now() - begin); };
   std::vector<uint64_t> resident;
