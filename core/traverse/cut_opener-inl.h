@@ -26,16 +26,20 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 class CutOpener {
  public:
-  // The set is what `sides` leave, `margin` that of a box (MeetsSides); `along` is the direction
-  // that children are ordered by. `sides` must outlive the opener.
-  CutOpener(const ShaftSide* sides, int side_count, float margin, Vec3f along)
-      : sides_(sides), side_count_(side_count), margin_(margin), along_(along) {}
+  // The set is what `sides`, and `wedges` if it has any, leave, `margin` that of a box (MeetsSides);
+  // `along` is the direction that children are ordered by. Sides and wedges must outlive the opener.
+  CutOpener(const ShaftSide* sides, int side_count, const ShaftWedges* wedges, float margin,
+            Vec3f along)
+      : sides_(sides), side_count_(side_count), wedges_(wedges), margin_(margin), along_(along) {}
 
   // Takes the node's children that the set may meet. REQUIRES: there is room for eight.
   void Open(const BvhNode& node) {
     const hn::CappedTag<float, kBvhWidth> d8;
-    uint32_t bits = MaskBits(d8, MeetsSides(node, sides_, side_count_, margin_)) &
-                    ((1u << node.child_count) - 1);
+    auto met = MeetsSides(node, sides_, side_count_, margin_);
+    if (wedges_ != nullptr) {
+      met = hn::And(met, hn::Ge(WithinWedges(d8, *wedges_, node.bounds), hn::Zero(d8)));
+    }
+    uint32_t bits = MaskBits(d8, met) & ((1u << node.child_count) - 1);
     for (; bits != 0; bits &= bits - 1) {
       const int i = std::countr_zero(bits);
       Child& child = children_[count_++];
@@ -112,6 +116,7 @@ class CutOpener {
 
   const ShaftSide* const sides_;
   const int side_count_;
+  const ShaftWedges* const wedges_;
   const float margin_;
   const Vec3f along_;
   uint32_t count_ = 0;

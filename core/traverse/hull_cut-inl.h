@@ -45,7 +45,7 @@ class HullCutMaker {
     const float margin =
         kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(reference_) + spread_) +
         kFloatUnderflow;
-    CutOpener opener(sides_, kSides, margin, frame_.w);
+    CutOpener opener(sides_, kSides, nullptr, margin, frame_.w);
     if (from == nullptr) {
       opener.Open(scene_.bvh.nodes[0]);
     } else {

@@ -228,6 +228,7 @@ class ShaftWalk {
     using V8 = hn::Vec<decltype(d8)>;
     auto met = MeetsSides(node, bounds_.sides, bounds_.side_count + (rays_.has_cap() ? 1 : 0),
                           rays_.node_margin());
+    met = hn::And(met, hn::Ge(WithinWedges(d8, bounds_.wedges, node.bounds), hn::Zero(d8)));
     if constexpr (kAny) {
       return depth + PushChildren(d8, node, met, stack + depth);
     } else {

@@ -36,7 +36,7 @@ class CutMaker {
   // False: the rays fit no frame together.
   bool Make(ShaftCut* cut) {
     if (!MakeFrame() || !Bound()) return false;
-    CutOpener opener(sides_, side_count_, margin_, frame_.w);
+    CutOpener opener(sides_, side_count_, &wedges_, margin_, frame_.w);
     opener.Open(scene_.bvh.nodes[0]);
     opener.OpenLargest(scene_.bvh);
     // Near before far; for any hit what is nearest to the light first, which blocks the most.
@@ -145,12 +145,19 @@ class CutMaker {
     const float widen = kParallel ? kBoxMargin * spread : kOutlineMargin;
     const float near = hn::GetLane(hn::MinOfLanes(d, z0));
     const float far = hn::GetLane(hn::MaxOfLanes(d, z1)) * kDepthScale;
-    side_count_ = MakeShaftSides<kParallel>(
-        frame_, apex_, hn::GetLane(hn::MinOfLanes(d, x0)) - widen,
-        hn::GetLane(hn::MaxOfLanes(d, x1)) + widen, hn::GetLane(hn::MinOfLanes(d, y0)) - widen,
-        hn::GetLane(hn::MaxOfLanes(d, y1)) + widen, near, Segments() ? &far : nullptr, sides_);
+    const FrameRectangle held = {.left = hn::GetLane(hn::MinOfLanes(d, x0)) - widen,
+                                 .right = hn::GetLane(hn::MaxOfLanes(d, x1)) + widen,
+                                 .below = hn::GetLane(hn::MinOfLanes(d, y0)) - widen,
+                                 .above = hn::GetLane(hn::MaxOfLanes(d, y1)) + widen};
+    side_count_ = MakeShaftSides<kParallel>(frame_, apex_, held.left, held.right, held.below,
+                                            held.above, near, Segments() ? &far : nullptr, sides_);
     margin_ =
         kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread) + kFloatUnderflow;
+    if constexpr (kParallel) {
+      MakeParallelWedges(frame_, packets_[0].direction, apex_, held, margin_, &wedges_);
+    } else {
+      MakeApexWedges(frame_, apex_, held, margin_, &wedges_);
+    }
     return true;
   }
 
@@ -160,6 +167,7 @@ class CutMaker {
   Vec3f apex_;
   ShaftSide sides_[6];
   int side_count_ = 0;
+  ShaftWedges wedges_;
   float margin_ = 0;
 };
 

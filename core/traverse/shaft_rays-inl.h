@@ -30,6 +30,7 @@
 #include "core/intersect/predicate-inl.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
+#include "core/shaft/wedge-inl.h"
 #include "core/traverse/pixel_grid-inl.h"
 #include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/shaft_sides-inl.h"
@@ -103,6 +104,7 @@ struct ShaftBounds {
   ShaftSide sides[6];  // Left, right, below, above; for any hit: the end (the start, if parallel)
                        // and the receivers' cap.
   int side_count;
+  ShaftWedges wedges;
   float cap_most;  // Of the cap, margin included.
 };
 
@@ -506,6 +508,12 @@ class ShaftRays {
     out->side_count =
         MakeShaftSides<kParallel>(frame_, apex_, left, right, below, above, out->all_near,
                                   ends ? &out->all_far : nullptr, out->sides);
+    const FrameRectangle held = {left, right, below, above};
+    if constexpr (kParallel) {
+      MakeParallelWedges(frame_, common(), apex_, held, node_margin_, &out->wedges);
+    } else {
+      MakeApexWedges(frame_, apex_, held, node_margin_, &out->wedges);
+    }
     out->cap_most = std::numeric_limits<float>::infinity();
     if (has_cap_) {
       const ShaftD d;

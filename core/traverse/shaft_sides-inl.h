@@ -84,10 +84,11 @@ HWY_INLINE hn::Mask<hn::CappedTag<float, kBvhWidth>> MeetsSides(const BvhNode& n
   auto least = hn::Set(d8, std::numeric_limits<float>::infinity());  // Of each box's largest value.
   for (int i = 0; i < count; ++i) {
     const ShaftSide& side = sides[i];
-    auto value = hn::Mul(hn::Set(d8, side.n[0]), hn::Load(d8, node.bounds[side.face[0]]));
+    auto value = hn::MulSub(hn::Set(d8, side.n[0]), hn::Load(d8, node.bounds[side.face[0]]),
+                            hn::Set(d8, side.world));
     value = hn::MulAdd(hn::Set(d8, side.n[1]), hn::Load(d8, node.bounds[side.face[1]]), value);
     value = hn::MulAdd(hn::Set(d8, side.n[2]), hn::Load(d8, node.bounds[side.face[2]]), value);
-    least = hn::Min(least, hn::Sub(value, hn::Set(d8, side.world)));
+    least = hn::Min(least, value);
   }
   return hn::Ge(least, hn::Set(d8, -margin));
 }

@@ -230,14 +230,14 @@ TEST_F(MarginsTest, PlanesThroughTheApex) {
   boxes.Run(ScaledCount(kClimbs), start, [&](const HuntInput& input) -> std::optional<double> {
     const auto at = plane(input, false);
     if (!at) return std::nullopt;
-    // As SetSide and MeetsSides have it: the faces' own sum against the apex's, rounded once.
+    // As SetSide and MeetsSides have it: the faces' sum, begun at the apex's, rounded once.
     const Vec3d n = ToDouble(at->n), o = ToDouble(at->apex);
     const auto world = static_cast<float>(n.x * o.x + n.y * o.y + n.z * o.z);
-    float value = at->n.x * at->p.x;
+    float value = std::fma(at->n.x, at->p.x, -world);
     value = std::fma(at->n.y, at->p.y, value);
     value = std::fma(at->n.z, at->p.z, value);
     const float farthest = Norm1(at->p) + Norm1(at->apex);
-    return Ratio(at->truth - (value - world), kBoxMargin * farthest + kFloatUnderflow);
+    return Ratio(at->truth - value, kBoxMargin * farthest + kFloatUnderflow);
   });
   Report("kBoxMargin, corners", corners, kTight);
   Report("kBoxMargin, boxes", boxes, kTight);
