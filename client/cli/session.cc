@@ -25,6 +25,12 @@ client::RetryOptions RetriesOf(const SessionFlags& flags) {
 
 }  // namespace
 
+absl::Status SecurityFileError(const absl::Status& status) {
+  // What is in the file is wrong, or it cannot be read: for whichever reason, some of which have no
+  // code of their own.
+  return absl::IsInvalidArgument(status) ? status : WithExitCode(status, kExitNoInput);
+}
+
 void SessionFlags::Register(FlagSet* flags, bool embeddable, bool streams_too) {
   flags->Heading("Server");
   flags->Custom("server", "HOST:PORT",
@@ -71,6 +77,16 @@ absl::Status SessionFlags::Check() const {
   if (retry_seconds < 0) {
     return UsageError(absl::StrCat("--retry wants 0 or more seconds; got ", retry_seconds));
   }
+  const std::pair<const char*, const std::string&> of_servers[] = {
+      {"tls-ca", security.ca},
+      {"tls-cert", security.certificate},
+      {"tls-key", security.key},
+      {"token-file", security.token}};
+  for (const auto& [flag, file] : of_servers) {
+    if (server.empty() && !file.empty()) {
+      return UsageError(absl::StrCat("--", flag, " goes with --server"));
+    }
+  }
   return absl::OkStatus();
 }
 
@@ -112,8 +128,11 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags
   if (absl::Status s = flags.Check(); !s.ok()) return s;
   if (flags.server.empty()) return OpenEmbedded(flags);
   client::ConnectionOptions options;
+  if (absl::Status s = client::CheckSecurity(flags.security, flags.server); !s.ok()) {
+    return UsageError(s.message());
+  }
   absl::StatusOr<client::Security> security = client::LoadSecurity(flags.security, flags.server);
-  if (!security.ok()) return UsageError(security.status().message());
+  if (!security.ok()) return SecurityFileError(security.status());
   options.security = *std::move(security);
   options.retry = RetriesOf(flags);
   if (const uint64_t count = flags.ConnectionCount(); count > 0) {

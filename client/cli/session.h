@@ -71,6 +71,9 @@ class Session {
   const absl::Time deadline_;
 };
 
+// What reading a certificate, a key or a token returned, with its exit code.
+absl::Status SecurityFileError(const absl::Status& status);
+
 // Starts a server in this process (embedded_session.cc: the one file that knows the server).
 absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags);
 

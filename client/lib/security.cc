@@ -34,8 +34,15 @@ absl::StatusOr<std::string> ReadWhole(const std::string& path, bool secret) {
     return absl::PermissionDeniedError(
         absl::StrCat("others may use ", path, ", which holds a secret: chmod 600 it"));
   }
-  std::string text(kMaxFileBytes, '\0');
+  std::string text(kMaxFileBytes + 1, '\0');
   text.resize(std::fread(text.data(), 1, text.size(), file.get()));
+  if (std::ferror(file.get()) != 0) {
+    return absl::ErrnoToStatus(errno, absl::StrCat("cannot read ", path));
+  }
+  if (text.size() > kMaxFileBytes) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " has more than ", kMaxFileBytes,
+                                                   " bytes: name a file of what is needed alone"));
+  }
   return text;
 }
 
@@ -45,6 +52,10 @@ absl::Status Load(const std::string& path, bool secret, std::string* out) {
   absl::StatusOr<std::string> text = ReadWhole(path, secret);
   if (text.ok()) *out = *std::move(text);
   return text.status();
+}
+
+bool WantsTls(const SecurityFiles& files) {
+  return !files.ca.empty() || !files.certificate.empty();
 }
 
 // Call credentials would do this over TLS alone; Unix sockets have their own protection.
@@ -96,13 +107,24 @@ absl::StatusOr<std::string> LoadToken(const std::string& path) {
   return token;
 }
 
-absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::string& target) {
-  Security security;
+absl::Status CheckSecurity(const SecurityFiles& files, const std::string& target) {
   if (files.certificate.empty() != files.key.empty()) {
     return absl::InvalidArgumentError("a certificate and its key come together");
   }
-  security.tls = !files.ca.empty() || !files.certificate.empty();
-  absl::Status status = Load(files.ca, /*secret=*/false, &security.ca);
+  if (!files.token.empty() && !WantsTls(files) && !StaysOnThisMachine(target)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("the token would travel in the clear to ", target,
+                     ": say by which authorities the server is known"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::string& target) {
+  absl::Status status = CheckSecurity(files, target);
+  if (!status.ok()) return status;
+  Security security;
+  security.tls = WantsTls(files);
+  status.Update(Load(files.ca, /*secret=*/false, &security.ca));
   status.Update(Load(files.certificate, /*secret=*/false, &security.certificate));
   status.Update(Load(files.key, /*secret=*/true, &security.key));
   if (!status.ok()) return status;
@@ -110,11 +132,6 @@ absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::str
   absl::StatusOr<std::string> token = LoadToken(files.token);
   if (!token.ok()) return token.status();
   security.token = *std::move(token);
-  if (!security.tls && !StaysOnThisMachine(target)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("the token would travel in the clear to ", target,
-                     ": say by which authorities the server is known"));
-  }
   return security;
 }
 

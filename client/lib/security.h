@@ -18,6 +18,7 @@
 #include <memory>
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 namespace sightline::client {
@@ -36,8 +37,12 @@ struct Security {
   std::string token;                 // Empty: none.
 };
 
-// InvalidArgument (a certificate without its key, an empty token, a token for a plain connection to
-// another machine), PermissionDenied (others may read the token), and what reading returns.
+// Whether the names of the files go together, whatever is in them. InvalidArgument: a certificate
+// without its key, a token for a plain connection to another machine.
+absl::Status CheckSecurity(const SecurityFiles& files, const std::string& target);
+
+// What CheckSecurity returns; InvalidArgument (no regular file, a token that is empty or many, a
+// file that is too large), PermissionDenied (others may read the token), and what reading returns.
 absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::string& target);
 
 // The token in file `path`, which none but its owner and group may use. Errors as above.

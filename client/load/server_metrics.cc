@@ -15,6 +15,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "client/cli/exit_code.h"
+#include "client/cli/session.h"
 #include "client/lib/security.h"
 
 namespace sightline::load {
@@ -88,12 +90,14 @@ absl::StatusOr<std::string> MetricsToken(const std::string& path, const std::str
     host = host.substr(0, host.find_first_of("/?#"));
     // Before an @ there is a user's name.
     if (absl::StrContains(host, '@') || !client::StaysOnThisMachine(absl::StrCat(host, ":"))) {
-      return absl::InvalidArgumentError(
+      return cli::UsageError(
           absl::StrCat("--metrics-token-file: the token would travel in the clear to ", url,
                        ": give an https:// URL, or read the metrics on the server's machine"));
     }
   }
-  return client::LoadToken(path);
+  absl::StatusOr<std::string> token = client::LoadToken(path);
+  if (!token.ok()) return cli::SecurityFileError(token.status());
+  return token;
 }
 
 absl::StatusOr<Metrics> ReadMetrics(const std::string& where, const std::string& token,

@@ -33,7 +33,7 @@ std::string MetricsUrl(const std::string& where);
 absl::StatusOr<Metrics> ReadMetrics(const std::string& where, const std::string& token = "",
                                     absl::Duration timeout = absl::Seconds(5));
 // The token of --metrics-token-file = `path`, to be shown at `where`; none if `path` is empty.
-// InvalidArgument where it would go to another machine in the clear, and what LoadToken returns.
+// A usage error where it would go to another machine in the clear, and what LoadToken returns.
 absl::StatusOr<std::string> MetricsToken(const std::string& path, const std::string& where);
 
 struct MetricChange {

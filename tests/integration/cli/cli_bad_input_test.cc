@@ -2,6 +2,8 @@
 //
 // What concerns files and flags in the table of bad input: one line, naming what is wrong, and its
 // own exit code.
+#include <filesystem>
+
 #include "tests/integration/cli/cli_testing.h"
 
 namespace sightline::cli {
@@ -91,6 +93,36 @@ TEST_F(CliTest, OutputsThatCannotBeWrittenAreToldFirst) {
       {"v.png"});
   Bad(kExitCannotCreate,
       {"segments", File("none.obj"), "--segments", "S.npy", "--out", dir_.path()}, {dir_.path()});
+}
+
+// Who may talk to a server is told by files, and those are input like any other.
+TEST_F(CliTest, CertificatesAndTokensThatCannotBeUsed) {
+  const std::string none = File("none.pem"), server = "--server=127.0.0.1:1";
+  const std::string there = Write("there", "x"), below = there + "/ca.pem";
+  const auto with = [&](const std::vector<std::string>& flags) {
+    std::vector<std::string> args = {"health", server, "--retry=0"};
+    args.insert(args.end(), flags.begin(), flags.end());
+    return args;
+  };
+  std::filesystem::permissions(there, std::filesystem::perms::owner_read);
+  Bad(kExitNoInput, with({"--tls-ca", none}), {none});
+  Bad(kExitNoInput, with({"--tls-ca", below}), {below});
+  Bad(kExitNoInput, with({"--tls-cert", none, "--tls-key", there}), {none});
+  Bad(kExitNoInput, with({"--tls-cert", there, "--tls-key", none}), {none});
+  Bad(kExitNoInput, with({"--token-file", none}), {none});
+  Bad(kExitNoInput, {"view", "scenes/x", server, "--tls-ca", none, "--out", File("v.png")}, {none});
+  Bad(kExitData, with({"--tls-ca", dir_.path()}), {dir_.path(), "no regular file"});
+  const std::string large = Write("large", std::string((1 << 20) + 1, 'x'));
+  Bad(kExitData, with({"--tls-ca", large}), {large, "has more than 1048576 bytes"});
+  // Others may read it.
+  std::filesystem::permissions(there, std::filesystem::perms::others_read,
+                               std::filesystem::perm_options::add);
+  Bad(kExitNoInput, with({"--token-file", there}), {there, "chmod 600"});
+  // What no file can mend.
+  Bad(kExitUsage, with({"--tls-cert", there}), {"its key"});
+  Bad(kExitUsage, {"health", "--server=far.org:1", "--token-file", none}, {"in the clear"});
+  Bad(kExitUsage, {"view", "builtin:box", "--tls-ca", none, "--out", File("v.png")},
+      {"--tls-ca goes with --server"});
 }
 
 TEST_F(CliTest, ServersThatAreNotThere) {
