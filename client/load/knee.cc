@@ -14,51 +14,62 @@ constexpr double kLeastShare = 1.0 / 1024;
 
 }  // namespace
 
-absl::StatusOr<Knee> FindKnee(double first_rate, const KneeTry& trial) {
+KneeTrial JudgeTrial(double rate, const Measurement& measured, const Slo& slo) {
+  // Answers in time for what came in that time: Poisson arrivals are not exactly at the rate.
+  const bool kept_up = static_cast<double>(measured.all.answered_in_time) >=
+                       kKeepsUp * static_cast<double>(measured.all.requests);
+  return {.rate = rate,
+          .answered = measured.Rate(),
+          .p50 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(50)),
+          .p99 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(99)),
+          .held = kept_up && measured.wrong == 0 && Held(slo.Judge(measured))};
+}
+
+absl::Status FindKnee(double first_rate, const KneeTry& trial, Knee* knee) {
   SIGHTLINE_CHECK(first_rate > 0) << "rate " << first_rate;
-  Knee knee;
   double rate = first_rate;
   bool again = false;  // The rate missed once.
-  while (static_cast<int>(knee.trials.size()) < kMaxTrials) {
+  while (static_cast<int>(knee->trials.size()) < kMaxTrials) {
     SL_ASSIGN_OR_RETURN(KneeTrial result, trial(rate));
-    knee.trials.push_back(result);
+    knee->trials.push_back(result);
     if (result.held) {
-      knee.rate = rate;
+      knee->rate = rate;
     } else if (!again) {
       again = true;
       continue;
     } else {
-      knee.missed = rate;
+      knee->missed = rate;
     }
     again = false;
-    if (knee.missed == 0) {
-      rate = 2 * knee.rate;
-    } else if (knee.rate == 0) {
-      rate = knee.missed / 2;
+    if (knee->missed == 0) {
+      rate = 2 * knee->rate;
+    } else if (knee->rate == 0) {
+      rate = knee->missed / 2;
       if (rate < kLeastShare * first_rate) break;
-    } else if (knee.missed - knee.rate <= kKneePrecision * knee.rate) {
+    } else if (knee->missed - knee->rate <= kKneePrecision * knee->rate) {
       break;
     } else {
-      rate = (knee.rate + knee.missed) / 2;
+      rate = (knee->rate + knee->missed) / 2;
     }
   }
-  return knee;
+  return absl::OkStatus();
 }
 
 absl::Status HoldKnee(Knee* knee, const KneeTry& whole) {
   SIGHTLINE_CHECK(knee->rate > 0) << "rate " << knee->rate;
-  for (int step = 0;; ++step) {
-    SL_ASSIGN_OR_RETURN(KneeTrial run, whole(knee->rate));
+  double rate = knee->rate;
+  for (int step = 0; step <= kStepsBack; ++step, rate *= kStepBack) {
+    SL_ASSIGN_OR_RETURN(KneeTrial run, whole(rate));
     run.whole = true;
     knee->trials.push_back(run);
-    if (run.held) return absl::OkStatus();
-    knee->missed = knee->rate;
-    if (step == kStepsBack) {
-      knee->rate = 0;
+    if (run.held) {
+      knee->rate = rate;
       return absl::OkStatus();
     }
-    knee->rate *= kStepBack;
+    knee->missed = rate;
+    knee->rate = 0;
   }
+  return absl::OkStatus();
 }
 
 }  // namespace sightline::load

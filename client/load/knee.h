@@ -9,7 +9,8 @@
 //
 // Thread safety: none; FindKnee runs in the caller's thread.
 //
-//   absl::StatusOr<Knee> knee = FindKnee(50, [&](double rate) { return RunTrial(rate); });
+//   Knee knee;
+//   SL_RETURN_IF_ERROR(FindKnee(50, [&](double rate) { return RunTrial(rate); }, &knee));
 #ifndef SIGHTLINE_CLIENT_LOAD_KNEE_H_
 #define SIGHTLINE_CLIENT_LOAD_KNEE_H_
 
@@ -18,6 +19,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "client/load/measurement.h"
+#include "client/load/slo.h"
 
 namespace sightline::load {
 
@@ -43,15 +46,21 @@ struct Knee {
   std::vector<KneeTrial> trials;  // In the order in which they ran.
 };
 
+// What a run at `rate` came to: it held if it met the objective, had no wrong answer and kept up
+// with what was due.
+KneeTrial JudgeTrial(double rate, const Measurement& measured, const Slo& slo);
+
 // Runs one rate; its error ends the search.
 using KneeTry = std::function<absl::StatusOr<KneeTrial>(double rate)>;
 
-// REQUIRES: first_rate > 0.
-absl::StatusOr<Knee> FindKnee(double first_rate, const KneeTry& trial);
+// After an error `knee` has what was found by then. REQUIRES: first_rate > 0, an empty `knee`.
+absl::Status FindKnee(double first_rate, const KneeTry& trial, Knee* knee);
 
 // A trial is short: what holds in it may not hold in a whole run. Runs the knee's rate by `whole`,
 // and steps back by a tenth, kStepsBack times at most, until one holds: that is then the knee's
-// rate, and 0 if none does. The runs are among its trials. REQUIRES: knee->rate > 0.
+// rate, and 0 if none does. The runs are among its trials. After an error the knee's rate is that of
+// the trials, or 0 once a whole run has missed: of lower rates nothing is known in full.
+// REQUIRES: knee->rate > 0.
 absl::Status HoldKnee(Knee* knee, const KneeTry& whole);
 
 }  // namespace sightline::load

@@ -194,21 +194,6 @@ absl::Status LoadTest::Measure(const RunPlan& plan, bool until_stable, const std
   return status;
 }
 
-bool LoadTest::Keeps(const Measurement& measured) const {
-  // Answers in time for what came in that time: Poisson arrivals are not exactly at the rate.
-  return Held(options_.slo.Judge(measured)) && measured.wrong == 0 &&
-         static_cast<double>(measured.all.answered_in_time) >=
-             kKeepsUp * static_cast<double>(measured.all.requests);
-}
-
-KneeTrial LoadTest::TrialOf(double rate, const Measurement& measured) const {
-  return {.rate = rate,
-          .answered = measured.Rate(),
-          .p50 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(50)),
-          .p99 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(99)),
-          .held = Keeps(measured)};
-}
-
 absl::Status LoadTest::MeasureReported(LoadReport* report) {
   RunPlan plan = options_.plan;
   plan.rate = report->rate;
@@ -235,17 +220,42 @@ absl::Status LoadTest::MeasureReported(LoadReport* report) {
   return status;
 }
 
-absl::StatusOr<KneeTrial> LoadTest::Try(double rate) {
-  if (Interrupted()) {
-    return absl::CancelledError("interrupted while the knee was searched");
-  }
+absl::StatusOr<KneeTrial> LoadTest::Try(double rate, LoadReport* report) {
+  const auto interrupted = [] {
+    return absl::CancelledError(
+        "interrupted while the knee was searched: the report has the trials made by then");
+  };
+  if (Interrupted()) return interrupted();
   RunPlan plan = options_.plan;
   plan.rate = rate;
   plan.duration = options_.trial;
   Measurement measured;
-  SL_RETURN_IF_ERROR(Measure(plan, /*until_stable=*/false,
-                             absl::StrCat("trying ", PlainNumber(rate, 4), "/s"), &measured));
-  return TrialOf(rate, measured);
+  const absl::Status status = Measure(
+      plan, /*until_stable=*/false, absl::StrCat("trying ", PlainNumber(rate, 4), "/s"), &measured);
+  // Wrong is wrong, at whatever rate: they are what the report is about then.
+  if (measured.wrong > 0) {
+    report->rate = rate;
+    report->measured = std::move(measured);
+    return absl::DataLossError("answers were wrong while the knee was searched");
+  }
+  SL_RETURN_IF_ERROR(status);
+  // One that was cut short says nothing of its rate.
+  if (Interrupted()) return interrupted();
+  return JudgeTrial(rate, measured, options_.slo);
+}
+
+absl::Status LoadTest::RunAtKnee(LoadReport* report) {
+  Knee& knee = report->knee.emplace();
+  SL_RETURN_IF_ERROR(FindKnee(
+      options_.plan.rate, [&](double rate) { return Try(rate, report); }, &knee));
+  // Without a knee, what the first rate does is of interest still.
+  if (knee.rate == 0) return MeasureReported(report);
+  return HoldKnee(&knee, [&](double rate) -> absl::StatusOr<KneeTrial> {
+    report->rate = rate;
+    SL_RETURN_IF_ERROR(MeasureReported(report));
+    if (Interrupted()) return absl::CancelledError("interrupted while the knee was measured");
+    return JudgeTrial(rate, report->measured, options_.slo);
+  });
 }
 
 absl::Status LoadTest::Run(LoadReport* report) {
@@ -256,21 +266,8 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->check = check_;
   report->streams = target_->stream_count();
   report->rate = options_.plan.rate;
-  if (options_.find_knee) {
-    SL_ASSIGN_OR_RETURN(report->knee, FindKnee(report->rate, [this](double r) { return Try(r); }));
-  }
-  absl::Status status;
-  if (report->knee && report->knee->rate > 0) {
-    status = HoldKnee(&*report->knee, [&](double rate) -> absl::StatusOr<KneeTrial> {
-      report->rate = rate;
-      SL_RETURN_IF_ERROR(MeasureReported(report));
-      if (Interrupted()) return absl::CancelledError("interrupted while the knee was measured");
-      return TrialOf(rate, report->measured);
-    });
-  } else {
-    // Without a knee, what the first rate does is of interest still.
-    status = MeasureReported(report);
-  }
+  const absl::Status status = options_.find_knee ? RunAtKnee(report) : MeasureReported(report);
+  report->interrupted = Interrupted();
   report->stability = JudgeStability(report->measured.windows, kStabilityTolerance);
   report->slo = options_.slo.Judge(report->measured);
   if (reloader_ != nullptr) report->reloads = reloader_->report();

@@ -59,10 +59,10 @@ class LoadTest {
   // The same at the report's rate, for the report: with what the server counted meanwhile, its
   // warm-up and what it still answered afterwards among it.
   absl::Status MeasureReported(LoadReport* report);
-  absl::StatusOr<KneeTrial> Try(double rate);
-  // Whether a run met the objective and kept up with what was due.
-  bool Keeps(const Measurement& measured) const;
-  KneeTrial TrialOf(double rate, const Measurement& measured) const;
+  // A short run at that rate. Wrong answers end the search, and become what the report is about.
+  absl::StatusOr<KneeTrial> Try(double rate, LoadReport* report);
+  // Searches the knee, then measures it in full.
+  absl::Status RunAtKnee(LoadReport* report);
   bool Interrupted() const { return interrupted_ != nullptr && interrupted_->load(); }
 
   const LoadOptions& options_;

@@ -28,10 +28,11 @@ constexpr uint32_t kLargestSide = 8192;
 
 constexpr char kExitCodes[] =
     "Exit codes beside those of sightline (64 usage, 65 bad values, 66 no such file or scene,\n"
-    "69 no connection, 70 internal error, 73 no output, 75 busy or out of time, 78 wrong "
-    "processor):\n"
-    "  0   the run was measured; the objective of --slo held, if there was one\n"
+    "69 no connection, 70 internal error, 73 no output, 78 wrong processor):\n"
+    "  0   the run was measured; the objective of --slo held, if there was one, as far as the run "
+    "came\n"
     "  1   the objective was missed, or --find-knee found no rate that meets it\n"
+    "  75  busy or out of time, or --find-knee was interrupted: the report has its trials by then\n"
     "  76  answers were wrong\n";
 
 constexpr char kTimeout[] =

@@ -117,7 +117,7 @@ std::string LatencyTable(const Measurement& m) {
   return text;
 }
 
-std::string KneeText(const Knee& knee) {
+std::string KneeText(const Knee& knee, bool interrupted) {
   std::string text = "\nrate/s    answered/s     p50 ms     p99 ms\n";
   bool whole = false;
   for (const KneeTrial& trial : knee.trials) {
@@ -127,10 +127,13 @@ std::string KneeText(const Knee& knee) {
                                trial.held ? "held" : "missed", trial.whole ? ", in full" : ""));
     whole = whole || trial.whole;
   }
+  // The last run of a search that came to its end held in full.
+  const bool found = !knee.trials.empty() && knee.trials.back().whole && knee.trials.back().held;
+  if (interrupted && !found) text += "interrupted before the knee was known; so far ";
   if (knee.rate == 0) {
     return absl::StrCat(text, "no rate met the objective", whole ? " in full" : "", "\n");
   }
-  absl::StrAppend(&text, whole ? "knee: " : "knee, by trials alone: ", PlainNumber(knee.rate, 4),
+  absl::StrAppend(&text, found ? "knee: " : "knee, by trials alone: ", PlainNumber(knee.rate, 4),
                   " requests/s meet the objective");
   if (knee.missed > 0) absl::StrAppend(&text, ", ", PlainNumber(knee.missed, 4), " do not");
   return absl::StrCat(text, "\n");
@@ -184,21 +187,29 @@ std::string MetricsText(const LoadReport& report) {
 void PrintText(const LoadReport& report, std::ostream& out) {
   const Measurement& m = report.measured;
   const LoadOptions& o = *report.options;
-  Rows rows = {
-      {"server", ServerText(report)},
-      {"scene", absl::StrCat(o.scene, ", ", GroupedCount(report.triangles), " triangles")},
-      {"asked", WorkloadText(report)},
-      {"load", absl::StrCat(LoopText(report), "; ", o.session.connections, " connections, ",
-                            report.streams, " streams")},
+  Rows rows = {{"server", ServerText(report)},
+               {"scene", absl::StrCat(o.scene, ", ", GroupedCount(report.triangles), " triangles")},
+               {"asked", WorkloadText(report)},
+               {"load", absl::StrCat(LoopText(report), "; ", o.session.connections,
+                                     " connections, ", report.streams, " streams")}};
+  if (report.measured_nothing()) {
+    rows.emplace_back("measured", "nothing in full: interrupted");
+    cli::PrintTable(rows, out);
+    if (report.knee) out << KneeText(*report.knee, report.interrupted);
+    return;
+  }
+  const Rows measured = {
       {"measured",
-       absl::StrFormat("%.2f s after %.2f s of warm-up", absl::ToDoubleSeconds(m.elapsed),
-                       absl::ToDoubleSeconds(o.plan.warm_up))},
+       absl::StrFormat("%.2f s after %.2f s of warm-up%s", absl::ToDoubleSeconds(m.elapsed),
+                       absl::ToDoubleSeconds(o.plan.warm_up),
+                       report.interrupted ? ": interrupted" : "")},
       {"windows", StabilityText(report.stability)},
       {"requests", RequestsText(m.all)},
       {"answers/s", PlainNumber(m.Rate(), 4)},
       {"rays/s", HumanCount(m.PerSecond(m.all.rays_in_time))},
       {"bytes/s", absl::StrCat(HumanCount(m.PerSecond(m.all.bytes_received_in_time)), " received, ",
                                HumanCount(m.PerSecond(m.all.bytes_sent_in_time)), " sent")}};
+  rows.insert(rows.end(), measured.begin(), measured.end());
   for (const auto& [name, count] : m.errors)
     rows.emplace_back("failed", absl::StrCat(GroupedCount(count), " ", name));
   if (m.all.given_up() > 0) {
@@ -221,7 +232,7 @@ void PrintText(const LoadReport& report, std::ostream& out) {
   }
   cli::PrintTable(rows, out);
   out << LatencyTable(m);
-  if (report.knee) out << KneeText(*report.knee);
+  if (report.knee) out << KneeText(*report.knee, report.interrupted);
   out << MetricsText(report);
 }
 
@@ -297,6 +308,7 @@ Json MainJson(const LoadReport& report) {
   json["streams"] = report.streams;
   json["seed"] = o.plan.seed;
   json["warm_up_s"] = absl::ToDoubleSeconds(o.plan.warm_up);
+  json["interrupted"] = report.interrupted;
   json["measured_s"] = absl::ToDoubleSeconds(m.elapsed);
   json["stable"] = report.stability.stable;
   json["rate_spread"] = Finite(report.stability.rate_spread);

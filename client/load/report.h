@@ -39,7 +39,8 @@ struct LoadReport {
   std::string scene_name;
   uint64_t triangles = 0;
   size_t streams = 0;
-  double rate = 0;  // Asked for, of an open loop.
+  double rate = 0;           // Asked for, of an open loop.
+  bool interrupted = false;  // Cut short: what there is, is what was measured by then.
   CheckSource check;
   Measurement measured;
   Stability stability;
@@ -48,6 +49,9 @@ struct LoadReport {
   std::optional<ReloadReport> reloads;
   std::map<std::string, MetricChange> server_metrics;
   std::string server_metrics_error;
+
+  // A search that was interrupted has trials, and no run of its own.
+  bool measured_nothing() const { return interrupted && measured.all.requests == 0; }
 };
 
 // "open loop, poisson, 600/s" or "closed loop, 8 at once".

@@ -80,11 +80,10 @@ absl::Status Load(const std::vector<std::string>& args, std::ostream& out, std::
   SL_RETURN_IF_ERROR(test.Prepare());
   LoadReport report;
   const absl::Status status = test.Run(&report);
-  // A run that broke off is told as far as it came.
-  if (report.measured.all.requests > 0 || status.ok()) {
-    PrintReport(report, options->output, out);
-    SL_RETURN_IF_ERROR(WriteFiles(report));
-  }
+  // A run that broke off is told as far as it came, and so is a search.
+  const bool measured = report.measured.all.requests > 0 || status.ok();
+  if (measured || report.measured_nothing()) PrintReport(report, options->output, out);
+  if (measured) SL_RETURN_IF_ERROR(WriteFiles(report));
   if (report.measured.wrong > 0) return Verdict(report);
   SL_RETURN_IF_ERROR(status);
   return Verdict(report);

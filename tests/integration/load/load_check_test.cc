@@ -209,6 +209,13 @@ TEST_F(LoadCheckTest, WrongAnswersAreCaught) {
   EXPECT_EQ(result.code, kExitWrong) << result.err;
   EXPECT_THAT(result.err, HasSubstr("answers are wrong; the first: request "));
   EXPECT_THAT(result.out, HasSubstr("first wrong"));
+  // A search ends with them: a trial is short, but wrong is wrong.
+  const RunResult search =
+      RunWith({ServerFlag(), "--scene", WriteObj("a.obj", 2), "--check-scene", WriteObj("b.obj", 1),
+               "--requests=40", "--check=all", "--find-knee", "--rate=200", "--slo=p50=10m"});
+  EXPECT_EQ(search.code, kExitWrong) << search.err;
+  EXPECT_THAT(search.err, HasSubstr("answers are wrong; the first: request "));
+  EXPECT_THAT(search.out, HasSubstr("first wrong"));
 }
 
 TEST_F(LoadCheckTest, WhatCannotBeTheServersSceneIsRefused) {

@@ -11,6 +11,7 @@
 #include <atomic>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <ostream>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -32,17 +33,23 @@ struct RunResult {
   nlohmann::json json() const { return nlohmann::json::parse(out); }
 };
 
+// What a run of RunWith is told while it lasts.
+struct Watched {
+  const std::atomic<bool>* interrupted = nullptr;
+  std::ostream* terminal = nullptr;  // Gets the live line, and what else goes to standard error.
+};
+
 // Small pictures of a small scene; no warm-up, and far more time than is needed. What `args` say
 // wins.
-inline RunResult RunWith(std::vector<std::string> args,
-                         const std::atomic<bool>* interrupted = nullptr) {
+inline RunResult RunWith(std::vector<std::string> args, const Watched& watched = {}) {
   for (const char* arg : {"--size=128x72", "--tile=32", "--cameras=2", "--points=64",
                           "--distinct=16", "--warm-up=0s", "--duration=10m"}) {
     args.insert(args.begin(), arg);
   }
   std::ostringstream out, err;
   RunResult result;
-  result.code = RunLoad(args, out, err, /*err_is_terminal=*/false, interrupted);
+  result.code = RunLoad(args, out, watched.terminal != nullptr ? *watched.terminal : err,
+                        /*err_is_terminal=*/watched.terminal != nullptr, watched.interrupted);
   result.out = out.str();
   result.err = err.str();
   return result;
