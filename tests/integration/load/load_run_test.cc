@@ -227,6 +227,16 @@ TEST_F(LoadRunTest, AnInterruptedSearchReportsItsTrials) {
   EXPECT_EQ(json["all"]["requests"], 0) << "a trial is no run";
 }
 
+TEST_F(LoadRunTest, ATrialThatWasCutShortSaysNothingOfItsRate) {
+  InterruptingTerminal terminal([](const std::string&) { return true; });
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--find-knee", "--rate=200", "--slo=p50=10m",
+               "--trial=10m", "--workload=segments", "--output=json"},
+              {&terminal.interrupted, &terminal.stream});
+  EXPECT_EQ(result.code, cli::kExitTemporary) << terminal.text();
+  EXPECT_TRUE(result.json()["knee"]["trials"].empty());
+}
+
 TEST_F(LoadRunTest, AnInterruptedRunAtTheKneeIsNoKnee) {
   InterruptingTerminal terminal(
       [](const std::string& title) { return !absl::StartsWith(title, "trying "); });
