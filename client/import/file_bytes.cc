@@ -20,8 +20,8 @@ namespace {
 absl::Status OpenError(int error) {
   const std::string reason = absl::StrCat("cannot be opened: ", std::strerror(error));
   if (error == ENOENT || error == ENOTDIR) return absl::NotFoundError("no such file");
-  if (error == EACCES || error == EPERM) return absl::PermissionDeniedError(reason);
-  return absl::InvalidArgumentError(reason);
+  // For whatever reason: nothing is said of what is in it.
+  return absl::PermissionDeniedError(reason);
 }
 
 // The path without its ".xz" or ".gz".

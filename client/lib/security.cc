@@ -46,12 +46,19 @@ absl::StatusOr<std::string> ReadWhole(const std::string& path, bool secret) {
   return text;
 }
 
-// Reads `path` into `*out` if it names a file.
-absl::Status Load(const std::string& path, bool secret, std::string* out) {
+// Reads `path`, if it names a file, into `*out`: a PEM file that has a `block` of those. gRPC would
+// tell of another only by connections that never come about.
+absl::Status Load(const std::string& path, bool secret, absl::string_view block, std::string* out) {
   if (path.empty()) return absl::OkStatus();
   absl::StatusOr<std::string> text = ReadWhole(path, secret);
-  if (text.ok()) *out = *std::move(text);
-  return text.status();
+  if (!text.ok()) return text.status();
+  if (!absl::StrContains(*text, "-----BEGIN ") ||
+      !absl::StrContains(*text, absl::StrCat(block, "-----"))) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, " holds no ", block, " in PEM form (-----BEGIN ...)"));
+  }
+  *out = *std::move(text);
+  return absl::OkStatus();
 }
 
 bool WantsTls(const SecurityFiles& files) {
@@ -124,9 +131,9 @@ absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::str
   if (!status.ok()) return status;
   Security security;
   security.tls = WantsTls(files);
-  status.Update(Load(files.ca, /*secret=*/false, &security.ca));
-  status.Update(Load(files.certificate, /*secret=*/false, &security.certificate));
-  status.Update(Load(files.key, /*secret=*/true, &security.key));
+  status.Update(Load(files.ca, /*secret=*/false, "CERTIFICATE", &security.ca));
+  status.Update(Load(files.certificate, /*secret=*/false, "CERTIFICATE", &security.certificate));
+  status.Update(Load(files.key, /*secret=*/true, "PRIVATE KEY", &security.key));
   if (!status.ok()) return status;
   if (files.token.empty()) return security;
   absl::StatusOr<std::string> token = LoadToken(files.token);

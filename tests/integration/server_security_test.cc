@@ -546,7 +546,9 @@ TEST_F(SecurityTest, TheClientKeepsItsSecrets) {
   EXPECT_EQ(load({.token = token}, "unix:s.sock")->token, kQueryToken);
   EXPECT_THAT(std::string(load({.token = token}, "example.org:1").status().message()),
               HasSubstr("in the clear"));
-  EXPECT_TRUE(load({.ca = Write("ca", "x"), .token = token}, "example.org:1").ok());
+  EXPECT_TRUE(load({.ca = Write("ca", authority_.pem()), .token = token}, "example.org:1").ok());
+  EXPECT_THAT(std::string(load({.ca = token}, "localhost:1").status().message()),
+              HasSubstr("token holds no CERTIFICATE in PEM form"));
   EXPECT_FALSE(load({.certificate = token}, "localhost:1").ok());
   EXPECT_FALSE(load({.token = Write("empty", "\n")}, "localhost:1").ok());
   EXPECT_FALSE(load({.token = dir_.File("none")}, "localhost:1").ok());

@@ -98,7 +98,8 @@ TEST_F(CliTest, OutputsThatCannotBeWrittenAreToldFirst) {
 // Who may talk to a server is told by files, and those are input like any other.
 TEST_F(CliTest, CertificatesAndTokensThatCannotBeUsed) {
   const std::string none = File("none.pem"), server = "--server=127.0.0.1:1";
-  const std::string there = Write("there", "x"), below = there + "/ca.pem";
+  const std::string there = Write("there", "-----BEGIN CERTIFICATE-----"),
+                    below = there + "/ca.pem";
   const auto with = [&](const std::vector<std::string>& flags) {
     std::vector<std::string> args = {"health", server, "--retry=0"};
     args.insert(args.end(), flags.begin(), flags.end());
@@ -114,6 +115,7 @@ TEST_F(CliTest, CertificatesAndTokensThatCannotBeUsed) {
   Bad(kExitData, with({"--tls-ca", dir_.path()}), {dir_.path(), "no regular file"});
   const std::string large = Write("large", std::string((1 << 20) + 1, 'x'));
   Bad(kExitData, with({"--tls-ca", large}), {large, "has more than 1048576 bytes"});
+  Bad(kExitData, with({"--tls-ca", Write("other", "x")}), {"other", "no CERTIFICATE in PEM form"});
   // Others may read it.
   std::filesystem::permissions(there, std::filesystem::perms::others_read,
                                std::filesystem::perm_options::add);
