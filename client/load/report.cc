@@ -129,13 +129,17 @@ std::string KneeText(const Knee& knee, bool interrupted) {
   }
   // The last run of a search that came to its end held in full.
   const bool found = !knee.trials.empty() && knee.trials.back().whole && knee.trials.back().held;
-  if (interrupted && !found) text += "interrupted before the knee was known; so far ";
+  const bool cut = interrupted && !found;
+  if (cut) text += "interrupted before the knee was known; by then ";
   if (knee.rate == 0) {
     return absl::StrCat(text, "no rate met the objective", whole ? " in full" : "", "\n");
   }
-  absl::StrAppend(&text, found ? "knee: " : "knee, by trials alone: ", PlainNumber(knee.rate, 4),
-                  " requests/s meet the objective");
-  if (knee.missed > 0) absl::StrAppend(&text, ", ", PlainNumber(knee.missed, 4), " do not");
+  const char* const name = found ? "knee: " : cut ? "trials of " : "knee, by trials alone: ";
+  absl::StrAppend(&text, name, PlainNumber(knee.rate, 4),
+                  cut ? " requests/s met the objective" : " requests/s meet the objective");
+  if (knee.missed > 0) {
+    absl::StrAppend(&text, ", ", PlainNumber(knee.missed, 4), cut ? " did not" : " do not");
+  }
   return absl::StrCat(text, "\n");
 }
 
