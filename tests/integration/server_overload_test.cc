@@ -13,7 +13,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <limits>
 #include <map>
 #include <memory>
 #include <string>
@@ -33,7 +32,7 @@ using testing::Pair;
 constexpr char kSpec[] = "sphere:20000";
 constexpr char kSceneFlag[] = "--scene=heavy=builtin:sphere:20000";
 constexpr uint32_t kImage = 512;
-// What an item takes one thread at least, so that refusing others beside it is a small part.
+// What an item takes one thread, or more, so that refusing others beside it is a small part.
 constexpr double kLeastItem = 0.005;
 
 // What one stream of items came to.
@@ -46,10 +45,10 @@ struct Turn {
   std::vector<double> latencies;
   // The same less the longest that one of the server's threads waited for a core meanwhile.
   std::vector<double> own_latencies;
-  uint64_t expired = 0;  // Of these, answered with DEADLINE_EXCEEDED.
-  double cpu = 0;        // Seconds, of the server.
-  double wall = 0;       // From the first item's write to the end of the stream.
-  double least_compute = std::numeric_limits<double>::infinity();  // Seconds, of an answered item.
+  uint64_t expired = 0;          // Of these, answered with DEADLINE_EXCEEDED.
+  double cpu = 0;                // Seconds, of the server.
+  double wall = 0;               // From the first item's write to the end of the stream.
+  std::vector<double> computes;  // Seconds, of each answered item.
 
   uint64_t accepted() const { return latencies.size(); }
   double goodput() const { return static_cast<double>(in_time) / cpu; }
@@ -64,12 +63,13 @@ struct Turn {
                          other.own_latencies.end());
     cpu += other.cpu;
     wall += other.wall;
-    least_compute = std::min(least_compute, other.least_compute);
+    computes.insert(computes.end(), other.computes.begin(), other.computes.end());
   }
 };
 
-// The value that a share of the values is not above.
+// The value that a share of the values is not above; 0 if there is none.
 double Quantile(std::vector<double> values, double share) {
+  if (values.empty()) return 0;
   const auto rank = static_cast<size_t>(std::ceil(share * static_cast<double>(values.size())));
   const auto at = values.begin() + static_cast<ptrdiff_t>(std::max<size_t>(rank, 1) - 1);
   std::nth_element(values.begin(), at, values.end());
@@ -171,8 +171,7 @@ class OverloadTest : public testing::Test {
       turn.own_latencies.push_back(own / unit);
       if (code == grpc::StatusCode::OK) {
         if (load.deadline <= 0 || took <= load.deadline) ++turn.in_time;
-        turn.least_compute = std::min(
-            turn.least_compute, 1e-9 * static_cast<double>(header.statistics().compute_nanos()));
+        turn.computes.push_back(1e-9 * static_cast<double>(header.statistics().compute_nanos()));
       } else {
         ++turn.expired;
         EXPECT_GE(took, load.deadline);
@@ -195,7 +194,7 @@ class OverloadTest : public testing::Test {
     constexpr double kMargin = 1.5;
     constexpr uint64_t kTiles = uint64_t{kImage / 2 / kFirst} * (kImage / 2 / kFirst);
     const Turn tried = Run(server, {.side = kFirst, .first = 4, .arrivals = 1, .closed = kTiles});
-    const double grow = std::sqrt(kMargin * kLeastItem / tried.least_compute);
+    const double grow = std::sqrt(kMargin * kLeastItem / Quantile(tried.computes, 0));
     const auto side = static_cast<uint32_t>(std::ceil(kFirst * std::max(1.0, grow)));
     return std::min(side, kImage / 2);
   }
@@ -227,15 +226,16 @@ class OverloadTest : public testing::Test {
       overload.Add(turn);
       before = after;
     }
+    const double compute =
+        std::min(Quantile(capacity.computes, 0.5), Quantile(overload.computes, 0.5));
     const double goodput = Quantile(ratios, 0.5), p99 = Quantile(turns_p99, 0.5);
     const double own_p99 = Quantile(overload.own_latencies, 0.99);
     std::printf(
-        "%u x %u rays an item, %.1f ms of CPU time, %.1f of computing at least; goodput "
+        "%u x %u rays an item, %.1f ms of CPU time, %.1f of computing; goodput "
         "%.3f (%.3f to %.3f) of that at capacity; %llu of %llu accepted, %llu expired, p99 %.2f of "
         "the deadline (%.2f to %.2f; %.2f of all turns, %.2f with a core)\n",
-        side, side, 1e3 / capacity.goodput(), 1e3 * capacity.least_compute, goodput,
-        Quantile(ratios, 0), Quantile(ratios, 1),
-        static_cast<unsigned long long>(overload.accepted()),
+        side, side, 1e3 / capacity.goodput(), 1e3 * compute, goodput, Quantile(ratios, 0),
+        Quantile(ratios, 1), static_cast<unsigned long long>(overload.accepted()),
         static_cast<unsigned long long>(overload.sent),
         static_cast<unsigned long long>(overload.expired), p99, Quantile(turns_p99, 0),
         Quantile(turns_p99, 1), Quantile(overload.latencies, 0.99), own_p99);
@@ -245,7 +245,9 @@ class OverloadTest : public testing::Test {
     EXPECT_GE(overload.sent, 3 * overload.accepted());
     EXPECT_EQ(capacity.refused, 0u);
     EXPECT_EQ(capacity.in_time, capacity.accepted());
-    EXPECT_GE(std::min(capacity.least_compute, overload.least_compute), kLeastItem);
+    // At the median: a core may for a moment be far faster than it was when the size was chosen, and
+    // items that take less only make the bar harder to reach.
+    EXPECT_GE(compute, kLeastItem);
     EXPECT_GE(goodput, 0.9);
     EXPECT_LE(p99, 1);
     EXPECT_LE(own_p99, 1);

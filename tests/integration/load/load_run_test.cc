@@ -218,7 +218,7 @@ TEST_F(LoadRunTest, AnInterruptedSearchReportsItsTrials) {
   EXPECT_EQ(json["knee"]["rate_per_s"], 0);
   // 200 to 12.5, twice each, and then as many as passed unseen; none that was cut short.
   const nlohmann::json trials = json["knee"]["trials"];
-  EXPECT_GE(trials.size(), 10u);
+  ASSERT_GE(trials.size(), 10u);
   for (size_t i = 0; i < trials.size(); ++i) {
     EXPECT_EQ(trials[i]["rate_per_s"], 200 / std::pow(2, i / 2)) << i;
     EXPECT_EQ(trials[i]["held"], false);
