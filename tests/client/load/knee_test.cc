@@ -125,6 +125,24 @@ TEST(KneeTest, AnErrorEndsTheSearchAndKeepsWhatWasFound) {
   EXPECT_EQ(knee.rate, 2);
 }
 
+// Of good answers that come too late to keep up, of wrong ones and of slow ones.
+TEST(KneeTest, ATrialHoldsIfItKeepsUpIsRightAndMeetsTheObjective) {
+  const Slo slo = *ParseSlo("p50=10ms");
+  Measurement measured;
+  measured.all.requests = measured.all.answered = 100;
+  measured.all.answered_in_time = 95;
+  measured.all.planned.Record(absl::Milliseconds(5), 100);
+  EXPECT_TRUE(JudgeTrial(7, measured, slo).held);
+  measured.all.answered_in_time = 94;
+  EXPECT_FALSE(JudgeTrial(7, measured, slo).held);
+  measured.all.answered_in_time = 100;
+  measured.wrong = 1;
+  EXPECT_FALSE(JudgeTrial(7, measured, slo).held);
+  measured.wrong = 0;
+  measured.all.planned.Record(absl::Milliseconds(50), 200);
+  EXPECT_FALSE(JudgeTrial(7, measured, slo).held);
+}
+
 // A server that answers one request after the other, each in ten milliseconds, by a clock that the
 // runs move on: whatever this machine can do, a hundred a second is the most.
 TEST(KneeTest, TheKneeOfAServerIsWhatItCanDo) {

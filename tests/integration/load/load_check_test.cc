@@ -212,10 +212,12 @@ TEST_F(LoadCheckTest, WrongAnswersAreCaught) {
   // A search ends with them: a trial is short, but wrong is wrong.
   const RunResult search =
       RunWith({ServerFlag(), "--scene", WriteObj("a.obj", 2), "--check-scene", WriteObj("b.obj", 1),
-               "--requests=40", "--check=all", "--find-knee", "--rate=200", "--slo=p50=10m"});
+               "--requests=40", "--check=all", "--find-knee", "--rate=200", "--slo=p50=10m",
+               "--trial=100ms", "--output=json"});
   EXPECT_EQ(search.code, kExitWrong) << search.err;
   EXPECT_THAT(search.err, HasSubstr("answers are wrong; the first: request "));
-  EXPECT_THAT(search.out, HasSubstr("first wrong"));
+  EXPECT_GT(search.json()["wrong"], 0);
+  EXPECT_TRUE(search.json()["knee"]["trials"].empty());
 }
 
 TEST_F(LoadCheckTest, WhatCannotBeTheServersSceneIsRefused) {
