@@ -40,13 +40,13 @@
 // above, the last operation by 3.3u: (4.1(1 + 2.3) + 3.3)u < 17u times |p|_1, within the same
 // margin, which they take of the scene's farthest corner, too.
 //
-// Lines of wedges (wedge-inl.h): kBoxMargin again. With M the basis' rows and s = (slope, slope, 1)
-// a ray's own, D is (w·D) M^-1 s. The corners have M^T s instead. Rounding M's rows moved each by at
-// most u, so M M^T is the unit matrix up to 2·sqrt(3)u as an operator, and |s| = |D|/(w·D) <= 2.5:
-// the two differ by less than 9u, seen along any n no longer than 1. M^T s lies between the corners,
-// which are good to doubles, as n is but for its own rounding, 2.5u. Together 12u of a point's
-// depth, which is at most |p - o|_1. The chain of two fused multiply-adds that begins at n·o,
-// rounded once, adds 3u(|p|_1 + |o|_1): below 16u of that.
+// Lines of wedges (wedge-inl.h): kBoxMargin again, per unit of |n|_1. With M the basis' rows and
+// s = (slope, slope, 1) a ray's own, D is (w·D) M^-1 s. The corners have M^T s instead. Rounding
+// moved each of M's rows by at most u, so M M^T is the unit matrix up to 2·sqrt(3)u as an operator,
+// and |s| = |D|/(w·D) <= 2.5: the two differ by less than 9u, whatever n is. M^T s lies between the
+// corners, which are good to doubles, as n is but for its own rounding, 2.5u. Together 12u of a
+// point's depth, which is at most |p - o|_1. The chain of two fused multiply-adds that begins at
+// n·o, rounded once, adds 3u(|p|_1 + |o|_1): below 16u of that.
 //
 // Products that underflow lose up to 2^-149 each: kFloatUnderflow (predicate-inl.h) is added to the
 // margins of planes. Slopes are taken at depths of at least kLeastDepth, where it cannot matter.
@@ -78,9 +78,9 @@
 // Everything is taken relative to a reference point R among the origins; r bounds |P-R|_1. Offsets
 // are (u·(P-R), v·(P-R)), with u, v ⊥ D up to 4u. A hit H = P + tD has the offsets of its P up to
 // 4u·t|D| <= 4u(|H-R|_1 + r), each offset errs by 4u times its 1-norm: below 16u(|H-R|_1 + r).
-// kBoxMargin of that sum serves, for faces with |R|_1 added as above. The lines of
-// strips likewise: n is perpendicular to D but for its rounding, 2u; over the corners M^T of the
-// offsets stands for P - R, less its depth: 4u·r for the basis, 4u·r for the depth along D.
+// kBoxMargin of that sum serves, for faces with |R|_1 added as above. The lines of strips likewise:
+// n is perpendicular to D but for its rounding, 2u; over the corners M^T of the offsets stands for
+// P - R, less its depth: 4u·r for the basis, 4u·r for the depth along D.
 //
 // Edge forms. With m = (B-A)×D the predicate's e = (A-P)·m = (A-R)·m - (P-R)·m. m errs by 3u·K per
 // component, K = |B-A|_1|D|_inf >= |m|_inf. Per ray (kParallelUnits): each product is a triple

@@ -2,8 +2,8 @@
 //
 // A shaft's shadows on the three coordinate planes: each is a wedge with its point at the apex, or
 // for parallel rays a strip, between two lines. A box that is larger than a shaft is thick reaches
-// over all of the shaft's sides in corners that no ray passes; the box's own shadow, a rectangle, is
-// then told from the wedge by one corner for each line. For a single ray this is the slab test.
+// over all of the shaft's sides in corners that no ray passes; the box's own shadow, a rectangle,
+// is then told from the wedge by one corner for each line. For a single ray this is the slab test.
 //
 // Thread safety: pure functions and plain values.
 
@@ -67,14 +67,14 @@ HWY_INLINE void WedgeCorners(const ShaftFrame& frame, const FrameRectangle& at, 
   }
 }
 
-// n·(x - from) >= local - margin, for |n|_2 at most 1.
+// n·(x - from) >= local - margin·|n|_1.
 HWY_INLINE WedgeLine MakeWedgeLine(const int (&axes)[2], double n0, double n1, double local,
                                    Vec3f from, double margin) {
   WedgeLine line;
   line.n[0] = static_cast<float>(n0);
   line.n[1] = static_cast<float>(n1);
-  line.world = static_cast<float>(local - margin + double{line.n[0]} * from[axes[0]] +
-                                  double{line.n[1]} * from[axes[1]]);
+  line.world = static_cast<float>(local + n0 * from[axes[0]] + n1 * from[axes[1]] -
+                                  margin * (std::abs(n0) + std::abs(n1)));
   line.face[0] = axes[0] + (n0 >= 0 ? 3 : 0);
   line.face[1] = axes[1] + (n1 >= 0 ? 3 : 0);
   return line;
@@ -104,11 +104,8 @@ HWY_INLINE void MakeApexWedges(const ShaftFrame& frame, Vec3f apex, const FrameR
     // Each corner's shadow leads along (a, b) + t·(-b, a).
     const WedgeV t = hn::Div(hn::MulSub(hn::Set(d, a), c1, hn::Mul(hn::Set(d, b), c0)), along);
     const double t0 = hn::GetLane(hn::MinOfLanes(d, t)), t1 = hn::GetLane(hn::MaxOfLanes(d, t));
-    const double first[2] = {-(b + a * t0), a - b * t0}, last[2] = {b + a * t1, b * t1 - a};
-    const double f = 1 / (std::abs(first[0]) + std::abs(first[1]));
-    const double l = 1 / (std::abs(last[0]) + std::abs(last[1]));
-    pair[0] = MakeWedgeLine(axes, first[0] * f, first[1] * f, 0, apex, margin);
-    pair[1] = MakeWedgeLine(axes, last[0] * l, last[1] * l, 0, apex, margin);
+    pair[0] = MakeWedgeLine(axes, -(b + a * t0), a - b * t0, 0, apex, margin);
+    pair[1] = MakeWedgeLine(axes, b + a * t1, b * t1 - a, 0, apex, margin);
   }
 }
 

@@ -26,8 +26,9 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 class CutOpener {
  public:
-  // The set is what `sides`, and `wedges` if it has any, leave, `margin` that of a box (MeetsSides);
-  // `along` is the direction that children are ordered by. Sides and wedges must outlive the opener.
+  // The set is what `sides` leave, and `wedges`, which may be null; `margin` is that of a box
+  // (MeetsSides), and `along` the direction that children are ordered by. Sides and wedges must
+  // outlive the opener.
   CutOpener(const ShaftSide* sides, int side_count, const ShaftWedges* wedges, float margin,
             Vec3f along)
       : sides_(sides), side_count_(side_count), wedges_(wedges), margin_(margin), along_(along) {}
