@@ -24,7 +24,6 @@
 #include "core/accel/binary_bvh_builder.h"
 #include "core/accel/leaf_triangles.h"
 #include "core/base/parallel.h"
-#include "core/intersect/intersector_check.h"
 #include "core/intersect/prepared_geometry.h"
 #include "core/mesh/rebase.h"
 #include "core/query/segments.h"
@@ -35,6 +34,7 @@
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/property/grid_options.h"
+#include "tests/property/paper_answers.h"
 #include "tests/property/query_cases.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -54,11 +54,13 @@ using testing_support::ForEachQuery;
 using testing_support::HasMeaning;
 using testing_support::IndexObjects;
 using testing_support::kSanitizerBuild;
+using testing_support::LeavesEdgesOut;
 using testing_support::MakeClosedSphere;
 using testing_support::MakeGrid;
 using testing_support::MakeNastyScenes;
 using testing_support::MakePoints;
 using testing_support::MakeSegments;
+using testing_support::MayDifferByAnyHit;
 using testing_support::NastyRays;
 using testing_support::NastyScene;
 using testing_support::SameBytes;
@@ -356,37 +358,13 @@ void ExpectSameBits(const Answers& a, const Answers& b) {
   EXPECT_TRUE(SameBytes(a.lit_tile.lit_bits, b.lit_tile.lit_bits));
 }
 
-// Whether `says` is true of what the test has to say of some triangle that may block the ray,
-// and of whether it does so from either side.
-template <typename Says>
-bool AnyTriangle(const GridScene& scene, Intersector kind, const PredicateRay& ray, uint32_t source,
-                 uint32_t other, uint32_t mask, const Says& says) {
-  const SceneGeometry& geometry = scene.indexed.geometry;
-  for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
-    const ObjectRecord& object = geometry.objects[geometry.ObjectOf(id)];
-    if (id == source || id == other || (object.mask & mask) == 0) continue;
-    if (std::binary_search(geometry.inert.begin(), geometry.inert.end(), id)) continue;
-    const auto [a, b, c] = geometry.Corners(id);
-    if (says(CheckIntersector(kind, ray, a, b, c), object.culling == Culling::kNone)) return true;
-  }
-  return false;
-}
-
-// Beyond doubt: then no walk may miss them all.
-bool SurelyBlocks(const IntersectorCheck& check, bool two_sided) {
-  return check.hit && check.certain && two_sided;
-}
-// What a walk that leaves edge tests out may find.
-bool IsDeniedInDoubt(const IntersectorCheck& check, bool) { return !check.hit && !check.certain; }
-
 void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, const Answers& a,
                        DifferenceTally* tally) {
   const Intersector kind = options.intersector;
   const Answers& b = scene.Truth(options);
   const Shape& shape = scene.ShapeFor(options);
   const SceneGeometry& geometry = scene.indexed.geometry;
-  const bool edges_left_out = options.strategy == Strategy::kPacket && options.leaf_culling &&
-                              options.leaf_culling->aperture && options.leaf_culling->skip_edges;
+  const bool edges_left_out = LeavesEdgesOut(options);
   const auto compare = [&](const PredicateRay& ray, const Hit& hit, const Hit& truth) {
     const Difference difference = CompareHits(geometry, kind, ray, hit, truth, edges_left_out);
     tally->Add(difference);
@@ -417,16 +395,11 @@ void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, cons
                                                  : PredicateRay::Segment(light.value, point);
       compare(ray, {blockers.blocker_t[i], blockers.blocker[i]},
               {true_blockers.blocker_t[i], true_blockers.blocker[i]});
-      if (Bit(lit.lit_bits, i) == Bit(true_lit.lit_bits, i)) continue;
-      const auto any = [&](const auto& says) {
-        return AnyTriangle(scene, kind, ray, scene.points.sources[i], kNoTriangle, light.mask,
-                           says);
-      };
-      if (Bit(lit.lit_bits, i)) {
-        EXPECT_FALSE(any(SurelyBlocks));
-      } else {
-        EXPECT_TRUE(edges_left_out && any(IsDeniedInDoubt)) << "a blocker that brute force has not";
-      }
+      const bool is_lit = Bit(lit.lit_bits, i);
+      if (is_lit == Bit(true_lit.lit_bits, i)) continue;
+      const TraceRay query = {
+          .ray = ray, .mask = options.mask & light.mask, .from_source = scene.points.sources[i]};
+      EXPECT_TRUE(MayDifferByAnyHit(geometry, kind, query, !is_lit, edges_left_out));
     }
   };
   compare_shadows(scene.light, a.lit, a.blockers, b.lit, b.blockers);
@@ -439,9 +412,12 @@ void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, cons
     compare(ray, {a.segments.t[i], a.segments.triangle[i]},
             {b.segments.t[i], b.segments.triangle[i]});
     if (Bit(a.free.blocked_bits, i) == Bit(b.free.blocked_bits, i)) continue;
-    EXPECT_FALSE(Bit(a.free.blocked_bits, i)) << "a blocker that brute force has not";
-    EXPECT_FALSE(AnyTriangle(scene, kind, ray, segments.from_source[i], segments.to_source[i],
-                             options.mask, SurelyBlocks));
+    const TraceRay query = {.ray = ray,
+                            .mask = options.mask,
+                            .from_source = segments.from_source[i],
+                            .to_source = segments.to_source[i]};
+    EXPECT_TRUE(MayDifferByAnyHit(geometry, kind, query, Bit(a.free.blocked_bits, i),
+                                  /*edges_left_out=*/false));
   }
 }
 
