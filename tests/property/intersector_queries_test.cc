@@ -541,6 +541,7 @@ TEST(IntersectorQueriesTest, RelitPicturesDifferOnlyWithinTheBound) {
     for_each(truth,
              [&](const TraceRay& query, bool, bool truly) { judge.DefinesAny(query, truly); });
     for (const QueryOptions& way : SomeWaysBy(kind, rng)) {
+      if (rng.Chance(0.5)) continue;  // Of all kinds and scenes together, each way often enough.
       std::vector<std::vector<double>> pictures;
       relight(way, &pictures);
       ASSERT_EQ(pictures.size(), 2u);
