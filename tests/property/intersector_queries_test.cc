@@ -63,6 +63,8 @@ constexpr TileRect kWhole = {0, 0, kWidth, kHeight};
 constexpr TileOutputs kSeen = {.ids = true, .depth = true, .uv = true};
 constexpr TileOutputs kLit = {
     .ids = true, .depth = true, .uv = true, .lit = true, .points = true, .mirrors = true};
+// Of queries, and of a light: objects that either sees alone do not block its rays.
+constexpr uint32_t kMask = 0x80000001u, kLightMask = 3;
 constexpr Structure kStructures[] = {Structure::kBvh, Structure::kKdTree, Structure::kBinaryBvh};
 
 struct Scene {
@@ -128,6 +130,7 @@ QueryOptions BruteForceBy(Intersector kind) {
   QueryOptions options;
   options.strategy = Strategy::kBruteForce;
   options.intersector = kind;
+  options.mask = kMask;
   return options;
 }
 
@@ -158,6 +161,7 @@ std::vector<QueryOptions> SomeWaysBy(Intersector kind, TestRng& rng) {
   std::vector<QueryOptions> ways;
   for (size_t i = rng.Below(step); i < all.size(); i += step) {
     ways.push_back(all[i]);
+    ways.back().mask = kMask;
     ways.back().packet_side = OneOf(kPacketSides, rng);
     if (all[i].leaf_culling && rng.Chance(0.5)) ways.back().leaf_culling = AnyCulling(rng);
   }
@@ -181,6 +185,7 @@ PredicateRay PixelRay(const Scene& scene, uint32_t pixel) {
 TraceRay ShownRay(const Scene& scene, uint32_t pixel, const Hit& direct) {
   TraceRay query;
   query.ray = PixelRay(scene, pixel);
+  query.mask = kMask;
   const PreparedMirror* mirror = MirrorAt(scene, direct.triangle);
   if (mirror == nullptr) return query;
   query.ray = PredicateRay::Ray(mirror->eye(), mirror->Direction(query.ray.target));
@@ -191,7 +196,7 @@ TraceRay ShownRay(const Scene& scene, uint32_t pixel, const Hit& direct) {
 
 TraceRay ShadowRay(const LightSample& light, Vec3f point, uint32_t source) {
   TraceRay query;
-  query.mask = light.mask;
+  query.mask = kMask & light.mask;
   if (light.directional) {
     query.ray = PredicateRay::Ray(point, light.value);
     query.from_source = source;
@@ -207,9 +212,9 @@ TraceRay ShadowRay(const LightSample& light, Vec3f point, uint32_t source) {
 // Mirrors and what is seen in them take a good part of the picture, and not all of it.
 bool IsGoodView(const Scene& scene) {
   TileResult tile;
-  const absl::Status status =
-      TraceTile(scene.indexed, scene.camera, kWhole, {}, scene.mirrors,
-                {.ids = true, .mirrors = true}, {.structure = Structure::kBvh}, &tile);
+  const absl::Status status = TraceTile(scene.indexed, scene.camera, kWhole, {}, scene.mirrors,
+                                        {.ids = true, .mirrors = true},
+                                        {.structure = Structure::kBvh, .mask = kMask}, &tile);
   if (!status.ok()) return false;  // The eye may lie in the mirror.
   uint32_t mirrored = 0, hit_there = 0;
   for (uint32_t p = 0; p < kPixels; ++p) {
@@ -258,7 +263,7 @@ Scene Finish(std::string name, std::vector<ObjectInput> objects, std::optional<V
     sample.value = sample.directional ? rays.Target({}, /*segment=*/false) : rays.Point();
     sample.source_triangle = rays.Source();
   }
-  scene.lights[1].mask = 1;
+  scene.lights[1].mask = kLightMask;
   return scene;
 }
 
