@@ -7,9 +7,9 @@
 // prepared, the instruction set and the query's mask change from one to the next. By the predicate
 // answers have brute force's bits; by the papers' tests they differ from the same test over all
 // triangles within its bound; and what has no meaning is refused by name. A camera's rays and a
-// light's are asked about by all; suns, segments, shortened shadows, what mirrors show, and a larger
-// picture with its lights, some of them by the pixels' own packets, which take the same options
-// through other walks or more of them at once, by a share drawn at random.
+// light's are asked about by all; suns, segments, shortened shadows, what mirrors show, and a
+// larger picture with its lights, some of them by the pixels' own packets, which take the same
+// options through other walks or more of them at once, by a share drawn at random.
 #include <algorithm>
 #include <array>
 #include <bit>

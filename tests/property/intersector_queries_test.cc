@@ -154,10 +154,10 @@ LeafCulling AnyCulling(TestRng& rng) {
 }
 
 // All of a kind's ways, half of those that cull in leaves by whatever can be chosen there, packets
-// of any size; under a sanitizer one of three.
+// of any size; under a sanitizer one of six.
 std::vector<QueryOptions> SomeWaysBy(Intersector kind, TestRng& rng) {
   const std::vector<QueryOptions> all = WaysBy(kind, kStructures);
-  const size_t step = kSanitizerBuild ? 3 : 1;
+  const size_t step = kSanitizerBuild ? 6 : 1;
   std::vector<QueryOptions> ways;
   for (size_t i = rng.Below(step); i < all.size(); i += step) {
     ways.push_back(all[i]);
@@ -359,7 +359,7 @@ Picture Take(const Scene& scene, const QueryOptions& way) {
 // Brute force shows what the definition says, and lights it so.
 void CheckDefinition(const Scene& scene, const Picture& truth, Judge& judge) {
   const PreparedPoints& points = truth.shown.points;
-  for (uint32_t p = 0; p < kPixels; p += kSanitizerBuild ? 5 : 1) {
+  for (uint32_t p = 0; p < kPixels; p += kSanitizerBuild ? 11 : 1) {
     const TraceRay query = ShownRay(scene, p, Picture::HitOf(truth.direct, p));
     judge.Defines(query, Picture::HitOf(truth.shown, p));
     const std::optional<size_t> point = truth.point_of[p];
