@@ -1,21 +1,61 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/build_flags.h"
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "client/cli/exit_code.h"
+#include "core/base/status_macros.h"
+
 namespace sightline::cli {
 namespace {
 
 constexpr uint64_t kMostLeafTriangles = kMaxKdLeafTriangles;
 
+constexpr absl::string_view kOfKdTree[] = {
+    "kd-cost",  "kd-perfect-splits", "kd-min-leaf",      "kd-max-leaf",
+    "kd-depth", "kd-max-references", "kd-lay-out-leaves"};
+constexpr absl::string_view kOfBinaryBvh[] = {"binary-bins",          "binary-cost",
+                                              "binary-min-triangles", "binary-depth",
+                                              "binary-min-extent",    "binary-ignore-cost"};
+
+template <size_t kCount>
+absl::Status NoneGiven(const FlagSet& flags, const absl::string_view (&names)[kCount],
+                       absl::string_view why) {
+  for (const absl::string_view name : names) {
+    if (flags.given(name)) return UsageError(absl::StrCat("--", name, " changes nothing: ", why));
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 void BuildFlags::Register(FlagSet* flags) {
-  flags->Choice("build", {"static", "dynamic", "compact"},
-                "what the build favours: fast answers, being built fast, or little memory",
-                &preset_);
+  RegisterPreset(flags);
   flags->Choice("structure", {"bvh", "kd-tree", "both"},
                 "what is built: the BVH, a kd-tree instead of it, or a kd-tree beside it, for "
                 "--structure KD_TREE and --strategy RTT of queries",
                 &structure_);
+  RegisterKdTree(flags);
+  flags->Switch("binary-bvh",
+                "also build a binary BVH with large leaves, for --structure BINARY_BVH",
+                &binary_bvh_);
+  RegisterBinaryBvh(flags);
+}
+
+void BuildFlags::RegisterForQuery(FlagSet* flags) {
+  flags->Heading("What is built, of a file or a built-in scene");
+  RegisterPreset(flags);
+  RegisterKdTree(flags);
+  RegisterBinaryBvh(flags);
+}
+
+void BuildFlags::RegisterPreset(FlagSet* flags) {
+  flags->Choice("build", {"static", "dynamic", "compact"},
+                "what the build favours: fast answers, being built fast, or little memory",
+                &preset_);
+}
+
+void BuildFlags::RegisterKdTree(FlagSet* flags) {
   flags->Number("kd-cost", "RATIO",
                 "of the kd-tree: cost of a node over that of a triangle's test, 0.01 to 10; less "
                 "makes a deeper tree",
@@ -39,9 +79,9 @@ void BuildFlags::Register(FlagSet* flags) {
       "of the kd-tree: keep the leaves' triangles beside it, 64 bytes for each named, for "
       "--leaf-culling of queries",
       &kd_.lay_out_leaves);
-  flags->Switch("binary-bvh",
-                "also build a binary BVH with large leaves, for --structure BINARY_BVH",
-                &binary_bvh_);
+}
+
+void BuildFlags::RegisterBinaryBvh(FlagSet* flags) {
   flags->Count("binary-bins", "N", "of the binary BVH: bins along the longest axis", &binary_bins_,
                2, kMaxBinaryBvhBins);
   flags->Number("binary-cost", "RATIO",
@@ -63,29 +103,60 @@ void BuildFlags::Register(FlagSet* flags) {
 
 SceneBuild BuildFlags::ForServer() const {
   SceneBuild build;
-  build.preset = preset_ == "dynamic"   ? client::BuildPreset::kDynamic
-                 : preset_ == "compact" ? client::BuildPreset::kCompact
-                                        : client::BuildPreset::kStatic;
+  build.preset = PresetForServer();
   build.without_bvh = without_bvh();
-  if (with_kd_tree()) {
-    build.kd_tree = client::KdTreeOptions{.traversal_cost = kd_cost_,
-                                          .perfect_splits = kd_.perfect_splits,
-                                          .min_leaf_triangles = static_cast<uint32_t>(kd_min_leaf_),
-                                          .max_leaf_triangles = static_cast<uint32_t>(kd_max_leaf_),
-                                          .max_depth = static_cast<uint32_t>(kd_depth_),
-                                          .max_references = kd_max_references_,
-                                          .lay_out_leaves = kd_.lay_out_leaves};
-  }
-  if (binary_bvh_) {
-    build.binary_bvh =
-        client::BinaryBvhOptions{.bins = static_cast<uint32_t>(binary_bins_),
-                                 .cost_ratio = binary_cost_,
-                                 .min_triangles = static_cast<uint32_t>(binary_min_triangles_),
-                                 .max_depth = static_cast<uint32_t>(binary_depth_),
-                                 .ignore_cost = binary_ignore_cost_,
-                                 .min_extent = binary_min_extent_};
-  }
+  if (with_kd_tree()) build.kd_tree = KdTreeForServer();
+  if (binary_bvh_) build.binary_bvh = BinaryBvhForServer();
   return build;
+}
+
+absl::StatusOr<SceneBuild> BuildFlags::ForQuery(const FlagSet& flags, const std::string& argument,
+                                                Trees trees) const {
+  const SceneKind kind = KindOf(argument);
+  if (kind == SceneKind::kServer || kind == SceneKind::kNative) {
+    const std::string why = absl::StrCat("'", argument, "' is built already");
+    SL_RETURN_IF_ERROR(NoneGiven(flags, {"build"}, why));
+    SL_RETURN_IF_ERROR(NoneGiven(flags, kOfKdTree, why));
+    SL_RETURN_IF_ERROR(NoneGiven(flags, kOfBinaryBvh, why));
+  }
+  if (!trees.kd_tree) {
+    SL_RETURN_IF_ERROR(NoneGiven(flags, kOfKdTree,
+                                 "a kd-tree is walked with --structure KD_TREE or --strategy RTT"));
+  }
+  if (!trees.binary_bvh) {
+    SL_RETURN_IF_ERROR(
+        NoneGiven(flags, kOfBinaryBvh, "a binary BVH is walked with --structure BINARY_BVH"));
+  }
+  SceneBuild build;
+  build.preset = PresetForServer();
+  if (trees.kd_tree) build.kd_tree = KdTreeForServer();
+  if (trees.binary_bvh) build.binary_bvh = BinaryBvhForServer();
+  return build;
+}
+
+client::BuildPreset BuildFlags::PresetForServer() const {
+  return preset_ == "dynamic"   ? client::BuildPreset::kDynamic
+         : preset_ == "compact" ? client::BuildPreset::kCompact
+                                : client::BuildPreset::kStatic;
+}
+
+client::KdTreeOptions BuildFlags::KdTreeForServer() const {
+  return {.traversal_cost = kd_cost_,
+          .perfect_splits = kd_.perfect_splits,
+          .min_leaf_triangles = static_cast<uint32_t>(kd_min_leaf_),
+          .max_leaf_triangles = static_cast<uint32_t>(kd_max_leaf_),
+          .max_depth = static_cast<uint32_t>(kd_depth_),
+          .max_references = kd_max_references_,
+          .lay_out_leaves = kd_.lay_out_leaves};
+}
+
+client::BinaryBvhOptions BuildFlags::BinaryBvhForServer() const {
+  return {.bins = static_cast<uint32_t>(binary_bins_),
+          .cost_ratio = binary_cost_,
+          .min_triangles = static_cast<uint32_t>(binary_min_triangles_),
+          .max_depth = static_cast<uint32_t>(binary_depth_),
+          .ignore_cost = binary_ignore_cost_,
+          .min_extent = binary_min_extent_};
 }
 
 SceneBuildOptions BuildFlags::ForLibrary() const {

@@ -121,6 +121,23 @@ TEST(PapersTest, EveryFigureIsANumber) {
   }
 }
 
+// By what they are of: words, and the numbers that are chosen, not measured.
+TEST(PapersTest, RowsOfATableAreToldApart) {
+  const std::set<std::string> kChosen = {"ratio", "packet",       "cross_section", "leaf",
+                                         "bins",  "antialiasing", "width",         "times_smaller"};
+  for (const auto& [table, rows] : TheRun().tables) {
+    std::set<std::string> seen;
+    for (const Row& row : rows) {
+      Row of;
+      for (const auto& [key, value] : row.items()) {
+        if (value.is_string() || kChosen.contains(key)) of[key] = value;
+      }
+      EXPECT_TRUE(seen.insert(of.dump()).second)
+          << table.first << ", " << table.second << " has two rows of " << of.dump();
+    }
+  }
+}
+
 TEST(PapersTest, EveryPapersClaimsHaveTheirLine) {
   std::map<std::string, int> claims;
   for (const Row& claim : TheRun().claims) {

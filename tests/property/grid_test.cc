@@ -4,12 +4,12 @@
 // is, each over one small scene of several in turn, by a picture and points that fill one packet of
 // its size and begin others; and, but for those of the binary BVH, a share of them over one of as
 // many whose kd-tree stands alone. How scenes are built, for which of the papers' tests they are
-// prepared, and the instruction set change from one to the next. By the predicate answers have
-// brute force's bits; by the papers' tests they differ from the same test over all triangles within
-// its bound; and what has no meaning is refused by name. A camera's rays and a light's are asked
-// about by all; suns, segments, shortened shadows, what mirrors show, and a larger picture with its
-// lights, some of them by the pixels' own packets, which take the same options through other walks
-// or more of them at once, by a share drawn at random.
+// prepared, the instruction set and the query's mask change from one to the next. By the predicate
+// answers have brute force's bits; by the papers' tests they differ from the same test over all
+// triangles within its bound; and what has no meaning is refused by name. A camera's rays and a
+// light's are asked about by all; suns, segments, shortened shadows, what mirrors show, and a
+// larger picture with its lights, some of them by the pixels' own packets, which take the same
+// options through other walks or more of them at once, by a share drawn at random.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -24,7 +24,6 @@
 #include "core/accel/binary_bvh_builder.h"
 #include "core/accel/leaf_triangles.h"
 #include "core/base/parallel.h"
-#include "core/intersect/intersector_check.h"
 #include "core/intersect/prepared_geometry.h"
 #include "core/mesh/rebase.h"
 #include "core/query/segments.h"
@@ -35,6 +34,7 @@
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/property/grid_options.h"
+#include "tests/property/paper_answers.h"
 #include "tests/property/query_cases.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -54,11 +54,13 @@ using testing_support::ForEachQuery;
 using testing_support::HasMeaning;
 using testing_support::IndexObjects;
 using testing_support::kSanitizerBuild;
+using testing_support::LeavesEdgesOut;
 using testing_support::MakeClosedSphere;
 using testing_support::MakeGrid;
 using testing_support::MakeNastyScenes;
 using testing_support::MakePoints;
 using testing_support::MakeSegments;
+using testing_support::MayDifferByAnyHit;
 using testing_support::NastyRays;
 using testing_support::NastyScene;
 using testing_support::SameBytes;
@@ -88,6 +90,8 @@ size_t ShapeOf(const QueryOptions& options) {
 constexpr double kShareOfMore = 1.0 / 64, kShareOfAlone = 1.0 / 8;
 // Of the large picture: by the predicate alone it has lights.
 constexpr double kShareOfLarge = 1.0 / 1024, kShareOfLargeExact = 1.0 / 128;
+constexpr double kShareOfMasks = 0.5;  // Of queries that are asked with some mask.
+constexpr uint32_t kMasks[] = {0xFFFFFFFFu, 1u, 0x80000002u};
 constexpr double kShortened = 0.2;  // ShadowOptions::t_min.
 constexpr TileOutputs kTile = {.hits = true, .ids = true, .depth = true, .uv = true};
 constexpr TileOutputs kLitTile = {.hits = true, .lit = true};
@@ -116,7 +120,10 @@ struct GridScene {
   PreparedSegments segments;
   std::vector<Mirror> mirrors;
   std::vector<Shape> shapes;
-  std::vector<std::vector<Answers>> truth;  // By intersector and shape.
+  // Of queries, the first of all objects; and which of the sets of objects below each sees.
+  std::vector<uint32_t> masks = {0xFFFFFFFFu};
+  std::vector<size_t> seen_by = {0};
+  std::vector<std::vector<std::vector<Answers>>> truth;  // By set, intersector and shape.
 
   // Amid the picture, where the most is seen.
   TileRect RectOf(const Shape& shape) const {
@@ -136,7 +143,9 @@ struct GridScene {
     return shapes[IsLarge() ? 0 : ShapeOf(options)];
   }
   const Answers& Truth(const QueryOptions& options) const {
-    return truth[static_cast<size_t>(options.intersector)][IsLarge() ? 0 : ShapeOf(options)];
+    const auto mask = std::find(masks.begin(), masks.end(), options.mask) - masks.begin();
+    return truth[seen_by[static_cast<size_t>(mask)]][static_cast<size_t>(options.intersector)]
+                [IsLarge() ? 0 : ShapeOf(options)];
   }
 
   absl::Status Ask(const QueryOptions& options, const Shape& shape, bool more,
@@ -221,6 +230,44 @@ bool SeesMirrors(const GridScene& scene) {
   return mirrored > pixels / 4 && mirrored < pixels;
 }
 
+// Which of the objects a query of that mask sees, and which of them its light's shadows.
+std::vector<bool> SeenBy(const GridScene& scene, uint32_t mask) {
+  std::vector<bool> seen;
+  for (const ObjectRecord& object : scene.indexed.geometry.objects) {
+    seen.push_back((object.mask & mask) != 0);
+    seen.push_back((object.mask & mask & scene.light.mask) != 0);
+  }
+  return seen;
+}
+
+// What brute force answers by each mask; by those that see the same objects, once.
+void AddMasks(GridScene* scene) {
+  scene->masks.assign(std::begin(kMasks), std::end(kMasks));
+  if (!scene->indexed.geometry.uniform) scene->masks.push_back(0);
+  scene->seen_by.clear();
+  std::vector<std::vector<bool>> sets;
+  for (const uint32_t mask : scene->masks) {
+    const std::vector<bool> seen = SeenBy(*scene, mask);
+    const auto found = std::find(sets.begin(), sets.end(), seen);
+    scene->seen_by.push_back(static_cast<size_t>(found - sets.begin()));
+    if (found != sets.end()) continue;
+    sets.push_back(seen);
+    std::vector<std::vector<Answers>>& of_set = scene->truth.emplace_back();
+    for (const Intersector intersector : AllNamed(&IntersectorName)) {
+      QueryOptions options;
+      options.strategy = Strategy::kBruteForce;
+      options.intersector = intersector;
+      options.mask = mask;
+      std::vector<Answers>& truth = of_set.emplace_back();
+      for (const Shape& shape : scene->shapes) {
+        const absl::Status status =
+            scene->Ask(options, shape, /*more=*/true, &truth.emplace_back());
+        EXPECT_TRUE(status.ok()) << status;
+      }
+    }
+  }
+}
+
 GridScene Finish(std::string name, IndexedGeometry indexed, std::vector<Mirror> mirrors,
                  std::vector<Shape> shapes, TestRng& rng) {
   GridScene scene;
@@ -243,22 +290,14 @@ GridScene Finish(std::string name, IndexedGeometry indexed, std::vector<Mirror> 
   }
   EXPECT_TRUE(found) << "no camera sees the scene, or its mirrors";
   scene.light.value = rays.Point();
+  scene.light.mask = 0x80000001u;  // Sees less than the query where they share no bit.
   scene.sun.directional = true;
   scene.sun.value = rays.Target({}, /*segment=*/false);
   const size_t valid = large ? kLarge.points : kLargest.points;
   scene.points = MakePoints(scene.indexed, rng, 2 * valid);
   EXPECT_GE(scene.points.size() - scene.points.invalid, valid);
   scene.segments = MakeSegments(scene.indexed, rng, 12);
-  for (const Intersector intersector : AllNamed(&IntersectorName)) {
-    QueryOptions options;
-    options.strategy = Strategy::kBruteForce;
-    options.intersector = intersector;
-    std::vector<Answers>& truth = scene.truth.emplace_back();
-    for (const Shape& shape : scene.shapes) {
-      const absl::Status status = scene.Ask(options, shape, /*more=*/true, &truth.emplace_back());
-      EXPECT_TRUE(status.ok()) << status;
-    }
-  }
+  AddMasks(&scene);
   return scene;
 }
 
@@ -266,12 +305,13 @@ std::vector<GridScene> MakeGridScenes(TestRng& rng) {
   const std::vector<Shape> shapes(std::begin(kShapes), std::end(kShapes));
   std::vector<GridScene> scenes;
   // Ordinary: waves with a ball over them, before a mirror.
-  scenes.push_back(Finish(
-      "waves, a ball and a mirror",
-      IndexObjects({MakeGrid(5, 0.4, {-2.5, 0, -2.5}, rng),
-                    MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1}), MakeGrid(2, 0, {-1, 2.5, -1}, rng)},
-                   std::nullopt),
-      {Mirror{.object = 2}}, shapes, rng));
+  ObjectInput ball = MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1});
+  ball.mask = 1;
+  scenes.push_back(Finish("waves, a ball and a mirror",
+                          IndexObjects({MakeGrid(5, 0.4, {-2.5, 0, -2.5}, rng), ball,
+                                        MakeGrid(2, 0, {-1, 2.5, -1}, rng)},
+                                       std::nullopt),
+                          {Mirror{.object = 2}}, shapes, rng));
   for (NastyScene& nasty : MakeNastyScenes(rng)) {
     for (const absl::string_view name :
          {"slivers", "coplanar and duplicate faces", "a closed box", "masks and culling",
@@ -293,11 +333,11 @@ std::vector<GridScene> MakeGridScenes(TestRng& rng) {
 }
 
 GridScene MakeLargePicture(TestRng& rng) {
-  return Finish(
-      "a ball over a mirror, a large picture",
-      IndexObjects({MakeGrid(3, 0, {-3, 0, -3}, rng), MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1})},
-                   std::nullopt),
-      {Mirror{.object = 0}}, {kLarge}, rng);
+  ObjectInput ball = MakeClosedSphere(5, 6, 0.7, {0.2, 1, 0.1});
+  ball.mask = 1;
+  return Finish("a ball over a mirror, a large picture",
+                IndexObjects({MakeGrid(3, 0, {-3, 0, -3}, rng), ball}, std::nullopt),
+                {Mirror{.object = 0}}, {kLarge}, rng);
 }
 
 // The same scenes and answers without their BVHs. Some kd-trees are cut as finely as can be.
@@ -356,37 +396,13 @@ void ExpectSameBits(const Answers& a, const Answers& b) {
   EXPECT_TRUE(SameBytes(a.lit_tile.lit_bits, b.lit_tile.lit_bits));
 }
 
-// Whether `says` is true of what the test has to say of some triangle that may block the ray,
-// and of whether it does so from either side.
-template <typename Says>
-bool AnyTriangle(const GridScene& scene, Intersector kind, const PredicateRay& ray, uint32_t source,
-                 uint32_t other, uint32_t mask, const Says& says) {
-  const SceneGeometry& geometry = scene.indexed.geometry;
-  for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
-    const ObjectRecord& object = geometry.objects[geometry.ObjectOf(id)];
-    if (id == source || id == other || (object.mask & mask) == 0) continue;
-    if (std::binary_search(geometry.inert.begin(), geometry.inert.end(), id)) continue;
-    const auto [a, b, c] = geometry.Corners(id);
-    if (says(CheckIntersector(kind, ray, a, b, c), object.culling == Culling::kNone)) return true;
-  }
-  return false;
-}
-
-// Beyond doubt: then no walk may miss them all.
-bool SurelyBlocks(const IntersectorCheck& check, bool two_sided) {
-  return check.hit && check.certain && two_sided;
-}
-// What a walk that leaves edge tests out may find.
-bool IsDeniedInDoubt(const IntersectorCheck& check, bool) { return !check.hit && !check.certain; }
-
 void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, const Answers& a,
                        DifferenceTally* tally) {
   const Intersector kind = options.intersector;
   const Answers& b = scene.Truth(options);
   const Shape& shape = scene.ShapeFor(options);
   const SceneGeometry& geometry = scene.indexed.geometry;
-  const bool edges_left_out = options.strategy == Strategy::kPacket && options.leaf_culling &&
-                              options.leaf_culling->aperture && options.leaf_culling->skip_edges;
+  const bool edges_left_out = LeavesEdgesOut(options);
   const auto compare = [&](const PredicateRay& ray, const Hit& hit, const Hit& truth) {
     const Difference difference = CompareHits(geometry, kind, ray, hit, truth, edges_left_out);
     tally->Add(difference);
@@ -417,16 +433,11 @@ void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, cons
                                                  : PredicateRay::Segment(light.value, point);
       compare(ray, {blockers.blocker_t[i], blockers.blocker[i]},
               {true_blockers.blocker_t[i], true_blockers.blocker[i]});
-      if (Bit(lit.lit_bits, i) == Bit(true_lit.lit_bits, i)) continue;
-      const auto any = [&](const auto& says) {
-        return AnyTriangle(scene, kind, ray, scene.points.sources[i], kNoTriangle, light.mask,
-                           says);
-      };
-      if (Bit(lit.lit_bits, i)) {
-        EXPECT_FALSE(any(SurelyBlocks));
-      } else {
-        EXPECT_TRUE(edges_left_out && any(IsDeniedInDoubt)) << "a blocker that brute force has not";
-      }
+      const bool is_lit = Bit(lit.lit_bits, i);
+      if (is_lit == Bit(true_lit.lit_bits, i)) continue;
+      const TraceRay query = {
+          .ray = ray, .mask = options.mask & light.mask, .from_source = scene.points.sources[i]};
+      EXPECT_TRUE(MayDifferByAnyHit(geometry, kind, query, !is_lit, edges_left_out));
     }
   };
   compare_shadows(scene.light, a.lit, a.blockers, b.lit, b.blockers);
@@ -439,9 +450,12 @@ void ExpectWithinBound(const GridScene& scene, const QueryOptions& options, cons
     compare(ray, {a.segments.t[i], a.segments.triangle[i]},
             {b.segments.t[i], b.segments.triangle[i]});
     if (Bit(a.free.blocked_bits, i) == Bit(b.free.blocked_bits, i)) continue;
-    EXPECT_FALSE(Bit(a.free.blocked_bits, i)) << "a blocker that brute force has not";
-    EXPECT_FALSE(AnyTriangle(scene, kind, ray, segments.from_source[i], segments.to_source[i],
-                             options.mask, SurelyBlocks));
+    const TraceRay query = {.ray = ray,
+                            .mask = options.mask,
+                            .from_source = segments.from_source[i],
+                            .to_source = segments.to_source[i]};
+    EXPECT_TRUE(MayDifferByAnyHit(geometry, kind, query, Bit(a.free.blocked_bits, i),
+                                  /*edges_left_out=*/false));
   }
 }
 
@@ -477,6 +491,10 @@ class Grid {
     ++(scene.indexed.kd_tree_alone() ? answered_alone_ : answered_);
     ASSERT_TRUE(status.ok()) << status << " for " << Describe(options) << " over " << scene.name;
     more_ += more;
+    // Objects are left out, not all of them.
+    const std::vector<bool> seen = SeenBy(scene, options.mask);
+    masked_ += std::find(seen.begin(), seen.end(), true) != seen.end() &&
+               seen != SeenBy(scene, 0xFFFFFFFFu);
     for (const uint8_t byte : answers_.mirrored.mirror_bits) mirrored_ += std::popcount(byte);
     prepared_ += scene.indexed.prepared && scene.indexed.prepared->kind == options.intersector;
     pixel_packets_ += options.pixel_shadow_packets && options.strategy == Strategy::kPacket &&
@@ -497,6 +515,7 @@ class Grid {
   }
 
   uint64_t answered() const { return answered_; }
+  uint64_t masked() const { return masked_; }
   uint64_t more() const { return more_; }
   uint64_t pixel_packets() const { return pixel_packets_; }
   uint64_t mirrored() const { return mirrored_; }
@@ -511,7 +530,7 @@ class Grid {
   Answers answers_;
   uint64_t answered_ = 0, answered_alone_ = 0, refused_ = 0;
   uint64_t tiles_answered_ = 0, culled_tests_ = 0, more_ = 0, pixel_packets_ = 0;
-  uint64_t mirrored_ = 0, prepared_ = 0;
+  uint64_t mirrored_ = 0, prepared_ = 0, masked_ = 0;
   DifferenceTally tally_;
 };
 
@@ -529,32 +548,38 @@ TEST(GridTest, EveryCombinationAnswersAsBruteForceDoesOrIsRefused) {
   ForEachQuery([&](QueryOptions options) {
     if (testing::Test::HasFailure() || number++ % step != offset) return;
     options.simd = targets[rng.Below(targets.size())];
-    grid.Ask(scenes[rng.Below(scenes.size())], options, rng.Chance(kShareOfMore));
+    const auto ask = [&](const GridScene& scene, QueryOptions asked, bool more) {
+      if (rng.Chance(kShareOfMasks)) asked.mask = scene.masks[rng.Below(scene.masks.size())];
+      grid.Ask(scene, asked, more);
+    };
+    ask(scenes[rng.Below(scenes.size())], options, rng.Chance(kShareOfMore));
     // All of RTT, and some of the others.
     const bool exact = options.intersector == Intersector::kExact;
     if (options.strategy == Strategy::kRtt ||
         rng.Chance(exact ? kShareOfLargeExact : kShareOfLarge)) {
       QueryOptions pixels = options;
       pixels.pixel_shadow_packets = rng.Chance(0.5);
-      grid.Ask(large, pixels, /*more=*/true);
+      ask(large, pixels, /*more=*/true);
     }
     // The binary BVH is the same, whatever stands beside it.
     if (options.structure == Structure::kBinaryBvh) return;
     if (options.strategy != Strategy::kRtt && !rng.Chance(kShareOfAlone)) return;
-    grid.Ask(alone[rng.Below(alone.size())], options, rng.Chance(kShareOfMore));
+    ask(alone[rng.Below(alone.size())], options, rng.Chance(kShareOfMore));
   });
   std::cout << grid.answered() << " combinations answered, and " << grid.answered_alone()
-            << " by kd-trees alone, " << grid.more() << " with suns and segments, "
-            << grid.pixel_packets() << " with the pixels' own packets, " << grid.prepared()
-            << " over prepared triangles, " << grid.refused() << " refused; " << grid.mirrored()
-            << " pixels of mirrors, " << grid.tiles_answered() << " tiles answered, "
-            << grid.culled_tests() << " tests culled; the papers' tests: " << grid.tally() << '\n';
+            << " by kd-trees alone, " << grid.more() << " with suns and segments, " << grid.masked()
+            << " that see some objects alone, " << grid.pixel_packets()
+            << " with the pixels' own packets, " << grid.prepared() << " over prepared triangles, "
+            << grid.refused() << " refused; " << grid.mirrored() << " pixels of mirrors, "
+            << grid.tiles_answered() << " tiles answered, " << grid.culled_tests()
+            << " tests culled; the papers' tests: " << grid.tally() << '\n';
   EXPECT_GT(grid.tiles_answered(), 0u);
   EXPECT_GT(grid.more(), 0u);
   EXPECT_GT(grid.culled_tests(), 0u);
   if (kSanitizerBuild) return;
   EXPECT_GT(grid.answered(), 100'000u);
   EXPECT_GT(grid.answered_alone(), 10'000u);
+  EXPECT_GT(grid.masked(), 10'000u);
   EXPECT_GT(grid.pixel_packets(), 50u);
   EXPECT_GT(grid.mirrored(), 1'000u);
   EXPECT_GT(grid.prepared(), 10'000u);

@@ -19,6 +19,7 @@
 #include "gtest/gtest.h"
 #include "tests/core/intersect/intersector_answers.h"
 #include "tests/core/traverse/nasty_scenes.h"
+#include "tests/property/paper_answers.h"
 #include "tests/property/query_cases.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -31,35 +32,18 @@ using testing_support::CompareHits;
 using testing_support::Difference;
 using testing_support::DifferenceTally;
 using testing_support::kSanitizerBuild;
+using testing_support::LeavesEdgesOut;
 using testing_support::MakeBuiltinQueryScenes;
 using testing_support::MakeNastyQueryScenes;
 using testing_support::MakePoints;
 using testing_support::MakeSamples;
 using testing_support::QueryScene;
 using testing_support::TestRng;
+using testing_support::WaysBy;
 
 constexpr int kListed = 4;  // Of an intersector's disagreements in one scene.
 
-std::vector<QueryOptions> WaysBy(Intersector intersector) {
-  std::vector<QueryOptions> ways;
-  for (const Strategy strategy : {Strategy::kSingle, Strategy::kPacket}) {
-    if (strategy == Strategy::kPacket && intersector == Intersector::kHavelHeroutDotProduct) {
-      continue;  // For single rays.
-    }
-    for (const Structure structure : {Structure::kBvh, Structure::kKdTree}) {
-      for (const bool culls : {false, true}) {
-        QueryOptions options;
-        options.strategy = strategy;
-        options.structure = structure;
-        options.intersector = intersector;
-        if (culls) options.leaf_culling = LeafCulling();
-        options.packet_side = culls ? 8 : 16;
-        ways.push_back(options);
-      }
-    }
-  }
-  return ways;
-}
+constexpr Structure kStructures[] = {Structure::kBvh, Structure::kKdTree};
 
 // One scene's disagreements by one intersector.
 class Disagreements {
@@ -68,9 +52,8 @@ class Disagreements {
       : geometry_(geometry), kind_(kind) {}
 
   void Compare(const PredicateRay& ray, const Hit& hit, const Hit& truth, const QueryOptions& way) {
-    const bool edges_left_out =
-        way.strategy == Strategy::kPacket && way.leaf_culling && way.leaf_culling->skip_edges;
-    const Difference difference = CompareHits(geometry_, kind_, ray, hit, truth, edges_left_out);
+    const Difference difference =
+        CompareHits(geometry_, kind_, ray, hit, truth, LeavesEdgesOut(way));
     tally_.Add(difference);
     if (difference == Difference::kNone) return;
     EXPECT_NE(difference, Difference::kBeyondBound) << Text(hit) << " instead of " << Text(truth);
@@ -105,7 +88,7 @@ void CheckCameraRays(const QueryScene& scene, Intersector kind, Disagreements* f
   ASSERT_TRUE(TraceTile(scene.indexed, camera, whole, {}, kOutputs, brute, &truth).ok());
   Vec3f eye;
   ASSERT_TRUE(Rebase(camera.eye, scene.indexed.geometry.origin, &eye));
-  for (const QueryOptions& way : WaysBy(kind)) {
+  for (const QueryOptions& way : WaysBy(kind, kStructures)) {
     ASSERT_TRUE(TraceTile(scene.indexed, camera, whole, {}, kOutputs, way, &tile).ok());
     for (uint32_t p = 0; p < camera.width * camera.height; ++p) {
       const PredicateRay ray =
@@ -129,7 +112,7 @@ void CheckShadowRays(const QueryScene& scene, Intersector kind, const PreparedPo
   constexpr ShadowOutputs kOutputs = {.bits = true, .blockers = true};
   ShadowResult truth, result;
   ASSERT_TRUE(ComputeShadows(scene.indexed, range, lights, {}, {}, kOutputs, brute, &truth).ok());
-  for (const QueryOptions& way : WaysBy(kind)) {
+  for (const QueryOptions& way : WaysBy(kind, kStructures)) {
     ASSERT_TRUE(ComputeShadows(scene.indexed, range, lights, {}, {}, kOutputs, way, &result).ok());
     for (size_t s = 0; s < lights.size(); ++s) {
       for (size_t i = 0; i < n; ++i) {
@@ -194,7 +177,7 @@ TEST(IntersectorsTest, WhatHasNoDistanceBlocksNothing) {
     points.valid.push_back(true);
   }
   for (const Intersector kind : kPaperIntersectors) {
-    std::vector<QueryOptions> ways = WaysBy(kind);
+    std::vector<QueryOptions> ways = WaysBy(kind, kStructures);
     QueryOptions& brute = ways.emplace_back();
     brute.strategy = Strategy::kBruteForce;
     brute.intersector = kind;

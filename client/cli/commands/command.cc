@@ -192,14 +192,9 @@ void StrategyFlags::Apply(client::QueryOptions* options) const {
   options->pixel_shadow_packets = pixel_shadow_packets;
 }
 
-std::optional<client::KdTreeOptions> StrategyFlags::KdTree() const {
-  if (strategy != "RTT" && structure != "KD_TREE") return std::nullopt;
-  return client::KdTreeOptions{};
-}
-
-std::optional<client::BinaryBvhOptions> StrategyFlags::BinaryBvh() const {
-  if (structure != "BINARY_BVH") return std::nullopt;
-  return client::BinaryBvhOptions{};
+BuildFlags::Trees StrategyFlags::Trees() const {
+  return {.kd_tree = strategy == "RTT" || structure == "KD_TREE",
+          .binary_bvh = structure == "BINARY_BVH"};
 }
 
 absl::StatusOr<bool> ParseOrHelp(FlagSet* flags, std::span<const std::string> args,

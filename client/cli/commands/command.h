@@ -17,6 +17,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "client/cli/build_flags.h"
 #include "client/cli/flags.h"
 #include "client/cli/light_flags.h"
 #include "client/cli/progress.h"
@@ -69,8 +70,7 @@ struct StrategyFlags {
   void Register(FlagSet* flags);
   void Apply(client::QueryOptions* options) const;
   // What a scene that is made for one query must have, too.
-  std::optional<client::KdTreeOptions> KdTree() const;
-  std::optional<client::BinaryBvhOptions> BinaryBvh() const;
+  BuildFlags::Trees Trees() const;
 };
 
 // Parses; on --help prints it with `epilogue` and returns false. Wants as many words as `words`

@@ -15,6 +15,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "client/cli/build_flags.h"
 #include "client/cli/camera_flags.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
@@ -45,6 +46,7 @@ struct RelightArguments {
   uint64_t frames = 10, compare = 3;
   std::string out, base, color, output;
   StrategyFlags strategy;
+  BuildFlags build;
   SessionFlags session;
 };
 
@@ -89,6 +91,7 @@ void Register(FlagSet* flags, RelightArguments* a) {
   flags->Heading("Work");
   a->strategy.Register(flags);
   a->session.Register(flags, /*embeddable=*/true);
+  a->build.RegisterForQuery(flags);
 }
 
 double Median(std::vector<double> values) {
@@ -244,16 +247,16 @@ absl::Status RelightCommand(std::span<const std::string> args, Context& context)
   std::vector<std::string> words;
   SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, SceneHelp(), context, &words));
   if (!go) return absl::OkStatus();
+  SL_ASSIGN_OR_RETURN(const SceneBuild build,
+                      a.build.ForQuery(flags, words[0], a.strategy.Trees()));
   if (!a.by) return UsageError("wants --by X,Y,Z: how far the light moves");
   if (!a.out.empty() && !absl::EndsWith(a.out, ".png")) {
     return UsageError(absl::StrCat("--out wants a name that ends in .png; got '", a.out, "'"));
   }
   SL_RETURN_IF_ERROR(CheckOutputs({a.out, a.base, a.color}));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
-  SL_ASSIGN_OR_RETURN(
-      std::unique_ptr<OpenedScene> scene,
-      OpenScene(*session, words[0], context.err,
-                {.kd_tree = a.strategy.KdTree(), .binary_bvh = a.strategy.BinaryBvh()}));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
+                      OpenScene(*session, words[0], context.err, build));
   SL_ASSIGN_OR_RETURN(const ViewChoice view,
                       ChooseView(*session, *scene, words[0], a.view, a.view.aspect()));
   client::TileQuery query;

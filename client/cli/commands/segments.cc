@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/build_flags.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/npy.h"
@@ -18,6 +19,7 @@ namespace sightline::cli {
 absl::Status SegmentsCommand(std::span<const std::string> args, Context& context) {
   std::string segments_path, out, output;
   StrategyFlags strategy;
+  BuildFlags build_flags;
   bool stats = false;
   SessionFlags session_flags;
   FlagSet flags("sightline segments SCENE --segments FILE --out FILE.npy [flags]",
@@ -33,19 +35,20 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
   flags.Heading("Work");
   strategy.Register(&flags);
   session_flags.Register(&flags, /*embeddable=*/true);
+  build_flags.RegisterForQuery(&flags);
   std::vector<std::string> words;
   SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, SceneHelp(), context, &words));
   if (!go) return absl::OkStatus();
+  SL_ASSIGN_OR_RETURN(const SceneBuild build,
+                      build_flags.ForQuery(flags, words[0], strategy.Trees()));
   if (segments_path.empty()) return UsageError("wants --segments FILE");
   if (out.empty()) return UsageError("wants --out FILE.npy");
   SL_RETURN_IF_ERROR(CheckOutputs({out}));
   SL_ASSIGN_OR_RETURN(const std::vector<double> segments, ReadRows(segments_path, 6, "segments"));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(session_flags));
-  SL_ASSIGN_OR_RETURN(
-      std::unique_ptr<OpenedScene> scene,
-      OpenScene(*session, words[0], context.err,
-                {.kd_tree = strategy.KdTree(), .binary_bvh = strategy.BinaryBvh()}));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
+                      OpenScene(*session, words[0], context.err, build));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   client::SegmentQuery query;

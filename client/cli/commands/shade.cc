@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/build_flags.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/npy.h"
@@ -24,6 +25,7 @@ namespace {
 struct ShadeArguments {
   std::string points, normals, lights, out, output;
   StrategyFlags strategy;
+  BuildFlags build;
   LightFlags light;
   std::optional<Vec3d> up;
   double attach = 0, offset = 0, t_min = 0;
@@ -65,6 +67,7 @@ void Register(FlagSet* flags, ShadeArguments* a) {
   flags->Heading("Work");
   a->strategy.Register(flags);
   a->session.Register(flags, /*embeddable=*/true);
+  a->build.RegisterForQuery(flags);
 }
 
 absl::Status CheckArguments(const ShadeArguments& a) {
@@ -109,6 +112,8 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   std::vector<std::string> words;
   SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, SceneHelp(), context, &words));
   if (!go) return absl::OkStatus();
+  SL_ASSIGN_OR_RETURN(const SceneBuild build,
+                      a.build.ForQuery(flags, words[0], a.strategy.Trees()));
   SL_RETURN_IF_ERROR(CheckArguments(a));
   // Files first: a mistake in them shows before a scene is built.
   SL_ASSIGN_OR_RETURN(const std::vector<double> points, ReadRows(a.points, 3, "points"));
@@ -124,10 +129,8 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   SL_ASSIGN_OR_RETURN(std::vector<client::Light> lights, ReadLights(a));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
-  SL_ASSIGN_OR_RETURN(
-      std::unique_ptr<OpenedScene> scene,
-      OpenScene(*session, words[0], context.err,
-                {.kd_tree = a.strategy.KdTree(), .binary_bvh = a.strategy.BinaryBvh()}));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
+                      OpenScene(*session, words[0], context.err, build));
   SL_ASSIGN_OR_RETURN(const std::vector<client::Light> named,
                       a.light.Lights(SceneUp(*scene, a.up)));
   lights.insert(lights.end(), named.begin(), named.end());

@@ -14,6 +14,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "client/cli/build_flags.h"
 #include "client/cli/camera_flags.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
@@ -47,6 +48,7 @@ struct ViewArguments {
   std::string ids, depth, lit;
   std::string output;
   StrategyFlags strategy;
+  BuildFlags build;
   bool stats = false;
   uint64_t tile = 64;
   SessionFlags session;
@@ -124,6 +126,7 @@ void Register(FlagSet* flags, ViewArguments* a) {
   flags->Count("tile", "PIXELS", "side of the tiles that the picture is cut into", &a->tile, 1,
                4096);
   a->session.Register(flags, /*embeddable=*/true);
+  a->build.RegisterForQuery(flags);
 }
 
 std::string Epilogue() {
@@ -290,6 +293,8 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   std::vector<std::string> words;
   SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {"SCENE"}, Epilogue(), context, &words));
   if (!go) return absl::OkStatus();
+  SL_ASSIGN_OR_RETURN(const SceneBuild build,
+                      a.build.ForQuery(flags, words[0], a.strategy.Trees()));
   SL_ASSIGN_OR_RETURN(std::vector<Output> outputs, ParseOutputs(a));
   const bool json = a.output == "json";
   if (outputs.empty() && a.ids.empty() && a.depth.empty() && a.lit.empty() && !a.stats && !json) {
@@ -299,10 +304,8 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   SL_RETURN_IF_ERROR(CheckOutputs({a.ids, a.depth, a.lit}));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
-  SL_ASSIGN_OR_RETURN(
-      std::unique_ptr<OpenedScene> scene,
-      OpenScene(*session, words[0], context.err,
-                {.kd_tree = a.strategy.KdTree(), .binary_bvh = a.strategy.BinaryBvh()}));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
+                      OpenScene(*session, words[0], context.err, build));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   SL_ASSIGN_OR_RETURN(ViewChoice view,

@@ -297,9 +297,9 @@ absl::Status Shadows(Scene004& s, const Camera& camera, std::span<const LightSam
   for (const int side : {8, 16}) {
     const ShadowSeconds walks = ShadowsByWalks(s, side);
     SL_ASSIGN_OR_RETURN(const ShadowSeconds tiles, ShadowsByTiles(s, camera, samples, side));
-    for (const ShadowSeconds& seconds : {walks, tiles}) {
+    for (const auto& [by, seconds] : {std::pair("walks", walks), std::pair("TraceTile", tiles)}) {
       report->Add({{"packets", absl::StrCat(side, " x ", side)},
-                   {"by", &seconds == &tiles ? "TraceTile" : "walks"},
+                   {"by", by},
                    {"camera_s", seconds.camera},
                    {"shadow_packets_s", seconds.packets},
                    {"shadow_single_s", seconds.single},

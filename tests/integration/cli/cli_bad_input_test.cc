@@ -70,6 +70,34 @@ TEST_F(CliTest, CommandLinesThatMakeNoSense) {
   Bad(kExitUsage, {"segments", obj, "--out", out}, {"--segments"});
 }
 
+// What is built for one query comes to whoever builds it, which refuses what is out of range.
+TEST_F(CliTest, FlagsOfWhatIsBuiltReachTheBuilderFromEveryQuery) {
+  const std::string obj = Write("small.obj", kSmallObj), out = File("out.npy");
+  const std::string points = WriteDoubles("points.npy", {1, 2, 3}, 3);
+  const std::string segments = WriteDoubles("segments.npy", {1, 2, 3, 4, 5, 6}, 6);
+  for (const std::vector<std::string>& query : std::vector<std::vector<std::string>>{
+           {"view", obj, "--stats"},
+           {"shade", obj, "--points", points, "--sun", "0,0,1", "--out", out},
+           {"segments", obj, "--segments", segments, "--out", out},
+           {"relight", obj, "--by", "1,0,0"}}) {
+    const auto with = [&](std::vector<std::string> flags) {
+      flags.insert(flags.begin(), query.begin(), query.end());
+      return flags;
+    };
+    Bad(kExitData, with({"--structure", "KD_TREE", "--kd-cost", "99"}), {"traversal_cost = 99"});
+    Bad(kExitData, with({"--strategy", "RTT", "--kd-max-references", "65"}),
+        {"max_references = 65"});
+    Bad(kExitData, with({"--structure", "BINARY_BVH", "--binary-cost", "2000"}),
+        {"cost_ratio is 2000"});
+    Bad(kExitUsage, with({"--kd-depth", "9"}), {"--kd-depth changes nothing"});
+    Bad(kExitUsage, with({"--binary-bins", "9", "--strategy", "RTT"}),
+        {"--binary-bins changes nothing"});
+    std::vector<std::string> held = with({"--build", "dynamic"});
+    held[1] = "scenes/x";
+    Bad(kExitUsage, held, {"'scenes/x' is built already"});
+  }
+}
+
 TEST_F(CliTest, ArraysOfTheWrongShape) {
   const std::string obj = Write("small.obj", kSmallObj), out = File("lit.npy");
   const std::string four = WriteDoubles("four.npy", {1, 2, 3, 4}, 4);

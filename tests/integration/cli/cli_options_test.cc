@@ -20,6 +20,7 @@
 #include "core/accel/kd_builder.h"
 #include "core/query/options.h"
 #include "core/traverse/rtt.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/codec/query_codec.h"
 #include "server/codec/scene_codec.h"
@@ -139,6 +140,82 @@ TEST(CliOptionsTest, EveryChoiceOfAQueryIsItsOption) {
   ExpectSame(Asked({"--rtt-shared-edges"}), {.rtt_shared_edges = true});
   for (int n = 0; n <= kMaxRttSideBySide; ++n) {
     ExpectSame(Asked({"--rtt-side-by-side", absl::StrCat(n)}), {.rtt_side_by_side = n});
+  }
+}
+
+// What a query of `argument` is to have built with these flags.
+absl::StatusOr<SceneBuild> BuiltForQuery(const std::vector<std::string>& args,
+                                         const std::string& argument) {
+  StrategyFlags strategy;
+  BuildFlags build;
+  FlagSet flags("test", "test");
+  strategy.Register(&flags);
+  build.RegisterForQuery(&flags);
+  const auto words = flags.Parse(args);
+  EXPECT_TRUE(words.ok()) << words.status();
+  return build.ForQuery(flags, argument, strategy.Trees());
+}
+
+TEST(CliOptionsTest, AQueryHasBuiltWhatItWalksAsItsFlagsSay) {
+  const absl::StatusOr<SceneBuild> plain = BuiltForQuery({}, "builtin:box");
+  ASSERT_TRUE(plain.ok()) << plain.status();
+  EXPECT_FALSE(plain->kd_tree || plain->binary_bvh || plain->without_bvh);
+  const std::vector<std::string> kd = {"--kd-cost",
+                                       "0.5",
+                                       "--kd-perfect-splits",
+                                       "--kd-min-leaf",
+                                       "2",
+                                       "--kd-max-leaf",
+                                       "16",
+                                       "--kd-depth",
+                                       "20",
+                                       "--kd-max-references",
+                                       "3",
+                                       "--kd-lay-out-leaves"};
+  for (const std::vector<std::string>& walk : std::vector<std::vector<std::string>>{
+           {"--strategy", "RTT"}, {"--structure", "KD_TREE", "--build", "compact"}}) {
+    std::vector<std::string> args = kd;
+    args.insert(args.end(), walk.begin(), walk.end());
+    const absl::StatusOr<SceneBuild> build = BuiltForQuery(args, "bunny.ply");
+    ASSERT_TRUE(build.ok()) << build.status();
+    EXPECT_EQ(build->preset,
+              walk.size() == 2 ? client::BuildPreset::kStatic : client::BuildPreset::kCompact);
+    ASSERT_TRUE(build->kd_tree);
+    EXPECT_FALSE(build->binary_bvh);
+    v1::KdTreeOptions wire;
+    client::ToProto(*build->kd_tree, &wire);
+    const auto decoded = DecodeKdTree(wire);
+    ASSERT_TRUE(decoded.ok()) << decoded.status();
+    EXPECT_EQ(FieldsOf(*decoded), FieldsOf(KdBuildOptions{.traversal_cost = 0.5f,
+                                                          .perfect_splits = true,
+                                                          .min_leaf_triangles = 2,
+                                                          .max_leaf_triangles = 16,
+                                                          .max_depth = 20,
+                                                          .max_references = 3,
+                                                          .lay_out_leaves = true}));
+  }
+  const absl::StatusOr<SceneBuild> binary =
+      BuiltForQuery({"--structure", "BINARY_BVH", "--binary-bins", "64"}, "builtin:box");
+  ASSERT_TRUE(binary.ok()) << binary.status();
+  ASSERT_TRUE(binary->binary_bvh);
+  EXPECT_EQ(binary->binary_bvh->bins, 64u);
+  EXPECT_FALSE(binary->kd_tree);
+}
+
+// A flag that changes nothing is a mistake, not silence.
+TEST(CliOptionsTest, FlagsOfWhatIsNotBuiltAreRefused) {
+  const auto refused = [](const std::vector<std::string>& args, const std::string& argument) {
+    return std::string(BuiltForQuery(args, argument).status().message());
+  };
+  EXPECT_THAT(refused({"--kd-cost", "2"}, "builtin:box"),
+              testing::HasSubstr("--kd-cost changes nothing: a kd-tree is walked with"));
+  EXPECT_THAT(refused({"--binary-bins", "2", "--strategy", "RTT"}, "builtin:box"),
+              testing::HasSubstr("--binary-bins changes nothing"));
+  for (const char* argument : {"scenes/city", "city.slscene"}) {
+    EXPECT_THAT(refused({"--strategy", "RTT", "--kd-cost", "2"}, argument),
+                testing::HasSubstr("is built already"));
+    EXPECT_THAT(refused({"--build", "dynamic"}, argument), testing::HasSubstr("is built already"));
+    EXPECT_EQ(refused({"--strategy", "RTT"}, argument), "");
   }
 }
 
