@@ -58,8 +58,8 @@ absl::Status FindKnee(double first_rate, const KneeTry& trial, Knee* knee);
 
 // A trial is short: what holds in it may not hold in a whole run. Runs the knee's rate by `whole`,
 // and steps back by a tenth, kStepsBack times at most, until one holds: that is then the knee's
-// rate, and 0 if none does. The runs are among its trials. After an error the knee's rate is that of
-// the trials, or 0 once a whole run has missed: of lower rates nothing is known in full.
+// rate, and 0 if none does. The runs are among its trials. After an error the knee's rate is that
+// of the trials, or 0 once a whole run has missed: of lower rates nothing is known in full.
 // REQUIRES: knee->rate > 0.
 absl::Status HoldKnee(Knee* knee, const KneeTry& whole);
 

@@ -245,8 +245,8 @@ class OverloadTest : public testing::Test {
     EXPECT_GE(overload.sent, 3 * overload.accepted());
     EXPECT_EQ(capacity.refused, 0u);
     EXPECT_EQ(capacity.in_time, capacity.accepted());
-    // At the median: a core may for a moment be far faster than it was when the size was chosen, and
-    // items that take less only make the bar harder to reach.
+    // At the median: a core may for a moment be far faster than it was when the size was chosen,
+    // and items that take less only make the bar harder to reach.
     EXPECT_GE(compute, kLeastItem);
     EXPECT_GE(goodput, 0.9);
     EXPECT_LE(p99, 1);

@@ -20,6 +20,9 @@
 
 #ifndef SIGHTLINE_TESTS_WEDGE_TYPES_
 #define SIGHTLINE_TESTS_WEDGE_TYPES_
+#include <algorithm>
+#include <cmath>
+
 namespace sightline {
 
 // A shaft of rays from `from`, or along `direction`.
@@ -37,8 +40,9 @@ HWY_BEFORE_NAMESPACE();
 namespace sightline {
 namespace HWY_NAMESPACE {
 
-// How far the box reaches to the inner side of all lines, these without a margin.
-float ReachWithinWedges(const WedgeCase& c, const Box3f& box) {
+// How far the box reaches to the inner side of all lines, these without a margin, in units of each
+// line's |n|_1.
+double ReachWithinWedges(const WedgeCase& c, const Box3f& box) {
   const FrameRectangle rectangle = {c.left, c.right, c.below, c.above};
   ShaftWedges wedges;
   if (c.parallel) {
@@ -52,7 +56,15 @@ float ReachWithinWedges(const WedgeCase& c, const Box3f& box) {
     hn::Store(hn::Set(d, box.lo[k]), d, faces[k]);
     hn::Store(hn::Set(d, box.hi[k]), d, faces[k + 3]);
   }
-  return hn::GetLane(WithinWedges(d, wedges, faces));
+  double least = INFINITY;
+  for (const WedgeLine& line : wedges.line) {
+    ShaftWedges alone;
+    for (WedgeLine& same : alone.line) same = line;
+    const float size = std::abs(line.n[0]) + std::abs(line.n[1]);
+    if (size > 0)
+      least = std::min(least, hn::GetLane(WithinWedges(d, alone, faces)) / double{size});
+  }
+  return least;
 }
 
 }  // namespace HWY_NAMESPACE
@@ -60,8 +72,6 @@ float ReachWithinWedges(const WedgeCase& c, const Box3f& box) {
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-#include <algorithm>
-#include <cmath>
 #include <optional>
 #include <string>
 #include <vector>
@@ -78,7 +88,7 @@ using HWY_NAMESPACE::kFloatUnderflow;
 
 struct Target {
   std::string name;
-  float (*reach)(const WedgeCase&, const Box3f&);
+  double (*reach)(const WedgeCase&, const Box3f&);
 };
 
 std::vector<Target> Targets() {

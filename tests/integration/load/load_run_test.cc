@@ -121,8 +121,8 @@ TEST_F(LoadRunTest, AKneeThatIsNotThereIsAMiss) {
   EXPECT_GT(result.json()["knee"]["trials"].size(), 2u);
 }
 
-// How fast this machine is decides what rate is found, if any, and none of the below: the tool's own
-// records must bear out what it says of them. (knee_test.cc has a server whose knee is known.)
+// How fast this machine is decides what rate is found, if any, and none of the below: the tool's
+// own records must bear out what it says of them. (knee_test.cc has a server whose knee is known.)
 TEST_F(LoadRunTest, TheKneeIsWhatTheTrialsSay) {
   const RunResult result =
       RunWith({ServerFlag(), "--scene=box", "--workload=points", "--points=4096", "--find-knee",
