@@ -257,14 +257,14 @@ void CheckShadows(const QueryScene& scene, TestRng& rng, size_t count) {
 TEST(StrategiesTest, ShadowsOfNastyScenesAreBruteForces) {
   TestRng rng;
   for (const QueryScene& scene : MakeNastyQueryScenes(rng)) {
-    CheckShadows(scene, rng, static_cast<size_t>(ScaledCount(700, 2)));
+    CheckShadows(scene, rng, static_cast<size_t>(ScaledCount(700, 4)));
   }
 }
 
 TEST(StrategiesTest, ShadowsOfBuiltinScenesAreBruteForces) {
   TestRng rng;
   for (const QueryScene& scene : MakeBuiltinQueryScenes()) {
-    CheckShadows(scene, rng, static_cast<size_t>(ScaledCount(600, 4)));
+    CheckShadows(scene, rng, static_cast<size_t>(ScaledCount(600, 8)));
   }
 }
 
@@ -327,14 +327,14 @@ void CheckSegments(const QueryScene& scene, TestRng& rng, size_t count) {
 TEST(StrategiesTest, SegmentsInNastyScenesAreBruteForces) {
   TestRng rng;
   for (const QueryScene& scene : MakeNastyQueryScenes(rng)) {
-    CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(3000, 10)));
+    CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(3000, 20)));
   }
 }
 
 TEST(StrategiesTest, SegmentsInBuiltinScenesAreBruteForces) {
   TestRng rng;
   for (const QueryScene& scene : MakeBuiltinQueryScenes()) {
-    CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(2000, 10)));
+    CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(2000, 20)));
   }
 }
 
@@ -349,8 +349,8 @@ TEST_P(PresetsTest, AnswersAreBruteForces) {
   }
   for (const QueryScene& scene : scenes) {
     CheckTiles(scene, rng);
-    CheckShadows(scene, rng, static_cast<size_t>(ScaledCount(200, 4)));
-    CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(500, 10)));
+    CheckShadows(scene, rng, static_cast<size_t>(ScaledCount(200, 8)));
+    CheckSegments(scene, rng, static_cast<size_t>(ScaledCount(500, 20)));
   }
 }
 
@@ -370,8 +370,8 @@ TEST(KdTreesTest, AnswersAreBruteForces) {
     for (const QueryScene& rebuilt :
          Rebuilt(std::move(one), kBuilds[build++ % std::size(kBuilds)])) {
       CheckTiles(rebuilt, rng);
-      CheckShadows(rebuilt, rng, static_cast<size_t>(ScaledCount(200, 4)));
-      CheckSegments(rebuilt, rng, static_cast<size_t>(ScaledCount(300, 10)));
+      CheckShadows(rebuilt, rng, static_cast<size_t>(ScaledCount(200, 8)));
+      CheckSegments(rebuilt, rng, static_cast<size_t>(ScaledCount(300, 20)));
     }
   }
 }
