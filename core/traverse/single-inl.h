@@ -222,7 +222,7 @@ HWY_INLINE V SortDescending(D d, V v) {
                                                               {0, 0, 0, 0, ~0u, ~0u, ~0u, ~0u}};
   const auto odd_pairs = hn::MaskFromVec(hn::Load(d, kOther[0]));
   const auto upper_half = hn::MaskFromVec(hn::Load(d, kOther[1]));
-  const auto pairs = [&] HWY_ATTR {
+  const auto pairs = [&]() HWY_ATTR {
     const V other = hn::Shuffle2301(v);
     v = hn::OddEven(hn::Min(v, other), hn::Max(v, other));
   };
