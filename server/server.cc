@@ -148,7 +148,7 @@ absl::Status Server::ServeHttp() {
       {"/readyz", [this](const HttpRequest&) { return Readyz(); }},
   };
   SL_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options_.metrics_listen));
-  SL_ASSIGN_OR_RETURN(http_, HttpEndpoint::Start(options_.metrics_listen, std::move(handlers)));
+  SL_ASSIGN_OR_RETURN(http_, HttpEndpoint::Start(options_.metrics_listen, handlers));
   if (!address.IsLoopback()) {
     // This port has no TLS: with roles it is their tokens that whoever listens on the way gets.
     Log(LogLevel::kWarning,

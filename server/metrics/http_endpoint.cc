@@ -38,11 +38,11 @@ constexpr int kStrict = 1;
 
 class HttpEndpoint::Impl {
  public:
-  explicit Impl(Handlers handlers) {
+  explicit Impl(const Handlers& handlers) {
     SIGHTLINE_CHECK_LT(handlers.size() * (HttpPath::kMostAtOnce + HttpPath::kThreads),
                        kMostConnections);
-    for (auto& [name, handler] : handlers) {
-      paths_.push_back(std::make_unique<HttpPath>(name, std::move(handler)));
+    for (const auto& [name, handler] : handlers) {
+      paths_.push_back(std::make_unique<HttpPath>(name, handler));
     }
   }
   ~Impl() {
@@ -249,7 +249,7 @@ HttpEndpoint::~HttpEndpoint() = default;
 int HttpEndpoint::port() const { return impl_->port(); }
 
 absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::string& listen,
-                                                                  Handlers handlers,
+                                                                  const Handlers& handlers,
                                                                   std::chrono::seconds patience) {
   SL_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(listen));
   if (!address.unix_path.empty()) {
@@ -259,7 +259,7 @@ absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::str
   // Of a name with several addresses the first: with port 0 they would get ports of their own.
   absl::StatusOr<ListenSocket> socket = ListenSocket::Bind(address.addresses[0], /*mode=*/0);
   absl::Status started = socket.status();
-  auto impl = std::make_unique<Impl>(std::move(handlers));
+  auto impl = std::make_unique<Impl>(handlers);
   if (started.ok()) started = impl->Start(*std::move(socket), patience);
   if (!started.ok()) {
     return absl::UnavailableError(

@@ -43,7 +43,8 @@ class HttpEndpoint {
 
   // Binds `listen` (HOST:PORT; port 0 takes a free one) and serves. InvalidArgument, Unavailable.
   static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(
-      const std::string& listen, Handlers handlers, std::chrono::seconds patience = kPatience);
+      const std::string& listen, const Handlers& handlers,
+      std::chrono::seconds patience = kPatience);
   // Waits for handlers that run; connections are closed.
   ~HttpEndpoint();
   HttpEndpoint(const HttpEndpoint&) = delete;

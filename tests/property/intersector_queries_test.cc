@@ -52,7 +52,6 @@ using testing_support::MakePoints;
 using testing_support::MayDifferByAnyHit;
 using testing_support::NastyRays;
 using testing_support::NastyScene;
-using testing_support::SameBytes;
 using testing_support::ScaledCount;
 using testing_support::TestRng;
 using testing_support::WaysBy;
@@ -108,7 +107,7 @@ class Judge {
     EXPECT_EQ(hit.triangle, truth.triangle);
     EXPECT_EQ(std::bit_cast<uint32_t>(hit.t), std::bit_cast<uint32_t>(truth.t));
   }
-  void DefinesAny(const TraceRay& query, bool blocked) {
+  void DefinesAny(const TraceRay& query, bool blocked) const {
     EXPECT_EQ(blocked, Blocks(query)) << "by brute force";
   }
   bool Blocks(const TraceRay& query) const {

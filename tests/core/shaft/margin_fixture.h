@@ -81,7 +81,7 @@ class MarginsTest : public testing::Test {
   double Scale(int least, int most) {
     if (rng_.Chance(0.3)) return 1;
     return std::ldexp(
-        1.0, least + static_cast<int>(rng_.Below(static_cast<uint64_t>(most - least + 1))));
+        1.0, least + static_cast<int>(rng_.Below(static_cast<uint64_t>(most - least) + 1)));
   }
   // A direction that a frame along `axis` just holds, or anywhere within.
   Vec3f NearTheLimit(Vec3f axis) {
