@@ -43,9 +43,9 @@
 // Lines of wedges (wedge-inl.h): kBoxMargin again, per unit of |n|_1. With M the basis' rows and
 // s = (slope, slope, 1) a ray's own, D is (w·D) M^-1 s. The corners have M^T s instead. Rounding
 // moved each of M's rows by at most u, so M M^T is the unit matrix up to 2·sqrt(3)u as an operator,
-// and |s| = |D|/(w·D) <= 2.5: the two differ by less than 9u, whatever n is. M^T s lies between the
-// corners, which are good to doubles, as n is but for its own rounding, 2.5u. Together 12u of a
-// point's depth, which is at most |p - o|_1. The chain of two fused multiply-adds that begins at
+// and |s| = |D|/(w·D) <= 2.5: the two differ by less than 9u, whatever n is, of a point's depth,
+// which is at most |p - o|_1. M^T s lies between the corners, which are good to doubles. n·o is taken
+// of n in doubles, n·p of n rounded: u|p|_1. The chain of two fused multiply-adds that begins at
 // n·o, rounded once, adds 3u(|p|_1 + |o|_1): below 16u of that.
 //
 // Products that underflow lose up to 2^-149 each: kFloatUnderflow (predicate-inl.h) is added to the

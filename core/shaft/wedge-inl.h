@@ -45,8 +45,9 @@ struct FrameRectangle {
 
 // The two axes of each coordinate plane.
 constexpr int kWedgeAxes[3][2] = {{1, 2}, {0, 2}, {0, 1}};
-// A corner's shadow that leads less along the axis' own leaves a wedge too wide to part anything,
-// and its direction to rounding.
+// A corner's shadow that leads less along the axis' own leaves a wedge too wide to part anything.
+// From here on its direction, a quotient of doubles, is good to some 2^-40, far below a float's
+// rounding.
 constexpr double kLeastShadow = 0x1p-10;
 
 using WedgeD = hn::CappedTag<double, 4>;
