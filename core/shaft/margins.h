@@ -44,9 +44,9 @@
 // s = (slope, slope, 1) a ray's own, D is (w·D) M^-1 s. The corners have M^T s instead. Rounding
 // moved each of M's rows by at most u, so M M^T is the unit matrix up to 2·sqrt(3)u as an operator,
 // and |s| = |D|/(w·D) <= 2.5: the two differ by less than 9u, whatever n is, of a point's depth,
-// which is at most |p - o|_1. M^T s lies between the corners, which are good to doubles. n·o is taken
-// of n in doubles, n·p of n rounded: u|p|_1. The chain of two fused multiply-adds that begins at
-// n·o, rounded once, adds 3u(|p|_1 + |o|_1): below 16u of that.
+// which is at most |p - o|_1. M^T s lies between the corners, which are good to doubles. n·o is
+// taken of n in doubles, n·p of n rounded: u|p|_1. The chain of two fused multiply-adds that begins
+// at n·o, rounded once, adds 3u(|p|_1 + |o|_1): below 16u of that.
 //
 // Products that underflow lose up to 2^-149 each: kFloatUnderflow (predicate-inl.h) is added to the
 // margins of planes. Slopes are taken at depths of at least kLeastDepth, where it cannot matter.

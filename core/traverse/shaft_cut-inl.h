@@ -149,8 +149,8 @@ class CutMaker {
                                  .right = hn::GetLane(hn::MaxOfLanes(d, x1)) + widen,
                                  .below = hn::GetLane(hn::MinOfLanes(d, y0)) - widen,
                                  .above = hn::GetLane(hn::MaxOfLanes(d, y1)) + widen};
-    side_count_ = MakeShaftSides<kParallel>(frame_, apex_, held.left, held.right, held.below,
-                                            held.above, near, Segments() ? &far : nullptr, sides_);
+    side_count_ =
+        MakeShaftSides<kParallel>(frame_, apex_, held, near, Segments() ? &far : nullptr, sides_);
     margin_ =
         kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread) + kFloatUnderflow;
     if constexpr (kParallel) {

@@ -354,7 +354,7 @@ class ShaftRays {
     out->cy = 0.5f * (below + above);
     out->ex = 0.5f * (right - left) + widen;
     out->ey = 0.5f * (above - below) + widen;
-    MakeSides(left, right, below, above, out);
+    MakeSides({left, right, below, above}, out);
     return count;
   }
 
@@ -503,12 +503,10 @@ class ShaftRays {
     }
   }
 
-  void MakeSides(float left, float right, float below, float above, ShaftBounds* out) const {
+  void MakeSides(const FrameRectangle& held, ShaftBounds* out) const {
     const bool ends = kAny && segments();
-    out->side_count =
-        MakeShaftSides<kParallel>(frame_, apex_, left, right, below, above, out->all_near,
-                                  ends ? &out->all_far : nullptr, out->sides);
-    const FrameRectangle held = {left, right, below, above};
+    out->side_count = MakeShaftSides<kParallel>(frame_, apex_, held, out->all_near,
+                                                ends ? &out->all_far : nullptr, out->sides);
     if constexpr (kParallel) {
       MakeParallelWedges(frame_, common(), apex_, held, node_margin_, &out->wedges);
     } else {

@@ -18,6 +18,7 @@
 #include "core/accel/bvh.h"
 #include "core/geometry/box3.h"
 #include "core/shaft/frame.h"
+#include "core/shaft/wedge-inl.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -56,9 +57,10 @@ inline void SetSide(Vec3f n, float local, Vec3f apex, ShaftSide* side) {
 // The sides of a rectangle of slopes or offsets, the start of parallel rays at `near`, and the end
 // of segments at `far`, if given. Returns how many.
 template <bool kParallel>
-int MakeShaftSides(const ShaftFrame& frame, Vec3f apex, float left, float right, float below,
-                   float above, float near, const float* far, ShaftSide* sides) {
+int MakeShaftSides(const ShaftFrame& frame, Vec3f apex, const FrameRectangle& held, float near,
+                   const float* far, ShaftSide* sides) {
   const Vec3f u = frame.u, v = frame.v, w = frame.w;
+  const auto [left, right, below, above] = held;
   int count = 4;
   if constexpr (kParallel) {
     SetSide(u, left, apex, &sides[0]);
