@@ -3,22 +3,20 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include <cerrno>
-#include <cstdio>
-#include <cstring>
+#include <cstdint>
 #include <exception>
 #include <map>
-#include <memory>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/regular_file.h"
 #include "core/base/status_macros.h"
 
 namespace sightline {
 namespace {
 
 // A configuration is written by people; beyond this it is some other file.
-constexpr size_t kMaxFileBytes = 1 << 20;
+constexpr uint64_t kMaxFileBytes = 1 << 20;
 
 absl::Status At(absl::string_view name, int line, absl::string_view what) {
   return absl::InvalidArgumentError(absl::StrCat(name, ":", line, ": ", what));
@@ -78,22 +76,14 @@ absl::StatusOr<std::vector<ConfigEntry>> ParseConfig(absl::string_view name,
 }
 
 absl::StatusOr<std::vector<ConfigEntry>> ReadConfigFile(const std::string& path) {
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"),
-                                                             &std::fclose);
-  if (file == nullptr) {
-    return absl::ErrnoToStatus(errno, absl::StrCat("cannot read the configuration file ", path));
-  }
-  std::string text(kMaxFileBytes + 1, '\0');
-  text.resize(std::fread(text.data(), 1, text.size(), file.get()));
-  if (std::ferror(file.get()) != 0) {
-    return absl::UnavailableError(
-        absl::StrCat("cannot read the configuration file ", path, ": ", std::strerror(errno)));
-  }
-  if (text.size() > kMaxFileBytes) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": is longer than ", kMaxFileBytes, " bytes: is it a configuration?"));
-  }
-  return ParseConfig(path, text);
+  const auto failed = [&path](const absl::Status& status) {
+    return OfFile(absl::StrCat("the configuration file ", path), status);
+  };
+  const absl::StatusOr<RegularFile> file = RegularFile::Open(path);
+  if (!file.ok()) return failed(file.status());
+  const absl::StatusOr<std::string> text = file->Read(kMaxFileBytes);
+  if (!text.ok()) return failed(text.status());
+  return ParseConfig(path, *text);
 }
 
 }  // namespace sightline

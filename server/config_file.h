@@ -33,8 +33,8 @@ struct ConfigEntry {
 };
 
 // In the order of the file. InvalidArgument naming file and line (no YAML, no mapping, a key twice,
-// a value that is neither text nor a list of texts), NotFound or Unavailable (the file cannot be
-// read), InvalidArgument (longer than 1 MiB).
+// a value that is neither text nor a list of texts); what RegularFile returns, ResourceExhausted
+// beyond 1 MiB.
 absl::StatusOr<std::vector<ConfigEntry>> ReadConfigFile(const std::string& path);
 // `name` stands for the file in errors.
 absl::StatusOr<std::vector<ConfigEntry>> ParseConfig(absl::string_view name,

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/lib/security.h"
 
+#include <fcntl.h>
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/support/client_interceptor.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <cerrno>
 #include <cstdio>
@@ -14,6 +16,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "client/lib/pem.h"
 
 namespace sightline::client {
 namespace {
@@ -23,11 +26,17 @@ namespace grpcx = grpc::experimental;
 constexpr size_t kMaxFileBytes = 1 << 20;
 
 absl::StatusOr<std::string> ReadWhole(const std::string& path, bool secret) {
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rbe"),
+  // O_NONBLOCK: opening a named pipe would wait for its writer, who may never come.
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (descriptor < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot read ", path));
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(fdopen(descriptor, "rb"),
                                                              &std::fclose);
-  if (file == nullptr) return absl::ErrnoToStatus(errno, absl::StrCat("cannot read ", path));
+  if (file == nullptr) {
+    close(descriptor);
+    return absl::ResourceExhaustedError(absl::StrCat("no memory to read ", path));
+  }
   struct stat facts {};
-  if (fstat(fileno(file.get()), &facts) != 0 || !S_ISREG(facts.st_mode)) {
+  if (fstat(descriptor, &facts) != 0 || !S_ISREG(facts.st_mode)) {
     return absl::InvalidArgumentError(absl::StrCat(path, " is no regular file"));
   }
   if (secret && (facts.st_mode & S_IRWXO) != 0) {
@@ -46,16 +55,15 @@ absl::StatusOr<std::string> ReadWhole(const std::string& path, bool secret) {
   return text;
 }
 
-// Reads `path`, if it names a file, into `*out`: a PEM file that has a `block` of those. gRPC would
-// tell of another only by connections that never come about.
-absl::Status Load(const std::string& path, bool secret, absl::string_view block, std::string* out) {
+// Reads `path`, if it names a file, into `*out`. gRPC would tell of one that is no good only by
+// connections that never come about.
+absl::Status Load(const std::string& path, bool secret, absl::Status (*check)(const std::string&),
+                  std::string* out) {
   if (path.empty()) return absl::OkStatus();
   absl::StatusOr<std::string> text = ReadWhole(path, secret);
   if (!text.ok()) return text.status();
-  if (!absl::StrContains(*text, "-----BEGIN ") ||
-      !absl::StrContains(*text, absl::StrCat(block, "-----"))) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, " holds no ", block, " in PEM form (-----BEGIN ...)"));
+  if (const absl::Status status = check(*text); !status.ok()) {
+    return absl::Status(status.code(), absl::StrCat(path, " ", status.message()));
   }
   *out = *std::move(text);
   return absl::OkStatus();
@@ -131,10 +139,15 @@ absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::str
   if (!status.ok()) return status;
   Security security;
   security.tls = WantsTls(files);
-  status.Update(Load(files.ca, /*secret=*/false, "CERTIFICATE", &security.ca));
-  status.Update(Load(files.certificate, /*secret=*/false, "CERTIFICATE", &security.certificate));
-  status.Update(Load(files.key, /*secret=*/true, "PRIVATE KEY", &security.key));
+  status.Update(Load(files.ca, /*secret=*/false, &CheckCertificates, &security.ca));
+  status.Update(
+      Load(files.certificate, /*secret=*/false, &CheckCertificates, &security.certificate));
+  status.Update(Load(files.key, /*secret=*/true, &CheckPrivateKey, &security.key));
   if (!status.ok()) return status;
+  if (!files.key.empty() && !IsKeyOf(security.key, security.certificate)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(files.key, " is not the key of ", files.certificate));
+  }
   if (files.token.empty()) return security;
   absl::StatusOr<std::string> token = LoadToken(files.token);
   if (!token.ok()) return token.status();

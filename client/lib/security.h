@@ -42,8 +42,8 @@ struct Security {
 absl::Status CheckSecurity(const SecurityFiles& files, const std::string& target);
 
 // What CheckSecurity returns; InvalidArgument (no regular file, a token that is empty or many, a
-// file that is too large or no PEM), PermissionDenied (others may read the token), and what reading
-// returns.
+// file that is too large, no PEM or broken PEM, another certificate's key), PermissionDenied
+// (others may read the token), and what reading returns.
 absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::string& target);
 
 // The token in file `path`, which none but its owner and group may use. Errors as above.

@@ -4,19 +4,18 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <cerrno>
-#include <cstdio>
-#include <memory>
+#include <cstdint>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/regular_file.h"
 #include "core/base/status_macros.h"
 
 namespace sightline {
 namespace {
 
-constexpr size_t kMaxBytes = 1 << 20;
+constexpr uint64_t kMaxBytes = 1 << 20;
 
 absl::Status CheckOwnerAndMode(const std::string& path, const struct stat& file) {
   constexpr mode_t kForbidden = S_IWGRP | S_IXGRP | S_IRWXO;
@@ -33,26 +32,11 @@ absl::Status CheckOwnerAndMode(const std::string& path, const struct stat& file)
 }
 
 absl::StatusOr<std::string> ReadFile(const std::string& path, bool secret) {
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rbe"),
-                                                             &std::fclose);
-  if (file == nullptr) return absl::ErrnoToStatus(errno, absl::StrCat("cannot read ", path));
-  // Of what was opened, not of what stands there by now.
-  struct stat facts {};
-  if (fstat(fileno(file.get()), &facts) != 0) {
-    return absl::ErrnoToStatus(errno, absl::StrCat("cannot read ", path));
-  }
-  if (!S_ISREG(facts.st_mode)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " is no regular file"));
-  }
-  if (secret) SL_RETURN_IF_ERROR(CheckOwnerAndMode(path, facts));
-  std::string text(kMaxBytes + 1, '\0');
-  text.resize(std::fread(text.data(), 1, text.size(), file.get()));
-  if (std::ferror(file.get()) != 0) {
-    return absl::UnavailableError(absl::StrCat("cannot read ", path));
-  }
-  if (text.size() > kMaxBytes) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " is longer than ", kMaxBytes, " bytes"));
-  }
+  const absl::StatusOr<RegularFile> file = RegularFile::Open(path);
+  if (!file.ok()) return OfFile(path, file.status());
+  if (secret) SL_RETURN_IF_ERROR(CheckOwnerAndMode(path, file->facts()));
+  absl::StatusOr<std::string> text = file->Read(kMaxBytes);
+  if (!text.ok()) return OfFile(path, text.status());
   return text;
 }
 

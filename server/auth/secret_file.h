@@ -14,9 +14,9 @@
 
 namespace sightline {
 
-// At most 1 MiB. NotFound and others (it cannot be read), PermissionDenied (others may read or
-// write it, the group may write it, or it belongs to neither this user nor root; the group may read
-// it, which is how containers are given secrets), InvalidArgument (no regular file, too long).
+// At most 1 MiB. What RegularFile returns, with the file's name; PermissionDenied where others may
+// read or write it, the group may write it, or it belongs to neither this user nor root. (The group
+// may read it, which is how containers are given secrets.)
 absl::StatusOr<std::string> ReadSecretFile(const std::string& path);
 
 // The same without the checks of its mode: certificates are public.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/config_file.h"
 
+#include <sys/stat.h>
+
 #include <fstream>
 #include <string>
 
@@ -64,8 +66,13 @@ TEST(ConfigFileTest, FilesAreReadAndBounded) {
   std::ofstream(dir.File("good")) << "threads: 8\n";
   EXPECT_TRUE(ReadConfigFile(dir.File("good")).ok());
   std::ofstream(dir.File("long")) << "a: " << std::string((1 << 20) + 1, 'x');
-  EXPECT_EQ(ReadConfigFile(dir.File("long")).status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_FALSE(ReadConfigFile(dir.path()).ok());
+  EXPECT_EQ(ReadConfigFile(dir.File("long")).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_THAT(std::string(ReadConfigFile(dir.path()).status().message()),
+              HasSubstr("is a folder, not a file"));
+  // Nobody writes to it: whoever waits for that never ends.
+  ASSERT_EQ(mkfifo(dir.File("pipe").c_str(), 0600), 0);
+  EXPECT_THAT(std::string(ReadConfigFile(dir.File("pipe")).status().message()),
+              HasSubstr("is a pipe, not a regular file"));
 }
 
 }  // namespace

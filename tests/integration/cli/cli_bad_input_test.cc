@@ -2,9 +2,12 @@
 //
 // What concerns files and flags in the table of bad input: one line, naming what is wrong, and its
 // own exit code.
+#include <sys/stat.h>
+
 #include <filesystem>
 
 #include "tests/integration/cli/cli_testing.h"
+#include "tests/support/test_certificates.h"
 
 namespace sightline::cli {
 namespace {
@@ -126,8 +129,9 @@ TEST_F(CliTest, OutputsThatCannotBeWrittenAreToldFirst) {
 // Who may talk to a server is told by files, and those are input like any other.
 TEST_F(CliTest, CertificatesAndTokensThatCannotBeUsed) {
   const std::string none = File("none.pem"), server = "--server=127.0.0.1:1";
-  const std::string there = Write("there", "-----BEGIN CERTIFICATE-----"),
-                    below = there + "/ca.pem";
+  const testing_support::TestAuthority authority("authority");
+  const auto issued = authority.Issue({.common_name = "client"});
+  const std::string there = Write("there", issued.certificate), below = there + "/ca.pem";
   const auto with = [&](const std::vector<std::string>& flags) {
     std::vector<std::string> args = {"health", server, "--retry=0"};
     args.insert(args.end(), flags.begin(), flags.end());
@@ -144,6 +148,14 @@ TEST_F(CliTest, CertificatesAndTokensThatCannotBeUsed) {
   const std::string large = Write("large", std::string((1 << 20) + 1, 'x'));
   Bad(kExitData, with({"--tls-ca", large}), {large, "has more than 1048576 bytes"});
   Bad(kExitData, with({"--tls-ca", Write("other", "x")}), {"other", "no CERTIFICATE in PEM form"});
+  // Its frame is whole, and what is within is not.
+  std::string broken = issued.certificate;
+  broken[broken.size() / 2] = '*';
+  Bad(kExitData, with({"--tls-ca", Write("broken", broken)}), {"broken", "a broken CERTIFICATE"});
+  const std::string key =
+      Write("key", authority.Issue({.common_name = "another"}).key + issued.certificate);
+  std::filesystem::permissions(key, std::filesystem::perms::owner_read);
+  Bad(kExitData, with({"--tls-cert", there, "--tls-key", key}), {key, "is not the key of", there});
   // Others may read it.
   std::filesystem::permissions(there, std::filesystem::perms::others_read,
                                std::filesystem::perm_options::add);
@@ -153,6 +165,25 @@ TEST_F(CliTest, CertificatesAndTokensThatCannotBeUsed) {
   Bad(kExitUsage, {"health", "--server=far.org:1", "--token-file", none}, {"in the clear"});
   Bad(kExitUsage, {"view", "builtin:box", "--tls-ca", none, "--out", File("v.png")},
       {"--tls-ca goes with --server"});
+}
+
+// Nobody writes to the pipe: whoever waits for that never ends.
+TEST_F(CliTest, PipesAreNoFiles) {
+  const std::string server = "--server=127.0.0.1:1", out = File("v.png");
+  const std::string ends[] = {".obj", ".stl.xz", ".glb", ".3ds", ".slscene", ""};
+  for (const std::string& end : ends) {
+    ASSERT_EQ(mkfifo(File("pipe" + end).c_str(), 0600), 0);
+    if (end.empty()) continue;
+    Bad(kExitData, {"check", File("pipe" + end)}, {"pipe" + end, "file"});
+    Bad(kExitData, {"view", File("pipe" + end), "--out", out}, {"pipe" + end, "file"});
+  }
+  const std::string pipe = File("pipe");
+  Bad(kExitData, {"health", server, "--token-file", pipe}, {pipe, "no regular file"});
+  Bad(kExitData, {"health", server, "--tls-ca", pipe}, {pipe, "no regular file"});
+  const std::string good =
+      Write("good", testing_support::TestAuthority("a").Issue({.common_name = "c"}).certificate);
+  Bad(kExitData, {"health", server, "--tls-cert", pipe, "--tls-key", good}, {pipe, "regular"});
+  Bad(kExitData, {"health", server, "--tls-cert", good, "--tls-key", pipe}, {pipe, "regular"});
 }
 
 TEST_F(CliTest, ServersThatAreNotThere) {
