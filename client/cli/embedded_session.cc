@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/session.h"
+#include "core/base/cancel.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
 #include "server/base/log.h"
@@ -21,14 +22,16 @@ namespace {
 class EmbeddedSession final : public Session {
  public:
   EmbeddedSession(std::shared_ptr<client::Connection> connection,
-                  const std::shared_ptr<Server>& server, const SessionFlags& flags)
-      : Session(std::move(connection), server, flags), server_(*server) {}
+                  const std::shared_ptr<Server>& server, const SessionFlags& flags,
+                  client::Cancellation* cancellation)
+      : Session(std::move(connection), server, flags, cancellation), server_(*server) {}
 
   absl::StatusOr<client::Scene> LoadNative(const SceneBytes& file,
                                            const std::string& scene_id) const override {
-    SL_RETURN_IF_ERROR(server_.scenes()
-                           .CreateFromBytes({.scene_id = scene_id}, file, /*cancel=*/nullptr)
-                           .status());
+    CancelToken cancel;
+    const client::Cancellation::Registration stop(call().cancellation, [&] { cancel.Cancel(); });
+    SL_RETURN_IF_ERROR(
+        server_.scenes().CreateFromBytes({.scene_id = scene_id}, file, &cancel).status());
     return client().GetScene(absl::StrCat("scenes/", scene_id), call());
   }
 
@@ -41,7 +44,8 @@ uint64_t SceneBudget(uint64_t least) { return std::max(least, ThisMachinesMemory
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags) {
+absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags,
+                                                      client::Cancellation* cancellation) {
   ServerOptions options;
   options.listen.clear();  // No socket: in-process channels alone.
   options.threads = static_cast<int>(flags.threads);
@@ -62,7 +66,8 @@ absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags)
   client::ConnectionOptions connection;
   connection.retry.give_up_after = absl::Seconds(flags.retry_seconds);
   return std::make_unique<EmbeddedSession>(client::MakeConnection(std::move(channels), connection),
-                                           std::shared_ptr<Server>(std::move(server)), flags);
+                                           std::shared_ptr<Server>(std::move(server)), flags,
+                                           cancellation);
 }
 
 }  // namespace sightline::cli

@@ -51,6 +51,12 @@ std::string TemporaryId() {
   return absl::StrFormat("cli-%016x", absl::Uniform<uint64_t>(random));
 }
 
+// Whether or not the session's calls are cancelled by now. Nothing more can be done about a failure
+// here; the server's operator sees the scene in its list.
+void DeleteTemporary(const Session& session, const std::string& name) {
+  session.client().DeleteScene(name, {.deadline = absl::Now() + absl::Seconds(10)}).IgnoreError();
+}
+
 std::string ArgumentHelp(absl::string_view name, bool at_server) {
   std::string help = absl::StrCat(
       name,
@@ -160,10 +166,16 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
     return std::make_unique<OpenedScene>(session, *std::move(scene), /*temporary=*/false);
   }
   ImportedScene imported;
-  SL_ASSIGN_OR_RETURN(client::Scene scene, LoadScene(session, argument, TemporaryId(), build,
-                                                     /*temporary=*/true, err, &imported));
+  const std::string id = TemporaryId();
+  absl::StatusOr<client::Scene> scene =
+      LoadScene(session, argument, id, build, /*temporary=*/true, err, &imported);
+  if (absl::IsCancelled(scene.status()) || absl::IsDeadlineExceeded(scene.status())) {
+    // Given up here; the server may have been done with it by then.
+    DeleteTemporary(session, SceneName(id));
+  }
+  SL_RETURN_IF_ERROR(scene.status());
   auto opened =
-      std::make_unique<OpenedScene>(session, std::move(scene), /*temporary=*/!session.embedded());
+      std::make_unique<OpenedScene>(session, *std::move(scene), /*temporary=*/!session.embedded());
   opened->objects_ = std::move(imported.objects);
   opened->format_ = imported.report.format;
   if (KindOf(argument) == SceneKind::kBuiltin) {
@@ -180,12 +192,7 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
 }
 
 OpenedScene::~OpenedScene() {
-  if (!temporary_) return;
-  // Nothing more can be done about a failure here; the server's operator sees the scene in its
-  // list.
-  session_.client()
-      .DeleteScene(scene_.name, {.deadline = absl::Now() + absl::Seconds(10)})
-      .IgnoreError();
+  if (temporary_) DeleteTemporary(session_, scene_.name);
 }
 
 }  // namespace sightline::cli

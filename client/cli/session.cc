@@ -13,8 +13,9 @@ namespace {
 
 class RemoteSession final : public Session {
  public:
-  RemoteSession(std::shared_ptr<client::Connection> connection, const SessionFlags& flags)
-      : Session(std::move(connection), /*server=*/nullptr, flags) {}
+  RemoteSession(std::shared_ptr<client::Connection> connection, const SessionFlags& flags,
+                client::Cancellation* cancellation)
+      : Session(std::move(connection), /*server=*/nullptr, flags, cancellation) {}
 };
 
 client::RetryOptions RetriesOf(const SessionFlags& flags) {
@@ -91,11 +92,12 @@ absl::Status SessionFlags::Check() const {
 }
 
 Session::Session(std::shared_ptr<client::Connection> connection, std::shared_ptr<void> server,
-                 const SessionFlags& flags)
+                 const SessionFlags& flags, client::Cancellation* cancellation)
     : server_(std::move(server)),
       connection_(std::move(connection)),
       client_(connection_),
       flags_(flags),
+      cancellation_(cancellation),
       deadline_(flags.timeout_seconds > 0 ? absl::Now() + absl::Seconds(flags.timeout_seconds)
                                           : absl::InfiniteFuture()) {}
 
@@ -104,6 +106,7 @@ client::StreamOptions Session::stream() const {
   if (deadline_ != absl::InfiniteFuture()) {
     options.timeout = std::max(deadline_ - absl::Now(), absl::ZeroDuration());
   }
+  options.cancellation = cancellation_;
   options.streams = static_cast<int>(flags_.streams);
   options.retry = RetriesOf(flags_);
   return options;
@@ -124,9 +127,10 @@ absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags) {
   return Session::Open(flags);
 }
 
-absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags) {
+absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags,
+                                                       client::Cancellation* cancellation) {
   if (absl::Status s = flags.Check(); !s.ok()) return s;
-  if (flags.server.empty()) return OpenEmbedded(flags);
+  if (flags.server.empty()) return OpenEmbedded(flags, cancellation);
   client::ConnectionOptions options;
   if (absl::Status s = client::CheckSecurity(flags.security, flags.server); !s.ok()) {
     return UsageError(s.message());
@@ -138,7 +142,8 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags
   if (const uint64_t count = flags.ConnectionCount(); count > 0) {
     options.channels = static_cast<int>(count);
   }
-  return std::make_unique<RemoteSession>(client::MakeConnection(flags.server, options), flags);
+  return std::make_unique<RemoteSession>(client::MakeConnection(flags.server, options), flags,
+                                         cancellation);
 }
 
 }  // namespace sightline::cli

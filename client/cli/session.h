@@ -17,6 +17,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "client/cli/flags.h"
+#include "client/lib/cancellation.h"
 #include "client/lib/client.h"
 #include "client/lib/connection.h"
 #include "client/lib/security.h"
@@ -44,7 +45,9 @@ struct SessionFlags {
 
 class Session {
  public:
-  static absl::StatusOr<std::unique_ptr<Session>> Open(const SessionFlags& flags);
+  // `cancellation` (may be null) ends calls and streams of the session early, and outlives it.
+  static absl::StatusOr<std::unique_ptr<Session>> Open(
+      const SessionFlags& flags, client::Cancellation* cancellation = nullptr);
   virtual ~Session() = default;
 
   const client::Client& client() const { return client_; }
@@ -52,7 +55,9 @@ class Session {
   const std::shared_ptr<client::Connection>& connection() const { return connection_; }
   bool embedded() const { return server_ != nullptr; }
   // For calls that are made now.
-  client::CallOptions call() const { return {.deadline = deadline_}; }
+  client::CallOptions call() const {
+    return {.deadline = deadline_, .cancellation = cancellation_};
+  }
   client::StreamOptions stream() const;
   // A scene of a native scene file, which the embedded server maps; a usage error for a remote one.
   virtual absl::StatusOr<client::Scene> LoadNative(const SceneBytes& file,
@@ -61,13 +66,14 @@ class Session {
  protected:
   // `server`: the embedded one, null for a remote one.
   Session(std::shared_ptr<client::Connection> connection, std::shared_ptr<void> server,
-          const SessionFlags& flags);
+          const SessionFlags& flags, client::Cancellation* cancellation);
 
  private:
   const std::shared_ptr<void> server_;  // Outlives the connection, whose channels end in it.
   const std::shared_ptr<client::Connection> connection_;
   const client::Client client_;
   const SessionFlags flags_;
+  client::Cancellation* const cancellation_;
   const absl::Time deadline_;
 };
 
@@ -75,7 +81,8 @@ class Session {
 absl::Status SecurityFileError(const absl::Status& status);
 
 // Starts a server in this process (embedded_session.cc: the one file that knows the server).
-absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags);
+absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags,
+                                                      client::Cancellation* cancellation);
 
 // Session::Open for commands that need a server: a usage error without one.
 absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags);

@@ -31,13 +31,13 @@ absl::StatusOr<std::vector<ObjectInput>> ReadObjects(const std::string& argument
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> Open(const std::string& argument, Vec3d origin,
-                                                  ThreadPool& pool) {
+                                                  ThreadPool& pool, const CancelToken* cancel) {
   if (cli::KindOf(argument) == cli::SceneKind::kNative) {
     SL_ASSIGN_OR_RETURN(const SceneBytes file, cli::OpenSceneFile(argument));
-    return LoadScene(file, argument, {}, pool);
+    return LoadScene(file, argument, {}, pool, cancel);
   }
   SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, ReadObjects(argument));
-  return BuildScene(argument, /*revision=*/1, objects, origin, {}, pool);
+  return BuildScene(argument, /*revision=*/1, objects, origin, {}, pool, cancel);
 }
 
 std::string Sizes(uint64_t objects, uint64_t triangles, uint64_t vertices) {
@@ -67,9 +67,10 @@ absl::StatusOr<CheckSource> ChooseCheck(const LoadOptions& options, const client
 
 absl::StatusOr<std::shared_ptr<const Scene>> OpenCheckScene(const std::string& argument,
                                                             const client::Scene& served,
-                                                            ThreadPool& pool) {
+                                                            ThreadPool& pool,
+                                                            const CancelToken* cancel) {
   const Vec3d origin{served.origin[0], served.origin[1], served.origin[2]};
-  SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, Open(argument, origin, pool));
+  SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, Open(argument, origin, pool, cancel));
   const SceneGeometry& geometry = scene->geometry;
   const std::string here =
       Sizes(geometry.objects.size(), geometry.triangles.size(), geometry.vertices.size());

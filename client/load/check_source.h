@@ -25,6 +25,7 @@
 #include "absl/status/statusor.h"
 #include "client/lib/types.h"
 #include "client/load/options.h"
+#include "core/base/cancel.h"
 #include "core/base/parallel.h"
 #include "core/scene/scene.h"
 
@@ -42,10 +43,12 @@ absl::StatusOr<CheckSource> ChooseCheck(const LoadOptions& options, const client
 
 // The scene for the engine, relative to the origin of `served`: a native scene file is loaded,
 // anything else read or made and built. InvalidArgument where it cannot be what `served` is made
-// of: other numbers of objects, triangles or vertices, or another origin in the file.
+// of: other numbers of objects, triangles or vertices, or another origin in the file. Cancelled
+// from `cancel`, once a mesh file has been read or a built-in scene made.
 absl::StatusOr<std::shared_ptr<const Scene>> OpenCheckScene(const std::string& argument,
                                                             const client::Scene& served,
-                                                            ThreadPool& pool);
+                                                            ThreadPool& pool,
+                                                            const CancelToken* cancel = nullptr);
 
 }  // namespace sightline::load
 

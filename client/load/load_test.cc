@@ -14,6 +14,7 @@
 #include "client/load/stability.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
+#include "server/base/periodic_task.h"
 
 namespace sightline::load {
 namespace {
@@ -24,6 +25,9 @@ constexpr size_t kSampleStride = 8;
 // From the lease's beginning to the first request: a reference may have to be made. The set goes
 // with the test.
 constexpr absl::Duration kLeaseMargin = absl::Minutes(30);
+
+// How soon an interruption is heard of while a run is prepared.
+constexpr absl::Duration kInterruptionLook = absl::Milliseconds(20);
 
 absl::Duration TimeOf(const RunPlan& plan) { return plan.warm_up + plan.duration + plan.drain; }
 
@@ -65,14 +69,41 @@ LoadTest::~LoadTest() {
 }
 
 absl::Status LoadTest::Prepare() {
+  absl::Status status;
+  {
+    // What a signal's handler may do is set a flag.
+    const PeriodicTask watch(kInterruptionLook, [this] { HearOfInterruption(); });
+    status = PrepareAll();
+  }
+  if (!Interrupted()) return status;
+  // Whichever step it was that could not go on.
+  return absl::CancelledError("interrupted before the first request: there is nothing to report");
+}
+
+void LoadTest::Begin(const std::string& step) {
+  if (is_terminal_) err_ << step << '\n' << std::flush;
+  HearOfInterruption();
+}
+
+void LoadTest::HearOfInterruption() {
+  if (!Interrupted()) return;
+  cancelled_work_.Cancel();
+  cancelled_calls_.Cancel();
+}
+
+absl::Status LoadTest::PrepareAll() {
   SL_ASSIGN_OR_RETURN(metrics_token_,
                       MetricsToken(options_.metrics_token_file, options_.server_metrics));
   if (!options_.server_metrics.empty()) {
     const absl::Status readable = ReadMetrics(options_.server_metrics, metrics_token_).status();
     if (!readable.ok()) err_ << "warning: " << readable.message() << "; the run goes on without\n";
   }
-  SL_ASSIGN_OR_RETURN(session_, cli::Session::Open(options_.session));
+  const std::string& server = options_.session.server;
+  Begin(server.empty() ? "starting a server in this process"
+                       : absl::StrCat("connecting to ", server));
+  SL_ASSIGN_OR_RETURN(session_, cli::Session::Open(options_.session, &cancelled_calls_));
   SL_ASSIGN_OR_RETURN(capabilities_, session_->client().GetCapabilities(session_->call()));
+  Begin(absl::StrCat("opening ", options_.scene));
   SL_ASSIGN_OR_RETURN(scene_, OpenTestScene(*session_, options_, err_));
   const client::Scene& scene = scene_.opened->scene();
   const WorkloadSpec spec{.scene = scene.name,
@@ -112,6 +143,7 @@ absl::Status LoadTest::OpenPointSet() {
   if (workload_->StreamCount(Kind::kPoints) == 0 || options_.reload_every > 0) {
     return absl::OkStatus();
   }
+  Begin("keeping points on the server");
   SL_ASSIGN_OR_RETURN(const client::PointSet set, session_->client().CreatePointSet(
                                                       {.scene = scene_.opened->scene().name,
                                                        .lease = LeaseFor(options_.plan),
@@ -140,12 +172,14 @@ absl::Status LoadTest::FindReference() {
     case CheckSource::By::kNothing:
       return absl::OkStatus();
     case CheckSource::By::kEngine: {
+      Begin(absl::StrCat("finding what is due, on ", check_.what));
       ThreadPool pool(0);
       SL_ASSIGN_OR_RETURN(const std::shared_ptr<const sightline::Scene> here,
-                          OpenCheckScene(check_.what, scene, pool));
+                          OpenCheckScene(check_.what, scene, pool, &cancelled_work_));
       std::optional<ObjectInput> extra;
       if (options_.reload_every > 0) extra = scene_.extra;
-      SL_ASSIGN_OR_RETURN(reference_, Reference::Make(here, extra, *workload_, stride, pool));
+      SL_ASSIGN_OR_RETURN(reference_,
+                          Reference::Make(here, extra, *workload_, stride, pool, &cancelled_work_));
       break;
     }
     case CheckSource::By::kServer: {
@@ -154,6 +188,7 @@ absl::Status LoadTest::FindReference() {
       err_ << "warning: '" << options_.scene << "' is checked against the server's own answers by "
            << check_.what << ", since it does not say what the scene is made of: --check-scene "
            << "checks them against the engine in this process\n";
+      Begin("asking the server what is due");
       SL_ASSIGN_OR_RETURN(Answers due, ServerAnswers(session_->client(), *workload_, scene.revision,
                                                      strategy, stride, session_->stream()));
       reference_ = Reference::Of(std::move(due), stride);

@@ -21,6 +21,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/cli/session.h"
+#include "client/lib/cancellation.h"
 #include "client/lib/types.h"
 #include "client/load/check_source.h"
 #include "client/load/clock.h"
@@ -32,6 +33,7 @@
 #include "client/load/server_target.h"
 #include "client/load/test_scene.h"
 #include "client/load/workload.h"
+#include "core/base/cancel.h"
 
 namespace sightline::load {
 
@@ -42,13 +44,18 @@ class LoadTest {
            const std::atomic<bool>* interrupted);
   ~LoadTest();
 
-  // Everything before the first request.
+  // Everything before the first request. Cancelled once `interrupted` is set: calls to the server
+  // and the engine's work in this process end within a moment.
   absl::Status Prepare();
   // Searches the knee if that is wanted, then measures. An error of the run is in its status and
   // the report of what there was in `report` nevertheless.
   absl::Status Run(LoadReport* report);
 
  private:
+  absl::Status PrepareAll();
+  // A step of the preparation begins: whoever looks on is told, and an interruption heard of.
+  void Begin(const std::string& step);
+  void HearOfInterruption();
   absl::Status OpenPointSet();
   // Enough for a run of the plan, or all that the server grants.
   absl::Duration LeaseFor(const RunPlan& plan) const;
@@ -70,6 +77,9 @@ class LoadTest {
   const bool is_terminal_;
   const std::atomic<bool>* const interrupted_;
   SteadyClock clock_;
+  // Of the preparation alone: a run ends by its driver, and calls that tidy up go on.
+  client::Cancellation cancelled_calls_;
+  CancelToken cancelled_work_;
   // In the order in which they stand on each other.
   std::unique_ptr<cli::Session> session_;
   TestScene scene_;

@@ -17,6 +17,9 @@ constexpr std::chrono::milliseconds kPeriod(200);
 }  // namespace
 
 std::string LiveLine(const MonitorOptions& options, const Glance& glance) {
+  if (options.interrupted != nullptr && options.interrupted->load()) {
+    return absl::StrCat(options.title, "  interrupted: waiting for what is unanswered");
+  }
   if (glance.elapsed <= absl::ZeroDuration()) return absl::StrCat(options.title, "  warming up");
   std::string line = absl::StrFormat(
       "%s  %.1f s of %.1f s  %s answers", options.title, absl::ToDoubleSeconds(glance.elapsed),

@@ -32,7 +32,9 @@ constexpr char kExitCodes[] =
     "  0   the run was measured; the objective of --slo held, if there was one, as far as the run "
     "came\n"
     "  1   the objective was missed, or --find-knee found no rate that meets it\n"
-    "  75  busy or out of time, or --find-knee was interrupted: the report has its trials by then\n"
+    "  75  busy or out of time; interrupted before the first request, or while --find-knee went "
+    "on: the\n"
+    "      report has its trials by then\n"
     "  76  answers were wrong\n";
 
 constexpr char kTimeout[] =

@@ -22,7 +22,9 @@
 namespace sightline::load {
 namespace {
 
-constexpr QueryOptions kOptions{.strategy = Strategy::kSingle};
+QueryOptions Options(const CancelToken* cancel) {
+  return {.strategy = Strategy::kSingle, .cancel = cancel};
+}
 
 absl::Status Read(const WireMessage& encoded, google::protobuf::MessageLite* message) {
   if (message->ParseFromString(encoded.ToString())) return absl::OkStatus();
@@ -37,14 +39,14 @@ std::vector<Reply> Whole(Reply reply, uint64_t elements) {
 }
 
 absl::StatusOr<Answer> TileAnswer(const Scene& scene, const client::TileQuery& query,
-                                  const client::TileRect& rect) {
+                                  const client::TileRect& rect, const CancelToken* cancel) {
   const v1::TraceTilesHeader header = client::TilesHeader(query, 0);
   SL_ASSIGN_OR_RETURN(const Camera camera, DecodeCamera(header.camera(), Limits()));
   SL_ASSIGN_OR_RETURN(const SampleSet lights, DecodeLights(header.lights(), scene.geometry));
   TileResult result;
-  SL_RETURN_IF_ERROR(
-      TraceTile(scene, camera, {rect.x, rect.y, rect.width, rect.height}, lights.samples,
-                {.ids = true, .depth = true, .lit = !lights.samples.empty()}, kOptions, &result));
+  SL_RETURN_IF_ERROR(TraceTile(
+      scene, camera, {rect.x, rect.y, rect.width, rect.height}, lights.samples,
+      {.ids = true, .depth = true, .lit = !lights.samples.empty()}, Options(cancel), &result));
   v1::TileReply reply;
   SL_RETURN_IF_ERROR(
       Read(EncodeTile(scene.geometry, result, header.outputs()), reply.mutable_tile()));
@@ -61,8 +63,8 @@ absl::StatusOr<Answer> TileAnswer(const Scene& scene, const client::TileQuery& q
   return ToAnswer(std::move(tile));
 }
 
-absl::StatusOr<Answer> PointsAnswer(const Scene& scene, client::ShadowQuery query,
-                                    ItemRange range) {
+absl::StatusOr<Answer> PointsAnswer(const Scene& scene, client::ShadowQuery query, ItemRange range,
+                                    const CancelToken* cancel) {
   // The points themselves, whether the server is asked by a set or not.
   query.point_set.clear();
   const v1::ComputeShadowsHeader header = client::ShadowsHeader(query, 0);
@@ -77,7 +79,8 @@ absl::StatusOr<Answer> PointsAnswer(const Scene& scene, client::ShadowQuery quer
   SL_ASSIGN_OR_RETURN(const SampleSet lights, DecodeLights(header.lights(), scene.geometry));
   ShadowResult result;
   SL_RETURN_IF_ERROR(ComputeShadows(scene, PointRange::All(points), lights.samples, {}, {},
-                                    DecodeShadowOutputs(header.outputs()), kOptions, &result));
+                                    DecodeShadowOutputs(header.outputs()), Options(cancel),
+                                    &result));
   v1::ShadowReply reply;
   SL_RETURN_IF_ERROR(Read(EncodeShadows(scene.geometry, std::move(result), points.valid,
                                         lights.samples, header.outputs()),
@@ -89,7 +92,7 @@ absl::StatusOr<Answer> PointsAnswer(const Scene& scene, client::ShadowQuery quer
 }
 
 absl::StatusOr<Answer> SegmentsAnswer(const Scene& scene, const client::SegmentQuery& query,
-                                      ItemRange range) {
+                                      ItemRange range, const CancelToken* cancel) {
   const v1::TestSegmentsHeader header = client::SegmentsHeader(query, 0);
   v1::SegmentItem item;
   client::FillSegmentItem(query, range.begin, range.count, &item);
@@ -99,7 +102,7 @@ absl::StatusOr<Answer> SegmentsAnswer(const Scene& scene, const client::SegmentQ
   SL_RETURN_IF_ERROR(PrepareSegments(scene, ends, {}, {}, &prepared));
   SegmentResult result;
   SL_RETURN_IF_ERROR(
-      TestSegments(scene, prepared, {.bits = true, .first_hits = true}, kOptions, &result));
+      TestSegments(scene, prepared, {.bits = true, .first_hits = true}, Options(cancel), &result));
   v1::SegmentReply reply;
   SL_RETURN_IF_ERROR(
       Read(EncodeSegments(scene.geometry, std::move(result), prepared.valid, header.outputs()),
@@ -112,32 +115,33 @@ absl::StatusOr<Answer> SegmentsAnswer(const Scene& scene, const client::SegmentQ
 
 }  // namespace
 
-absl::StatusOr<Answer> EngineAnswer(const Scene& scene, const Workload& workload,
-                                    const Work& work) {
+absl::StatusOr<Answer> EngineAnswer(const Scene& scene, const Workload& workload, const Work& work,
+                                    const CancelToken* cancel) {
   switch (work.kind) {
     case Kind::kTiles: {
       const TileWork& tile = workload.tile(work.item);
-      return TileAnswer(scene, workload.tile_queries()[tile.camera], tile.rect);
+      return TileAnswer(scene, workload.tile_queries()[tile.camera], tile.rect, cancel);
     }
     case Kind::kPoints:
-      return PointsAnswer(scene, workload.shadow_query(), workload.points(work.item));
+      return PointsAnswer(scene, workload.shadow_query(), workload.points(work.item), cancel);
     case Kind::kSegments:
       break;
   }
-  return SegmentsAnswer(scene, workload.segment_query(), workload.segments(work.item));
+  return SegmentsAnswer(scene, workload.segment_query(), workload.segments(work.item), cancel);
 }
 
 absl::StatusOr<std::unique_ptr<Reference>> Reference::Make(
     const std::shared_ptr<const Scene>& scene, const std::optional<ObjectInput>& extra,
-    const Workload& workload, size_t stride, ThreadPool& pool) {
+    const Workload& workload, size_t stride, ThreadPool& pool, const CancelToken* cancel) {
   std::unique_ptr<Reference> reference(new Reference(std::max<size_t>(1, stride)));
   reference->states_.resize(extra ? 2 : 1);
-  SL_RETURN_IF_ERROR(reference->Find(*scene, workload, pool, reference->states_.data()));
+  SL_RETURN_IF_ERROR(reference->Find(*scene, workload, pool, cancel, reference->states_.data()));
   if (extra) {
     const SceneEdit edit{.kind = SceneEdit::Kind::kAdd, .object = *extra};
-    SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> edited,
-                        EditScene(*scene, scene->revision + 1, std::span(&edit, 1), {}, pool));
-    SL_RETURN_IF_ERROR(reference->Find(*edited, workload, pool, &reference->states_[1]));
+    SL_ASSIGN_OR_RETURN(
+        const std::shared_ptr<const Scene> edited,
+        EditScene(*scene, scene->revision + 1, std::span(&edit, 1), {}, pool, cancel));
+    SL_RETURN_IF_ERROR(reference->Find(*edited, workload, pool, cancel, &reference->states_[1]));
   }
   return reference;
 }
@@ -149,7 +153,7 @@ std::unique_ptr<Reference> Reference::Of(Answers answers, size_t stride) {
 }
 
 absl::Status Reference::Find(const Scene& scene, const Workload& workload, ThreadPool& pool,
-                             Answers* answers) const {
+                             const CancelToken* cancel, Answers* answers) const {
   Mutex mutex;
   absl::Status status;
   for (size_t k = 0; k < kKinds; ++k) {
@@ -157,18 +161,23 @@ absl::Status Reference::Find(const Scene& scene, const Workload& workload, Threa
     if (workload.StreamCount(kind) == 0) continue;
     std::vector<Answer>& of_kind = (*answers)[k];
     of_kind.resize((workload.ItemCount(kind) + stride_ - 1) / stride_);
-    pool.ParallelFor(of_kind.size(), 1, [&](size_t begin, size_t end) {
-      for (size_t i = begin; i < end; ++i) {
-        absl::StatusOr<Answer> answer =
-            EngineAnswer(scene, workload, {.kind = kind, .item = i * stride_});
-        if (answer.ok()) {
-          of_kind[i] = *std::move(answer);
-        } else {
-          MutexLock lock(mutex);
-          status.Update(answer.status());
-        }
-      }
-    });
+    pool.ParallelFor(
+        of_kind.size(), 1,
+        [&](size_t begin, size_t end) {
+          for (size_t i = begin; i < end; ++i) {
+            absl::StatusOr<Answer> answer =
+                EngineAnswer(scene, workload, {.kind = kind, .item = i * stride_}, cancel);
+            if (answer.ok()) {
+              of_kind[i] = *std::move(answer);
+            } else {
+              MutexLock lock(mutex);
+              status.Update(answer.status());
+            }
+          }
+        },
+        cancel);
+    // Items that were left out have no status of their own.
+    if (cancel != nullptr) status.Update(cancel->ToStatus());
   }
   return status;
 }

@@ -28,6 +28,7 @@
 #include "client/load/answer.h"
 #include "client/load/request.h"
 #include "client/load/workload.h"
+#include "core/base/cancel.h"
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
 #include "core/mesh/object.h"
@@ -38,11 +39,12 @@ namespace sightline::load {
 class Reference {
  public:
   // The scene that the server has, relative to the same origin. `extra`: what an edit adds. Of each
-  // kind every `stride`-th item is found, the others are not checked.
+  // kind every `stride`-th item is found, the others are not checked. Cancelled from `cancel`.
   static absl::StatusOr<std::unique_ptr<Reference>> Make(const std::shared_ptr<const Scene>& scene,
                                                          const std::optional<ObjectInput>& extra,
                                                          const Workload& workload, size_t stride,
-                                                         ThreadPool& pool);
+                                                         ThreadPool& pool,
+                                                         const CancelToken* cancel = nullptr);
   // Of a scene that is not edited: of every `stride`-th item its answer.
   static std::unique_ptr<Reference> Of(Answers answers, size_t stride);
 
@@ -58,7 +60,7 @@ class Reference {
  private:
   explicit Reference(size_t stride) : stride_(stride) {}
   absl::Status Find(const Scene& scene, const Workload& workload, ThreadPool& pool,
-                    Answers* answers) const;
+                    const CancelToken* cancel, Answers* answers) const;
 
   const size_t stride_;
   std::vector<Answers> states_;  // Of every stride-th item.
@@ -67,7 +69,8 @@ class Reference {
 };
 
 // One item by the engine alone.
-absl::StatusOr<Answer> EngineAnswer(const Scene& scene, const Workload& workload, const Work& work);
+absl::StatusOr<Answer> EngineAnswer(const Scene& scene, const Workload& workload, const Work& work,
+                                    const CancelToken* cancel = nullptr);
 
 }  // namespace sightline::load
 

@@ -20,8 +20,8 @@ inline constexpr int kExitMissed = 1;  // The objective was not met.
 inline constexpr int kExitWrong = 76;  // Answers were wrong.
 
 // `args` without the program's name. The report goes to `out`; errors (one line), warnings and the
-// live line (only if `err_is_terminal`) to `err`. A run ends early, and is reported, once
-// `interrupted` (may be null) is set.
+// live line (only if `err_is_terminal`) to `err`. Once `interrupted` (may be null) is
+// set, a run ends early, and is reported; what comes before one is given up.
 int RunLoad(const std::vector<std::string>& args, std::ostream& out, std::ostream& err,
             bool err_is_terminal = false, const std::atomic<bool>* interrupted = nullptr);
 

@@ -2,18 +2,12 @@
 //
 // sightline-load as a whole, against servers in this process. Runs end by the number of requests.
 #include <algorithm>
-#include <atomic>
-#include <cmath>
-#include <functional>
 #include <nlohmann/json.hpp>
-#include <ostream>
-#include <streambuf>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/formats/file.h"
@@ -166,90 +160,6 @@ TEST_F(LoadRunTest, TheKneeIsWhatTheTrialsSay) {
   EXPECT_LE(missed, rate * std::max(1 + kKneePrecision, 1 / kStepBack) + 1e-6);
 }
 
-// Interrupts the run whose live line says what the test waits for.
-class InterruptingTerminal : public std::streambuf {
- public:
-  using Wanted = std::function<bool(const std::string& title)>;
-  explicit InterruptingTerminal(Wanted wanted) : stream(this), wanted_(std::move(wanted)) {}
-  // All of it. Not before the run is over.
-  const std::string& text() const { return text_; }
-
-  std::ostream stream;
-  std::atomic<bool> interrupted = false;
-
- private:
-  int_type overflow(int_type c) override {
-    const char byte = traits_type::to_char_type(c);
-    xsputn(&byte, 1);
-    return c;
-  }
-  // By the monitor's thread while a run lasts, by the test's between runs.
-  std::streamsize xsputn(const char* bytes, std::streamsize count) override {
-    text_.append(bytes, static_cast<size_t>(count));
-    const size_t line = text_.rfind('\r');
-    const size_t title = line == std::string::npos ? line : text_.find("/s  ", line);
-    if (title != std::string::npos && wanted_(text_.substr(line + 1, title - line - 1))) {
-      interrupted = true;
-    }
-    return count;
-  }
-  const Wanted wanted_;
-  std::string text_;
-};
-
-TEST_F(LoadRunTest, AnInterruptedSearchReportsItsTrials) {
-  // No rate meets the objective: each is tried twice, then half of it, so that trials, of two
-  // requests each, soon take seconds.
-  constexpr double kSlow = 7;
-  InterruptingTerminal terminal([](const std::string& title) {
-    double rate = 0;
-    return absl::StartsWith(title, "trying ") && absl::SimpleAtod(title.substr(7), &rate) &&
-           rate < kSlow;
-  });
-  const RunResult result = RunWith(
-      {ServerFlag(), "--scene=box", "--find-knee", "--rate=200", "--slo=p50=1ns", "--requests=2",
-       "--trial=10m", "--workload=segments", "--arrivals=constant", "--output=json"},
-      {&terminal.interrupted, &terminal.stream});
-  EXPECT_EQ(result.code, cli::kExitTemporary) << terminal.text();
-  EXPECT_THAT(terminal.text(), HasSubstr("sightline-load: interrupted while the knee was searched: "
-                                         "the report has the trials made by then\n"));
-  const nlohmann::json json = result.json();
-  EXPECT_EQ(json["interrupted"], true);
-  EXPECT_EQ(json["knee"]["rate_per_s"], 0);
-  // 200 to 12.5, twice each, and then as many as passed unseen; none that was cut short.
-  const nlohmann::json trials = json["knee"]["trials"];
-  ASSERT_GE(trials.size(), 10u);
-  for (size_t i = 0; i < trials.size(); ++i) {
-    EXPECT_EQ(trials[i]["rate_per_s"], 200 / std::pow(2, i / 2)) << i;
-    EXPECT_EQ(trials[i]["held"], false);
-  }
-  EXPECT_LT(trials.back()["rate_per_s"], 2 * kSlow);
-  EXPECT_EQ(json["all"]["requests"], 0) << "a trial is no run";
-}
-
-TEST_F(LoadRunTest, ATrialThatWasCutShortSaysNothingOfItsRate) {
-  InterruptingTerminal terminal([](const std::string&) { return true; });
-  const RunResult result =
-      RunWith({ServerFlag(), "--scene=box", "--find-knee", "--rate=200", "--slo=p50=10m",
-               "--trial=10m", "--workload=segments", "--output=json"},
-              {&terminal.interrupted, &terminal.stream});
-  EXPECT_EQ(result.code, cli::kExitTemporary) << terminal.text();
-  EXPECT_TRUE(result.json()["knee"]["trials"].empty());
-}
-
-TEST_F(LoadRunTest, AnInterruptedRunAtTheKneeIsNoKnee) {
-  InterruptingTerminal terminal(
-      [](const std::string& title) { return !absl::StartsWith(title, "trying "); });
-  // The run in full would take ten minutes.
-  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--find-knee", "--rate=200",
-                                    "--slo=p50=10m", "--trial=100ms", "--workload=tiles"},
-                                   {&terminal.interrupted, &terminal.stream});
-  EXPECT_EQ(result.code, cli::kExitTemporary) << terminal.text();
-  EXPECT_THAT(terminal.text(), HasSubstr("interrupted while the knee was measured"));
-  EXPECT_THAT(result.out, HasSubstr(" s after 0.00 s of warm-up: interrupted\n"));
-  EXPECT_THAT(result.out, HasSubstr("interrupted before the knee was known; by then trials of "));
-}
-
 TEST_F(LoadRunTest, ARunEndsOnceItIsStable) {
   // Windows of a second; in two minutes three of them agree on any machine.
   const RunResult result = RunWith({ServerFlag(), "--scene=box", "--until-stable", "--window=1s",
@@ -378,17 +288,6 @@ TEST(LoadEmbeddedTest, NoServerIsNeeded) {
                                     "--check=all", "--output=json"});
   ASSERT_EQ(result.code, 0) << result.err;
   EXPECT_EQ(result.json()["checked"], 100);
-}
-
-TEST(LoadEmbeddedTest, AnInterruptedRunIsReported) {
-  const std::atomic<bool> interrupted{true};
-  const RunResult result =
-      RunWith({"--scene=builtin:box", "--workload=segments", "--output=json"}, {&interrupted});
-  ASSERT_EQ(result.code, 0) << result.err;
-  EXPECT_EQ(result.json()["interrupted"], true);
-  const nlohmann::json all = result.json()["all"];
-  EXPECT_EQ(all["answered"], all["requests"]);
-  EXPECT_LT(result.json()["measured_s"], 600);
 }
 
 }  // namespace
