@@ -2,13 +2,13 @@
 #include "core/accel/bvh_builder.h"
 
 #include <atomic>
-#include <cstring>
 #include <limits>
 
 #include "core/accel/bvh_validation.h"
 #include "core/base/mutex.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/core/accel/same_bytes.h"
 #include "tests/core/accel/test_meshes.h"
 #include "tests/support/test_scale.h"
 
@@ -17,20 +17,11 @@ namespace {
 
 using ::testing::HasSubstr;
 using testing_support::NastyMeshes;
+using testing_support::SameBytes;
 using testing_support::ScaledCount;
 using testing_support::ScatteredTriangles;
 using testing_support::TestMesh;
 using testing_support::TestRng;
-
-bool SameBytes(const Bvh& a, const Bvh& b) {
-  return a.nodes.size() == b.nodes.size() && a.leaves.size() == b.leaves.size() &&
-         (a.nodes.empty() ||
-          std::memcmp(a.nodes.data(), b.nodes.data(), a.nodes.size() * sizeof(BvhNode)) == 0) &&
-         (a.leaves.empty() ||
-          std::memcmp(a.leaves.data(), b.leaves.data(), a.leaves.size() * sizeof(float)) == 0) &&
-         a.leaf_ids == b.leaf_ids && a.bounds == b.bounds && a.leaf_count == b.leaf_count &&
-         a.triangle_count == b.triangle_count && a.max_depth == b.max_depth;
-}
 
 TEST(BvhBuilderTest, NastyMeshesGiveValidTrees) {
   TestRng rng;

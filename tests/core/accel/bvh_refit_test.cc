@@ -2,13 +2,13 @@
 #include "core/accel/bvh_refit.h"
 
 #include <cmath>
-#include <cstring>
 #include <functional>
 #include <limits>
 
 #include "core/accel/bvh_builder.h"
 #include "core/accel/bvh_validation.h"
 #include "gtest/gtest.h"
+#include "tests/core/accel/same_bytes.h"
 #include "tests/core/accel/test_meshes.h"
 #include "tests/support/test_scale.h"
 
@@ -16,6 +16,7 @@ namespace sightline {
 namespace {
 
 using testing_support::NastyMeshes;
+using testing_support::SameBytes;
 using testing_support::ScaledCount;
 using testing_support::ScatteredTriangles;
 using testing_support::TestMesh;
@@ -37,16 +38,6 @@ SceneGeometry Moved(const SceneGeometry& geometry, const std::function<Vec3f(Vec
     if (std::isfinite(vertex.x)) vertex = move(vertex);
   }
   return moved;
-}
-
-bool SameBytes(const Bvh& a, const Bvh& b) {
-  return a.nodes.size() == b.nodes.size() && a.leaves.size() == b.leaves.size() &&
-         (a.nodes.empty() ||
-          std::memcmp(a.nodes.data(), b.nodes.data(), a.nodes.size() * sizeof(BvhNode)) == 0) &&
-         (a.leaves.empty() ||
-          std::memcmp(a.leaves.data(), b.leaves.data(), a.leaves.size() * sizeof(float)) == 0) &&
-         a.leaf_ids == b.leaf_ids && a.bounds == b.bounds && a.leaf_count == b.leaf_count &&
-         a.triangle_count == b.triangle_count && a.max_depth == b.max_depth;
 }
 
 TEST(BvhRefitTest, WhatDidNotMoveStaysAsItIs) {

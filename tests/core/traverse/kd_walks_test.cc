@@ -195,31 +195,8 @@ TEST_P(KdWalksTest, PacketsGiveBruteForcesBits) {
       SCOPED_TRACE(absl::StrCat(scene.name, ", ", NameOf(options)));
       ASSERT_NO_FATAL_FAILURE(Build(options, &scene.indexed));
       for (int64_t i = 0, n = ScaledCount(20, 5); i < n; ++i) {
-        packet->origin = rays.Point();
-        packet->segments = rng.Chance(0.6);
-        packet->mask = rng.Chance(0.7) ? 0xFFFFFFFFu : 1u << rng.Below(3);
-        packet->origin_source = rays.Source();
-        packet->count = 1 + static_cast<int>(rng.Below(RayPacket::kMaxRays));
-        packet->want_barycentrics = rng.Chance(0.5);
-        const bool narrow = rng.Chance(0.7);
-        const Vec3f middle = rays.Target(packet->origin, packet->segments);
-        std::vector<TraceRay> queries;
-        for (int lane = 0; lane < packet->count; ++lane) {
-          Vec3f target = rays.Target(packet->origin, packet->segments);
-          for (int axis = 0; axis < 3 && narrow; ++axis) {
-            target[axis] =
-                middle[axis] + static_cast<float>(rng.Uniform(-0.03, 0.03)) * middle[axis];
-          }
-          packet->target_x[lane] = target.x;
-          packet->target_y[lane] = target.y;
-          packet->target_z[lane] = target.z;
-          packet->target_source[lane] = rays.Source();
-          queries.push_back(
-              {.ray = packet->ray(lane),
-               .mask = packet->mask,
-               .from_source = packet->origin_source,
-               .to_source = packet->segments ? packet->target_source[lane] : kNoTriangle});
-        }
+        const int count = 1 + static_cast<int>(rng.Below(RayPacket::kMaxRays));
+        const std::vector<TraceRay> queries = rays.FillPacket(count, packet.get());
         const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
         for (const bool any : {false, true}) {
           std::fill_n(packet->triangle, RayPacket::kMaxRays, 12345u);

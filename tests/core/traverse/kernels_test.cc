@@ -105,34 +105,7 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
       constexpr int kSizes[] = {1, 2, 7, 8, 9, 15, 16, 17, 31, 64, 255, 256};
       const int count = i % 3 == 0 ? kSizes[rng.Below(std::size(kSizes))]
                                    : 1 + static_cast<int>(rng.Below(RayPacket::kMaxRays));
-      packet->origin = rays.Point();
-      packet->segments = rng.Chance(0.6);
-      packet->mask = rng.Chance(0.7) ? 0xFFFFFFFFu : 1u << rng.Below(3);
-      packet->origin_source = rays.Source();
-      packet->count = count;
-      packet->want_barycentrics = rng.Chance(0.5);
-      // Some packets are narrow, as a tile's: around one target.
-      const bool narrow = rng.Chance(0.7);
-      const double strays = rng.Chance(0.3) ? 0.02 : 0.0;
-      const Vec3f middle = rays.Target(packet->origin, packet->segments);
-      std::vector<TraceRay> queries;
-      for (int lane = 0; lane < count; ++lane) {
-        Vec3f target = rays.Target(packet->origin, packet->segments);
-        if (narrow && !rng.Chance(strays)) {
-          for (int k = 0; k < 3; ++k) {
-            target[k] = middle[k] + static_cast<float>(rng.Uniform(-0.03, 0.03)) * middle[k];
-          }
-        }
-        packet->target_x[lane] = target.x;
-        packet->target_y[lane] = target.y;
-        packet->target_z[lane] = target.z;
-        packet->target_source[lane] = rays.Source();
-        queries.push_back(
-            {.ray = packet->ray(lane),
-             .mask = packet->mask,
-             .from_source = packet->origin_source,
-             .to_source = packet->segments ? packet->target_source[lane] : kNoTriangle});
-      }
+      const std::vector<TraceRay> queries = rays.FillPacket(count, packet.get());
       const std::vector<Hit> truth = Trace(kernels().closest_brute, scene.indexed, queries);
       // A cut of this packet alone, and one that another packet shares.
       std::vector<RayPacket> pair(2, *packet);

@@ -416,6 +416,36 @@ TraceRay NastyRays::Next() {
   return query;
 }
 
+std::vector<TraceRay> NastyRays::FillPacket(int count, RayPacket* packet) {
+  packet->origin = Point();
+  packet->segments = rng_.Chance(0.6);
+  packet->mask = rng_.Chance(0.7) ? 0xFFFFFFFFu : 1u << rng_.Below(3);
+  packet->origin_source = Source();
+  packet->count = count;
+  packet->want_barycentrics = rng_.Chance(0.5);
+  const bool narrow = rng_.Chance(0.7);
+  const double strays = rng_.Chance(0.3) ? 0.02 : 0.0;
+  const Vec3f middle = Target(packet->origin, packet->segments);
+  std::vector<TraceRay> queries;
+  for (int lane = 0; lane < count; ++lane) {
+    Vec3f target = Target(packet->origin, packet->segments);
+    if (narrow && !rng_.Chance(strays)) {
+      for (int k = 0; k < 3; ++k) {
+        target[k] = middle[k] + static_cast<float>(rng_.Uniform(-0.03, 0.03)) * middle[k];
+      }
+    }
+    packet->target_x[lane] = target.x;
+    packet->target_y[lane] = target.y;
+    packet->target_z[lane] = target.z;
+    packet->target_source[lane] = Source();
+    queries.push_back({.ray = packet->ray(lane),
+                       .mask = packet->mask,
+                       .from_source = packet->origin_source,
+                       .to_source = packet->segments ? packet->target_source[lane] : kNoTriangle});
+  }
+  return queries;
+}
+
 Hit TraceByDefinition(const SceneGeometry& geometry, const TraceRay& query) {
   Hit best;
   for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {

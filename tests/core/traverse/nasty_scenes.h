@@ -60,6 +60,9 @@ class NastyRays {
   Vec3f Target(Vec3f origin, bool segment);
   uint32_t Source();  // kNoTriangle, mostly.
   TraceRay Next();
+  // Fills *packet with `count` rays, of any mask and sources, and returns them one by one. Most
+  // packets are narrow, as a tile's: around one target, but for a few strays now and then.
+  std::vector<TraceRay> FillPacket(int count, RayPacket* packet);
 
  private:
   Vec3f Corner();
