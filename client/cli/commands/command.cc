@@ -148,8 +148,7 @@ void StrategyFlags::Register(FlagSet* flags) {
   flags->Count(
       "rtt-antialiasing", "N",
       "with RTT: the picture will be averaged over N by N of its pixels, so that tiles are "
-      "4N by 4N, and --tile should be a multiple; tiles of shadows hold 256 rays at most: 3 is as "
-      "1 for them, 5 and 6 are as 4",
+      "4N by 4N, and --tile should be a multiple",
       &rtt_antialiasing, 1, 6);
   flags->Switch("rtt-shared-edges",
                 "with RTT: let two triangles that share an edge end a tile's corner rays; of rays "
