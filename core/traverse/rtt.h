@@ -26,8 +26,9 @@ struct RttOptions {
   // Tiles whose corner rays walk in one register: as many as it holds (two with AVX2, four with
   // AVX-512), or fewer. 0: as many as it holds.
   int side_by_side = 0;
-  // Whether two triangles that share an edge may end the corner rays, too. Of rays without an end
-  // from an eye: segments, and rays that leave a mirror, are ended by single triangles alone.
+  // Whether two triangles that share an edge may end the corner rays, too: of an eye's rays, and of
+  // segments where any hit will do. Rays that leave a mirror, and segments whose first hit is asked
+  // for, are ended by single triangles alone, or by none.
   bool shared_edges = false;
 };
 

@@ -151,8 +151,8 @@ void StrategyFlags::Register(FlagSet* flags) {
       "4N by 4N, and --tile should be a multiple",
       &rtt_antialiasing, 1, 6);
   flags->Switch("rtt-shared-edges",
-                "with RTT: let two triangles that share an edge end a tile's corner rays; of rays "
-                "from the eye alone, not of shadows nor in mirrors",
+                "with RTT: let two triangles that share an edge end a tile's corner rays, too; not "
+                "in mirrors",
                 &rtt_shared_edges);
   flags->Count("rtt-side-by-side", "N",
                "with RTT: tiles whose corner rays share a register; 0: as many as fit",
