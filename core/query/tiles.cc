@@ -29,7 +29,6 @@ namespace {
 constexpr uint32_t kBlockSide = PixelBlockKernels::kSide;
 constexpr uint32_t kRunPixels = PixelBlockKernels::kRun;
 constexpr uint32_t kGroupSide = 4;
-constexpr uint32_t kNoPixel = 0xFFFFFFFFu;
 static_assert(kGroupSide * kBlockSide == PixelGrid::kMostSide &&
               kBlockSide == PixelGrid::kPacketSide);
 static_assert(kRunPixels == PixelGrid::kRun);
@@ -123,7 +122,7 @@ class TileTrace {
             TraceGroup({x, y, std::min(side, tile_.width - x), std::min(side, tile_.height - y)}));
       }
     }
-    if (outputs_.points) SortPoints();
+    if (outputs_.points) out_.SortPoints(pixels_);
     return absl::OkStatus();
   }
 
@@ -502,28 +501,6 @@ class TileTrace {
       hits += point_pixel_[hits] != kNoPixel;
     }
     return hits;
-  }
-
-  // Blocks came one after another; points are handed out in pixel order.
-  void SortPoints() {
-    const size_t n = out_.point_pixel.size();
-    std::vector<uint32_t> at(pixels_, kNoTriangle);
-    for (size_t i = 0; i < n; ++i) {
-      if (out_.point_pixel[i] != kNoPixel) at[out_.point_pixel[i]] = static_cast<uint32_t>(i);
-    }
-    PreparedPoints sorted;
-    sorted.positions.reserve(n);
-    sorted.sources.reserve(n);
-    size_t next = 0;
-    for (size_t pixel = 0; pixel < pixels_; ++pixel) {
-      if (at[pixel] == kNoTriangle) continue;
-      sorted.positions.push_back(out_.points.positions[at[pixel]]);
-      sorted.sources.push_back(out_.points.sources[at[pixel]]);
-      out_.point_pixel[next++] = static_cast<uint32_t>(pixel);
-    }
-    sorted.valid.assign(next, 1);
-    out_.point_pixel.resize(next);
-    out_.points = std::move(sorted);
   }
 
   static void SetBit(uint8_t* row, size_t pixel) { row[pixel / 8] |= uint8_t(1u << (pixel % 8)); }
