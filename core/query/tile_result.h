@@ -22,7 +22,7 @@ struct TileRect {
   uint32_t x = 0, y = 0, width = 0, height = 0;  // Pixels; within the image, not empty.
 };
 
-// In place of a pixel, of a point that stands in for one that has none.
+// The pixel of a point that has none.
 inline constexpr uint32_t kNoPixel = 0xFFFFFFFFu;
 
 struct TileOutputs {
