@@ -446,7 +446,8 @@ struct PointSetSource {
   PointOptions point_options;
   Points points;  // Or:
   // What it sees becomes the points, row by row of its picture: packets of them are runs of its
-  // rows, whatever packet_side says, and not squares of pixels.
+  // rows, or neighbours in space where these pay, whatever packet_side says, and not squares of
+  // pixels.
   std::optional<Camera> camera;
   QueryOptions options;  // For the camera's rays.
 };

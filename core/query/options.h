@@ -64,7 +64,8 @@ struct QueryOptions {
   // kRtt alone. A tile is four pixels square; images taken at n times their size in either
   // direction, to be averaged, have n × n rays a pixel: 1 .. kMaxRttAntialiasing (core/traverse/
   // rtt.h). Tiles begin at the corner of what TraceTile is given, and are cut at its other borders.
-  // Tiles of points follow them only as far as packets divide into them (3: as 1), to 4.
+  // Those of its lights' shadows are each tile's hits. Points by themselves (ComputeShadows) are
+  // tiles as they follow one another, 16·n² at a time.
   int rtt_antialiasing = 1;
   bool rtt_shared_edges = false;  // RttOptions::shared_edges.
   int rtt_side_by_side = 0;       // RttOptions::side_by_side, 0 .. kMaxRttSideBySide.

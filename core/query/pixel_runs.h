@@ -36,23 +36,30 @@ constexpr uint32_t WholeSquares(uint32_t pixels) {
   return (pixels + kRun - 1) / kRun * kRun;
 }
 
+// fn(run) for the runs of a part of a block, square by square. `part` is in pixels of the block.
+// REQUIRES: its sides are those of squares.
+template <class Fn>
+void ForEachRunOf(const TileRect& part, const TileRect& block, SquareLanes lanes, const Fn& fn) {
+  constexpr uint32_t kRun = PixelBlockKernels::kRun;
+  const bool whole = lanes == SquareLanes::kWhole;
+  const uint32_t row = whole ? WholeSquares(block.width) : block.width;
+  for (uint32_t gy = part.y; gy < part.y + part.height; gy += kRun) {
+    const uint32_t height = std::min(kRun, block.height - gy);
+    for (uint32_t gx = part.x; gx < part.x + part.width; gx += kRun) {
+      const uint32_t count = std::min(kRun, block.width - gx);
+      const uint32_t stride = whole ? kRun : count;
+      uint32_t lane = gy * row + gx * (whole ? kRun : height);
+      for (uint32_t y = gy; y < gy + height; ++y, lane += stride) {
+        fn(PixelRun{static_cast<int>(lane), gx, y, count});
+      }
+    }
+  }
+}
+
 // fn(run) for the runs of a block, in the order of its lanes.
 template <class Fn>
 void ForEachRun(const TileRect& block, SquareLanes lanes, const Fn& fn) {
-  constexpr uint32_t kRun = PixelBlockKernels::kRun;
-  const bool whole = lanes == SquareLanes::kWhole;
-  uint32_t lane = 0;
-  for (uint32_t gy = 0; gy < block.height; gy += kRun) {
-    const uint32_t end = std::min(gy + kRun, block.height);
-    for (uint32_t gx = 0; gx < block.width; gx += kRun) {
-      const uint32_t count = std::min(kRun, block.width - gx);
-      const uint32_t first = lane, stride = whole ? kRun : count;
-      for (uint32_t y = gy; y < end; ++y, lane += stride) {
-        fn(PixelRun{static_cast<int>(lane), gx, y, count});
-      }
-      if (whole) lane = first + kRun * kRun;
-    }
-  }
+  ForEachRunOf({0, 0, block.width, block.height}, block, lanes, fn);
 }
 
 }  // namespace sightline

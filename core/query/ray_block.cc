@@ -93,11 +93,6 @@ absl::Status TraceRtt(const IndexedGeometry& scene, const QueryRun& run, bool an
 
 }  // namespace
 
-int RttTileRaysOf(const QueryOptions& options, bool points) {
-  const int rays = std::min(RttTileRays(options.rtt_antialiasing), kBlockRays);
-  return points && kBlockRays % rays != 0 ? RttTileRays(1) : rays;
-}
-
 Strategy ChooseStrategy(const QueryRun& run, RayForm form, HitKind kind, size_t rays) {
   const Strategy asked = run.options().strategy;
   const bool one_origin = form == RayForm::kOneOrigin || form == RayForm::kMirrored;
@@ -180,8 +175,8 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   const bool any = kind == HitKind::kAny;
   const Kernels& kernels = run.kernels();
   if (strategy == Strategy::kRtt) {
-    return TraceRtt(scene, run, any, {packet, 1}, RttTileRaysOf(run.options(), packet->segments),
-                    stats);
+    return TraceRtt(scene, run, any, {packet, 1},
+                    std::min(RttTileRays(run.options().rtt_antialiasing), kBlockRays), stats);
   }
   if (strategy == Strategy::kPacket) {
     return TracePackets(scene, run, any, packet, stats) ? absl::OkStatus() : run.Stopped();

@@ -52,13 +52,10 @@ const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
 const ShaftCut* CutGroup(const IndexedGeometry& scene, const QueryRun& run,
                          std::span<const ParallelPacket> packets, ShaftCut* cut);
 
-// How many rays that follow one another in a packet are a tile of kRtt: at most a packet; for
-// points, which come in whole packets, so many that packets divide into tiles. (A camera's tile may
-// be larger: TraceRttTile.)
-int RttTileRaysOf(const QueryOptions& options, bool points);
-
 // Up to kBlockRays rays with one origin. packet.origin … want_barycentrics are read, its results
-// written; the mask is taken from the packet. `cut` as in kernels.h, used by shafts alone.
+// written; the mask is taken from the packet. `cut` as in kernels.h, used by shafts alone. Under
+// kRtt as many rays that follow one another as a tile has are one, all where that is more than a
+// packet holds.
 absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run, HitKind kind,
                               Strategy strategy, RayPacket* packet, const ShaftCut* cut,
                               WalkStats* stats);

@@ -38,10 +38,9 @@
 #include "core/light/light.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
+#include "core/query/tile_result.h"
 
 namespace sightline {
-
-inline constexpr uint32_t kNoPixel = 0xFFFFFFFFu;
 
 struct HitPackets {
   PreparedPoints points;        // Whole packets of side × side.

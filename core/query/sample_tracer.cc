@@ -7,6 +7,7 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/traverse/rtt.h"
 #include "hwy/highway.h"
 
 namespace sightline {
@@ -16,6 +17,11 @@ namespace {
 namespace hn = hwy::HWY_NAMESPACE;
 using Eight = hn::CappedTag<float, 8>;
 static_assert(hn::MaxLanes(Eight()) == 8, "x86-64-v3 holds eight floats in a vector");
+
+// The packets that a tile takes, and the tiles that a packet holds, at most.
+constexpr size_t kMostTilePackets =
+    (RttTileRays(kMaxRttAntialiasing) + kBlockRays - 1) / kBlockRays;
+constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 
 // Samples of one light for which it pays to look at their common hull first.
 constexpr size_t kLeastHullSamples = 4;
@@ -29,21 +35,36 @@ void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
 
 }  // namespace
 
-void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources) {
+size_t SampleTracer::GroupPoints() const {
+  if (run_.options().strategy != Strategy::kRtt) return kGroupRays;
+  const size_t tile = RttTileRays(run_.options().rtt_antialiasing);
+  return kGroupRays / tile * tile;
+}
+
+void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources,
+                             std::span<const uint32_t> tile_ends) {
   SIGHTLINE_CHECK_LE(positions.size(), static_cast<size_t>(kGroupRays));
   if (!sources.empty()) SIGHTLINE_CHECK_EQ(positions.size(), sources.size());
+  if (!tile_ends.empty()) SIGHTLINE_CHECK_EQ(size_t{tile_ends.back()}, positions.size());
   positions_ = positions;
   sources_ = sources;
+  tile_ends_ = tile_ends;
   packets_ready_ = parallel_ready_ = false;
   hull_begin_ = hull_end_ = 0;
   if (record_answered_by_) answered_by_.resize(positions.size());
 }
 
-// A segment's point end is moved toward the light by t_min, in double, rounded once.
 int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
                          uint32_t* sources) const {
   const size_t first = block * kBlockRays;
   const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
+  LayOut(sample, first, count, x, y, z, sources);
+  return static_cast<int>(count);
+}
+
+// A segment's point end is moved toward the light by t_min, in double, rounded once.
+void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y,
+                          float* z, uint32_t* sources) const {
   if (sources_.empty()) {
     std::fill_n(sources, count, kNoTriangle);
   } else {
@@ -73,7 +94,6 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
     y[i] = p.y;
     z[i] = p.z;
   }
-  return static_cast<int>(count);
 }
 
 absl::Status SampleTracer::Trace(size_t s) {
@@ -86,7 +106,9 @@ absl::Status SampleTracer::Trace(size_t s) {
                      positions_.size());
   StatsScope scope(stats_, strategy, positions_.size());
   absl::Status traced;
-  if (!sample.directional) {
+  if (strategy == Strategy::kRtt) {
+    traced = TraceTiles(sample, mask, &scope);
+  } else if (!sample.directional) {
     traced = TraceSegments(s, mask, strategy, &scope);
   } else if (strategy == Strategy::kShaft || strategy == Strategy::kPacket) {
     traced = TraceParallel(s, mask, strategy, &scope);
@@ -139,6 +161,76 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(packets_[b].count));
     }
     *first_leaf = packets_[b].first_leaf;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status SampleTracer::TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope) {
+  parallel_traced_ = packets_ready_ = false;
+  Reserve(blocks(), &packets_, &packets_size_);
+  if (tile_packets_ == nullptr) {
+    tile_packets_ = std::make_unique_for_overwrite<RayPacket[]>(kMostTilePackets);
+    if (record_answered_by_) tile_answered_by_.resize(kMostTilePackets * kBlockRays);
+  }
+  const std::span<RayPacket> packets(tile_packets_.get(), kMostTilePackets);
+  for (size_t i = 0; i < packets.size(); ++i) {
+    packets[i].origin = sample.value;
+    packets[i].segments = true;
+    packets[i].mask = mask;
+    packets[i].origin_source = sample.source_triangle;
+    packets[i].answered_by =
+        record_answered_by_ ? tile_answered_by_.data() + i * kBlockRays : nullptr;
+  }
+  const size_t tile = RttTileRays(run_.options().rtt_antialiasing), all = positions_.size();
+  const bool large = tile > kBlockRays;
+  const size_t most = large ? 1 : kBlockRays / tile;  // Tiles that are asked about together.
+  for (size_t first = 0, tiles_before = 0; first < all;) {
+    // Where each one's points begin, and where the last one's end.
+    size_t begin[kMostPacketTiles + 1] = {first}, count = 0;
+    for (; count < most && first < all; ++count) {
+      const size_t end =
+          tile_ends_.empty() ? std::min(first + tile, all) : size_t{tile_ends_[tiles_before++]};
+      SIGHTLINE_CHECK(end > first && end - first <= tile) << first << " to " << end;
+      begin[count + 1] = first = end;
+    }
+    // fn(packet, lane, point, count) for points in lanes that follow one another.
+    const auto for_each_run = [&](const auto& fn) {
+      for (size_t i = 0; i < count; ++i) {
+        for (size_t at = begin[i]; at < begin[i + 1]; at += kBlockRays) {
+          const size_t part = (at - begin[i]) / kBlockRays;
+          fn(packets[part], i * tile, at, std::min<size_t>(kBlockRays, begin[i + 1] - at));
+        }
+      }
+    };
+    for_each_run([&](RayPacket& packet, size_t lane, size_t point, size_t points) {
+      LayOut(sample, point, points, packet.target_x + lane, packet.target_y + lane,
+             packet.target_z + lane, packet.target_source + lane);
+      packet.count = static_cast<int>(lane + points);
+      if (large) return;
+      // Those that a tile lacks are its last one again: the next tile keeps its lanes.
+      const auto fill = [&](auto* row) {
+        std::fill_n(row + lane + points, tile - points, row[lane + points - 1]);
+      };
+      fill(packet.target_x);
+      fill(packet.target_y);
+      fill(packet.target_z);
+      fill(packet.target_source);
+    });
+    const size_t parts = (begin[1] - begin[0] + kBlockRays - 1) / kBlockRays;
+    SL_RETURN_IF_ERROR(large
+                           ? TraceRttTile(scene_, run_, kind_, packets.first(parts), scope->walk())
+                           : TracePacketBlock(scene_, run_, kind_, Strategy::kRtt, &packets[0],
+                                              nullptr, scope->walk()));
+    scope->Took(Strategy::kRtt);
+    for_each_run([&](const RayPacket& packet, size_t lane, size_t point, size_t points) {
+      for (size_t i = 0; i < points; ++i) {
+        RayPacket& block = packets_[(point + i) / kBlockRays];
+        block.triangle[(point + i) % kBlockRays] = packet.triangle[lane + i];
+        block.t[(point + i) % kBlockRays] = packet.t[lane + i];
+      }
+      if (!record_answered_by_) return;
+      std::copy_n(packet.answered_by + lane, points, answered_by_.data() + point);
+    });
   }
   return absl::OkStatus();
 }

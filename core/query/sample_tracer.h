@@ -48,9 +48,15 @@ class SampleTracer {
     }
   }
 
-  // At most kGroupRays points, all valid, and their source triangles, or none of these; kept by
-  // reference until the next call.
-  void SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources);
+  // As many points as are best given together: kGroupRays, or for kRtt as many as whole tiles are.
+  size_t GroupPoints() const;
+
+  // At most kGroupRays points, all valid, and their source triangles, or none of these.
+  // `tile_ends`, read for kRtt alone: where each tile's points end, none of them more than a tile
+  // has rays (core/traverse/rtt.h); empty: as many as it has are one. All is kept by reference
+  // until the next call.
+  void SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources,
+                 std::span<const uint32_t> tile_ends = {});
 
   // Sample s. One that is a point starts the segments, one that is a direction is what rays from
   // the points run toward. REQUIRES: it is valid. On success triangle(i) is the first or, for kAny,
@@ -81,6 +87,8 @@ class SampleTracer {
     return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
   }
   absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
+  // By tiles of kRtt, which need not divide blocks.
+  absl::Status TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope);
   // Cuts by the hull of sample s's light and each block's points, if it has samples enough.
   void CutHulls(size_t s);
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
@@ -90,9 +98,11 @@ class SampleTracer {
   AnsweredBy* AnsweredByOf(size_t block) {
     return record_answered_by_ ? answered_by_.data() + block * kBlockRays : nullptr;
   }
-  // The points of a block as the ends of segments, or origins of rays, of `sample`.
+  // The points of a block, or some, as the ends of segments, or origins of rays, of `sample`.
   int LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
              uint32_t* sources) const;
+  void LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y, float* z,
+              uint32_t* sources) const;
 
   const IndexedGeometry& scene_;
   const QueryRun& run_;
@@ -101,7 +111,7 @@ class SampleTracer {
   const std::span<const LightSample> samples_;
   QueryStats* const stats_;
   std::span<const Vec3f> positions_;
-  std::span<const uint32_t> sources_;
+  std::span<const uint32_t> sources_, tile_ends_;
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
   bool parallel_traced_ = false;  // Where the last results are.
@@ -111,6 +121,9 @@ class SampleTracer {
   size_t packets_size_ = 0, parallel_size_ = 0;
   std::unique_ptr<RayPacket[]> packets_;
   std::unique_ptr<ParallelPacket[]> parallel_;
+  // One for several small tiles, or those of a large one; made when first needed.
+  std::unique_ptr<RayPacket[]> tile_packets_;
+  std::vector<AnsweredBy> tile_answered_by_;  // By lane of these, where it is recorded.
   ShaftCut cut_;
   std::vector<uint32_t> first_leaves_;  // By sample: RayPacket::first_leaf for its next packet.
   std::vector<uint32_t> light_of_;      // By sample: how many lights came before its own.

@@ -76,30 +76,31 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   const bool ordered =
       !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size());
   if (ordered) order = SpatialOrder(points.positions, points.valid);
+  const size_t group = tracer.GroupPoints();
   const size_t end = ordered ? order.size() : n;
   for (size_t next = 0; next < end;) {
     // A group of valid points, put to every sample in turn, so that sums run in sample order.
     const size_t first = next;
     size_t count = 0;
     if (!ordered) {
-      const size_t most = std::min<size_t>(kGroupRays, end - first);
+      const size_t most = std::min(group, end - first);
       const uint8_t* valid = points.valid.data() + first;
       const void* not_valid = std::memchr(valid, 0, most);
       count = not_valid == nullptr ? most : static_cast<const uint8_t*>(not_valid) - valid;
       next += count;
     }
     // Mostly they follow one another and are taken where they are.
-    const bool dense = count > 0 && (next == end || count == kGroupRays) && first % 8 == 0;
+    const bool dense = count > 0 && (next == end || count == group) && first % 8 == 0;
     if (dense) {
       tracer.SetPoints(
           points.positions.subspan(first, count),
           points.sources.empty() ? points.sources : points.sources.subspan(first, count));
     } else {
-      positions.resize(std::min<size_t>(kGroupRays, n));
+      positions.resize(std::min(group, n));
       if (!points.sources.empty()) sources.resize(positions.size());
       index.resize(positions.size());
       next = first;
-      for (count = 0; next < end && count < kGroupRays; ++next) {
+      for (count = 0; next < end && count < group; ++next) {
         const size_t p = ordered ? order[next] : next;
         if (!points.valid[p]) continue;
         positions[count] = points.positions[p];

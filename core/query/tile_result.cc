@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/query/tile_result.h"
 
+#include <utility>
+#include <vector>
+
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 
@@ -22,6 +25,27 @@ void TileResult::Reset(const TileOutputs& outputs) {
   points = PreparedPoints();
   point_pixel.clear();
   primary = shadow = QueryStats();
+}
+
+void TileResult::SortPoints(size_t pixels) {
+  const size_t n = point_pixel.size();
+  std::vector<uint32_t> at(pixels, kNoTriangle);
+  for (size_t i = 0; i < n; ++i) {
+    if (point_pixel[i] != kNoPixel) at[point_pixel[i]] = static_cast<uint32_t>(i);
+  }
+  PreparedPoints sorted;
+  sorted.positions.reserve(n);
+  sorted.sources.reserve(n);
+  size_t next = 0;
+  for (size_t pixel = 0; pixel < pixels; ++pixel) {
+    if (at[pixel] == kNoTriangle) continue;
+    sorted.positions.push_back(points.positions[at[pixel]]);
+    sorted.sources.push_back(points.sources[at[pixel]]);
+    point_pixel[next++] = static_cast<uint32_t>(pixel);
+  }
+  sorted.valid.assign(next, 1);
+  point_pixel.resize(next);
+  points = std::move(sorted);
 }
 
 absl::Status CheckRect(const Camera& camera, const TileRect& tile) {

@@ -22,6 +22,9 @@ struct TileRect {
   uint32_t x = 0, y = 0, width = 0, height = 0;  // Pixels; within the image, not empty.
 };
 
+// The pixel of a point that has none.
+inline constexpr uint32_t kNoPixel = 0xFFFFFFFFu;
+
 struct TileOutputs {
   bool hits = true;     // Which pixels see a triangle.
   bool ids = false;     // Which one.
@@ -56,6 +59,10 @@ struct TileResult {
   // ray (mirrors.h).
   std::vector<uint8_t> mirror_bits;
   QueryStats primary, shadow;
+
+  // Points come block by block, some without a pixel: from now on in the order of their pixels, of
+  // which there are `pixels`, and none without. REQUIRES: no two have one pixel.
+  void SortPoints(size_t pixels);
 
   // Forgets everything but the memory of what is asked for again: a caller that traces tile after
   // tile into one result pays for it once. Arrays keep what they held.

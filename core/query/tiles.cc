@@ -29,7 +29,6 @@ namespace {
 constexpr uint32_t kBlockSide = PixelBlockKernels::kSide;
 constexpr uint32_t kRunPixels = PixelBlockKernels::kRun;
 constexpr uint32_t kGroupSide = 4;
-constexpr uint32_t kNoPixel = 0xFFFFFFFFu;
 static_assert(kGroupSide * kBlockSide == PixelGrid::kMostSide &&
               kBlockSide == PixelGrid::kPacketSide);
 static_assert(kRunPixels == PixelGrid::kRun);
@@ -73,6 +72,7 @@ class TileTrace {
       const auto blocks = [](uint32_t side) { return (side + kBlockSide - 1) / kBlockSide; };
       const size_t most = size_t{std::min(blocks(tile.width), kGroupSide)} *
                           std::min(blocks(tile.height), kGroupSide);
+      tile_ends_.reserve(most * (kBlockRays / RttTileRays(1)));
       positions_.resize(most * kBlockRays);
       sources_.resize(most * kBlockRays);
       point_pixel_.resize(most * kBlockRays);
@@ -122,7 +122,7 @@ class TileTrace {
             TraceGroup({x, y, std::min(side, tile_.width - x), std::min(side, tile_.height - y)}));
       }
     }
-    if (outputs_.points) SortPoints();
+    if (outputs_.points) out_.SortPoints(pixels_);
     return absl::OkStatus();
   }
 
@@ -146,6 +146,7 @@ class TileTrace {
         ChooseStrategy(run_, RayForm::kOneOrigin, kind, size_t{group.width} * group.height);
     const bool one_block = group.width <= kBlockSide && group.height <= kBlockSide;
     size_t points = 0;
+    tile_ends_.clear();
     {
       StatsScope scope(&out_.primary, strategy, size_t{group.width} * group.height);
       const ShaftCut* cut = strategy == Strategy::kShaft && !one_block && !choice_.ShaftsAreRare()
@@ -200,9 +201,7 @@ class TileTrace {
   bool ByTiles() const { return run_.options().strategy == Strategy::kRtt; }
 
   // The pixels along a tile's side.
-  uint32_t TileSide() const {
-    return kRunPixels * static_cast<uint32_t>(run_.options().rtt_antialiasing);
-  }
+  uint32_t TileSide() const { return RttTileSide(run_.options().rtt_antialiasing); }
 
   // Whether it has tiles that no packet holds.
   bool LargeTile() const { return ByTiles() && TileSide() > kBlockSide; }
@@ -225,6 +224,7 @@ class TileTrace {
       packet_ = &parts_[i];
       status = Finish(group, blocks[i], scope, points);
     }
+    EndTile(*points);
     packet_ = &block_;
     return status;
   }
@@ -422,20 +422,35 @@ class TileTrace {
     const size_t none = static_cast<size_t>(packet_->count);
     size_t stand_in = PixelShadowPackets() ? 0 : none;  // The first hit, for those that have none.
     while (stand_in < none && packet_->triangle[stand_in] == kNoTriangle) ++stand_in;
-    ForEachRun(block, Squares(), [&](const PixelRun& run) {
-      for (uint32_t k = 0; k < run.count; ++k) {
-        const size_t lane = static_cast<size_t>(run.lane) + k;
-        if (packet_->triangle[lane] != kNoTriangle) {
-          add(lane, first + size_t{run.y} * tile_.width + run.x + k);
-        } else if (stand_in != none) {
-          add(stand_in, kNoPixel);
-        }
+    const uint32_t part = ByTiles() ? TileSide() : kBlockSide;
+    for (uint32_t y = 0; y < block.height; y += part) {
+      for (uint32_t x = 0; x < block.width; x += part) {
+        const TileRect tile = {x, y, std::min(part, block.width - x),
+                               std::min(part, block.height - y)};
+        ForEachRunOf(tile, block, Squares(), [&](const PixelRun& run) {
+          for (uint32_t k = 0; k < run.count; ++k) {
+            const size_t lane = static_cast<size_t>(run.lane) + k;
+            if (packet_->triangle[lane] != kNoTriangle) {
+              add(lane, first + size_t{run.y} * tile_.width + run.x + k);
+            } else if (stand_in != none) {
+              add(stand_in, kNoPixel);
+            }
+          }
+        });
+        if (!LargeTile()) EndTile(points);
       }
-    });
+    }
     // Packets at the tile's edge are filled up.
     const auto side = static_cast<size_t>(run_.options().packet_side);
     while (stand_in != none && points - begin < side * side) add(stand_in, kNoPixel);
     return points;
+  }
+
+  // A tile's hits are what its lights are asked about together, however many they are (paper 002,
+  // section 3.2): there are `points` points now.
+  void EndTile(size_t points) {
+    if (!ByTiles() || points == (tile_ends_.empty() ? 0 : tile_ends_.back())) return;
+    tile_ends_.push_back(static_cast<uint32_t>(points));
   }
 
   // Whether the group's points hold more than hits: some stand in, and have no pixel.
@@ -460,7 +475,7 @@ class TileTrace {
   }
 
   absl::Status ShadeBy(size_t points, bool directional) {
-    tracer_.SetPoints({positions_.data(), points}, {sources_.data(), points});
+    tracer_.SetPoints({positions_.data(), points}, {sources_.data(), points}, tile_ends_);
     for (size_t s = 0; s < samples_.size(); ++s) {
       if (!samples_[s].valid || samples_[s].directional != directional) continue;
       SL_RETURN_IF_ERROR(tracer_.Trace(s));
@@ -486,28 +501,6 @@ class TileTrace {
       hits += point_pixel_[hits] != kNoPixel;
     }
     return hits;
-  }
-
-  // Blocks came one after another; points are handed out in pixel order.
-  void SortPoints() {
-    const size_t n = out_.point_pixel.size();
-    std::vector<uint32_t> at(pixels_, kNoTriangle);
-    for (size_t i = 0; i < n; ++i) {
-      if (out_.point_pixel[i] != kNoPixel) at[out_.point_pixel[i]] = static_cast<uint32_t>(i);
-    }
-    PreparedPoints sorted;
-    sorted.positions.reserve(n);
-    sorted.sources.reserve(n);
-    size_t next = 0;
-    for (size_t pixel = 0; pixel < pixels_; ++pixel) {
-      if (at[pixel] == kNoTriangle) continue;
-      sorted.positions.push_back(out_.points.positions[at[pixel]]);
-      sorted.sources.push_back(out_.points.sources[at[pixel]]);
-      out_.point_pixel[next++] = static_cast<uint32_t>(pixel);
-    }
-    sorted.valid.assign(next, 1);
-    out_.point_pixel.resize(next);
-    out_.points = std::move(sorted);
   }
 
   static void SetBit(uint8_t* row, size_t pixel) { row[pixel / 8] |= uint8_t(1u << (pixel % 8)); }
@@ -549,7 +542,8 @@ class TileTrace {
   // The group's points.
   std::vector<Vec3f> positions_;
   std::vector<uint32_t> sources_, point_pixel_;
-  WalkChoice choice_;  // Of the camera's rays.
+  std::vector<uint32_t> tile_ends_;  // Where each of its tiles' end; ByTiles() alone.
+  WalkChoice choice_;                // Of the camera's rays.
   SampleTracer tracer_;
 };
 

@@ -76,8 +76,9 @@ class RttTracer {
     const int tile = std::min(options_.tile_rays, packet.count);
     stats_->tiles += static_cast<uint32_t>((packet.count + tile - 1) / tile);
     Pass pass = {&packet, &lanes, SquaresOf({&packet, 0, packet.count})};
-    // Camera rays are a square of squares, of which a quarter is no range.
-    const bool quarters = options_.tile_rays == kQuarterRays && packet.count == RayPacket::kMaxRays;
+    // Camera rays are a square of squares, of which a quarter is no range; points come by tiles.
+    const bool quarters = options_.tile_rays == kQuarterRays &&
+                          packet.count == RayPacket::kMaxRays && !packet.segments;
     return (quarters ? TryQuarters(&pass) : TryTiles(&pass)) && WalkRest(pass);
   }
 

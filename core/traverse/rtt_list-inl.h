@@ -8,8 +8,11 @@
 // One whose edge forms certainly hold at all corners is met by every ray: it covers the shaft. Two
 // triangles that share an edge, and all of whose other edge forms hold at all corners, cover it
 // together: the form of the shared edge is the same determinant in both, so each ray is on one
-// side of it or the other (an option: paper 002, section 3.1, left it out as complicated). Not for
-// segments, which may end before one of the two, nor where hits count from a distance on (`near`).
+// side of it or the other (an option: paper 002, section 3.1, left it out as complicated). Where
+// any hit will do, each ray is blocked by one of the two, whatever else there is: they alone are
+// its list. So it is with a light's shadows, too, where all ends certainly lie beyond both planes,
+// on neither of the two; a segment's first hit may be a triangle that ends before them, and is
+// looked for as ever. Not where hits count from a distance on (`near`).
 //
 // Thread safety: a list is one walk's own.
 
@@ -110,6 +113,7 @@ class RttList {
       const uint32_t edges =
           (held[0] >> bit & 1) | (held[1] >> bit & 1) << 1 | (held[2] >> bit & 1) << 2;
       if (!AddOne(leaf, first + bit, edges, turned >> bit & 1)) return false;
+      if (complete_) return true;
     }
     return true;
   }
@@ -118,8 +122,10 @@ class RttList {
   // No ray looks for anything that the corners meet after this: +inf, or a covering triangle's
   // distance with kBeyond.
   float limit() const { return limit_; }
-  // All rays are blocked: set when any hit will do.
+  // All rays are blocked by it: set when any hit will do.
   uint32_t blocker() const { return blocker_; }
+  // All rays are blocked, whatever is not on the list: likewise.
+  bool complete() const { return complete_; }
 
  private:
   struct HalfCover {
@@ -148,12 +154,14 @@ class RttList {
     ids_[count_++] = id;
     if (edges == 7 && any_ && all_beyond) {
       blocker_ = id;
+      complete_ = true;
     } else if (edges == 7 && !shaft_.segments()) {
       if (packet.near == nullptr || IsBeyondNear(a, b, c))
         limit_ = std::min(limit_, LimitOf(a, b, c));
-    } else if (shared_edges_ && !shaft_.segments() && packet.near == nullptr &&
-               std::popcount(edges) == 2) {
-      AddHalf({id, std::countr_zero(~edges & 7u), turned, LimitOf(a, b, c)});
+    } else if (shared_edges_ && (any_ ? all_beyond : !shaft_.segments()) &&
+               packet.near == nullptr && std::popcount(edges) == 2) {
+      // Where any hit will do no distance matters.
+      AddHalf({id, std::countr_zero(~edges & 7u), turned, any_ ? 0.0f : LimitOf(a, b, c)});
     }
     return true;
   }
@@ -256,7 +264,15 @@ class RttList {
       const Vec3f r = its[other.open], s = its[(other.open + 1) % 3];
       const bool against = r == q && s == p && half.turned == other.turned;
       const bool along = r == p && s == q && half.turned != other.turned;
-      if (against || along) limit_ = std::min(limit_, std::max(half.limit, other.limit));
+      if (!against && !along) continue;
+      if (any_) {
+        ids_[0] = other.id;
+        ids_[1] = half.id;
+        count_ = 2;
+        complete_ = true;
+        return;
+      }
+      limit_ = std::min(limit_, std::max(half.limit, other.limit));
     }
     halves_[half_count_++] = half;
   }
@@ -272,6 +288,7 @@ class RttList {
   uint32_t count_ = 0;
   float limit_ = std::numeric_limits<float>::infinity();
   uint32_t blocker_ = kNoTriangle;
+  bool complete_ = false;
   HalfCover halves_[kMaxHalves];
   int half_count_ = 0;
 };

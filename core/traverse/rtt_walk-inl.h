@@ -284,7 +284,7 @@ class RttWalk {
           RttList& list = *tiles_[bit / 4].list;
           if (!list.Add(view, first, t)) {
             Part(1u << bit);
-          } else if (list.blocker() != kNoTriangle) {
+          } else if (list.complete()) {
             walking_ &= ~(1u << bit);  // All is known.
           } else if (perfect_) {
             BoundHull(bit);

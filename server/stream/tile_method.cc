@@ -10,6 +10,7 @@
 #include "core/base/status_macros.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
+#include "core/traverse/rtt.h"
 #include "server/base/error.h"
 #include "server/codec/geometry_codec.h"
 #include "server/codec/result_codec.h"
@@ -152,6 +153,15 @@ uint64_t TileMethod::Rays(const Item& item) const {
   return RayCount(uint64_t{item.message.width()} * item.message.height(), 1 + sample_count());
 }
 
+// Rows that no part's border may divide: those of RTT's tiles, as long as a reply holds them.
+template <typename Bytes>
+uint64_t TileMethod::RowsTogether(uint64_t width, const Bytes& bytes) const {
+  const QueryOptions& query = options_.query;
+  if (query.strategy != Strategy::kRtt) return 1;
+  const auto rows = uint64_t{RttTileSide(query.rtt_antialiasing)};
+  return bytes(std::lcm(rows * width, uint64_t{8})) <= env_.limits.target_reply_bytes ? rows : 1;
+}
+
 absl::StatusOr<std::unique_ptr<ItemWork>> TileMethod::Prepare(const Item& item, const CancelToken&,
                                                               uint64_t part_rays) const {
   SL_RETURN_IF_ERROR(CheckTile(item.message, camera_));
@@ -165,9 +175,10 @@ absl::StatusOr<std::unique_ptr<ItemWork>> TileMethod::Prepare(const Item& item, 
     return TileBytes(outputs_, n) +
            (sample_count > 0 ? ShadowBytes(shadow_outputs_, n, sample_count) : 0);
   };
+  const uint64_t rows = RowsTogether(tile.width, bytes);
   SL_ASSIGN_OR_RETURN(std::vector<PartRange> parts,
-                      CutIntoParts(uint64_t{tile.width} * tile.height, tile.width, 1 + sample_count,
-                                   part_rays, env_.limits, bytes));
+                      CutIntoParts(uint64_t{tile.width} * tile.height, rows * tile.width,
+                                   1 + sample_count, part_rays, env_.limits, bytes));
   return std::unique_ptr<ItemWork>(new TileWork(*this, std::move(scene), std::move(samples),
                                                 std::move(mirrors), tile, std::move(parts)));
 }

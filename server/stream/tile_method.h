@@ -51,6 +51,10 @@ class TileMethod final : public StreamMethod {
   class TileWork;
   explicit TileMethod(const QueryEnvironment& env) : StreamMethod(env) {}
 
+  // Of an item's rows: so many that no part's border divides them. `bytes` as in CutIntoParts.
+  template <typename Bytes>
+  uint64_t RowsTogether(uint64_t width, const Bytes& bytes) const;
+
   Camera camera_;
   google::protobuf::RepeatedPtrField<v1::Mirror> mirrors_;
   v1::TileOutputs outputs_;

@@ -29,6 +29,7 @@
 #include "core/query/segments.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
+#include "core/traverse/rtt.h"
 #include "gtest/gtest.h"
 #include "tests/core/intersect/intersector_answers.h"
 #include "tests/core/traverse/kernels_fixture.h"
@@ -78,7 +79,8 @@ constexpr Shape kShapes[] = {{5, 3, 9}, {7, 5, 21}, {11, 9, 69}, {19, 17, 261}, 
 static_assert(std::size(kShapes) == kPacketSides.size() + 1);
 constexpr Shape kLargest = {19, 17, 261};
 // Of one scene more: several tiles and packets of every size, and cut ones.
-constexpr Shape kLarge = {37, 33, 30};
+constexpr Shape kLarge = {37, 33, 700};
+static_assert(kLarge.points > static_cast<size_t>(RttTileRays(kMaxRttAntialiasing)));
 
 size_t ShapeOf(const QueryOptions& options) {
   if (options.strategy != Strategy::kPacket) return std::size(kShapes) - 1;

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -110,6 +111,14 @@ absl::Status ParseLeafCulling(const std::string& text,
   return absl::OkStatus();
 }
 
+absl::Status ParseMask(const std::string& text, uint32_t* mask) {
+  const bool hex = absl::StartsWithIgnoreCase(text, "0x");
+  if (hex ? absl::SimpleHexAtoi(text, mask) : absl::SimpleAtoi(text, mask)) return absl::OkStatus();
+  return UsageError(absl::StrCat("'", text,
+                                 "' is no mask: a whole number from 0 to 4294967295, or 0x and "
+                                 "up to eight hexadecimal digits"));
+}
+
 }  // namespace
 
 const char* StateName(client::SceneState state) {
@@ -138,6 +147,10 @@ void RegisterOutput(FlagSet* flags, std::string* output) {
 }
 
 void StrategyFlags::Register(FlagSet* flags) {
+  flags->Custom("mask", "BITS",
+                "only objects whose mask shares a bit with this one are seen, and cast shadows: "
+                "32 bits, as a whole number or as 0x and hexadecimal digits",
+                "0xFFFFFFFF", [this](const std::string& text) { return ParseMask(text, &mask); });
   strategy = kStrategies[0].first;
   structure = kStructures[0].first;
   flags->Choice("strategy", WordsOf(kStrategies),
@@ -148,12 +161,11 @@ void StrategyFlags::Register(FlagSet* flags) {
   flags->Count(
       "rtt-antialiasing", "N",
       "with RTT: the picture will be averaged over N by N of its pixels, so that tiles are "
-      "4N by 4N, and --tile should be a multiple; tiles of shadows hold 256 rays at most: 3 is as "
-      "1 for them, 5 and 6 are as 4",
+      "4N by 4N, and --tile should be a multiple",
       &rtt_antialiasing, 1, 6);
   flags->Switch("rtt-shared-edges",
-                "with RTT: let two triangles that share an edge end a tile's corner rays; of rays "
-                "from the eye alone, not of shadows nor in mirrors",
+                "with RTT: let two triangles that share an edge end a tile's corner rays, too; not "
+                "in mirrors",
                 &rtt_shared_edges);
   flags->Count("rtt-side-by-side", "N",
                "with RTT: tiles whose corner rays share a register; 0: as many as fit",
@@ -181,6 +193,7 @@ void StrategyFlags::Register(FlagSet* flags) {
 }
 
 void StrategyFlags::Apply(client::QueryOptions* options) const {
+  options->mask = mask;
   options->strategy = ValueOf(kStrategies, strategy);
   options->structure = ValueOf(kStructures, structure);
   options->rtt_antialiasing = static_cast<uint32_t>(rtt_antialiasing);

@@ -55,8 +55,9 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context);
 
 // --output text|json, text unless said otherwise.
 void RegisterOutput(FlagSet* flags, std::string* output);
-// How the engine goes about a query: speed alone.
+// How the engine goes about a query, which is speed alone, but for the mask and the intersector.
 struct StrategyFlags {
+  uint32_t mask = 0xFFFFFFFFu;
   std::string strategy, structure;
   uint64_t rtt_antialiasing = 1;
   bool rtt_shared_edges = false;
@@ -66,7 +67,8 @@ struct StrategyFlags {
   uint64_t packet_side = 16;
   bool pixel_shadow_packets = false;
 
-  // --strategy, --structure and what RTT goes by; AUTO unless said otherwise.
+  // --mask, --strategy, --structure and what they go by; all objects and AUTO unless said
+  // otherwise.
   void Register(FlagSet* flags);
   void Apply(client::QueryOptions* options) const;
   // What a scene that is made for one query must have, too.

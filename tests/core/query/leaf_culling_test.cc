@@ -2,7 +2,8 @@
 //
 // What the options of leaf culling do to the counts of one fixed picture, and the size of packets:
 // one that nobody reads would change none. And that perfect splits, whose cells bound no distance,
-// neither make closest hits look through the whole scene nor lose one.
+// neither make closest hits look through the whole scene nor lose one; and that leaves without an
+// extent along an axis are culled in as others are.
 #include "core/traverse/leaf_culling.h"
 
 #include <cmath>
@@ -107,6 +108,82 @@ TEST(LeafCullingTest, TheLongestAxisCullsMoreThanTheFirst) {
       Count(Strategy::kPacket, Structure::kBinaryBvh, kAll).culled_tests,
       Count(Strategy::kPacket, Structure::kBinaryBvh, With(kAll, &LeafCulling::first_axis, true))
           .culled_tests);
+}
+
+// A floor perpendicular to an axis: every leaf's box is flat along it.
+IndexedGeometry MakeFlatScene(int axis) {
+  constexpr int kCells = 12;
+  ObjectInput floor;
+  for (int y = 0; y <= kCells; ++y) {
+    for (int x = 0; x <= kCells; ++x) {
+      Vec3d p;
+      p[axis] = 1;
+      p[(axis + 1) % 3] = 0.5 * x - 3;
+      p[(axis + 2) % 3] = 0.5 * y - 3;
+      floor.vertices.push_back(p);
+      if (x == kCells || y == kCells) continue;
+      const auto at = static_cast<uint32_t>(y * (kCells + 1) + x);
+      for (const uint32_t corner :
+           {at, at + 1, at + kCells + 1, at + 1, at + kCells + 2, at + kCells + 1}) {
+        floor.indices.push_back(corner);
+      }
+    }
+  }
+  IndexedGeometry scene = MakeScene({floor});
+  ThreadPool pool(1);
+  scene.kd_tree =
+      BuildKdTree(scene.geometry, {.traversal_cost = 0.3f, .min_leaf_triangles = 12}, pool).value();
+  scene.binary_bvh = BuildBinaryBvh(scene.geometry, {.cost_ratio = 0.1f}, pool).value();
+  EXPECT_EQ(scene.kd_tree->bounds.lo[axis], scene.kd_tree->bounds.hi[axis]);
+  return scene;
+}
+
+// Paper 000 widens such cells, since it divides by the distance of their faces. Here nothing is:
+// looked at from ahead, at a slant, and from within the plane, which no ray meets.
+TEST(LeafCullingTest, FlatLeavesNeedNoWidening) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const IndexedGeometry scene = MakeFlatScene(axis);
+    for (const double height : {5.0, 0.25, 0.0, -3.0}) {
+      Vec3d eye = {-2.5, -2, -1.5}, at = {0.5, 0.25, -0.5};
+      eye[axis] = 1 + height;
+      at[axis] = 1;
+      const absl::StatusOr<Camera> camera = LookAt(eye, at, {0.3, 0.5, 0.7}, 80, 40, 40);
+      ASSERT_TRUE(camera.ok()) << camera.status();
+      const TileOutputs outputs = {.ids = true, .depth = true};
+      const auto trace = [&](const QueryOptions& options) {
+        TileResult tile;
+        const absl::Status status =
+            TraceTile(scene, *camera, {0, 0, 40, 40}, {}, outputs, options, &tile);
+        EXPECT_TRUE(status.ok()) << status;
+        return tile;
+      };
+      const TileResult truth = trace({.strategy = Strategy::kBruteForce});
+      uint64_t culled = 0;
+      for (const Structure structure :
+           {Structure::kBvh, Structure::kKdTree, Structure::kBinaryBvh}) {
+        for (const FrustumRays rays : kAllFrustumRays) {
+          for (const NodeTest nodes : kAllNodeTests) {
+            for (const bool cells : {false, true}) {
+              LeafCulling culling;
+              culling.frustum = rays;
+              culling.node_test = nodes;
+              culling.cell_boxes = cells;
+              const TileResult tile = trace({.strategy = Strategy::kPacket,
+                                             .structure = structure,
+                                             .leaf_culling = culling,
+                                             .packet_side = 8});
+              for (size_t i = 0; i < truth.triangle.size(); ++i) {
+                ASSERT_EQ(tile.triangle[i], truth.triangle[i]) << axis << ", " << height;
+                ASSERT_EQ(tile.depth[i], truth.depth[i]) << axis << ", " << height;
+              }
+              culled += tile.primary.culled_tests;
+            }
+          }
+        }
+      }
+      EXPECT_GT(culled, 0u);
+    }
+  }
 }
 
 TEST(LeafCullingTest, SmallerPacketsVisitMoreNodes) {

@@ -432,6 +432,58 @@ TEST_P(RttTest, TrianglesThatShareAnEdgeCoverTogether) {
   EXPECT_GT(answered[1], answered[0] + 10);
 }
 
+// So they do for a light's shadows, whose receivers lie beyond both: of the leaves behind the wall,
+// among which the corner rays part, nothing need be known.
+TEST_P(RttTest, TrianglesThatShareAnEdgeDarkenTogether) {
+  TestRng rng;
+  ObjectInput leaves;
+  while (leaves.vertices.size() < 3 * 4000) {
+    const Vec3d at = {rng.Uniform(10.5, 13), rng.Uniform(-10, 10), rng.Uniform(-10, 10)};
+    for (int corner = 0; corner < 3; ++corner) {
+      leaves.indices.push_back(static_cast<uint32_t>(leaves.vertices.size()));
+      leaves.vertices.push_back(
+          at + Vec3d{rng.Uniform(0, 0.1), rng.Uniform(0, 0.1), rng.Uniform(0, 0.1)});
+    }
+  }
+  IndexedGeometry room =
+      IndexObjects({MakeClosedBox(1, {-10, -10, -10}, {10, 10, 10}), leaves}, Vec3d{});
+  ASSERT_NO_FATAL_FAILURE(Build(false, &room));
+  // Receivers beyond the wall; one of them on it, as it says; and some beyond, some before it.
+  enum Ends { kBeyond, kOn, kAcross };
+  uint64_t answered[3][2];
+  for (const Ends ends : {kBeyond, kOn, kAcross}) {
+    for (const bool shared_edges : {false, true}) {
+      Totals totals;
+      for (int i = 0; i < 20; ++i) {
+        const double at = -7 + 0.7 * i;
+        for (const double other : {at, -at}) {
+          const Vec3f light = {0.1f, 0.2f, 0.3f};
+          Tile tile = MakeTile(light, {9.9, at - 0.2, other - 0.3}, 0.01, 4, 1);
+          for (size_t ray = 0; ray < 16; ++ray) {
+            const Vec3f d = tile.Of(ray).target(static_cast<int>(ray));
+            const double x = ends == kAcross ? 9.99 + 0.01 * static_cast<double>(ray % 4) : 14;
+            const TraceRay through = {.ray = PredicateRay::Ray(light, d)};
+            Hit wall;
+            WalkStats ignored;
+            ASSERT_TRUE(
+                kernels().closest_brute(room, {&through, 1}, {&wall, 1}, nullptr, &ignored));
+            SetTarget(tile, ray, ToFloat(ToDouble(light) + ToDouble(d) * ((x - light.x) / d.x)),
+                      ends == kOn && ray == 7 ? wall.triangle : kNoTriangle);
+          }
+          tile.packets[0].origin = light;
+          tile.packets[0].segments = true;
+          truths_.clear();
+          ASSERT_NO_FATAL_FAILURE(Check(room, tile, {.shared_edges = shared_edges}, true, &totals));
+        }
+      }
+      answered[ends][shared_edges] = totals.stats.tiles_answered;
+    }
+  }
+  EXPECT_GT(answered[kBeyond][1], answered[kBeyond][0] + 10);
+  EXPECT_EQ(answered[kOn][1], answered[kOn][0]);
+  EXPECT_EQ(answered[kAcross][1], answered[kAcross][0]);
+}
+
 // Lamps stand in the planes of their fittings, and splits in both.
 TEST_P(RttTest, OriginsInTheSplitsPlanesLoseNothing) {
   TestRng rng;

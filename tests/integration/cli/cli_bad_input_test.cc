@@ -52,6 +52,9 @@ TEST_F(CliTest, CommandLinesThatMakeNoSense) {
       {"AUTO, SINGLE, PACKET, SHAFT, RTT, BRUTE_FORCE"});
   Bad(kExitUsage, {"view", obj, "--out", out, "--structure", "GRID"}, {"AUTO, BVH, KD_TREE"});
   Bad(kExitUsage, {"view", obj, "--out", out, "--rtt-antialiasing", "7"}, {"--rtt-antialiasing"});
+  for (const char* mask : {"-1", "4294967296", "0x", "0x100000000", "all", ""}) {
+    Bad(kExitUsage, {"view", obj, "--out", out, "--mask", mask}, {"--mask"});
+  }
   Bad(kExitUsage, {"view", obj, "--out", out, "--tile", "0"}, {"--tile"});
   Bad(kExitUsage, {"view", "builtin:nosuch", "--out", out}, {"nosuch"});
   Bad(kExitUsage, {"view", "scenes/x", "--out", out}, {"--server"});

@@ -114,6 +114,9 @@ TEST(CliOptionsTest, EveryWordOfLeafCullingIsItsOption) {
 
 TEST(CliOptionsTest, EveryChoiceOfAQueryIsItsOption) {
   ExpectSame(Asked({}), QueryOptions());
+  ExpectSame(Asked({"--mask", "5"}), {.mask = 5});
+  ExpectSame(Asked({"--mask", "0"}), {.mask = 0});
+  ExpectSame(Asked({"--mask", "0x80000002"}), {.mask = 0x80000002u});
   for (int i = 0; StrategyName(static_cast<Strategy>(i)) != "UNKNOWN"; ++i) {
     QueryOptions meant;
     meant.strategy = static_cast<Strategy>(i);

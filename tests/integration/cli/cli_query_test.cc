@@ -7,6 +7,8 @@
 #include <numbers>
 
 #include "absl/strings/str_format.h"
+#include "client/lib/client.h"
+#include "client/lib/connection.h"
 #include "tests/integration/cli/cli_testing.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
@@ -183,6 +185,69 @@ TEST_F(CliTest, SunsByTimeAndSkies) {
                                "--out", File("v.png"), "--stats"});
   EXPECT_THAT(view.out, HasSubstr("sun at " + time));
   EXPECT_THAT(view.out, HasSubstr("over 146 lights"));
+}
+
+// A floor at z = 0 and a roof at z = 1, an object each.
+TEST_F(CliTest, MasksSayWhichObjectsAreSeen) {
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  const std::string flag = ServerFlag(*server);
+  const std::vector<double> floor = {-9, -9, 0, 9, -9, 0, 0, 18, 0},
+                            roof = {-9, -9, 1, 9, -9, 1, 0, 18, 1};
+  const std::vector<uint32_t> indices = {0, 1, 2};
+  const client::Client client(
+      client::MakeConnection(absl::StrCat("127.0.0.1:", server->port()), {}));
+  client::SceneSource source{.scene_id = "masked"};
+  source.objects.push_back(
+      {.name = "roof", .vertices = roof, .indices = indices, .mask = 0x80000000u});
+  source.objects.push_back({.name = "floor", .vertices = floor, .indices = indices, .mask = 2});
+  ASSERT_TRUE(client.CreateScene(source).ok());
+  const std::string segments = WriteDoubles("S.npy", {0, 0, 2, 0, 0, 0.5, 0, 0, 0.5, 0, 0, -1}, 6);
+  const std::string points = WriteDoubles("P.npy", {0, 0, 0.5, 0, 0, -1}, 3);
+  const std::string lights = WriteDoubles("L.npy", {0, 0, 5}, 3);
+  const struct {
+    const char* mask;
+    std::vector<double> hit, lit;  // Of the segments; of the points.
+    double depth;                  // From z = 5, straight down.
+    double color;                  // Of a light over the roof, there.
+  } kMasks[] = {{"0xFFFFFFFF", {1, 1}, {0, 0}, 4, 1},
+                {"0x80000000", {1, 0}, {0, 0}, 4, 1},
+                {"2", {0, 1}, {1, 0}, 5, 1},
+                {"5", {0, 0}, {1, 1}, std::numeric_limits<double>::infinity(), 0}};
+  for (const auto& [mask, hit, lit, depth, color] : kMasks) {
+    SCOPED_TRACE(mask);
+    const auto ask = [&](std::vector<std::string> args, const char* out) {
+      Good(Join(std::move(args), {flag, "--mask", mask}));
+      return ReadNpy(File(out)).value().values;
+    };
+    EXPECT_EQ(
+        ask({"segments", "scenes/masked", "--segments", segments, "--out", File("h.npy")}, "h.npy"),
+        hit);
+    EXPECT_EQ(ask({"shade", "scenes/masked", "--points", points, "--lights", lights, "--out",
+                   File("l.npy")},
+                  "l.npy"),
+              lit);
+    const std::vector<std::string> camera = {"scenes/masked", "--size", "3x3",  "--eye", "0,0,5",
+                                             "--at",          "0,0,0",  "--up", "0,1,0"};
+    EXPECT_EQ(ask(Join(Join({"view"}, camera), {"--depth", File("d.npy")}), "d.npy")[4], depth);
+    EXPECT_EQ(ask(Join(Join({"relight"}, camera), {"--light", "0,0,4", "--by", "1,0,0", "--frames",
+                                                   "2", "--color", File("c.npy")}),
+                  "c.npy")[4],
+              color);
+  }
+}
+
+// However the server parts an item's pixels.
+TEST_F(CliTest, TilesOfRelevantTrianglesAreWhole) {
+  for (const int n : {1, 3, 5, 6}) {
+    const nlohmann::json json = nlohmann::json::parse(
+        Good({"view", "builtin:box:1000", "--size", "480x480", "--tile", "480", "--strategy", "RTT",
+              "--rtt-antialiasing", absl::StrCat(n), "--light", "0,0,0", "--lit", File("lit.npy"),
+              "--output", "json"})
+            .out);
+    // The eye's, and the light's: all pixels see the box.
+    EXPECT_EQ(json["tiles"], 2 * (480 / (4 * n)) * (480 / (4 * n))) << json;
+  }
 }
 
 TEST_F(CliTest, StrategyPictureTellsWhatAnswered) {
