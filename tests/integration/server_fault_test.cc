@@ -4,6 +4,7 @@
 // abandoned and stalled by clients, out of descriptors and of memory. Clients go on asking all the
 // while, and every answer that they get is held against the engine's.
 #include <chrono>
+#include <csignal>
 #include <string>
 #include <thread>
 #include <vector>

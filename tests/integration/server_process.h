@@ -11,21 +11,22 @@
 #ifndef SIGHTLINE_TESTS_INTEGRATION_SERVER_PROCESS_H_
 #define SIGHTLINE_TESTS_INTEGRATION_SERVER_PROCESS_H_
 
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
+#include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/string_view.h"
 #include "core/base/mutex.h"
 #include "gtest/gtest.h"
+#include "tests/support/child_process.h"
 
 namespace sightline {
 
@@ -37,30 +38,20 @@ class ServerProcess {
     int ends[2];
     EXPECT_EQ(pipe(ends), 0);
     arguments.insert(arguments.begin(), SIGHTLINED_BINARY);
-    std::vector<char*> argv;
-    argv.reserve(arguments.size() + 1);
-    for (std::string& argument : arguments) argv.push_back(argument.data());
-    argv.push_back(nullptr);
-    pid_ = fork();
-    if (pid_ == 0) {
+    child_.emplace(std::move(arguments), [&] {
       dup2(ends[1], STDERR_FILENO);
       dup2(ends[1], STDOUT_FILENO);
       close(ends[0]);
       close(ends[1]);
       if (before) before();
-      execv(argv[0], argv.data());
-      _exit(127);
-    }
+    });
     close(ends[1]);
     log_ = fdopen(ends[0], "r");
   }
   ServerProcess(const ServerProcess&) = delete;
   ServerProcess& operator=(const ServerProcess&) = delete;
   ~ServerProcess() {
-    if (pid_ > 0) {
-      kill(pid_, SIGKILL);
-      waitpid(pid_, nullptr, 0);
-    }
+    child_->Kill();  // What it logs then comes to its end.
     if (drain_.joinable()) drain_.join();
     std::fclose(log_);
   }
@@ -107,14 +98,9 @@ class ServerProcess {
     MutexLock lock(mutex_);
     return absl::StrContains(said_, text);
   }
-  pid_t pid() const { return pid_; }
-  void Signal(int signal) const { kill(pid_, signal); }
-  int Wait() {
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status);
-  }
+  pid_t pid() const { return child_->pid(); }
+  void Signal(int signal) const { child_->Signal(signal); }
+  int Wait() { return child_->Wait(); }
 
  private:
   void Keep(const char* line) {
@@ -125,7 +111,7 @@ class ServerProcess {
     if (said_.size() > 2 * kMostKept) said_.erase(0, kMostKept);
   }
 
-  pid_t pid_ = 0;
+  std::optional<testing_support::ChildProcess> child_;
   int metrics_port_ = 0;
   std::FILE* log_ = nullptr;
   std::thread drain_;

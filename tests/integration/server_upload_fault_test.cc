@@ -3,6 +3,7 @@
 // The real server killed in the middle of uploads, and started again: what was stored is there as
 // it was, of what was half sent there is nothing, and the same upload goes through. Other clients
 // ask all the while, and every answer that they get is held against the engine's.
+#include <csignal>
 #include <filesystem>
 #include <functional>
 #include <memory>

@@ -17,6 +17,7 @@
 #include <time.h>  // NOLINT(modernize-deprecated-headers): the CPU clocks are POSIX.
 #include <unistd.h>
 
+#include <csignal>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>

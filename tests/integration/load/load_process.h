@@ -14,16 +14,17 @@
 
 #include <fcntl.h>
 #include <stdlib.h>  // NOLINT(modernize-deprecated-headers): posix_openpt is POSIX.
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include <csignal>
 #include <fstream>
 #include <iterator>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "gtest/gtest.h"
+#include "tests/support/child_process.h"
 #include "tests/support/temp_dir.h"
 
 namespace sightline::load {
@@ -36,25 +37,15 @@ class LoadProcess {
     EXPECT_EQ(unlockpt(terminal_), 0);
     const std::string own = ptsname(terminal_), out = dir_.File("out");
     arguments.insert(arguments.begin(), SIGHTLINE_LOAD_BINARY);
-    std::vector<char*> argv;
-    argv.reserve(arguments.size() + 1);
-    for (std::string& argument : arguments) argv.push_back(argument.data());
-    argv.push_back(nullptr);
-    pid_ = fork();
-    if (pid_ == 0) {
+    child_.emplace(std::move(arguments), [&] {
       dup2(open(own.c_str(), O_RDWR | O_NOCTTY), STDERR_FILENO);
       dup2(open(out.c_str(), O_WRONLY | O_CREAT, 0600), STDOUT_FILENO);
-      execv(argv[0], argv.data());
-      _exit(127);
-    }
+    });
   }
   LoadProcess(const LoadProcess&) = delete;
   LoadProcess& operator=(const LoadProcess&) = delete;
   ~LoadProcess() {
-    if (pid_ > 0) {
-      kill(pid_, SIGKILL);
-      waitpid(pid_, nullptr, 0);
-    }
+    child_.reset();
     close(terminal_);
   }
 
@@ -65,15 +56,12 @@ class LoadProcess {
     }
     return testing::AssertionSuccess();
   }
-  void Signal(int signal) const { kill(pid_, signal); }
+  void Signal(int signal) const { child_->Signal(signal); }
   // Its exit code, or 1000 and the signal that ended it.
   int Wait() {
     while (Read()) {
     }
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status);
+    return child_->Wait();
   }
   // All that came to its terminal so far.
   const std::string& said() const { return said_; }
@@ -94,7 +82,7 @@ class LoadProcess {
 
   const testing_support::TempDir dir_;
   const int terminal_;
-  pid_t pid_ = 0;
+  std::optional<testing_support::ChildProcess> child_;
   std::string said_;
 };
 
