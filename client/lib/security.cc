@@ -37,7 +37,7 @@ absl::StatusOr<std::string> ReadWhole(const std::string& path, bool secret) {
   }
   struct stat facts {};
   if (fstat(descriptor, &facts) != 0 || !S_ISREG(facts.st_mode)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " is no regular file"));
+    return absl::InvalidArgumentError(absl::StrCat(path, " is not a regular file"));
   }
   if (secret && (facts.st_mode & S_IRWXO) != 0) {
     return absl::PermissionDeniedError(

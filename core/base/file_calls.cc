@@ -63,7 +63,7 @@ absl::Status FileError(int error, absl::string_view what, absl::string_view path
           absl::StrCat(text, ": it is a link, and links are not followed"));
     case EISDIR:
     case ENXIO:
-      return absl::FailedPreconditionError(absl::StrCat(text, ": it is no plain file"));
+      return absl::FailedPreconditionError(absl::StrCat(text, ": it is not a regular file"));
     case EIO:
       return absl::DataLossError(text);
     default:

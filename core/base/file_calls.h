@@ -43,7 +43,7 @@ class FileCalls {
 
 // "<what> <path>: <the error's text>", and a remedy where there is one: ResourceExhausted for a
 // full disk, a quota or no more descriptors, NotFound, PermissionDenied, FailedPrecondition for
-// what is no plain file, DataLoss for a failing device, else Unavailable.
+// what is not a regular file, DataLoss for a failing device, else Unavailable.
 absl::Status FileError(int error, absl::string_view what, absl::string_view path);
 
 }  // namespace sightline

@@ -53,7 +53,7 @@ absl::StatusOr<std::shared_ptr<const FileImage>> FileImage::Read(FileCalls& call
   struct stat status;
   if (::fstat(file, &status) != 0) return FileError(errno, "cannot look at", shown);
   if (!S_ISREG(status.st_mode)) {
-    return absl::FailedPreconditionError(absl::StrCat(shown, " is no plain file"));
+    return absl::FailedPreconditionError(absl::StrCat(shown, " is not a regular file"));
   }
   const auto size = static_cast<size_t>(status.st_size);
   SL_RETURN_IF_ERROR(room(size));

@@ -30,7 +30,7 @@ namespace sightline {
 class MappedFile {
  public:
   // `name` in the folder of that descriptor; `shown` is what errors call it. A link is not
-  // followed. Errors: FileError's; FailedPrecondition for what is no plain file.
+  // followed. Errors: FileError's; FailedPrecondition for what is not a regular file.
   static absl::StatusOr<std::shared_ptr<const MappedFile>> Open(FileCalls& calls, int folder,
                                                                 const std::string& name,
                                                                 const std::string& shown);

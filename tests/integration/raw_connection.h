@@ -67,6 +67,12 @@ class RawConnection {
     }
     return all;
   }
+  // What has come, or comes next; nothing once the server has hung up.
+  std::string ReadSome() const {
+    char bytes[4096];
+    const ssize_t received = recv(socket_, bytes, sizeof(bytes), 0);
+    return {bytes, received > 0 ? static_cast<size_t>(received) : 0};
+  }
   // Whether the server hangs up in that time.
   bool EndsWithin(absl::Duration time) const {
     ReceiveWithin(time);

@@ -19,8 +19,10 @@
 #include "client/lib/security.h"
 #include "gmock/gmock.h"
 #include "server/auth/role.h"
+#include "tests/integration/raw_connection.h"
 #include "tests/integration/server_harness.h"
 #include "tests/integration/server_process.h"
+#include "tests/integration/tls_handshake.h"
 #include "tests/support/http_get.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/test_certificates.h"
@@ -498,6 +500,56 @@ TEST_F(SecurityTest, ConnectionsAreBounded) {
   patient.channels = 1;
   patient.retry.give_up_after = absl::Seconds(30);
   EXPECT_TRUE(client::Client(client::MakeConnection(Target(), patient)).ListScenes().ok());
+}
+
+// Handshakes that stop half way take up all the room that there is, for no more than seconds, and
+// who was in before is served meanwhile.
+TEST_F(SecurityTest, StalledHandshakesMakeRoomAgain) {
+  constexpr int kStalled = 24;
+  ServerOptions options = TlsOptions();
+  options.limits.max_connections = options.limits.max_connections_per_address = kStalled + 1;
+  Start(options);
+  client::Client before = ClientTo(Target(), Trusting());
+  ASSERT_EQ(before.ListScenes().status(), absl::OkStatus());
+
+  std::vector<std::unique_ptr<RawConnection>> stalled;
+  for (int i = 0; i < kStalled; ++i) {
+    const RawConnection& connection =
+        *stalled.emplace_back(std::make_unique<RawConnection>(server_->port()));
+    ASSERT_TRUE(connection.connected());
+    TlsHandshake handshake;
+    switch (i % 4) {
+      case 0:  // Nothing at all.
+        break;
+      case 1:  // Its first record, but for most of it.
+        connection.Send(handshake.Next("").substr(0, 11));
+        break;
+      case 2:  // Its first record, and no answer to the server's.
+        connection.Send(handshake.Next(""));
+        EXPECT_NE(connection.ReadSome(), "");
+        break;
+      default:  // All of it, and then no word of HTTP/2.
+        connection.Send(handshake.Next(""));
+        while (!handshake.done()) {
+          const std::string heard = connection.ReadSome();
+          ASSERT_NE(heard, "") << "cut off half way";
+          connection.Send(handshake.Next(heard));
+        }
+        break;
+    }
+    EXPECT_EQ(before.ListScenes().status(), absl::OkStatus());
+  }
+  // One connection more finds no room before some of them have gone.
+  client::ConnectionOptions patient;
+  patient.channels = 1;
+  patient.security = Trusting();
+  patient.retry.give_up_after = absl::Seconds(60);
+  EXPECT_EQ(client::Client(client::MakeConnection(Target(), patient)).ListScenes().status(),
+            absl::OkStatus());
+  for (size_t i = 0; i < stalled.size(); ++i) {
+    EXPECT_TRUE(stalled[i]->EndsWithin(absl::Seconds(40))) << "stalled in way " << i % 4;
+  }
+  EXPECT_EQ(before.ListScenes().status(), absl::OkStatus());
 }
 
 TEST(MethodRolesTest, EveryMethodOfEveryServiceIsInTheTable) {

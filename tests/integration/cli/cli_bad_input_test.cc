@@ -147,7 +147,7 @@ TEST_F(CliTest, CertificatesAndTokensThatCannotBeUsed) {
   Bad(kExitNoInput, with({"--tls-cert", there, "--tls-key", none}), {none});
   Bad(kExitNoInput, with({"--token-file", none}), {none});
   Bad(kExitNoInput, {"view", "scenes/x", server, "--tls-ca", none, "--out", File("v.png")}, {none});
-  Bad(kExitData, with({"--tls-ca", dir_.path()}), {dir_.path(), "no regular file"});
+  Bad(kExitData, with({"--tls-ca", dir_.path()}), {dir_.path(), "not a regular file"});
   const std::string large = Write("large", std::string((1 << 20) + 1, 'x'));
   Bad(kExitData, with({"--tls-ca", large}), {large, "has more than 1048576 bytes"});
   Bad(kExitData, with({"--tls-ca", Write("other", "x")}), {"other", "no CERTIFICATE in PEM form"});
@@ -181,8 +181,8 @@ TEST_F(CliTest, PipesAreNoFiles) {
     Bad(kExitData, {"view", File("pipe" + end), "--out", out}, {"pipe" + end, "file"});
   }
   const std::string pipe = File("pipe");
-  Bad(kExitData, {"health", server, "--token-file", pipe}, {pipe, "no regular file"});
-  Bad(kExitData, {"health", server, "--tls-ca", pipe}, {pipe, "no regular file"});
+  Bad(kExitData, {"health", server, "--token-file", pipe}, {pipe, "not a regular file"});
+  Bad(kExitData, {"health", server, "--tls-ca", pipe}, {pipe, "not a regular file"});
   const std::string good =
       Write("good", testing_support::TestAuthority("a").Issue({.common_name = "c"}).certificate);
   Bad(kExitData, {"health", server, "--tls-cert", pipe, "--tls-key", good}, {pipe, "regular"});
