@@ -34,8 +34,8 @@ using MemoryCheck = absl::FunctionRef<absl::Status(uint64_t bytes)>;
 class FileImage {
  public:
   // `name` in the folder of that descriptor; `shown` is what errors call it. A link is not
-  // followed. Errors: FileError's; FailedPrecondition for what is not a regular file; DataLoss for one
-  // that was cut short meanwhile; ResourceExhausted (no memory); what `room` says; Cancelled or
+  // followed. Errors: FileError's; FailedPrecondition for what is not a regular file; DataLoss for
+  // one that was cut short meanwhile; ResourceExhausted (no memory); what `room` says; Cancelled or
   // DeadlineExceeded from `cancel`, which may be null.
   static absl::StatusOr<std::shared_ptr<const FileImage>> Read(FileCalls& calls, int folder,
                                                                const std::string& name,
