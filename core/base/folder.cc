@@ -71,7 +71,7 @@ absl::StatusOr<std::shared_ptr<const FileImage>> Folder::Read(const std::string&
 absl::StatusOr<FileStamp> Folder::Stamp(const std::string& name) const {
   SL_RETURN_IF_ERROR(CheckFileName(name));
   struct stat status;
-  if (::fstatat(descriptor_, name.c_str(), &status, AT_SYMLINK_NOFOLLOW) != 0) {
+  if (calls_->StatAt(descriptor_, name.c_str(), &status) != 0) {
     return FileError(errno, "cannot look at", Shown(name));
   }
   return FileStamp{.inode = status.st_ino,

@@ -154,11 +154,15 @@ absl::Status SceneCatalog::CheckRoom(const std::string& scene_id, uint64_t trian
     return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
                      absl::StrCat(SceneName(scene_id), " exists already"), SceneResource(scene_id));
   }
-  if (repository_ != nullptr && !scene_id.empty() && repository_->Has(scene_id)) {
-    return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
-                     absl::StrCat(SceneName(scene_id), " exists already: it is stored, but not ",
-                                  "loaded; load or delete it, or take another name"),
-                     SceneResource(scene_id));
+  if (repository_ != nullptr && !scene_id.empty()) {
+    // What cannot be told might be replaced.
+    SL_ASSIGN_OR_RETURN(const bool stored, repository_->Has(scene_id));
+    if (stored) {
+      return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
+                       absl::StrCat(SceneName(scene_id), " exists already: it is stored, but not ",
+                                    "loaded; load or delete it, or take another name"),
+                       SceneResource(scene_id));
+    }
   }
   const uint64_t scenes = registry_.List().size();
   if (scenes >= limits_.max_scenes && !registry_.options().evict_least_used) {
@@ -238,7 +242,9 @@ void SceneCatalog::KeepShare(const std::string& scene_id, uint64_t tag,
   // It may have been deleted since it was published.
   const auto now = registry_.GetStatus(scene_id);
   if (now.ok() && now->tag == tag) return;
-  if (repository_ == nullptr || !repository_->Has(scene_id)) DropShares(scene_id, tag, false);
+  // Where that cannot be told, the file may be there: so its maker's share stays.
+  const absl::StatusOr<bool> stored = repository_ == nullptr ? false : repository_->Has(scene_id);
+  if (stored.ok() && !*stored) DropShares(scene_id, tag, false);
 }
 
 void SceneCatalog::DropShares(const std::string& scene_id, uint64_t tag, bool all) {

@@ -103,7 +103,8 @@ class SceneCatalog : public MemoryBudget {
                const SceneRepository* repository = nullptr, bool evict = false);
 
   // What can be refused before an upload is received. `arriving`: bytes that it will take itself.
-  // AlreadyExists, ResourceExhausted.
+  // AlreadyExists, ResourceExhausted, STORAGE_FAILED where it cannot be told whether the name is
+  // that of a stored scene.
   absl::Status CheckRoom(const std::string& scene_id, uint64_t triangles, uint64_t vertices,
                          uint64_t arriving = 0) const;
   // The same for an edit that adds so much: ResourceExhausted. What is wrong with it otherwise is
@@ -118,7 +119,8 @@ class SceneCatalog : public MemoryBudget {
                                    std::span<const ObjectInput> objects, const CancelToken* cancel);
   absl::StatusOr<SceneView> Edit(const EditOptions& options, std::span<const SceneEdit> edits,
                                  const CancelToken* cancel);
-  // From memory and from the repository.
+  // From memory and from the repository. STORAGE_FAILED: from neither, if it cannot be told whether
+  // there is a file, else from memory alone.
   absl::Status Delete(const std::string& scene_id);
 
   // ---- The repository. FailedPrecondition (NO_REPOSITORY) without one.

@@ -55,8 +55,11 @@ absl::StatusOr<std::vector<StoredFile>> SceneRepository::List() const {
   return files;
 }
 
-bool SceneRepository::Has(const std::string& scene_id) const {
-  return folder_.Map(FileName(scene_id)).ok();
+absl::StatusOr<bool> SceneRepository::Has(const std::string& scene_id) const {
+  const absl::Status there = folder_.Stamp(FileName(scene_id)).status();
+  if (there.ok()) return true;
+  if (absl::IsNotFound(there)) return false;
+  return Explain(there, scene_id);
 }
 
 absl::StatusOr<SceneBytes> SceneRepository::OpenFile(const std::string& scene_id, MemoryCheck room,

@@ -50,8 +50,9 @@ class SceneRepository {
 
   // By id; files whose names are no ids are left out.
   absl::StatusOr<std::vector<StoredFile>> List() const;
-  // REQUIRES, here and below: CheckId(scene_id).
-  bool Has(const std::string& scene_id) const;
+  // Whether anything has the name of its file, readable or not; an error where that cannot be told.
+  // Takes no descriptor. REQUIRES, here and below: CheckId(scene_id).
+  absl::StatusOr<bool> Has(const std::string& scene_id) const;
   // `room` is asked before a file is read. Errors: those of both, and what `room` says.
   absl::StatusOr<SceneBytes> OpenFile(const std::string& scene_id, MemoryCheck room,
                                       const CancelToken* cancel) const;

@@ -353,7 +353,20 @@ TEST_F(RepositoryTest, AnUnreadableRepositoryIsToldAndServingGoesOn) {
               "STORAGE_FAILED");
   EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
   EXPECT_EQ(*Blocked(client(), "scenes/hall", 0.5), 0);
+  // What cannot be read is there all the same, and is not replaced.
+  ExpectError(UploadSquare(client(), "attic").status(), absl::StatusCode::kAlreadyExists,
+              "ALREADY_EXISTS");
   ExpectAllRight(load);
+  // Nor is it known to be gone where it cannot even be looked at.
+  calls_.stat_error = EIO;
+  ExpectError(UploadSquare(client(), "attic").status(), absl::StatusCode::kDataLoss,
+              "STORAGE_FAILED");
+  for (const char* name : {"scenes/hall", "scenes/attic"}) {
+    ExpectError(client().DeleteScene(name), absl::StatusCode::kDataLoss, "STORAGE_FAILED");
+  }
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
+  ExpectAllRight(load);
+  calls_.stat_error = 0;
   calls_.open_error = 0;
   calls_.map_error = ENOMEM;
   ExpectError(client().LoadScene("scenes/attic").status(), absl::StatusCode::kResourceExhausted,
@@ -365,6 +378,15 @@ TEST_F(RepositoryTest, AnUnreadableRepositoryIsToldAndServingGoesOn) {
   EXPECT_EQ(*Blocked(client(), "scenes/attic", 1.5), 1);
   ExpectAllRight(load);
   load.Stop();
+  // Deleting takes no descriptor.
+  calls_.open_error = EMFILE;
+  EXPECT_TRUE(client().DeleteScene("scenes/attic").ok());
+  calls_.open_error = 0;
+  EXPECT_FALSE(Exists("attic.slscene"));
+  Start();
+  ExpectError(client().GetScene("scenes/attic").status(), absl::StatusCode::kNotFound,
+              "SCENE_NOT_FOUND");
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
 }
 
 TEST_F(RepositoryTest, TheBudgetIsCheckedBeforeAnythingIsLoaded) {
