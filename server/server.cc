@@ -27,8 +27,8 @@ namespace {
 // for a few generations of names, and about a hundred bytes each.
 constexpr size_t kHealthNamesPerScene = 4;
 constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
-// Uploads are looked at so many times within what they may wait: none waits much longer.
-constexpr int kLooksWithinIdle = 4;
+// Uploads and streams are looked at so often within what they may wait: none waits much longer.
+constexpr int kLooksWithinWait = 4;
 // Below what a prober waits (a second in Kubernetes, unless told otherwise, so tell it).
 constexpr absl::Duration kLivenessTimeout = absl::Seconds(2);
 // A client that pings more often than this is told to go away; one that is gone is noticed within a
@@ -101,12 +101,14 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   SL_RETURN_IF_ERROR(server->MakeScenes());
   SL_RETURN_IF_ERROR(server->Listen());
   server->serving_ = true;
-  const absl::Duration idle = absl::Seconds(options.limits.max_upload_idle_seconds);
-  server->sweeper_ = std::make_unique<PeriodicTask>(std::min(kSweepPeriod, idle / kLooksWithinIdle),
-                                                    [self = server.get()] {
-                                                      self->point_sets_.Sweep();
-                                                      self->EndIdleUploads(IdleClock::Now());
-                                                    });
+  const absl::Duration wait = absl::Seconds(
+      std::min(options.limits.max_upload_idle_seconds, options.limits.max_stream_stall_seconds));
+  server->sweeper_ = std::make_unique<PeriodicTask>(
+      std::min(kSweepPeriod, wait / kLooksWithinWait), [self = server.get()] {
+        self->point_sets_.Sweep();
+        self->EndIdleUploads(IdleClock::Now());
+        self->EndStalledStreams(std::chrono::steady_clock::now());
+      });
   if (!options.tls.certificate.empty() || !options.access_file.empty()) {
     server->reloader_ = std::make_unique<PeriodicTask>(
         options.reload_interval, [self = server.get()] { (void)self->ReloadSecurity(); });

@@ -194,6 +194,15 @@ TEST(LimitErrorsTest, EachNamesTheValueTheLimitAndARemedy) {
   }
 }
 
+TEST(LimitErrorsTest, AStalledStreamIsToldWhatItKeptWaiting) {
+  Limits limits;
+  limits.max_stream_stall_seconds = 7;
+  const absl::Status status = StreamStallError(limits);
+  EXPECT_EQ(status.code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_DEADLINE_EXCEEDED);
+  EXPECT_TRUE(absl::StrContains(status.message(), "max_stream_stall = 7 s")) << status;
+}
+
 // A new limit has a line above, or a reason why none is needed.
 TEST(LimitErrorsTest, NoLimitIsLeftOut) {
   const std::map<std::string, std::string> others = {
@@ -206,6 +215,7 @@ TEST(LimitErrorsTest, NoLimitIsLeftOut) {
       {"max_connections", "closes connections"},
       {"max_connections_per_address", "closes connections"},
       {"max_upload_idle_seconds", "DEADLINE_EXCEEDED, server_upload_limits_test.cc"},
+      {"max_stream_stall_seconds", "DEADLINE_EXCEEDED, server_stream_rules_test.cc"},
   };
   std::set<std::string> covered;
   for (const Case& c : Cases()) covered.insert(c.limit);
