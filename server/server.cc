@@ -348,6 +348,8 @@ void Server::ShutdownWithin(absl::Duration timeout) {
   serving_ = false;
   calls_.StartDrain();
   door_->Stop();
+  // Calls whose time is over; where it is not, none is left that stores anything.
+  scenes_.StopStoring();
   // Without a deadline a stalled call could hold this up for ever.
   server_->Shutdown(absl::ToChronoTime(absl::Now() + std::max(timeout, absl::ZeroDuration())));
   server_->Wait();

@@ -138,6 +138,9 @@ class SceneCatalog : public MemoryBudget {
   absl::Status Unload(const std::string& scene_id);
   // Loads every scene of the repository that loads; the others stay, with the reason.
   absl::Status LoadAll();
+  // For good: what is being stored is given up, its file stays what it was. The end of a call does
+  // not do so, since a scene that is made should be stored, whether its maker waits for it or not.
+  void StopStoring() { stop_storing_.Cancel(); }
   // In the order of the ids, those after `after`, at most `count`.
   absl::StatusOr<std::vector<StoredScene>> ListStored(const std::string& after, size_t count) const;
 
@@ -240,6 +243,7 @@ class SceneCatalog : public MemoryBudget {
   const SceneRepository* const repository_;
   SceneRegistry registry_;
   RequestLog requests_;
+  CancelToken stop_storing_;
   mutable Mutex mutex_;
   mutable CondVar removed_;
   uint64_t tags_ ABSL_GUARDED_BY(mutex_) = 0;

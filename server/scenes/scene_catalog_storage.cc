@@ -72,7 +72,11 @@ SceneKeeper SceneCatalog::KeeperOf(const std::string& scene_id, bool temporary) 
       MutexLock lock(mutex_);
       while (removing_.contains(scene_id)) removed_.Wait(mutex_);
     }
-    absl::Status stored = repository_->Store(scene_id, scene, build_pool_);
+    absl::Status stored = repository_->Store(scene_id, scene, build_pool_, &stop_storing_);
+    if (absl::IsCancelled(stored)) {
+      stored = MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
+                         "the server was stopped before the file was written");
+    }
     if (!stored.ok()) {
       Log(LogLevel::kError, "scene_not_stored",
           {{"scene", scene_id},

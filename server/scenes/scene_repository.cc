@@ -84,8 +84,10 @@ absl::StatusOr<FileStamp> SceneRepository::Stamp(const std::string& scene_id) co
 }
 
 absl::Status SceneRepository::Store(const std::string& scene_id, const Scene& scene,
-                                    ThreadPool& pool) const {
-  return Explain(WriteSceneFile(scene, folder_, FileName(scene_id), pool), scene_id);
+                                    ThreadPool& pool, const CancelToken* cancel) const {
+  absl::Status stored = WriteSceneFile(scene, folder_, FileName(scene_id), pool, cancel);
+  if (absl::IsCancelled(stored)) return stored;
+  return Explain(std::move(stored), scene_id);
 }
 
 absl::Status SceneRepository::Remove(const std::string& scene_id) const {

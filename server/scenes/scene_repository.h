@@ -57,7 +57,9 @@ class SceneRepository {
   absl::StatusOr<SceneBytes> OpenFile(const std::string& scene_id, MemoryCheck room,
                                       const CancelToken* cancel) const;
   absl::StatusOr<FileStamp> Stamp(const std::string& scene_id) const;
-  absl::Status Store(const std::string& scene_id, const Scene& scene, ThreadPool& pool) const;
+  // Cancelled by `cancel`, which may be null: the file is what it was before.
+  absl::Status Store(const std::string& scene_id, const Scene& scene, ThreadPool& pool,
+                     const CancelToken* cancel) const;
   // OK if there is none.
   absl::Status Remove(const std::string& scene_id) const;
 

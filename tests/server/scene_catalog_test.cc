@@ -313,6 +313,23 @@ TEST_F(StoredScenesTest, FilesThatAreReadTakeAFaultOfTheDiskForAnError) {
   ExpectSound(catalog, "hall");
 }
 
+TEST_F(StoredScenesTest, AServerThatStopsLeavesNoHalfWrittenFile) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  calls_.on_write = [&] { catalog.StopStoring(); };
+  const absl::StatusOr<SceneView> made = catalog.Create({.scene_id = "a"}, {&object_, 1}, nullptr);
+  ASSERT_TRUE(made.ok()) << made.status();  // It serves.
+  EXPECT_FALSE(made->status.kept);
+  EXPECT_EQ(ReasonOf(made->status.keep_error), v1::ERROR_REASON_CANCELLED)
+      << made->status.keep_error;
+  size_t files = 0;
+  for (const auto& file : std::filesystem::directory_iterator(dir_.path())) {
+    EXPECT_EQ(file.path().extension(), ".slscene") << file.path();
+    ++files;
+  }
+  EXPECT_EQ(files, 3u);
+  EXPECT_FALSE(Exists("a"));
+}
+
 TEST_F(StoredScenesTest, TheBudgetIsAskedBeforeAFileIsRead) {
   const auto repository = SceneRepository::Open(dir_.path(), calls_, SceneFiles::kRead);
   ASSERT_TRUE(repository.ok()) << repository.status();

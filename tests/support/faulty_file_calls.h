@@ -61,14 +61,15 @@ class FaultyFileCalls final : public FileCalls {
   std::atomic<size_t> short_read{0};  // The most that a read gives.
   // Writes that are interrupted before one goes through.
   std::atomic<int> interrupts{0};
-  // Called at the beginning of every Map and every UnlinkAt.
-  FileCallHook on_map, on_unlink;
+  // Called at the beginning of every Map, every UnlinkAt and every Write.
+  FileCallHook on_map, on_unlink, on_write;
 
   int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
     if (open_error != 0) return Fail(open_error);
     return FileCalls::OpenAt(folder, name, flags, mode);
   }
   ssize_t Write(int file, const void* data, size_t bytes) override {
+    on_write();
     if (interrupts > 0) {
       --interrupts;
       return Fail(EINTR);
