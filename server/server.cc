@@ -129,12 +129,10 @@ absl::Status Server::MakeScenes() {
   }
   for (const std::string& option : options_.scenes) {
     SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(option));
-    SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects,
-                        scenes_.MakeBuiltinObjects(scene.id, scene.spec));
     SL_ASSIGN_OR_RETURN(
         const SceneView view,
-        scenes_.Create({.scene_id = scene.id, .temporary = true, .builtin = scene.spec}, objects,
-                       nullptr));
+        scenes_.CreateBuiltin({.scene_id = scene.id, .temporary = true, .builtin = scene.spec},
+                              nullptr));
     Log(LogLevel::kInfo, "scene_created",
         {{"scene", scene.id},
          {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});

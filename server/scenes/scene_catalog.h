@@ -83,7 +83,7 @@ class SceneCatalog : public MemoryBudget {
     BvhPreset preset = BvhPreset::kStatic;
     bool anonymous = false;  // `scene_id` was made up.
     bool temporary = false;  // Not stored.
-    std::string builtin;     // What MakeBuiltinObjects made the objects of; empty: they are others.
+    std::string builtin;     // What CreateBuiltin makes the objects of; empty: they are others.
     std::optional<KdBuildOptions> kd_tree;  // One beside the BVH.
     std::optional<BinaryBvhOptions> binary_bvh;
     bool without_bvh = false;  // REQUIRES, if it is true: kd_tree is set.
@@ -117,6 +117,9 @@ class SceneCatalog : public MemoryBudget {
 
   absl::StatusOr<SceneView> Create(const CreateOptions& options,
                                    std::span<const ObjectInput> objects, const CancelToken* cancel);
+  // The same of a scene that the server makes itself, `options.builtin` with its "builtin:". Errors
+  // are also those of CheckRoom, before anything is made.
+  absl::StatusOr<SceneView> CreateBuiltin(const CreateOptions& options, const CancelToken* cancel);
   absl::StatusOr<SceneView> Edit(const EditOptions& options, std::span<const SceneEdit> edits,
                                  const CancelToken* cancel);
   // From memory and from the repository. STORAGE_FAILED: from neither, if it cannot be told whether
@@ -143,11 +146,6 @@ class SceneCatalog : public MemoryBudget {
   void StopStoring() { stop_storing_.Cancel(); }
   // In the order of the ids, those after `after`, at most `count`.
   absl::StatusOr<std::vector<StoredScene>> ListStored(const std::string& after, size_t count) const;
-
-  // The objects of a scene `scene_id` to be. `spec` with its "builtin:". Errors are also those of
-  // CheckRoom, before anything is made.
-  absl::StatusOr<std::vector<ObjectInput>> MakeBuiltinObjects(const std::string& scene_id,
-                                                              const std::string& spec) const;
 
   absl::StatusOr<SceneView> Get(const std::string& scene_id) const;
   // In the order of the ids, those after `after`, at most `count`.
@@ -212,8 +210,14 @@ class SceneCatalog : public MemoryBudget {
   // Of the scene `tag`, which was deleted, and if `all`, of every one of this name that is made and
   // not in memory: its file is gone, too.
   void DropShares(const std::string& scene_id, uint64_t tag, bool all) ABSL_LOCKS_EXCLUDED(mutex_);
+  // The part of CheckRoom that is about the name, and about one scene more.
+  absl::Status CheckName(const std::string& scene_id) const;
   absl::Status CheckMemory(uint64_t scene_bytes, uint64_t held) const;
   absl::Status CheckRepository() const;
+  // Of a name that is free. `set_aside` becomes the scene's.
+  absl::StatusOr<SceneView> Build(const CreateOptions& options,
+                                  std::span<const ObjectInput> objects, MemoryCharge* set_aside,
+                                  const CancelToken* cancel);
   // What stores a scene's revisions; null if nothing does.
   SceneKeeper KeeperOf(const std::string& scene_id, bool temporary) const;
   // `charge`: of the file, which becomes the scene's.

@@ -133,7 +133,8 @@ std::vector<Case> Cases() {
   cases.push_back({"max_scene_bytes", catalog.CheckRoom("a", 10, 0, 9 << 20)});
   cases.push_back({"max_scene_bytes", catalog.SetAside(9 << 20)});
   cases.push_back(
-      {"max_triangles_per_scene", catalog.MakeBuiltinObjects("a", "builtin:sphere:1500").status()});
+      {"max_triangles_per_scene",
+       catalog.CreateBuiltin({.scene_id = "a", .builtin = "builtin:sphere:1500"}, {}).status()});
   const std::vector<ObjectInput> objects = {
       {.name = "o", .vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}}};
   EXPECT_TRUE(catalog.Create({.scene_id = "hall"}, objects, nullptr).ok());
