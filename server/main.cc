@@ -11,6 +11,8 @@
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -86,8 +88,12 @@ int Run(int argc, char** argv) {
     return kExitUsage;
   }
   if (parsed->print_config) std::fputs(ConfigText(*parsed).c_str(), stdout);
+  std::vector<std::string> warnings = parsed->warnings;
+  for (std::string& trouble : ForeseenTroubles(parsed->options)) {
+    warnings.push_back(std::move(trouble));
+  }
   if (parsed->check_config || parsed->print_config) {
-    for (const std::string& warning : parsed->warnings) {
+    for (const std::string& warning : warnings) {
       std::fprintf(stderr, "sightlined: %s\n", warning.c_str());
     }
     if (parsed->check_config) std::fputs("the configuration is good\n", stderr);
@@ -95,7 +101,7 @@ int Run(int argc, char** argv) {
   }
   const ServerOptions& options = parsed->options;
   SetLogLevel(options.log_level);
-  for (const std::string& warning : parsed->warnings) {
+  for (const std::string& warning : warnings) {
     Log(LogLevel::kWarning, "configuration", {{"warning", warning}});
   }
 

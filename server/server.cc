@@ -173,11 +173,13 @@ ServerState Server::StateNow() {
   for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) {
     ServerState::Scene& scene = state.scenes.emplace_back();
     scene.id = view.status.name;
+    if (!view.status.keep_error.ok()) ++state.unstored_scenes;
     if (view.status.latest == nullptr) continue;
     scene.revision = view.status.latest->revision;
     scene.bytes = view.status.latest->report.memory_bytes;
     scene.triangles = view.status.latest->geometry.triangles.size();
   }
+  state.failed_scene_stores = scenes_.failed_stores();
   state.scene_bytes = scenes_.MemoryBytes();
   state.point_set_bytes = point_sets_.memory_bytes();
   state.active_calls = calls_.active_calls();

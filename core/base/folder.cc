@@ -95,6 +95,11 @@ absl::Status Folder::Remove(const std::string& name) const {
   return absl::OkStatus();
 }
 
+absl::Status Folder::CheckWritable() const {
+  if (calls_->AccessAt(descriptor_, ".", W_OK | X_OK) == 0) return absl::OkStatus();
+  return FileError(errno, "cannot write to the folder", path_);
+}
+
 absl::StatusOr<std::vector<FolderEntry>> Folder::List() const {
   // A descriptor of its own: reading moves a position that all copies of one share.
   const int own = calls_->OpenAt(descriptor_, ".", kFolderFlags, 0);

@@ -60,6 +60,8 @@ class Folder {
   absl::StatusOr<FileStamp> Stamp(const std::string& name) const;
   absl::StatusOr<FileReplacement> Replace(const std::string& name) const;
   absl::Status Remove(const std::string& name) const;
+  // Whether files can be made and removed here, as far as rights tell. FileError's errors.
+  absl::Status CheckWritable() const;
   // Plain files, by name.
   absl::StatusOr<std::vector<FolderEntry>> List() const;
   // Takes away what processes that were killed left half written. How many there were.

@@ -22,6 +22,7 @@
 #ifndef SIGHTLINE_SERVER_SCENES_SCENE_CATALOG_H_
 #define SIGHTLINE_SERVER_SCENES_SCENE_CATALOG_H_
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -167,6 +168,8 @@ class SceneCatalog : public MemoryBudget {
 
   RequestLog& requests() { return requests_; }
   uint64_t MemoryBytes() const { return registry_.MemoryBytes(); }
+  // How many revisions could not be stored.
+  uint64_t failed_stores() const { return failed_stores_; }
 
  private:
   struct Times {
@@ -248,6 +251,7 @@ class SceneCatalog : public MemoryBudget {
   SceneRegistry registry_;
   RequestLog requests_;
   CancelToken stop_storing_;
+  mutable std::atomic<uint64_t> failed_stores_ = 0;
   mutable Mutex mutex_;
   mutable CondVar removed_;
   uint64_t tags_ ABSL_GUARDED_BY(mutex_) = 0;

@@ -78,6 +78,7 @@ SceneKeeper SceneCatalog::KeeperOf(const std::string& scene_id, bool temporary) 
                          "the server was stopped before the file was written");
     }
     if (!stored.ok()) {
+      ++failed_stores_;
       Log(LogLevel::kError, "scene_not_stored",
           {{"scene", scene_id},
            {"revision", absl::StrCat(scene.revision)},
