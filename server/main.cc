@@ -8,13 +8,18 @@
 #include <csignal>
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/time/time.h"
+#include "server/base/exit_deadline.h"
 #include "server/base/log.h"
 #include "server/option_sources.h"
 #include "server/options.h"
@@ -60,6 +65,10 @@ constexpr int kExitUsage = 64;
 constexpr int kExitUnavailable = 69;
 constexpr int kExitSoftware = 70;
 
+// What is cut off when a drain's time is over ends soon after it, but for built-in scenes that are
+// being made and disks that do not answer: these are not waited for any longer.
+constexpr absl::Duration kCutOffTimeout = absl::Seconds(8);
+
 int Run(int argc, char** argv) {
   const absl::StatusOr<ParsedOptions> parsed = ReadOptions(argc, argv, environ);
   if (!parsed.ok()) {
@@ -79,8 +88,12 @@ int Run(int argc, char** argv) {
     return kExitUsage;
   }
   if (parsed->print_config) std::fputs(ConfigText(*parsed).c_str(), stdout);
+  std::vector<std::string> warnings = parsed->warnings;
+  for (std::string& trouble : ForeseenTroubles(parsed->options)) {
+    warnings.push_back(std::move(trouble));
+  }
   if (parsed->check_config || parsed->print_config) {
-    for (const std::string& warning : parsed->warnings) {
+    for (const std::string& warning : warnings) {
       std::fprintf(stderr, "sightlined: %s\n", warning.c_str());
     }
     if (parsed->check_config) std::fputs("the configuration is good\n", stderr);
@@ -88,7 +101,7 @@ int Run(int argc, char** argv) {
   }
   const ServerOptions& options = parsed->options;
   SetLogLevel(options.log_level);
-  for (const std::string& warning : parsed->warnings) {
+  for (const std::string& warning : warnings) {
     Log(LogLevel::kWarning, "configuration", {{"warning", warning}});
   }
 
@@ -103,6 +116,7 @@ int Run(int argc, char** argv) {
   sigaddset(&signals, SIGHUP);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 
+  std::optional<ExitDeadline> end;  // Holds for the server's destruction, too.
   absl::StatusOr<std::unique_ptr<Server>> server = [&options] {
     const StopWhileStarting stop;
     return Server::Start(options);
@@ -129,6 +143,7 @@ int Run(int argc, char** argv) {
   sigdelset(&signals, SIGHUP);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   Log(LogLevel::kInfo, "signal", {{"signal", absl::StrCat(signal)}});
+  end.emplace(options.drain_delay + options.drain_timeout + kCutOffTimeout, kExitSoftware);
   status = (*server)->Drain(options.drain_timeout);
   if (!options.port_file.empty()) RemovePortFile(options.port_file);
   Log(status.ok() ? LogLevel::kInfo : LogLevel::kError, "stopped", {{"status", status.ToString()}});

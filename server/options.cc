@@ -355,6 +355,18 @@ std::vector<std::string> WithoutEffect(const ParsedOptions& parsed) {
   return warnings;
 }
 
+std::vector<std::string> ForeseenTroubles(const ServerOptions& options) {
+  std::vector<std::string> warnings;
+  if (options.repository.empty()) return warnings;
+  const absl::StatusOr<Folder> folder = Folder::Open(options.repository, *options.files);
+  if (!folder.ok()) return warnings;  // CheckOptions says so.
+  if (const absl::Status writable = folder->CheckWritable(); !writable.ok()) {
+    warnings.push_back(absl::StrCat("--repository: ", writable.message(),
+                                    ": scenes that are made or changed will not be stored"));
+  }
+  return warnings;
+}
+
 std::string HelpText() {
   std::string text =
       "sightlined: answers visibility queries over gRPC.\n\n"

@@ -105,6 +105,10 @@ absl::Status CheckOptions(const ServerOptions& options);
 // What was given and does nothing because of what was not: a warning each.
 std::vector<std::string> WithoutEffect(const ParsedOptions& parsed);
 
+// What will go wrong later with what the options name, and does not keep the server from starting:
+// a warning each.
+std::vector<std::string> ForeseenTroubles(const ServerOptions& options);
+
 // The text of --help: every flag, what it takes, its default.
 std::string HelpText();
 

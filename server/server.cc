@@ -27,8 +27,8 @@ namespace {
 // for a few generations of names, and about a hundred bytes each.
 constexpr size_t kHealthNamesPerScene = 4;
 constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
-// Uploads are looked at so many times within what they may wait: none waits much longer.
-constexpr int kLooksWithinIdle = 4;
+// Uploads and streams are looked at so often within what they may wait: none waits much longer.
+constexpr int kLooksWithinWait = 4;
 // Below what a prober waits (a second in Kubernetes, unless told otherwise, so tell it).
 constexpr absl::Duration kLivenessTimeout = absl::Seconds(2);
 // A client that pings more often than this is told to go away; one that is gone is noticed within a
@@ -101,12 +101,14 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   SL_RETURN_IF_ERROR(server->MakeScenes());
   SL_RETURN_IF_ERROR(server->Listen());
   server->serving_ = true;
-  const absl::Duration idle = absl::Seconds(options.limits.max_upload_idle_seconds);
-  server->sweeper_ = std::make_unique<PeriodicTask>(std::min(kSweepPeriod, idle / kLooksWithinIdle),
-                                                    [self = server.get()] {
-                                                      self->point_sets_.Sweep();
-                                                      self->EndIdleUploads(IdleClock::Now());
-                                                    });
+  const absl::Duration wait = absl::Seconds(
+      std::min(options.limits.max_upload_idle_seconds, options.limits.max_stream_stall_seconds));
+  server->sweeper_ = std::make_unique<PeriodicTask>(
+      std::min(kSweepPeriod, wait / kLooksWithinWait), [self = server.get()] {
+        self->point_sets_.Sweep();
+        self->EndIdleUploads(IdleClock::Now());
+        self->EndStalledStreams(std::chrono::steady_clock::now());
+      });
   if (!options.tls.certificate.empty() || !options.access_file.empty()) {
     server->reloader_ = std::make_unique<PeriodicTask>(
         options.reload_interval, [self = server.get()] { (void)self->ReloadSecurity(); });
@@ -127,12 +129,10 @@ absl::Status Server::MakeScenes() {
   }
   for (const std::string& option : options_.scenes) {
     SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(option));
-    SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects,
-                        scenes_.MakeBuiltinObjects(scene.id, scene.spec));
     SL_ASSIGN_OR_RETURN(
         const SceneView view,
-        scenes_.Create({.scene_id = scene.id, .temporary = true, .builtin = scene.spec}, objects,
-                       nullptr));
+        scenes_.CreateBuiltin({.scene_id = scene.id, .temporary = true, .builtin = scene.spec},
+                              nullptr));
     Log(LogLevel::kInfo, "scene_created",
         {{"scene", scene.id},
          {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});
@@ -173,11 +173,13 @@ ServerState Server::StateNow() {
   for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) {
     ServerState::Scene& scene = state.scenes.emplace_back();
     scene.id = view.status.name;
+    if (!view.status.keep_error.ok()) ++state.unstored_scenes;
     if (view.status.latest == nullptr) continue;
     scene.revision = view.status.latest->revision;
     scene.bytes = view.status.latest->report.memory_bytes;
     scene.triangles = view.status.latest->geometry.triangles.size();
   }
+  state.failed_scene_stores = scenes_.failed_stores();
   state.scene_bytes = scenes_.MemoryBytes();
   state.point_set_bytes = point_sets_.memory_bytes();
   state.active_calls = calls_.active_calls();
@@ -346,6 +348,8 @@ void Server::ShutdownWithin(absl::Duration timeout) {
   serving_ = false;
   calls_.StartDrain();
   door_->Stop();
+  // Calls whose time is over; where it is not, none is left that stores anything.
+  scenes_.StopStoring();
   // Without a deadline a stalled call could hold this up for ever.
   server_->Shutdown(absl::ToChronoTime(absl::Now() + std::max(timeout, absl::ZeroDuration())));
   server_->Wait();

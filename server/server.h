@@ -21,6 +21,7 @@
 #include <grpcpp/support/channel_arguments.h>
 
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <string>
 
@@ -84,6 +85,9 @@ class Server {
   // Ends the uploads that have waited for their clients for too long by `now`. The server does so
   // itself, every few seconds.
   void EndIdleUploads(IdleClock::Time now) { upload_slots_.Sweep(now); }
+
+  // The same for the visibility streams whose clients take nothing.
+  void EndStalledStreams(std::chrono::steady_clock::time_point now) { calls_.Sweep(now); }
 
   SceneCatalog& scenes() { return scenes_; }
   size_t active_calls() const { return calls_.active_calls(); }

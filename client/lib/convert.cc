@@ -387,6 +387,7 @@ Capabilities FromProto(const v1::Capabilities& capabilities) {
   limits.max_concurrent_uploads_per_client = in.max_concurrent_uploads_per_client();
   limits.max_streams_per_client = in.max_streams_per_client();
   limits.max_upload_idle = FromProto(in.max_upload_idle());
+  limits.max_stream_stall = FromProto(in.max_stream_stall());
   out.instruction_set = capabilities.instruction_set();
   out.available_instruction_sets.assign(capabilities.available_instruction_sets().begin(),
                                         capabilities.available_instruction_sets().end());

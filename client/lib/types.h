@@ -484,7 +484,7 @@ struct Limits {
   uint64_t max_bytes_per_scene = 0;
   uint32_t max_connections = 0, max_connections_per_address = 0;
   uint32_t max_concurrent_uploads_per_client = 0, max_streams_per_client = 0;
-  absl::Duration max_upload_idle;
+  absl::Duration max_upload_idle, max_stream_stall;
 };
 
 struct Capabilities {

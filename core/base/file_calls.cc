@@ -23,6 +23,12 @@ ssize_t FileCalls::ReadAt(int file, void* data, size_t bytes, off_t offset) {
   return ::pread(file, data, bytes, offset);
 }
 int FileCalls::Sync(int file) { return ::fsync(file); }
+int FileCalls::StatAt(int folder, const char* name, struct stat* status) {
+  return ::fstatat(folder, name, status, AT_SYMLINK_NOFOLLOW);
+}
+int FileCalls::AccessAt(int folder, const char* name, int mode) {
+  return ::faccessat(folder, name, mode, 0);
+}
 int FileCalls::RenameAt(int folder, const char* from, const char* to) {
   return ::renameat(folder, from, folder, to);
 }

@@ -15,6 +15,7 @@
 #ifndef SIGHTLINE_CORE_BASE_FILE_CALLS_H_
 #define SIGHTLINE_CORE_BASE_FILE_CALLS_H_
 
+#include <sys/stat.h>
 #include <sys/types.h>
 
 #include <cstddef>
@@ -32,6 +33,8 @@ class FileCalls {
   virtual ssize_t Write(int file, const void* data, size_t bytes);
   virtual ssize_t ReadAt(int file, void* data, size_t bytes, off_t offset);  // pread.
   virtual int Sync(int file);
+  virtual int StatAt(int folder, const char* name, struct stat* status);  // Follows no link.
+  virtual int AccessAt(int folder, const char* name, int mode);
   virtual int RenameAt(int folder, const char* from, const char* to);
   virtual int UnlinkAt(int folder, const char* name);
   // Read-only and shared, from the file's start; MAP_FAILED.

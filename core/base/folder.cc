@@ -71,7 +71,7 @@ absl::StatusOr<std::shared_ptr<const FileImage>> Folder::Read(const std::string&
 absl::StatusOr<FileStamp> Folder::Stamp(const std::string& name) const {
   SL_RETURN_IF_ERROR(CheckFileName(name));
   struct stat status;
-  if (::fstatat(descriptor_, name.c_str(), &status, AT_SYMLINK_NOFOLLOW) != 0) {
+  if (calls_->StatAt(descriptor_, name.c_str(), &status) != 0) {
     return FileError(errno, "cannot look at", Shown(name));
   }
   return FileStamp{.inode = status.st_ino,
@@ -93,6 +93,11 @@ absl::Status Folder::Remove(const std::string& name) const {
     return FileError(errno, "cannot sync the folder of", Shown(name));
   }
   return absl::OkStatus();
+}
+
+absl::Status Folder::CheckWritable() const {
+  if (calls_->AccessAt(descriptor_, ".", W_OK | X_OK) == 0) return absl::OkStatus();
+  return FileError(errno, "cannot write to the folder", path_);
 }
 
 absl::StatusOr<std::vector<FolderEntry>> Folder::List() const {

@@ -56,10 +56,12 @@ class Folder {
   // The same file in memory; what FileImage says.
   absl::StatusOr<std::shared_ptr<const FileImage>> Read(const std::string& name, MemoryCheck room,
                                                         const CancelToken* cancel) const;
-  // Tells a file from another that took its place. FileError's errors.
+  // Tells a file from another that took its place. Takes no descriptor. FileError's errors.
   absl::StatusOr<FileStamp> Stamp(const std::string& name) const;
   absl::StatusOr<FileReplacement> Replace(const std::string& name) const;
   absl::Status Remove(const std::string& name) const;
+  // Whether files can be made and removed here, as far as rights tell. FileError's errors.
+  absl::Status CheckWritable() const;
   // Plain files, by name.
   absl::StatusOr<std::vector<FolderEntry>> List() const;
   // Takes away what processes that were killed left half written. How many there were.

@@ -102,10 +102,10 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::BeginNext(
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
     const std::string& name, std::span<const ObjectInput> objects, std::optional<Vec3d> origin,
     const SceneBuildOptions& options, const CancelToken* cancel, const SceneKeeper& keeper,
-    uint64_t tag) {
+    uint64_t tag, uint64_t set_aside) {
   SceneSize size;
   for (const ObjectInput& object : objects) size.Add(object);
-  SL_RETURN_IF_ERROR(BeginNew(name, size.bytes(options), tag));
+  SL_RETURN_IF_ERROR(BeginNew(name, size.bytes(options), tag, set_aside));
   return RunBuild(name, size.bytes(options), /*kept=*/false, keeper,
                   [&](const std::function<void(double)>& progress) {
                     return BuildScene(name, /*revision=*/1, objects, origin, options, pool_, cancel,
@@ -323,7 +323,7 @@ absl::Status SceneRegistry::SetAside(uint64_t bytes) {
   {
     MutexLock lock(mutex_);
     if (options_.evict_least_used) MakeRoom(/*name=*/"", bytes, entries_.size(), &evicted);
-    status = TakeBytes("an upload", bytes);
+    status = TakeBytes("a request", bytes);
   }
   NotifyEvicted(std::move(evicted));
   return status;

@@ -79,15 +79,15 @@ class SceneRegistry {
   // Builds and publishes revision 1. AlreadyExists, ResourceExhausted (budget or max_scenes,
   // checked from the sizes before building), and what BuildScene returns. A failed creation leaves
   // nothing behind. A keeper (may be null) that fails is told by the status; the scene serves.
-  // `tag` is in every status of the scene.
+  // `tag` is in every status of the scene. `set_aside` bytes become the scene's from here on; where
+  // it cannot be begun they are given back.
   absl::StatusOr<std::shared_ptr<const Scene>> Create(
       const std::string& name, std::span<const ObjectInput> objects, std::optional<Vec3d> origin,
       const SceneBuildOptions& options, const CancelToken* cancel = nullptr,
-      const SceneKeeper& keeper = nullptr, uint64_t tag = 0);
+      const SceneKeeper& keeper = nullptr, uint64_t tag = 0, uint64_t set_aside = 0);
 
   // The same for a scene of about `bytes` in memory that `loader` makes: it is kept there, unless a
-  // keeper is given to keep it elsewhere. `set_aside` bytes, for what the loader makes it of, are
-  // the scene's from here on; where it cannot be begun they are given back.
+  // keeper is given to keep it elsewhere. `set_aside`: for what the loader makes it of.
   absl::StatusOr<std::shared_ptr<const Scene>> Load(const std::string& name, uint64_t bytes,
                                                     SceneLoader loader,
                                                     const SceneKeeper& keeper = nullptr,

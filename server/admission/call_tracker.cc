@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/admission/call_tracker.h"
 
-#include <vector>
-
 #include "server/base/error.h"
 
 namespace sightline {
@@ -26,13 +24,28 @@ void CallTracker::StartDrain() {
     if (draining_) return;
     draining_ = true;
     drain_started_.SignalAll();
-    for (const auto& [id, weak] : calls_) {
-      if (std::shared_ptr<DrainListener> listener = weak.lock()) {
-        listeners.push_back(std::move(listener));
-      }
-    }
+    listeners = ListenersLocked();
   }
   for (const auto& listener : listeners) listener->OnDrain();
+}
+
+void CallTracker::Sweep(std::chrono::steady_clock::time_point now) {
+  std::vector<std::shared_ptr<DrainListener>> listeners;
+  {
+    MutexLock lock(mutex_);
+    listeners = ListenersLocked();
+  }
+  for (const auto& listener : listeners) listener->EndIfStalled(now);
+}
+
+std::vector<std::shared_ptr<DrainListener>> CallTracker::ListenersLocked() const {
+  std::vector<std::shared_ptr<DrainListener>> listeners;
+  for (const auto& [id, weak] : calls_) {
+    if (std::shared_ptr<DrainListener> listener = weak.lock()) {
+      listeners.push_back(std::move(listener));
+    }
+  }
+  return listeners;
 }
 
 bool CallTracker::WaitUntilDraining(std::chrono::steady_clock::time_point deadline) {

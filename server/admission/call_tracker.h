@@ -2,7 +2,8 @@
 //
 // Which calls are under way, and whether the server still takes new ones. Draining tells the
 // long-lived calls (streams) and waits for all of them, plain ones among them: a call is under way
-// until its answer is written.
+// until its answer is written. Long-lived ones are also asked from time to time whether their
+// clients take what they are sent.
 //
 // Invariants: after StartDrain no new call is admitted; every listener hears of it once, either
 // from StartDrain or, if it comes later, not at all because it is refused.
@@ -19,6 +20,7 @@
 #include <map>
 #include <memory>
 #include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -31,6 +33,8 @@ class DrainListener {
  public:
   virtual ~DrainListener() = default;
   virtual void OnDrain() = 0;
+  // Ends the call if its client has held it up for too long by `now`. Must not block.
+  virtual void EndIfStalled(std::chrono::steady_clock::time_point now) { (void)now; }
 };
 
 class CallTracker;
@@ -70,6 +74,8 @@ class CallTracker {
 
   // Refuses new calls and tells the listeners.
   void StartDrain();
+  // Asks the listeners whether they are stalled.
+  void Sweep(std::chrono::steady_clock::time_point now);
   // True once StartDrain was called, false when `deadline` passes first.
   bool WaitUntilDraining(std::chrono::steady_clock::time_point deadline);
   // True once no call is left, false when `deadline` passes first.
@@ -81,6 +87,8 @@ class CallTracker {
  private:
   friend class ActiveCall;
   void Release(uint64_t id);
+  std::vector<std::shared_ptr<DrainListener>> ListenersLocked() const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   mutable Mutex mutex_;
   CondVar idle_, drain_started_;

@@ -56,6 +56,9 @@ constexpr LimitEntry kTable[] = {
      "streams at once of one client, watched scenes among them, unless its role has a limit"},
     {"max_upload_idle_seconds", &Limits::max_upload_idle_seconds, 1, 86400,
      "how long an upload may wait for a message that brings something, seconds"},
+    {"max_stream_stall_seconds", &Limits::max_stream_stall_seconds, 1, 86400,
+     "how long a visibility stream may wait for its client to take a reply or grant credit, "
+     "seconds"},
 };
 
 }  // namespace

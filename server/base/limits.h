@@ -59,6 +59,8 @@ struct Limits {
   uint64_t max_streams_per_client = 1000;
   // A client that reads a large mesh between two messages is done well within a minute.
   uint64_t max_upload_idle_seconds = 60;
+  // A reply of target_reply_bytes goes out in it at 140 kbit/s.
+  uint64_t max_stream_stall_seconds = 60;
 };
 
 // One row of the table: which limit, and what it may be set to.

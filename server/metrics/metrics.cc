@@ -110,6 +110,12 @@ void AddScenes(const ServerState& state, StatePage* page) {
        &ServerState::Scene::triangles);
   each("sightline_scene_revision", "How many revisions a scene has had.",
        &ServerState::Scene::revision);
+  page->Gauge("sightline_unstored_scenes",
+              "Scenes that serve and should be stored, but whose last store failed.",
+              static_cast<double>(state.unstored_scenes));
+  page->Counter("sightline_failed_scene_stores_total",
+                "Revisions of scenes that could not be stored: a restart loses them.",
+                static_cast<double>(state.failed_scene_stores));
   page->Gauge("sightline_scene_memory_bytes",
               "Memory of all revisions alive and builds under way; max_scene_bytes bounds it.",
               static_cast<double>(state.scene_bytes));

@@ -71,6 +71,8 @@ struct ServerState {
     uint64_t revision = 0, bytes = 0, triangles = 0;
   };
   std::vector<Scene> scenes;
+  uint64_t unstored_scenes = 0;  // Of those whose current revision should be stored.
+  uint64_t failed_scene_stores = 0;
   uint64_t scene_bytes = 0;      // All revisions alive and builds under way.
   uint64_t point_set_bytes = 0;  // All point sets.
   uint64_t active_calls = 0, active_uploads = 0, queued_rays = 0;

@@ -35,6 +35,9 @@ std::string PublishedLimit(const std::string& name) {
   return absl::StrCat(name, "_per_scene");
 }
 
+// At least, of each triangle that a built-in scene is made of: its indices, and half a vertex.
+constexpr uint64_t kBuiltinInputBytes = 3 * sizeof(uint32_t) + sizeof(Vec3d) / 2;
+
 // A built-in scene has within a tenth of what it was asked for.
 uint64_t LeastTriangles(const BuiltinSpec& spec) {
   uint64_t target = spec.target_triangles;
@@ -150,23 +153,32 @@ SceneBuildOptions SceneCatalog::BuildOptions(BvhPreset preset,
 
 absl::Status SceneCatalog::CheckRoom(const std::string& scene_id, uint64_t triangles,
                                      uint64_t vertices, uint64_t arriving) const {
+  SL_RETURN_IF_ERROR(CheckName(scene_id));
+  const uint64_t held = registry_.options().evict_least_used ? 0 : registry_.MemoryBytes();
+  return CheckMemory(EstimateSceneBytes(triangles, vertices), held + arriving);
+}
+
+absl::Status SceneCatalog::CheckName(const std::string& scene_id) const {
   if (registry_.GetStatus(scene_id).ok()) {
     return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
                      absl::StrCat(SceneName(scene_id), " exists already"), SceneResource(scene_id));
   }
-  if (repository_ != nullptr && !scene_id.empty() && repository_->Has(scene_id)) {
-    return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
-                     absl::StrCat(SceneName(scene_id), " exists already: it is stored, but not ",
-                                  "loaded; load or delete it, or take another name"),
-                     SceneResource(scene_id));
+  if (repository_ != nullptr && !scene_id.empty()) {
+    // What cannot be told might be replaced.
+    SL_ASSIGN_OR_RETURN(const bool stored, repository_->Has(scene_id));
+    if (stored) {
+      return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
+                       absl::StrCat(SceneName(scene_id), " exists already: it is stored, but not ",
+                                    "loaded; load or delete it, or take another name"),
+                       SceneResource(scene_id));
+    }
   }
   const uint64_t scenes = registry_.List().size();
   if (scenes >= limits_.max_scenes && !registry_.options().evict_least_used) {
     return OverLimit("scenes", scenes + 1, "max_scenes", limits_.max_scenes,
                      "delete or unload one");
   }
-  const uint64_t held = registry_.options().evict_least_used ? 0 : registry_.MemoryBytes();
-  return CheckMemory(EstimateSceneBytes(triangles, vertices), held + arriving);
+  return absl::OkStatus();
 }
 
 absl::Status SceneCatalog::CheckEditRoom(const std::string& scene_id, uint64_t triangles,
@@ -238,7 +250,9 @@ void SceneCatalog::KeepShare(const std::string& scene_id, uint64_t tag,
   // It may have been deleted since it was published.
   const auto now = registry_.GetStatus(scene_id);
   if (now.ok() && now->tag == tag) return;
-  if (repository_ == nullptr || !repository_->Has(scene_id)) DropShares(scene_id, tag, false);
+  // Where that cannot be told, the file may be there: so its maker's share stays.
+  const absl::StatusOr<bool> stored = repository_ == nullptr ? false : repository_->Has(scene_id);
+  if (stored.ok() && !*stored) DropShares(scene_id, tag, false);
 }
 
 void SceneCatalog::DropShares(const std::string& scene_id, uint64_t tag, bool all) {
@@ -269,6 +283,13 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
     vertices += object.vertices.size();
   }
   SL_RETURN_IF_ERROR(CheckRoom(options.scene_id, triangles, vertices));
+  MemoryCharge nothing(*this);  // What arrived is the caller's.
+  return Build(options, objects, &nothing, cancel);
+}
+
+absl::StatusOr<SceneView> SceneCatalog::Build(const CreateOptions& options,
+                                              std::span<const ObjectInput> objects,
+                                              MemoryCharge* set_aside, const CancelToken* cancel) {
   const absl::Time now = absl::Now();
   const uint64_t tag =
       AddTimes(options, Times{now, now, options.preset, options.temporary, options.kd_tree,
@@ -279,10 +300,11 @@ absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
   build.accept = [&options](const SceneGeometry& geometry) {
     return CheckCanBeHit(geometry, options.scene_id);
   };
-  const absl::Status status = registry_
-                                  .Create(options.scene_id, objects, options.origin, build, cancel,
-                                          KeeperOf(options.scene_id, options.temporary), tag)
-                                  .status();
+  const absl::Status status =
+      registry_
+          .Create(options.scene_id, objects, options.origin, build, cancel,
+                  KeeperOf(options.scene_id, options.temporary), tag, set_aside->Leave())
+          .status();
   if (!status.ok()) {
     DropTimes(options.scene_id, tag);
     return ExplainBuild(status, options.scene_id);
@@ -366,8 +388,9 @@ void SceneCatalog::Forget(SceneView view) {
   ReturnFreeMemory();
 }
 
-absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
-    const std::string& scene_id, const std::string& spec) const {
+absl::StatusOr<SceneView> SceneCatalog::CreateBuiltin(const CreateOptions& options,
+                                                      const CancelToken* cancel) {
+  const std::string& spec = options.builtin;
   const auto explain = [&](absl::Status status) {
     return WithReason(std::move(status), v1::ERROR_REASON_INVALID_FIELD,
                       {{"field", "builtin.spec"}, {"value", spec}});
@@ -381,10 +404,17 @@ absl::StatusOr<std::vector<ObjectInput>> SceneCatalog::MakeBuiltinObjects(
     return OverLimit("builtin.spec triangles", parsed->target_triangles, "max_triangles_per_scene",
                      limits_.max_triangles_per_scene, "ask for fewer");
   }
-  SL_RETURN_IF_ERROR(CheckRoom(scene_id, LeastTriangles(*parsed), 0));
-  absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*parsed);
-  if (!scene.ok()) return explain(scene.status());
-  return std::move(scene->objects);
+  const uint64_t triangles = LeastTriangles(*parsed);
+  SL_RETURN_IF_ERROR(CheckRoom(options.scene_id, triangles, 0));
+  // Before anything is made: several of these may be under way.
+  MemoryCharge input(*this), scene(*this);
+  SL_RETURN_IF_ERROR(input.Add(triangles * kBuiltinInputBytes));
+  SL_RETURN_IF_ERROR(scene.Add(EstimateSceneBytes(triangles, 0)));
+  absl::StatusOr<BuiltinScene> made = MakeBuiltin(*parsed);
+  if (!made.ok()) return explain(made.status());
+  if (cancel != nullptr) SL_RETURN_IF_ERROR(cancel->ToStatus());
+  SL_RETURN_IF_ERROR(CheckName(options.scene_id));  // It took a while.
+  return Build(options, made->objects, &scene, cancel);
 }
 
 absl::StatusOr<SceneView> SceneCatalog::Get(const std::string& scene_id) const {

@@ -22,6 +22,7 @@
 #ifndef SIGHTLINE_SERVER_SCENES_SCENE_CATALOG_H_
 #define SIGHTLINE_SERVER_SCENES_SCENE_CATALOG_H_
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -83,7 +84,7 @@ class SceneCatalog : public MemoryBudget {
     BvhPreset preset = BvhPreset::kStatic;
     bool anonymous = false;  // `scene_id` was made up.
     bool temporary = false;  // Not stored.
-    std::string builtin;     // What MakeBuiltinObjects made the objects of; empty: they are others.
+    std::string builtin;     // What CreateBuiltin makes the objects of; empty: they are others.
     std::optional<KdBuildOptions> kd_tree;  // One beside the BVH.
     std::optional<BinaryBvhOptions> binary_bvh;
     bool without_bvh = false;  // REQUIRES, if it is true: kd_tree is set.
@@ -103,7 +104,8 @@ class SceneCatalog : public MemoryBudget {
                const SceneRepository* repository = nullptr, bool evict = false);
 
   // What can be refused before an upload is received. `arriving`: bytes that it will take itself.
-  // AlreadyExists, ResourceExhausted.
+  // AlreadyExists, ResourceExhausted, STORAGE_FAILED where it cannot be told whether the name is
+  // that of a stored scene.
   absl::Status CheckRoom(const std::string& scene_id, uint64_t triangles, uint64_t vertices,
                          uint64_t arriving = 0) const;
   // The same for an edit that adds so much: ResourceExhausted. What is wrong with it otherwise is
@@ -116,9 +118,13 @@ class SceneCatalog : public MemoryBudget {
 
   absl::StatusOr<SceneView> Create(const CreateOptions& options,
                                    std::span<const ObjectInput> objects, const CancelToken* cancel);
+  // The same of a scene that the server makes itself, `options.builtin` with its "builtin:". Errors
+  // are also those of CheckRoom, before anything is made.
+  absl::StatusOr<SceneView> CreateBuiltin(const CreateOptions& options, const CancelToken* cancel);
   absl::StatusOr<SceneView> Edit(const EditOptions& options, std::span<const SceneEdit> edits,
                                  const CancelToken* cancel);
-  // From memory and from the repository.
+  // From memory and from the repository. STORAGE_FAILED: from neither, if it cannot be told whether
+  // there is a file, else from memory alone.
   absl::Status Delete(const std::string& scene_id);
 
   // ---- The repository. FailedPrecondition (NO_REPOSITORY) without one.
@@ -136,13 +142,11 @@ class SceneCatalog : public MemoryBudget {
   absl::Status Unload(const std::string& scene_id);
   // Loads every scene of the repository that loads; the others stay, with the reason.
   absl::Status LoadAll();
+  // For good: what is being stored is given up, its file stays what it was. The end of a call does
+  // not do so, since a scene that is made should be stored, whether its maker waits for it or not.
+  void StopStoring() { stop_storing_.Cancel(); }
   // In the order of the ids, those after `after`, at most `count`.
   absl::StatusOr<std::vector<StoredScene>> ListStored(const std::string& after, size_t count) const;
-
-  // The objects of a scene `scene_id` to be. `spec` with its "builtin:". Errors are also those of
-  // CheckRoom, before anything is made.
-  absl::StatusOr<std::vector<ObjectInput>> MakeBuiltinObjects(const std::string& scene_id,
-                                                              const std::string& spec) const;
 
   absl::StatusOr<SceneView> Get(const std::string& scene_id) const;
   // In the order of the ids, those after `after`, at most `count`.
@@ -164,6 +168,8 @@ class SceneCatalog : public MemoryBudget {
 
   RequestLog& requests() { return requests_; }
   uint64_t MemoryBytes() const { return registry_.MemoryBytes(); }
+  // How many revisions could not be stored.
+  uint64_t failed_stores() const { return failed_stores_; }
 
  private:
   struct Times {
@@ -207,8 +213,14 @@ class SceneCatalog : public MemoryBudget {
   // Of the scene `tag`, which was deleted, and if `all`, of every one of this name that is made and
   // not in memory: its file is gone, too.
   void DropShares(const std::string& scene_id, uint64_t tag, bool all) ABSL_LOCKS_EXCLUDED(mutex_);
+  // The part of CheckRoom that is about the name, and about one scene more.
+  absl::Status CheckName(const std::string& scene_id) const;
   absl::Status CheckMemory(uint64_t scene_bytes, uint64_t held) const;
   absl::Status CheckRepository() const;
+  // Of a name that is free. `set_aside` becomes the scene's.
+  absl::StatusOr<SceneView> Build(const CreateOptions& options,
+                                  std::span<const ObjectInput> objects, MemoryCharge* set_aside,
+                                  const CancelToken* cancel);
   // What stores a scene's revisions; null if nothing does.
   SceneKeeper KeeperOf(const std::string& scene_id, bool temporary) const;
   // `charge`: of the file, which becomes the scene's.
@@ -238,6 +250,8 @@ class SceneCatalog : public MemoryBudget {
   const SceneRepository* const repository_;
   SceneRegistry registry_;
   RequestLog requests_;
+  CancelToken stop_storing_;
+  mutable std::atomic<uint64_t> failed_stores_ = 0;
   mutable Mutex mutex_;
   mutable CondVar removed_;
   uint64_t tags_ ABSL_GUARDED_BY(mutex_) = 0;

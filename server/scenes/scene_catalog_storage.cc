@@ -72,8 +72,13 @@ SceneKeeper SceneCatalog::KeeperOf(const std::string& scene_id, bool temporary) 
       MutexLock lock(mutex_);
       while (removing_.contains(scene_id)) removed_.Wait(mutex_);
     }
-    absl::Status stored = repository_->Store(scene_id, scene, build_pool_);
+    absl::Status stored = repository_->Store(scene_id, scene, build_pool_, &stop_storing_);
+    if (absl::IsCancelled(stored)) {
+      stored = MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
+                         "the server was stopped before the file was written");
+    }
     if (!stored.ok()) {
+      ++failed_stores_;
       Log(LogLevel::kError, "scene_not_stored",
           {{"scene", scene_id},
            {"revision", absl::StrCat(scene.revision)},
@@ -238,7 +243,10 @@ absl::Status SceneCatalog::Delete(const std::string& scene_id) {
   SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
   bool temporary = false;
   ChangeTimes(scene_id, [&](const Times& times) { temporary = times.temporary; });
-  const bool has_file = repository_ != nullptr && repository_->Has(scene_id);
+  const absl::StatusOr<bool> there = repository_ == nullptr ? false : repository_->Has(scene_id);
+  // A file that may be there would bring the scene back. A temporary one has none.
+  if (!temporary) SL_RETURN_IF_ERROR(there.status());
+  const bool has_file = !there.ok() || *there;
   const bool stored = has_file && !temporary;
   if (stored) {
     // From now on nothing is stored under the name until its file is gone.

@@ -55,8 +55,11 @@ absl::StatusOr<std::vector<StoredFile>> SceneRepository::List() const {
   return files;
 }
 
-bool SceneRepository::Has(const std::string& scene_id) const {
-  return folder_.Map(FileName(scene_id)).ok();
+absl::StatusOr<bool> SceneRepository::Has(const std::string& scene_id) const {
+  const absl::Status there = folder_.Stamp(FileName(scene_id)).status();
+  if (there.ok()) return true;
+  if (absl::IsNotFound(there)) return false;
+  return Explain(there, scene_id);
 }
 
 absl::StatusOr<SceneBytes> SceneRepository::OpenFile(const std::string& scene_id, MemoryCheck room,
@@ -81,8 +84,10 @@ absl::StatusOr<FileStamp> SceneRepository::Stamp(const std::string& scene_id) co
 }
 
 absl::Status SceneRepository::Store(const std::string& scene_id, const Scene& scene,
-                                    ThreadPool& pool) const {
-  return Explain(WriteSceneFile(scene, folder_, FileName(scene_id), pool), scene_id);
+                                    ThreadPool& pool, const CancelToken* cancel) const {
+  absl::Status stored = WriteSceneFile(scene, folder_, FileName(scene_id), pool, cancel);
+  if (absl::IsCancelled(stored)) return stored;
+  return Explain(std::move(stored), scene_id);
 }
 
 absl::Status SceneRepository::Remove(const std::string& scene_id) const {

@@ -50,13 +50,16 @@ class SceneRepository {
 
   // By id; files whose names are no ids are left out.
   absl::StatusOr<std::vector<StoredFile>> List() const;
-  // REQUIRES, here and below: CheckId(scene_id).
-  bool Has(const std::string& scene_id) const;
+  // Whether anything has the name of its file, readable or not; an error where that cannot be told.
+  // Takes no descriptor. REQUIRES, here and below: CheckId(scene_id).
+  absl::StatusOr<bool> Has(const std::string& scene_id) const;
   // `room` is asked before a file is read. Errors: those of both, and what `room` says.
   absl::StatusOr<SceneBytes> OpenFile(const std::string& scene_id, MemoryCheck room,
                                       const CancelToken* cancel) const;
   absl::StatusOr<FileStamp> Stamp(const std::string& scene_id) const;
-  absl::Status Store(const std::string& scene_id, const Scene& scene, ThreadPool& pool) const;
+  // Cancelled by `cancel`, which may be null: the file is what it was before.
+  absl::Status Store(const std::string& scene_id, const Scene& scene, ThreadPool& pool,
+                     const CancelToken* cancel) const;
   // OK if there is none.
   absl::Status Remove(const std::string& scene_id) const;
 

@@ -100,14 +100,12 @@ class CreateSteps : public SceneSteps {
                           env_.scenes.CreateFromFile(options, upload.header()->file_id, &cancel));
       return Made("scene_loaded", view, response);
     }
-    std::vector<ObjectInput> objects;
     if (upload.header().has_value() && !upload.header()->builtin.empty()) {
       options.builtin = upload.header()->builtin;
-      SL_ASSIGN_OR_RETURN(objects,
-                          env_.scenes.MakeBuiltinObjects(options.scene_id, options.builtin));
-    } else {
-      SL_ASSIGN_OR_RETURN(objects, upload.Finish());
+      SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.CreateBuiltin(options, &cancel));
+      return Made("scene_created", view, response);
     }
+    SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, upload.Finish());
     SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Create(options, objects, &cancel));
     return Made("scene_created", view, response);
   }

@@ -11,14 +11,19 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "absl/status/status.h"
+#include "absl/time/time.h"
 #include "core/base/cancel.h"
 #include "core/query/options.h"
 #include "server/admission/ray_queue.h"
 #include "server/admission/scheduler.h"
+#include "server/base/error.h"
+#include "server/codec/result_codec.h"
 #include "server/stream/item_reply.h"
 #include "server/stream/item_work.h"
 
@@ -51,6 +56,19 @@ struct StreamItem {
   QueryStats stats;
   bool closed = false;  // Its last reply is in the outbox.
 
+  // The token stops what runs; `passed` answers for what still waits. Called with whether it has.
+  void SetDeadline(absl::Duration timeout, std::function<void(bool)> passed) {
+    token.set_deadline(arrival + absl::ToChronoNanoseconds(timeout));
+    deadline_alarm = std::make_unique<grpc::Alarm>();
+    deadline_alarm->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(timeout),
+                        std::move(passed));
+  }
+  // A task of it begins.
+  void Begin() {
+    if (std::exchange(started, true)) return;
+    const std::chrono::nanoseconds waited = std::chrono::steady_clock::now() - arrival;
+    queue_nanos = static_cast<uint64_t>(waited.count());
+  }
   TaskKey Key(uint64_t part) const {
     return {.negative_priority = -priority, .sequence = sequence, .part = part};
   }
@@ -64,6 +82,16 @@ v1::ReplyHeader HeaderOf(const StreamItem<Method>& item, const PartRange& range)
   header.set_offset(range.offset);
   header.set_element_count(range.count);
   header.set_revision(item.work == nullptr ? 0 : static_cast<int64_t>(item.work->revision()));
+  return header;
+}
+
+// Of its last reply, which says how it went.
+template <typename Method>
+v1::ReplyHeader LastHeaderOf(const StreamItem<Method>& item, bool statistics) {
+  v1::ReplyHeader header = HeaderOf(item, item.last_range);
+  header.set_last(true);
+  ToItemStatus(item.status, header.mutable_status());
+  if (statistics) EncodeStatistics(item.stats, item.queue_nanos, header.mutable_statistics());
   return header;
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stream/stream_method.h"
 
+#include <grpc/grpc.h>
+
 #include <algorithm>
 #include <limits>
 
@@ -45,6 +47,37 @@ absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered,
       {{"limit", "stream_credit_rays"},
        {"limit_value", absl::StrCat(limits.stream_credit_rays)},
        {"value", absl::StrCat(credit)}});
+}
+
+absl::Status ItemExpiredError(uint64_t item_id) {
+  return MakeError(absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
+                   absl::StrCat("the timeout of item ", item_id, " passed"));
+}
+
+absl::Status ItemCancelledError(uint64_t item_id) {
+  return MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
+                   absl::StrCat("item ", item_id, " was cancelled"));
+}
+
+absl::Status CallCancelledError() {
+  return MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
+                   "the call was cancelled or its deadline passed");
+}
+
+absl::Status StreamStallError(const Limits& limits) {
+  const std::string seconds = absl::StrCat(limits.max_stream_stall_seconds);
+  return MakeError(
+      absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
+      absl::StrCat("this stream has waited for max_stream_stall = ", seconds,
+                   " s for its client to take a reply or grant result credit: read what is sent, ",
+                   "keep fewer items on their way, or have the server wait longer ",
+                   "(--max-stream-stall-seconds) or send shorter replies (--target-reply-bytes)"),
+      {{"limit", "max_stream_stall"}, {"limit_value", seconds}});
+}
+
+void CutOff(grpc::CallbackServerContext* context, const absl::Status& status) {
+  grpc_call_cancel_with_status(context->c_call(), static_cast<grpc_status_code>(status.code()),
+                               std::string(status.message()).c_str(), nullptr);
 }
 
 }  // namespace sightline

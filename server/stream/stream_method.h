@@ -11,6 +11,8 @@
 #ifndef SIGHTLINE_SERVER_STREAM_STREAM_METHOD_H_
 #define SIGHTLINE_SERVER_STREAM_STREAM_METHOD_H_
 
+#include <grpcpp/server_context.h>
+
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -67,6 +69,19 @@ uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits);
 
 // An item that was sent while `unanswered` ones take up all the credit.
 absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered, const Limits& limits);
+
+// DEADLINE_EXCEEDED: the item's timeout passed.
+absl::Status ItemExpiredError(uint64_t item_id);
+// CANCELLED: the client asked for it.
+absl::Status ItemCancelledError(uint64_t item_id);
+// CANCELLED: there is nobody any more to answer.
+absl::Status CallCancelledError();
+// DEADLINE_EXCEEDED: for max_stream_stall no reply was taken and no credit granted.
+absl::Status StreamStallError(const Limits& limits);
+
+// Ends a call whose write does not complete: as TryCancel does, but the client is told why, by code
+// and message, without details. Before Finish, after which the context may be gone.
+void CutOff(grpc::CallbackServerContext* context, const absl::Status& status);
 
 }  // namespace sightline
 

@@ -17,6 +17,10 @@
 //  5. A stream that failed reads on and throws away, since a client that is still writing must
 //     reach the point where it reads the status; one that never does is cut off after
 //     kMaxDiscarded messages.
+//  6. A stream whose client neither takes a reply nor grants the credit for it ends after
+//     max_stream_stall with DEADLINE_EXCEEDED, also one that has failed already: the rays that it
+//     holds are everybody's. Any reply taken or credit granted begins the time anew. Finish cannot
+//     follow a write that does not complete (2), so the call is cut off, which completes the write.
 //
 // Thread safety: gRPC calls the reactions from its threads, tasks run on the pool's; one mutex
 // guards all state, and gRPC's Start* and Finish are called with it held (completions run later).
@@ -51,11 +55,11 @@
 #include "server/base/log.h"
 #include "server/base/memory_guard.h"
 #include "server/codec/query_codec.h"
-#include "server/codec/result_codec.h"
 #include "server/stream/item_report.h"
 #include "server/stream/outbox.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/stream_item.h"
+#include "server/stream/stream_messages.h"
 #include "server/stream/stream_method.h"
 
 namespace sightline {
@@ -69,6 +73,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   using Response = typename Method::Response;
   using Item = StreamItem<Method>;
   using ItemPtr = std::shared_ptr<Item>;
+  using Clock = std::chrono::steady_clock;
 
   // The reactor for a new call. It deletes itself.
   static VisibilityStream* Start(grpc::CallbackServerContext* context,
@@ -110,6 +115,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   void OnWriteDone(bool ok) override {
     MutexLock lock(mutex_);
     writing_ = false;
+    blocked_since_.reset();
     outgoing_ = {};
     if (!ok) Abandon();
     Advance();
@@ -134,6 +140,15 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     if (draining_ || finished_) return;
     draining_ = true;
     if (method_ != nullptr) SendDraining();
+    Advance();
+  }
+
+  void EndIfStalled(Clock::time_point now) override {
+    MutexLock lock(mutex_);
+    const std::chrono::seconds most(env_.limits.max_stream_stall_seconds);
+    if (finished_ || now - blocked_since_.value_or(now) < most) return;
+    Fail(StreamStallError(env_.limits));
+    if (writing_) CutOff(context_, failure_);
     Advance();
   }
 
@@ -226,12 +241,8 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
       Fail(method.status());
     } else {
       method_ = *std::move(method);
-      Response response;
-      response.mutable_opened()->set_revision(static_cast<int64_t>(method_->opened_revision()));
-      response.mutable_opened()->set_credit_rays(credit_);
-      response.mutable_opened()->set_light_sample_count(
-          static_cast<uint32_t>(method_->sample_count()));
-      Send({.bytes = MessageBytes(response)}, nullptr);
+      Send(OpenedMessage<Response>(method_->opened_revision(), credit_, method_->sample_count()),
+           nullptr);
       if (draining_) SendDraining();
     }
     Read();
@@ -248,7 +259,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     }
     auto item = std::make_shared<Item>(&token_);
     item->id = id;
-    item->arrival = std::chrono::steady_clock::now();
+    item->arrival = Clock::now();
     item->sequence = next_sequence_++;
     item->cost = env_.limits.min_item_cost_rays;
     absl::Status status = Admit(request, bytes, item.get());
@@ -296,15 +307,11 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   }
 
   void SetDeadline(Item* item, absl::Duration timeout) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    item->token.set_deadline(item->arrival + absl::ToChronoNanoseconds(timeout));
-    // The token stops what runs; the alarm answers for what still waits.
-    item->deadline_alarm = std::make_unique<grpc::Alarm>();
-    item->deadline_alarm->Set(
-        std::chrono::system_clock::now() + absl::ToChronoMicroseconds(timeout),
-        [weak = this->weak_from_this(), id = item->id, sequence = item->sequence](bool fired) {
-          if (!fired) return;
-          if (auto self = weak.lock()) self->Expire(id, sequence);
-        });
+    item->SetDeadline(timeout, [weak = this->weak_from_this(), id = item->id,
+                                sequence = item->sequence](bool fired) {
+      if (!fired) return;
+      if (auto self = weak.lock()) self->Expire(id, sequence);
+    });
   }
 
   void Expire(uint64_t id, uint64_t sequence) {
@@ -312,8 +319,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     const auto found = items_.find(id);
     if (found == items_.end() || found->second->sequence != sequence) return;
     const ItemPtr item = found->second;
-    Stop(item, MakeError(absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
-                         absl::StrCat("the timeout of item ", id, " passed")));
+    Stop(item, ItemExpiredError(id));
     Advance();
   }
 
@@ -325,10 +331,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     for (const uint64_t id : cancel.item_ids()) {
       if (const auto found = items_.find(id); found != items_.end()) named.push_back(found->second);
     }
-    for (const ItemPtr& item : named) {
-      Stop(item, MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
-                           absl::StrCat("item ", item->id, " was cancelled")));
-    }
+    for (const ItemPtr& item : named) Stop(item, ItemCancelledError(item->id));
   }
 
   void Grant(int64_t rays) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -337,6 +340,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
       return Fail(InvalidField("grant_result_credit.rays", rays, "must be positive"));
     }
     result_credit_ = std::min(kMost, result_credit_) + std::min(kMost, rays);
+    if (!writing_) blocked_since_.reset();  // Begins anew if that was not enough.
   }
 
   // Ends an item early: what waits is dropped, what runs sees the token.
@@ -368,11 +372,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
       MutexLock lock(mutex_);
       if (!failure_.ok() || finished_) return false;
       ++running_;
-      if (!item->started) {
-        item->started = true;
-        item->queue_nanos = static_cast<uint64_t>(
-            std::chrono::nanoseconds(std::chrono::steady_clock::now() - item->arrival).count());
-      }
+      item->Begin();
     }
     const bool done = part == 0 ? Prepare(item) : Compute(item, part - 1);
     MutexLock lock(mutex_);
@@ -471,12 +471,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
       item->last = ItemReply();
       item->last_range = {};
     }
-    v1::ReplyHeader header = HeaderOf(*item, item->last_range);
-    header.set_last(true);
-    ToItemStatus(item->status, header.mutable_status());
-    if (method_->statistics()) {
-      EncodeStatistics(item->stats, item->queue_nanos, header.mutable_statistics());
-    }
+    const v1::ReplyHeader header = LastHeaderOf(*item, method_->statistics());
     ReportItem(env_, *context_, *method_, *item);
     item->work.reset();
     item->deadline_alarm.reset();
@@ -484,10 +479,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   }
 
   void SendDraining() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    Response response;
-    response.mutable_draining()->set_accepted_item_count(accepted_);
-    response.mutable_draining()->set_last_accepted_item_id(last_accepted_);
-    Send({.bytes = MessageBytes(response)}, nullptr);
+    Send(DrainingMessage<Response>(accepted_, last_accepted_), nullptr);
   }
 
   void Send(OutgoingMessage message, ItemPtr last_of) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -504,8 +496,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
 
   void Abandon() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     cancelled_ = true;
-    Fail(MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
-                   "the call was cancelled or its deadline passed"));
+    Fail(CallCancelledError());
   }
 
   void Fail(absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -534,10 +525,14 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
 
   void Write() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (writing_ || outbox_.empty() || cancelled_) return;
-    if (outbox_.first().is_reply && limit_results_ && result_credit_ <= 0) return;
+    if (outbox_.first().is_reply && limit_results_ && result_credit_ <= 0) {
+      if (!blocked_since_.has_value()) blocked_since_ = Clock::now();
+      return;
+    }
     ItemPtr item;
     std::tie(outgoing_, item) = outbox_.Pop();
     writing_ = true;
+    blocked_since_ = Clock::now();
     if (item != nullptr) {
       // Before the write: the client may answer the reply before we hear that it went out.
       credit_ += static_cast<int64_t>(item->cost);
@@ -554,8 +549,10 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     if (method_ != nullptr) ReportLost(env_, *context_, *method_, items_, failure_);
     // One that was not opened counts itself, since no item ever will.
     if (method_ == nullptr && !status.ok()) timer_.Record(status.code());
+    // All before the client hears of it, who may open the next at once; a last task may have items.
+    for (const auto& [id, item] : items_) item->ticket.Release();
     items_.clear();
-    share_.Release();  // Before the client hears of it, who may open the next at once.
+    share_.Release();
     this->Finish(ToGrpcStatus(status));
   }
 
@@ -587,6 +584,8 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   bool held_ ABSL_GUARDED_BY(mutex_) = false;       // Nothing is computed until something is read.
   bool writing_ ABSL_GUARDED_BY(mutex_) = false;
   OutgoingMessage outgoing_ ABSL_GUARDED_BY(mutex_);  // While it is written.
+  // While a write is outstanding, or the first reply waits for result credit.
+  std::optional<Clock::time_point> blocked_since_ ABSL_GUARDED_BY(mutex_);
   int64_t credit_ ABSL_GUARDED_BY(mutex_);
   bool limit_results_ ABSL_GUARDED_BY(mutex_) = false;
   int64_t result_credit_ ABSL_GUARDED_BY(mutex_) = 0;

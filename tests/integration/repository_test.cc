@@ -27,6 +27,7 @@
 #include "tests/integration/serving_process.h"
 #include "tests/integration/tile_load.h"
 #include "tests/support/faulty_file_calls.h"
+#include "tests/support/http_get.h"
 #include "tests/support/temp_dir.h"
 
 namespace sightline {
@@ -303,7 +304,14 @@ TEST_F(RepositoryTest, AFileUnderAnotherNameIsStoredAsAnotherScene) {
 
 TEST_F(RepositoryTest, AFullDiskIsToldAndServingGoesOn) {
   const KnownTiles tiles("room:15000");
-  Start(tiles);
+  Start([&](ServerOptions* options) {
+    options->listen = {"127.0.0.1:0"};
+    options->scenes = {tiles.scene_option()};
+    options->metrics_listen = "127.0.0.1:0";
+  });
+  const auto metric = [&](const std::string& name) {
+    return testing_support::MetricOf(server_->metrics_port(), "sightline_" + name);
+  };
   TileLoad load(tiles, TileClient());
   load.WaitForAnswers(20);
   calls_.write_error = ENOSPC;
@@ -312,6 +320,8 @@ TEST_F(RepositoryTest, AFullDiskIsToldAndServingGoesOn) {
   EXPECT_FALSE(scene->stored);
   EXPECT_THAT(scene->state_message, HasSubstr("not stored"));
   EXPECT_THAT(scene->state_message, HasSubstr("free some space"));
+  EXPECT_EQ(metric("failed_scene_stores_total"), 1);
+  EXPECT_EQ(metric("unstored_scenes"), 1);
   EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
   EXPECT_EQ(*Blocked(client(), "scenes/hall", 0.5), 0);
   ExpectAllRight(load);
@@ -322,6 +332,8 @@ TEST_F(RepositoryTest, AFullDiskIsToldAndServingGoesOn) {
   ASSERT_TRUE(moved.ok()) << moved.status();
   EXPECT_TRUE(moved->stored);
   EXPECT_EQ(moved->state_message, "");
+  EXPECT_EQ(metric("failed_scene_stores_total"), 1);
+  EXPECT_EQ(metric("unstored_scenes"), 0);
   // A failed store leaves what was stored before.
   calls_.sync_error = EIO;
   const auto again = MoveSquare(client(), "scenes/hall", 2);
@@ -353,7 +365,20 @@ TEST_F(RepositoryTest, AnUnreadableRepositoryIsToldAndServingGoesOn) {
               "STORAGE_FAILED");
   EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
   EXPECT_EQ(*Blocked(client(), "scenes/hall", 0.5), 0);
+  // What cannot be read is there all the same, and is not replaced.
+  ExpectError(UploadSquare(client(), "attic").status(), absl::StatusCode::kAlreadyExists,
+              "ALREADY_EXISTS");
   ExpectAllRight(load);
+  // Nor is it known to be gone where it cannot even be looked at.
+  calls_.stat_error = EIO;
+  ExpectError(UploadSquare(client(), "attic").status(), absl::StatusCode::kDataLoss,
+              "STORAGE_FAILED");
+  for (const char* name : {"scenes/hall", "scenes/attic"}) {
+    ExpectError(client().DeleteScene(name), absl::StatusCode::kDataLoss, "STORAGE_FAILED");
+  }
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
+  ExpectAllRight(load);
+  calls_.stat_error = 0;
   calls_.open_error = 0;
   calls_.map_error = ENOMEM;
   ExpectError(client().LoadScene("scenes/attic").status(), absl::StatusCode::kResourceExhausted,
@@ -365,6 +390,15 @@ TEST_F(RepositoryTest, AnUnreadableRepositoryIsToldAndServingGoesOn) {
   EXPECT_EQ(*Blocked(client(), "scenes/attic", 1.5), 1);
   ExpectAllRight(load);
   load.Stop();
+  // Deleting takes no descriptor.
+  calls_.open_error = EMFILE;
+  EXPECT_TRUE(client().DeleteScene("scenes/attic").ok());
+  calls_.open_error = 0;
+  EXPECT_FALSE(Exists("attic.slscene"));
+  Start();
+  ExpectError(client().GetScene("scenes/attic").status(), absl::StatusCode::kNotFound,
+              "SCENE_NOT_FOUND");
+  EXPECT_EQ(*Blocked(client(), "scenes/hall", 1.5), 1);
 }
 
 TEST_F(RepositoryTest, TheBudgetIsCheckedBeforeAnythingIsLoaded) {

@@ -88,7 +88,9 @@ TEST_F(FaultTest, DrainedUnderLoadItLosesNothingThatItAccepted) {
 // Clients that ask for far more than they read, and clients that vanish in the middle: others are
 // answered meanwhile, and what they leave behind is given back.
 TEST_F(FaultTest, StalledAndVanishingClientsCostBoundedMemory) {
-  ServingProcess server({tiles_.flag(), "--metrics-listen=127.0.0.1:0"});
+  // None of them is ended for being stalled.
+  ServingProcess server(
+      {tiles_.flag(), "--metrics-listen=127.0.0.1:0", "--max-stream-stall-seconds=3600"});
   TileLoad load(tiles_, {.address = server.address(), .clients = 1});
   load.WaitForAnswers(200);
   const uint64_t before = server.ResidentBytes();

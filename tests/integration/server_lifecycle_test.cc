@@ -2,7 +2,10 @@
 //
 // Starting, being found, being healthy, and stopping; the last as a process.
 #include <grpcpp/generic/generic_stub.h>
+#include <linux/capability.h>
 #include <signal.h>  // NOLINT(modernize-deprecated-headers): kill is POSIX, not in <csignal>.
+#include <sys/prctl.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -302,6 +305,23 @@ TEST(SightlinedTest, TheConfigurationIsCheckedAndPrinted) {
   EXPECT_TRUE(absl::StrContains(print.ReadUntil("threads: 3"), "good.yaml:1"));
   print.ReadUntil("no such line");
   EXPECT_EQ(print.Wait(), 0);
+}
+
+TEST(SightlinedTest, ARepositoryThatCannotBeWrittenIsWarnedAbout) {
+  const testing_support::TempDir dir;
+  ASSERT_EQ(::chmod(dir.path().c_str(), 0500), 0);
+  // Root may write anywhere, unless it gives that up.
+  const auto bound_by_modes = [] {
+    if (geteuid() == 0 && prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, 0, 0, 0) != 0) _exit(1);
+  };
+  const std::string warning = absl::StrCat("cannot write to the folder ", dir.path());
+  ServerProcess check({"--repository", dir.path(), "--check-config"}, bound_by_modes);
+  const std::string said = check.ReadThrough("the configuration is good");
+  EXPECT_TRUE(absl::StrContains(said, warning)) << said;
+  EXPECT_EQ(check.Wait(), 0);
+  ServerProcess server({"--repository", dir.path(), "--listen=127.0.0.1:0"}, bound_by_modes);
+  const std::string started = server.ReadThrough("event=serving");
+  EXPECT_TRUE(absl::StrContains(started, warning)) << started;
 }
 
 TEST(SightlinedTest, HelpAndVersion) {

@@ -2,8 +2,11 @@
 //
 // Uploads whose clients stall, bring too much, or are too many, and connections that nobody uses:
 // what they hold is bounded and comes back, whichever way they end.
+#include <atomic>
 #include <chrono>
+#include <filesystem>
 #include <functional>
+#include <future>
 #include <memory>
 #include <string>
 #include <thread>
@@ -14,6 +17,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/integration/server_harness.h"
+#include "tests/support/faulty_file_calls.h"
+#include "tests/support/temp_dir.h"
 #include "tests/support/until.h"
 
 namespace sightline {
@@ -200,6 +205,36 @@ TEST_F(UploadLimitsTest, TheServerLooksForStalledOnesByItself) {
   const auto scene = CreateScene();
   scene->Write(SceneHeaderOf("hall", 3));
   ExpectIdle(scene->Finish(), "max_upload_idle = 1 s");
+}
+
+// The client of a scene that is being stored when the server stops hears of no success, and nothing
+// is left of the file.
+TEST_F(UploadLimitsTest, AServerThatStopsGivesUpWhatItIsStoring) {
+  const testing_support::TempDir dir;
+  testing_support::FaultyFileCalls calls;
+  Start([&](ServerOptions* options) {
+    options->repository = dir.path();
+    options->files = &calls;
+  });
+  std::promise<void> storing, ended;
+  std::atomic<bool> first = true;
+  calls.on_write = [&, end = ended.get_future().share()] {
+    if (first.exchange(false)) storing.set_value();
+    end.wait();
+  };
+  grpc::Status made;
+  std::thread maker([&] {
+    v1::Scene scene;
+    made = harness_->CreateScene(WallUpload("wall"), &scene);
+    ended.set_value();
+  });
+  storing.get_future().wait();
+  harness_->server->Shutdown();
+  maker.join();
+  EXPECT_FALSE(made.ok());
+  EXPECT_EQ(harness_->server->active_calls(), 0u);
+  EXPECT_TRUE(std::filesystem::is_empty(dir.path()));
+  harness_.reset();  // Before the folder goes.
 }
 
 // One after the other is one at once, however soon the next follows and however the last one ended.

@@ -101,7 +101,9 @@ TEST(ClientNameTest, AnAddressIsAClientWhateverThePort) {
 class Listener : public DrainListener {
  public:
   void OnDrain() override { ++drains; }
+  void EndIfStalled(std::chrono::steady_clock::time_point now) override { asked = now; }
   int drains = 0;
+  std::chrono::steady_clock::time_point asked;
 };
 
 TEST(CallTrackerTest, DrainTellsListenersOnceAndRefusesNewCalls) {
@@ -115,6 +117,21 @@ TEST(CallTrackerTest, DrainTellsListenersOnceAndRefusesNewCalls) {
   const absl::Status refused = tracker.Admit().status();
   EXPECT_EQ(refused.code(), absl::StatusCode::kUnavailable);
   EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_DRAINING);
+}
+
+TEST(CallTrackerTest, SweepsAskTheListenersOfCallsUnderWay) {
+  CallTracker tracker;
+  const auto listener = std::make_shared<Listener>(), over = std::make_shared<Listener>();
+  const auto plain = tracker.Admit(), call = tracker.Admit(listener);
+  ASSERT_TRUE(tracker.Admit(over).ok());
+  const auto now = std::chrono::steady_clock::now();
+  tracker.Sweep(now);
+  EXPECT_EQ(listener->asked, now);
+  EXPECT_NE(over->asked, now);
+  // A drain has them to wait for.
+  tracker.StartDrain();
+  tracker.Sweep(now + std::chrono::seconds(1));
+  EXPECT_EQ(listener->asked, now + std::chrono::seconds(1));
 }
 
 TEST(CallTrackerTest, WhoWaitsForADrainHearsOfItOrOfItsDeadline) {

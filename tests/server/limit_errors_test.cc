@@ -133,7 +133,8 @@ std::vector<Case> Cases() {
   cases.push_back({"max_scene_bytes", catalog.CheckRoom("a", 10, 0, 9 << 20)});
   cases.push_back({"max_scene_bytes", catalog.SetAside(9 << 20)});
   cases.push_back(
-      {"max_triangles_per_scene", catalog.MakeBuiltinObjects("a", "builtin:sphere:1500").status()});
+      {"max_triangles_per_scene",
+       catalog.CreateBuiltin({.scene_id = "a", .builtin = "builtin:sphere:1500"}, {}).status()});
   const std::vector<ObjectInput> objects = {
       {.name = "o", .vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .indices = {0, 1, 2}}};
   EXPECT_TRUE(catalog.Create({.scene_id = "hall"}, objects, nullptr).ok());
@@ -194,6 +195,15 @@ TEST(LimitErrorsTest, EachNamesTheValueTheLimitAndARemedy) {
   }
 }
 
+TEST(LimitErrorsTest, AStalledStreamIsToldWhatItKeptWaiting) {
+  Limits limits;
+  limits.max_stream_stall_seconds = 7;
+  const absl::Status status = StreamStallError(limits);
+  EXPECT_EQ(status.code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_DEADLINE_EXCEEDED);
+  EXPECT_TRUE(absl::StrContains(status.message(), "max_stream_stall = 7 s")) << status;
+}
+
 // A new limit has a line above, or a reason why none is needed.
 TEST(LimitErrorsTest, NoLimitIsLeftOut) {
   const std::map<std::string, std::string> others = {
@@ -206,6 +216,7 @@ TEST(LimitErrorsTest, NoLimitIsLeftOut) {
       {"max_connections", "closes connections"},
       {"max_connections_per_address", "closes connections"},
       {"max_upload_idle_seconds", "DEADLINE_EXCEEDED, server_upload_limits_test.cc"},
+      {"max_stream_stall_seconds", "DEADLINE_EXCEEDED, server_stream_rules_test.cc"},
   };
   std::set<std::string> covered;
   for (const Case& c : Cases()) covered.insert(c.limit);

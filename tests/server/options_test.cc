@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/options.h"
 
+#include <cerrno>
 #include <set>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "server/machine_memory.h"
 #include "server/option_sources.h"
 #include "server/services/capability_service.h"
+#include "tests/support/faulty_file_calls.h"
 
 namespace sightline {
 namespace {
@@ -92,6 +94,23 @@ TEST(OptionsTest, TheRepository) {
   const absl::Status none = CheckOptions({.repository = "/no/such/folder"});
   EXPECT_EQ(none.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_TRUE(absl::StrContains(none.message(), "/no/such/folder")) << none;
+}
+
+TEST(OptionsTest, ARepositoryThatCannotBeWrittenIsForeseen) {
+  testing_support::FaultyFileCalls calls;
+  ServerOptions options;
+  options.files = &calls;
+  calls.access_error = EROFS;
+  EXPECT_TRUE(ForeseenTroubles(options).empty());
+  options.repository = "/";
+  EXPECT_TRUE(CheckOptions(options).ok());  // What is in it can be served.
+  const std::vector<std::string> troubles = ForeseenTroubles(options);
+  ASSERT_EQ(troubles.size(), 1u);
+  EXPECT_TRUE(absl::StrContains(troubles[0], "--repository: cannot write to the folder /"))
+      << troubles[0];
+  calls.access_error = 0;
+  calls.open_error = EACCES;
+  EXPECT_TRUE(ForeseenTroubles(options).empty());
 }
 
 TEST(OptionsTest, ErrorsNameTheFlagAndTheValue) {

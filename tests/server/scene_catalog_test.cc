@@ -11,6 +11,7 @@
 
 #include "core/base/folder.h"
 #include "core/base/parallel.h"
+#include "core/mesh/builtin/builtin.h"
 #include "core/scene/scene_file.h"
 #include "gtest/gtest.h"
 #include "server/admission/call_quota.h"
@@ -28,36 +29,78 @@ TEST(SceneCatalogTest, ABuiltinSceneIsMadeOnlyWhereThereIsRoomForIt) {
   limits.max_scene_bytes = 32 << 20;
   ThreadPool pool(1);
   SceneCatalog catalog(limits, pool);
-  const absl::StatusOr<std::vector<ObjectInput>> small =
-      catalog.MakeBuiltinObjects("a", "builtin:box:1000");
-  ASSERT_TRUE(small.ok()) << small.status();
-  ASSERT_TRUE(catalog.Create({.scene_id = "a"}, *small, nullptr).ok());
+  const auto create = [&](const std::string& id, const std::string& spec) {
+    return catalog.CreateBuiltin({.scene_id = id, .builtin = spec}, nullptr).status();
+  };
+  const absl::Status small = create("a", "builtin:box:1000");
+  ASSERT_TRUE(small.ok()) << small;
   // The city has a million unless told otherwise.
   for (const char* const spec : {"builtin:sphere:1M", "builtin:city"}) {
-    const absl::Status status = catalog.MakeBuiltinObjects("b", spec).status();
+    const absl::Status status = create("b", spec);
     EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
     EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
   }
-  EXPECT_EQ(ReasonOf(catalog.MakeBuiltinObjects("a", "builtin:box:1000").status()),
-            v1::ERROR_REASON_ALREADY_EXISTS);
+  EXPECT_EQ(ReasonOf(create("a", "builtin:box:1000")), v1::ERROR_REASON_ALREADY_EXISTS);
+  EXPECT_EQ(catalog.MemoryBytes(), catalog.Get("a")->status.latest->report.memory_bytes);
+}
+
+// A catalog that tells a test of what is set aside.
+class WatchedCatalog final : public SceneCatalog {
+ public:
+  using SceneCatalog::SceneCatalog;
+  absl::Status SetAside(uint64_t bytes) override {
+    const absl::Status status = SceneCatalog::SetAside(bytes);
+    if (status.ok()) on_set_aside(bytes);
+    return status;
+  }
+  std::function<void(uint64_t)> on_set_aside = [](uint64_t) {};
+};
+
+TEST(SceneCatalogTest, BuiltinScenesThatAreMadeAtOnceShareTheBudget) {
+  ThreadPool pool(1);
+  const auto create = [](SceneCatalog& catalog, const std::string& id) {
+    return catalog.CreateBuiltin({.scene_id = id, .builtin = "builtin:sphere:20000"}, nullptr)
+        .status();
+  };
+  uint64_t one = 0;
+  int times = 0;
+  {
+    WatchedCatalog catalog(Limits(), pool);
+    catalog.on_set_aside = [&](uint64_t bytes) { one += bytes, ++times; };
+    const absl::Status made = create(catalog, "a");
+    ASSERT_TRUE(made.ok()) << made;
+  }
+  ASSERT_GT(one, 20'000u * 100);  // A scene has more of each triangle.
+  Limits limits;
+  limits.max_scene_bytes = 2 * one - 1;
+  WatchedCatalog catalog(limits, pool);
+  absl::Status beside = absl::UnknownError("not asked");
+  // Another one, when the first has been let in, and before any of it is made.
+  catalog.on_set_aside = [&](uint64_t) {
+    if (--times == 0) beside = create(catalog, "b");
+  };
+  const absl::Status made = create(catalog, "a");
+  ASSERT_TRUE(made.ok()) << made;
+  EXPECT_EQ(ReasonOf(beside), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET) << beside;
+  EXPECT_EQ(catalog.MemoryBytes(), catalog.Get("a")->status.latest->report.memory_bytes);
+  const absl::Status after = create(catalog, "b");
+  EXPECT_TRUE(after.ok()) << after;
 }
 
 TEST(SceneCatalogTest, AFirstRevisionSaysWhichBuiltinSceneItIs) {
   ThreadPool pool(1);
   SceneCatalog catalog(Limits(), pool);
-  const auto objects = catalog.MakeBuiltinObjects("a", "builtin:box:1k");
-  ASSERT_TRUE(objects.ok()) << objects.status();
-  const auto made =
-      catalog.Create({.scene_id = "a", .builtin = "builtin:box:1k"}, *objects, nullptr);
+  const std::vector<ObjectInput> objects = MakeBuiltin(*ParseBuiltin("box:1k"))->objects;
+  const auto made = catalog.CreateBuiltin({.scene_id = "a", .builtin = "builtin:box:1k"}, nullptr);
   ASSERT_TRUE(made.ok()) << made.status();
   EXPECT_EQ(made->builtin, "builtin:box:1000,seed=1");
   v1::Scene encoded;
   EncodeScene(*made, &encoded);
   EXPECT_EQ(encoded.builtin_spec(), "builtin:box:1000,seed=1");
   // What is uploaded is what it is, the same triangles or not.
-  EXPECT_EQ(catalog.Create({.scene_id = "b"}, *objects, nullptr)->builtin, "");
+  EXPECT_EQ(catalog.Create({.scene_id = "b"}, objects, nullptr)->builtin, "");
   const SceneEdit edit{.kind = SceneEdit::Kind::kRemove,
-                       .object = ObjectInput{.name = objects->front().name}};
+                       .object = ObjectInput{.name = objects.front().name}};
   const auto edited = catalog.Edit({.scene_id = "a"}, {&edit, 1}, nullptr);
   ASSERT_TRUE(edited.ok()) << edited.status();
   EXPECT_EQ(edited->builtin, "");
@@ -86,9 +129,8 @@ TEST(SceneCatalogTest, AnEditIsRefusedAsSoonAsItAnnouncesTooMuch) {
   limits.max_bytes_per_scene = 16 << 20;
   ThreadPool pool(1);
   SceneCatalog catalog(limits, pool);
-  const auto objects = catalog.MakeBuiltinObjects("a", "builtin:box:50000");
-  ASSERT_TRUE(objects.ok()) << objects.status();
-  ASSERT_TRUE(catalog.Create({.scene_id = "a"}, *objects, nullptr).ok());
+  ASSERT_TRUE(
+      catalog.CreateBuiltin({.scene_id = "a", .builtin = "builtin:box:50000"}, nullptr).ok());
   EXPECT_TRUE(catalog.CheckEditRoom("a", 1000, 3000).ok());
   EXPECT_EQ(ReasonOf(catalog.CheckEditRoom("a", 100'000, 50'000)),
             v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
@@ -311,6 +353,23 @@ TEST_F(StoredScenesTest, FilesThatAreReadTakeAFaultOfTheDiskForAnError) {
   calls_.read_error = 0;
   ASSERT_TRUE(catalog.Load("attic", nullptr).ok());
   ExpectSound(catalog, "hall");
+}
+
+TEST_F(StoredScenesTest, AServerThatStopsLeavesNoHalfWrittenFile) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  calls_.on_write = [&] { catalog.StopStoring(); };
+  const absl::StatusOr<SceneView> made = catalog.Create({.scene_id = "a"}, {&object_, 1}, nullptr);
+  ASSERT_TRUE(made.ok()) << made.status();  // It serves.
+  EXPECT_FALSE(made->status.kept);
+  EXPECT_EQ(ReasonOf(made->status.keep_error), v1::ERROR_REASON_CANCELLED)
+      << made->status.keep_error;
+  size_t files = 0;
+  for (const auto& file : std::filesystem::directory_iterator(dir_.path())) {
+    EXPECT_EQ(file.path().extension(), ".slscene") << file.path();
+    ++files;
+  }
+  EXPECT_EQ(files, 3u);
+  EXPECT_FALSE(Exists("a"));
 }
 
 TEST_F(StoredScenesTest, TheBudgetIsAskedBeforeAFileIsRead) {

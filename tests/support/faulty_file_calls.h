@@ -53,7 +53,7 @@ class FaultyFileCalls final : public FileCalls {
  public:
   // errno values; 0: no fault.
   std::atomic<int> open_error{0}, write_error{0}, sync_error{0}, rename_error{0}, unlink_error{0},
-      map_error{0}, read_error{0};
+      map_error{0}, read_error{0}, stat_error{0}, access_error{0};
   // Calls that still succeed before the fault sets in.
   std::atomic<int> writes_before_fault{0}, syncs_before_fault{0}, reads_before_fault{0};
   // The most bytes that a write takes; 0: as many as it likes.
@@ -61,14 +61,15 @@ class FaultyFileCalls final : public FileCalls {
   std::atomic<size_t> short_read{0};  // The most that a read gives.
   // Writes that are interrupted before one goes through.
   std::atomic<int> interrupts{0};
-  // Called at the beginning of every Map and every UnlinkAt.
-  FileCallHook on_map, on_unlink;
+  // Called at the beginning of every Map, every UnlinkAt and every Write.
+  FileCallHook on_map, on_unlink, on_write;
 
   int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
     if (open_error != 0) return Fail(open_error);
     return FileCalls::OpenAt(folder, name, flags, mode);
   }
   ssize_t Write(int file, const void* data, size_t bytes) override {
+    on_write();
     if (interrupts > 0) {
       --interrupts;
       return Fail(EINTR);
@@ -89,6 +90,14 @@ class FaultyFileCalls final : public FileCalls {
   int Sync(int file) override {
     if (sync_error != 0 && syncs_before_fault-- <= 0) return Fail(sync_error);
     return FileCalls::Sync(file);
+  }
+  int StatAt(int folder, const char* name, struct stat* status) override {
+    if (stat_error != 0) return Fail(stat_error);
+    return FileCalls::StatAt(folder, name, status);
+  }
+  int AccessAt(int folder, const char* name, int mode) override {
+    if (access_error != 0) return Fail(access_error);
+    return FileCalls::AccessAt(folder, name, mode);
   }
   int RenameAt(int folder, const char* from, const char* to) override {
     if (rename_error != 0) return Fail(rename_error);

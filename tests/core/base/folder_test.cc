@@ -64,6 +64,15 @@ TEST_F(FolderTest, MapsAndListsPlainFiles) {
   EXPECT_TRUE((*empty)->bytes().empty());
 }
 
+TEST_F(FolderTest, TellsWhetherItCanBeWritten) {
+  const Folder folder = Open();
+  EXPECT_TRUE(folder.CheckWritable().ok());
+  calls_.access_error = EROFS;
+  const absl::Status status = folder.CheckWritable();
+  EXPECT_EQ(status.code(), absl::StatusCode::kPermissionDenied) << status;
+  EXPECT_THAT(status.message(), HasSubstr("cannot write to the folder " + dir_.path()));
+}
+
 TEST_F(FolderTest, NothingOutsideCanBeNamed) {
   TempDir other;
   std::ofstream(other.File("secret")) << "secret";

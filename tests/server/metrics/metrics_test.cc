@@ -76,11 +76,14 @@ TEST(MetricsTest, TheStateIsThatOfTheMoment) {
   state.refused_connections = 2;
   state.scenes = {{.id = "hall", .revision = 4, .bytes = 1000, .triangles = 12}};
   state.draining = true;
+  state.unstored_scenes = 1;
+  state.failed_scene_stores = 5;
   const std::string text = metrics.Text();
   for (const char* line :
        {"sightline_pending_rays 4096", "sightline_open_connections 3", "sightline_scenes 1",
         "sightline_refused_connections_total 2", "sightline_scene_bytes{scene=\"hall\"} 1000",
-        "sightline_scene_revision{scene=\"hall\"} 4", "sightline_draining 1"}) {
+        "sightline_scene_revision{scene=\"hall\"} 4", "sightline_draining 1",
+        "sightline_unstored_scenes 1", "sightline_failed_scene_stores_total 5"}) {
     EXPECT_THAT(text, HasSubstr(std::string(line) + "\n"));
   }
   EXPECT_THAT(text, HasSubstr("sightline_build_info{version=\""));
