@@ -109,14 +109,17 @@ Settings FromEnvironment(const char* const* environment, std::vector<std::string
                                   [](const std::string& n) { return VariableOf(n); })));
       continue;
     }
-    Setting& setting = settings[option];
-    setting.origin = absl::StrCat(kPrefix, name);
     const std::string value(line.substr(equals + 1));
-    if (option->repeated) {
-      setting.values = absl::StrSplit(value, ' ', absl::SkipEmpty());
-    } else {
-      setting.values = {value};
+    Setting setting{.values = {value}, .origin = absl::StrCat(kPrefix, name)};
+    if (option->repeated) setting.values = absl::StrSplit(value, ' ', absl::SkipEmpty());
+    if (value.empty() || setting.values.empty()) {
+      // Deployments write VARIABLE=${OTHER} for what is not set: that should not put a file's access
+      // rules out of force.
+      warnings->push_back(
+          absl::StrCat("the variable ", setting.origin, " is empty and is ignored"));
+      continue;
     }
+    settings[option] = std::move(setting);
   }
   return settings;
 }
