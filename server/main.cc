@@ -10,6 +10,8 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -59,6 +61,24 @@ class StopWhileStarting {
 constexpr int kExitUsage = 64;
 constexpr int kExitUnavailable = 69;
 constexpr int kExitSoftware = 70;
+
+// What SIGHUP asks for. Some expect it to read the configuration again, so the log says what it did.
+void Reload(const ServerOptions& options, Server& server) {
+  constexpr char kConfiguration[] = "as at the start; to have it read again, restart";
+  if (options.tls.certificate.empty() && options.access_file.empty()) {
+    Log(LogLevel::kWarning, "nothing_to_reload",
+        {{"why", "no --tls-cert and no --access-file"}, {"configuration", kConfiguration}});
+    return;
+  }
+  if (!server.ReloadSecurity().ok()) return;  // It has said what was wrong.
+  std::vector<std::string> files;
+  for (const std::string& file :
+       {options.tls.certificate, options.tls.key, options.tls.client_ca, options.access_file}) {
+    if (!file.empty()) files.push_back(file);
+  }
+  Log(LogLevel::kInfo, "reloaded",
+      {{"files", absl::StrJoin(files, ",")}, {"configuration", kConfiguration}});
+}
 
 int Run(int argc, char** argv) {
   const absl::StatusOr<ParsedOptions> parsed = ReadOptions(argc, argv, environ);
@@ -113,6 +133,10 @@ int Run(int argc, char** argv) {
   }
   if (!status.ok()) {
     Log(LogLevel::kError, "start_failed", {{"status", status.ToString()}});
+    // An exit code alone would leave whoever wants no log in the dark.
+    if (options.log_level == LogLevel::kOff) {
+      std::fprintf(stderr, "sightlined: %s\n", std::string(status.message()).c_str());
+    }
     return kExitUnavailable;
   }
   Log(LogLevel::kInfo, "serving",
@@ -123,7 +147,7 @@ int Run(int argc, char** argv) {
 
   int signal = 0;
   while (sigwait(&signals, &signal) == 0 && signal == SIGHUP) {
-    if ((*server)->ReloadSecurity().ok()) Log(LogLevel::kInfo, "reloaded");
+    Reload(options, **server);
   }
   // A second signal ends the process at once; SIGHUP has nothing more to say.
   sigdelset(&signals, SIGHUP);

@@ -288,6 +288,17 @@ TEST(SightlinedTest, WrongFlagsAreAUsageError) {
   EXPECT_EQ(process.Wait(), 64);
 }
 
+// Whoever wants no log is told all the same.
+TEST(SightlinedTest, WhyItDoesNotStartIsSaidWithoutALog) {
+  const ServerHarness other;
+  const std::string address = absl::StrCat("127.0.0.1:", other.server->port());
+  ServerProcess process({"--listen", address, "--log-level=off"});
+  const std::string said = process.ReadThrough("no such line");
+  EXPECT_EQ(said,
+            absl::StrCat("sightlined: cannot listen on ", address, ": Address already in use\n"));
+  EXPECT_EQ(process.Wait(), 69);
+}
+
 TEST(SightlinedTest, TheConfigurationIsCheckedAndPrinted) {
   const testing_support::TempDir dir;
   std::ofstream(dir.File("good.yaml")) << "threads: 3\n";
