@@ -100,6 +100,7 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   SL_RETURN_IF_ERROR(server->ServeHttp());
   SL_RETURN_IF_ERROR(server->MakeScenes());
   SL_RETURN_IF_ERROR(server->Listen());
+  server->listening_ = true;
   server->serving_ = true;
   const absl::Duration idle = absl::Seconds(options.limits.max_upload_idle_seconds);
   server->sweeper_ = std::make_unique<PeriodicTask>(std::min(kSweepPeriod, idle / kLooksWithinIdle),
@@ -188,7 +189,7 @@ ServerState Server::StateNow() {
   state.waiting_tasks = load.waiting_tasks;
   state.running_tasks = static_cast<uint64_t>(load.running_tasks);
   state.rays_per_second = load.rays_per_second;
-  if (serving_) {
+  if (listening_) {
     const AcceptLoop::Counts connections = door_->counts();
     state.open_connections = connections.open;
     state.accepted_connections = connections.accepted;

@@ -127,8 +127,9 @@ class Server {
   std::unique_ptr<FrontDoor> door_;  // Outlives the gRPC server.
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<PeriodicTask> sweeper_, reloader_;
-  std::atomic<bool> serving_ = false;  // From the bound port until new calls are refused.
-  std::atomic<bool> leaving_ = false;  // From the beginning of a drain.
+  std::atomic<bool> listening_ = false;  // From the bound port on, for good: what door_ counted.
+  std::atomic<bool> serving_ = false;    // From the bound port until new calls are refused.
+  std::atomic<bool> leaving_ = false;    // From the beginning of a drain.
   std::atomic<uint64_t> reloads_ = 0, failed_reloads_ = 0;
   std::unique_ptr<HttpEndpoint> http_;
   Mutex shutdown_mutex_;
