@@ -26,6 +26,9 @@ namespace {
 // Names that the health service may come to know, for each scene that there may be at once: enough
 // for a few generations of names, and about a hundred bytes each.
 constexpr size_t kHealthNamesPerScene = 4;
+// Of those for scenes that are stored and not loaded at the start: the others are left for scenes
+// that are made.
+constexpr size_t kStoredNamesPerScene = 2;
 constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
 // Uploads are looked at so many times within what they may wait: none waits much longer.
 constexpr int kLooksWithinIdle = 4;
@@ -268,6 +271,7 @@ absl::Status Server::Listen() {
     ReportHealth(view);
   });
   for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) ReportHealth(view);
+  if (repository_ != nullptr) ReportStoredHealth();
   door_->Start();
   return absl::OkStatus();
 }
@@ -293,14 +297,37 @@ absl::Status Server::ReloadSecurity() {
 }
 
 void Server::ReportHealth(const SceneView& view) {
+  const std::string& name = view.status.name;
   // A deleted scene stays known as NOT_SERVING: the health service cannot forget a name.
-  if (!health_names_.Take(view)) return;
+  bool known = health_names_.Take(view);
+  if (!known && view.status.state == SceneState::kFailed && repository_ != nullptr) {
+    // A load that failed, of a file that came after the start; or else nothing was ever there.
+    known = repository_->Has(name) && health_names_.TakeStored(name);
+  }
+  if (known) SetHealth(name);
+}
+
+// Those that were not loaded, or could not be, are as much as those that fail later.
+void Server::ReportStoredHealth() {
+  const absl::StatusOr<std::vector<StoredScene>> stored =
+      scenes_.ListStored("", kStoredNamesPerScene * options_.limits.max_scenes);
+  if (!stored.ok()) {
+    Log(LogLevel::kWarning, "stored_scenes_without_health",
+        {{"status", stored.status().ToString()}});
+    return;
+  }
+  for (const StoredScene& scene : *stored) {
+    if (health_names_.TakeStored(scene.file.scene_id)) SetHealth(scene.file.scene_id);
+  }
+}
+
+void Server::SetHealth(const std::string& scene_id) {
   // As it is now: of changes that several threads tell of at once, the last to be heard need not be
   // the latest.
   MutexLock lock(health_mutex_);
-  const absl::StatusOr<SceneView> now = scenes_.Get(view.status.name);
+  const absl::StatusOr<SceneView> now = scenes_.Get(scene_id);
   const bool serving = now.ok() && now->status.latest != nullptr && !calls_.draining();
-  server_->GetHealthCheckService()->SetServingStatus(SceneName(view.status.name), serving);
+  server_->GetHealthCheckService()->SetServingStatus(SceneName(scene_id), serving);
 }
 
 std::shared_ptr<grpc::Channel> Server::InProcessChannel(const grpc::ChannelArguments& arguments) {

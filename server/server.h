@@ -100,6 +100,8 @@ class Server {
   HttpReply Livez();
   HttpReply Readyz() const;
   void ReportHealth(const SceneView& view) ABSL_LOCKS_EXCLUDED(health_mutex_);
+  void ReportStoredHealth() ABSL_LOCKS_EXCLUDED(health_mutex_);
+  void SetHealth(const std::string& scene_id) ABSL_LOCKS_EXCLUDED(health_mutex_);
   void Leave();
   void ShutdownWithin(absl::Duration timeout);
 

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -82,6 +83,14 @@ TEST(LifecycleTest, HealthDoesNotGrowWithTheScenesThatWere) {
   EXPECT_EQ(Health(harness.channel, scene.name()), -1);
   const std::string id = scene.name().substr(std::string("scenes/").size());
   ASSERT_TRUE(harness.server->scenes().Delete(id).ok());
+  // Nor of those that never came to be.
+  for (const char* name : {"u", "v", "w", "x", "y"}) {
+    auto flat = WallUpload(name);
+    std::string* const vertices = flat[2].mutable_chunk()->mutable_vertices_f64();
+    vertices->assign(vertices->size(), '\0');
+    EXPECT_FALSE(harness.CreateScene(flat, &scene).ok());
+    EXPECT_EQ(Health(harness.channel, absl::StrCat("scenes/", name)), -1) << name;
+  }
   for (const auto& [name, health] :
        {std::pair("a", 1), {"b", 1}, {"c", 1}, {"d", 1}, {"e", -1}, {"a", 1}}) {
     ASSERT_TRUE(harness.CreateScene(WallUpload(name), &scene).ok());
@@ -238,6 +247,37 @@ TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
   EXPECT_EQ(ReasonIn(stream->Finish()), "DRAINING");
   EXPECT_EQ(process.Wait(), 0);
   EXPECT_FALSE(std::ifstream(port_file).good());
+}
+
+TEST(SightlinedTest, TheFirstSceneWithoutAHealthIsWarnedAbout) {
+  ServerProcess process({"--scene=box=builtin:box:1000", "--max-scenes=2"});
+  const std::string serving = process.ReadUntil("event=serving");
+  const size_t at = serving.find("port=");
+  ASSERT_NE(at, std::string::npos) << serving;
+  const auto channel =
+      grpc::CreateChannel(absl::StrCat("127.0.0.1:", std::atoi(serving.c_str() + at + 5)),
+                          grpc::InsecureChannelCredentials());
+  const auto stub = v1::SceneService::NewStub(channel);
+  for (int i = 1; i <= 9; ++i) {
+    const std::string id = absl::StrCat("s", i);
+    v1::Scene scene;
+    grpc::ClientContext creating, deleting;
+    const auto writer = stub->CreateScene(&creating, &scene);
+    for (const auto& message : WallUpload(id)) writer->Write(message);
+    writer->WritesDone();
+    ASSERT_TRUE(writer->Finish().ok()) << id;
+    EXPECT_EQ(Health(channel, absl::StrCat("scenes/", id)), i < 8 ? 1 : -1) << id;
+    v1::DeleteSceneRequest request;
+    request.set_name(absl::StrCat("scenes/", id));
+    google::protobuf::Empty nothing;
+    ASSERT_TRUE(stub->DeleteScene(&deleting, request, &nothing).ok()) << id;
+  }
+  process.Signal(SIGTERM);
+  const std::string log = process.ReadThrough("event=stopped");
+  const size_t told = log.find("level=warning event=health_names_full");
+  ASSERT_NE(told, std::string::npos) << log;
+  EXPECT_TRUE(absl::StrContains(log, "without_health=scenes/s8")) << log;
+  EXPECT_EQ(log.find("event=health_names_full", told + 20), std::string::npos) << log;
 }
 
 TEST(SightlinedTest, MetricsForEverybodyAreWarnedAbout) {
