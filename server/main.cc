@@ -100,7 +100,11 @@ int Run(int argc, char** argv) {
   }
   if (parsed->print_config) std::fputs(ConfigText(*parsed).c_str(), stdout);
   if (parsed->check_config || parsed->print_config) {
-    for (const std::string& warning : parsed->warnings) {
+    std::vector<std::string> warnings = parsed->warnings;
+    for (std::string& warning : StoredInstead(parsed->options)) {
+      warnings.push_back(std::move(warning));
+    }
+    for (const std::string& warning : warnings) {
       std::fprintf(stderr, "sightlined: %s\n", warning.c_str());
     }
     if (parsed->check_config) std::fputs("the configuration is good\n", stderr);

@@ -136,7 +136,9 @@ std::vector<Option> MakeTable() {
          return absl::OkStatus();
        }},
       {"scene", "[ID=]builtin:NAME[:TRIANGLES][,seed=N]",
-       "a scene to make before listening; may be given more than once", "none",
+       "a scene to make before listening, unless the repository has one of its name; may be given "
+       "more than once",
+       "none",
        [](absl::string_view value, ParsedOptions* out) {
          out->options.scenes.emplace_back(value);
          return absl::OkStatus();
@@ -310,10 +312,31 @@ absl::StatusOr<SceneOption> ParseSceneOption(absl::string_view text) {
   return scene;
 }
 
+std::vector<std::string> StoredInstead(const ServerOptions& options) {
+  std::vector<std::string> warnings;
+  if (options.repository.empty()) return warnings;
+  const absl::StatusOr<Folder> folder = Folder::Open(options.repository, *options.files);
+  for (const std::string& text : options.scenes) {
+    const absl::StatusOr<SceneOption> scene = ParseSceneOption(text);
+    if (!folder.ok() || !scene.ok()) continue;
+    const std::string file = absl::StrCat(scene->id, kSceneFileEnding);
+    if (!folder->Stamp(file).ok()) continue;
+    warnings.push_back(absl::StrCat("--scene = ", text, " is left out: the repository has ", file,
+                                    ", which stays"));
+  }
+  return warnings;
+}
+
 absl::Status CheckOptions(const ServerOptions& options) {
   SL_RETURN_IF_ERROR(ValidateLimits(options.limits));
+  std::map<std::string, std::string> scenes;  // Options by their ids.
   for (const std::string& text : options.scenes) {
-    SL_RETURN_IF_ERROR(ParseSceneOption(text).status());
+    SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(text));
+    const auto [first, inserted] = scenes.emplace(scene.id, text);
+    if (inserted) continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat("--scene = \"", text, "\": the name ", scene.id, " is that of --scene = \"",
+                     first->second, "\", too; write ID=builtin:... to give it another"));
   }
   if (!options.repository.empty()) {
     const absl::Status folder = Folder::Open(options.repository, *options.files).status();

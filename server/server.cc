@@ -131,17 +131,31 @@ absl::Status Server::MakeScenes() {
   }
   for (const std::string& option : options_.scenes) {
     SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(option));
-    SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects,
-                        scenes_.MakeBuiltinObjects(scene.id, scene.spec));
-    SL_ASSIGN_OR_RETURN(
-        const SceneView view,
-        scenes_.Create({.scene_id = scene.id, .temporary = true, .builtin = scene.spec}, objects,
-                       nullptr));
+    const absl::StatusOr<SceneView> view = MakeScene(scene);
+    if (absl::IsAlreadyExists(view.status())) {
+      // The names of the options differ, so the repository has it: somebody stored it since the
+      // option was written, which should not keep a server from starting again.
+      Log(LogLevel::kWarning, "scene_left_out",
+          {{"option", absl::StrCat("--scene = ", option)},
+           {"why", absl::StrCat(view.status().message(), "; the stored one stays")}});
+      continue;
+    }
+    if (!view.ok()) {
+      return absl::Status(view.status().code(),
+                          absl::StrCat("--scene = \"", option, "\": ", view.status().message()));
+    }
     Log(LogLevel::kInfo, "scene_created",
         {{"scene", scene.id},
-         {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});
+         {"triangles", absl::StrCat(view->status.latest->geometry.triangles.size())}});
   }
   return absl::OkStatus();
+}
+
+absl::StatusOr<SceneView> Server::MakeScene(const SceneOption& scene) {
+  SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects,
+                      scenes_.MakeBuiltinObjects(scene.id, scene.spec));
+  return scenes_.Create({.scene_id = scene.id, .temporary = true, .builtin = scene.spec}, objects,
+                        nullptr);
 }
 
 absl::Status Server::ServeHttp() {

@@ -56,8 +56,9 @@ namespace sightline {
 class Server {
  public:
   // Loads the repository and makes the scenes of the options, binds, and serves. A stored scene
-  // that cannot be loaded keeps nothing from being served. InvalidArgument (options), Unavailable
-  // (the address cannot be bound), and what opening the repository or making a scene returns.
+  // that cannot be loaded keeps nothing from being served, and one with the name of an option's
+  // stays in its place. InvalidArgument (options), Unavailable (the address cannot be bound), and
+  // what opening the repository or making a scene returns.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   ~Server();
   Server(const Server&) = delete;
@@ -93,6 +94,7 @@ class Server {
   Server(const ServerOptions& options, std::unique_ptr<SceneRepository> repository);
 
   absl::Status MakeScenes();
+  absl::StatusOr<SceneView> MakeScene(const SceneOption& scene);
   absl::Status ServeHttp();
   absl::Status Listen();
   ServerState StateNow();

@@ -188,6 +188,14 @@ TEST(LifecycleTest, BadOptionsDoNotStart) {
   ServerOptions options;
   options.scenes = {"builtin:nothing"};
   EXPECT_EQ(Server::Start(options).status().code(), absl::StatusCode::kInvalidArgument);
+  // What the limits say of a scene names the option.
+  options.scenes = {"builtin:box:1000"};
+  options.limits.max_triangles_per_scene = 100;
+  const absl::Status large = Server::Start(options).status();
+  EXPECT_EQ(large.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_TRUE(absl::StrContains(large.message(), "--scene = \"builtin:box:1000\": ")) << large;
+  EXPECT_TRUE(absl::StrContains(large.message(), "max_triangles_per_scene")) << large;
+  options.limits = Limits();
   options.scenes.clear();
   options.limits.max_message_bytes = 1;
   EXPECT_EQ(Server::Start(options).status().code(), absl::StatusCode::kInvalidArgument);

@@ -255,6 +255,12 @@ TEST_F(OptionSourcesTest, WhatTheOptionsNameIsChecked) {
     options.scenes = {scene};
     EXPECT_EQ(CheckOptions(options).code(), absl::StatusCode::kInvalidArgument) << scene;
   }
+  // A name for two.
+  options.scenes = {"builtin:hall:30k", "builtin:box", "hall=builtin:box"};
+  const absl::Status twice = CheckOptions(options);
+  EXPECT_EQ(twice.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(twice.message()), HasSubstr("\"hall=builtin:box\": the name hall"));
+  EXPECT_THAT(std::string(twice.message()), HasSubstr("\"builtin:hall:30k\""));
 }
 
 }  // namespace
