@@ -144,7 +144,12 @@ absl::StatusOr<Settings> FromFile(const std::string& path) {
       return absl::InvalidArgumentError(
           absl::StrCat(origin, ": \"", entry.key, "\" wants one value, not a list"));
     }
-    settings[option] = {entry.values, absl::StrCat(origin, ": ", name)};
+    const Setting setting{.values = entry.values, .origin = absl::StrCat(origin, ": ", name)};
+    const auto [first, inserted] = settings.emplace(option, setting);
+    if (inserted) continue;
+    // By another spelling: the file itself has no key twice.
+    return absl::InvalidArgumentError(
+        absl::StrCat(origin, ": \"", entry.key, "\" is given already, at ", first->second.origin));
   }
   return settings;
 }

@@ -143,6 +143,8 @@ TEST_F(OptionSourcesTest, ErrorsNameTheSource) {
   // What a stronger source decides is not looked at, however wrong.
   EXPECT_TRUE(Read({"--config", file, "--threads=2"}).ok());
   EXPECT_THAT(ErrorOf(Read({"--config", Config("threads: [1, 2]\n")})), HasSubstr("not a list"));
+  EXPECT_THAT(ErrorOf(Read({"--config", Config("max-scenes: 1\nmax_scenes: 2\n")})),
+              HasSubstr(file + ":2: \"max_scenes\" is given already, at " + file + ":1"));
   EXPECT_THAT(ErrorOf(Read({"--config", Config("version: yes\n")})), HasSubstr("command line"));
   EXPECT_THAT(ErrorOf(Read({"--config", Config("config: x\n")})), HasSubstr("command line"));
 }
@@ -208,7 +210,7 @@ TEST_F(OptionSourcesTest, TheConfigTextOfEveryOptionIsRead) {
     }
   }
   for (const std::string& text : awkward) {
-    flags.push_back("--port-file=" + text);  // The last one counts.
+    flags.push_back(absl::StrCat("--port-file=", text));  // The last one counts.
     const absl::StatusOr<ParsedOptions> first = Read(flags);
     ASSERT_TRUE(first.ok()) << first.status();
     const std::string printed = ConfigText(*first);
