@@ -2,6 +2,8 @@
 #include "server/options.h"
 
 #include <algorithm>
+#include <map>
+#include <set>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -266,6 +268,32 @@ std::vector<Option> MakeTable() {
   return table;
 }
 
+absl::Status CheckListen(const ServerOptions& options) {
+  const auto check = [](absl::string_view name, const std::string& text) {
+    const absl::Status status = ParseListenAddress(text).status();
+    if (status.ok()) return status;
+    return absl::Status(status.code(), absl::StrCat("--", name, " = ", status.message()));
+  };
+  std::set<std::string> taken;
+  // The kernel would say that the port is in use, as if it were by another process.
+  const auto take = [&taken](absl::string_view name, const std::string& text) {
+    if (absl::EndsWith(text, ":0") || taken.insert(text).second) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrCat("--", name, " = \"", text, "\": is given twice, and can be bound once"));
+  };
+  for (const std::string& text : options.listen) {
+    SL_RETURN_IF_ERROR(check("listen", text));
+    SL_RETURN_IF_ERROR(take("listen", text));
+  }
+  if (options.metrics_listen.empty()) return absl::OkStatus();
+  SL_RETURN_IF_ERROR(check("metrics-listen", options.metrics_listen));
+  if (absl::StartsWith(options.metrics_listen, "unix:")) {
+    return absl::InvalidArgumentError(absl::StrCat("--metrics-listen = \"", options.metrics_listen,
+                                                   "\": must be HOST:PORT, not a Unix socket"));
+  }
+  return take("metrics-listen", options.metrics_listen);
+}
+
 absl::Status CheckSecurity(const ServerOptions& options) {
   const TlsFiles& tls = options.tls;
   if (tls.certificate.empty() != tls.key.empty()) {
@@ -305,7 +333,10 @@ absl::StatusOr<SceneOption> ParseSceneOption(absl::string_view text) {
     return absl::InvalidArgumentError(
         absl::StrCat("--scene = \"", text, "\": must be [ID=]builtin:NAME[:TRIANGLES][,seed=N]"));
   }
-  SL_RETURN_IF_ERROR(ParseBuiltin(std::string(spec)).status());
+  if (const absl::Status builtin = ParseBuiltin(std::string(spec)).status(); !builtin.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--scene = \"", text, "\": ", builtin.message()));
+  }
   // Without an id: the built-in's own name.
   scene.id = std::string(named ? text.substr(0, equals) : spec.substr(0, spec.find_first_of(":,")));
   SL_RETURN_IF_ERROR(CheckId("--scene", scene.id));
@@ -344,17 +375,7 @@ absl::Status CheckOptions(const ServerOptions& options) {
       return absl::InvalidArgumentError(absl::StrCat("--repository = ", folder.message()));
     }
   }
-  for (const std::string& text : options.listen) {
-    SL_RETURN_IF_ERROR(ParseListenAddress(text).status());
-  }
-  if (!options.metrics_listen.empty()) {
-    SL_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.metrics_listen));
-    if (!address.unix_path.empty()) {
-      return absl::InvalidArgumentError(absl::StrCat("--metrics-listen = \"",
-                                                     options.metrics_listen,
-                                                     "\": must be HOST:PORT, not a Unix socket"));
-    }
-  }
+  SL_RETURN_IF_ERROR(CheckListen(options));
   return CheckSecurity(options);
 }
 
