@@ -153,7 +153,10 @@ int Run(int argc, char** argv) {
   while (sigwait(&signals, &signal) == 0 && signal == SIGHUP) {
     Reload(options, **server);
   }
-  // A second signal ends the process at once; SIGHUP has nothing more to say.
+  // A second signal ends the process at once, also where a shell that started it in the background
+  // has SIGINT ignored; SIGHUP has nothing more to say.
+  std::signal(SIGINT, SIG_DFL);
+  std::signal(SIGTERM, SIG_DFL);
   sigdelset(&signals, SIGHUP);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   Log(LogLevel::kInfo, "signal", {{"signal", absl::StrCat(signal)}});

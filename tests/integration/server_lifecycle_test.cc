@@ -329,6 +329,17 @@ TEST(SightlinedTest, SigtermEndsItWhileItStarts) {
   EXPECT_FALSE(std::ifstream(port_file).good());
 }
 
+// As a shell without job control starts what it puts into the background.
+TEST(SightlinedTest, ASecondSigintEndsItAlsoWhereItWasIgnored) {
+  ServerProcess process({"--drain-delay=1h"}, [] { signal(SIGINT, SIG_IGN); });
+  process.ReadUntil("event=serving");
+  process.Signal(SIGINT);
+  const std::string leaving = process.ReadUntil("event=leaving");
+  EXPECT_TRUE(absl::StrContains(leaving, "event=leaving")) << leaving;
+  process.Signal(SIGINT);
+  EXPECT_EQ(process.Wait(), 1000 + SIGINT);
+}
+
 TEST(SightlinedTest, WrongFlagsAreAUsageError) {
   ServerProcess process({"--thread=2"});
   const std::string line = process.ReadUntil("--thread");
