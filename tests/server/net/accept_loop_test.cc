@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "core/base/mutex.h"
 #include "gtest/gtest.h"
 #include "server/base/log.h"
@@ -138,7 +139,8 @@ TEST(AcceptLoopTest, AnAddressHasItsShare) {
 
 TEST(AcceptLoopTest, TheProbeGetsInWhateverTheBound) {
   const testing_support::TempDir dir;
-  for (const std::string& listen : {std::string("127.0.0.1:0"), "unix:" + dir.File("s.sock")}) {
+  for (const std::string& listen :
+       {std::string("127.0.0.1:0"), absl::StrCat("unix:", dir.File("s.sock"))}) {
     SCOPED_TRACE(listen);
     Door door(1, /*most_of_one=*/500, listen);
     door.loop().Start();
