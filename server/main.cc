@@ -62,7 +62,7 @@ constexpr int kExitUsage = 64;
 constexpr int kExitUnavailable = 69;
 constexpr int kExitSoftware = 70;
 
-// What SIGHUP asks for. Some expect it to read the configuration again, so the log says what it did.
+// What SIGHUP asks for. Some expect it to read the configuration again: the log says what it did.
 void Reload(const ServerOptions& options, Server& server) {
   constexpr char kConfiguration[] = "as at the start; to have it read again, restart";
   if (options.tls.certificate.empty() && options.access_file.empty()) {

@@ -113,8 +113,8 @@ Settings FromEnvironment(const char* const* environment, std::vector<std::string
     Setting setting{.values = {value}, .origin = absl::StrCat(kPrefix, name)};
     if (option->repeated) setting.values = absl::StrSplit(value, ' ', absl::SkipEmpty());
     if (value.empty() || setting.values.empty()) {
-      // Deployments write VARIABLE=${OTHER} for what is not set: that should not put a file's access
-      // rules out of force.
+      // Deployments write VARIABLE=${OTHER} for what is not set: that should not put the access
+      // rules of a file out of force.
       warnings->push_back(
           absl::StrCat("the variable ", setting.origin, " is empty and is ignored"));
       continue;

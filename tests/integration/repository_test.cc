@@ -12,7 +12,6 @@
 #include <fstream>
 #include <functional>
 #include <future>
-#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -260,73 +259,6 @@ TEST_F(RepositoryTest, BrokenFilesKeepNothingElseFromBeingServed) {
               "BAD_SCENE_FILE");
   ASSERT_TRUE(client().DeleteScene("scenes/cut").ok());
   EXPECT_FALSE(Exists("cut.slscene"));
-}
-
-// A balancer that asks for a scene hears the same of one that did not load at the start as of one
-// that fails later.
-TEST_F(RepositoryTest, StoredScenesThatAreNotLoadedHaveAHealth) {
-  const auto health_of = [&](const std::string& id) {
-    const absl::StatusOr<client::Health> health = client().CheckHealth(absl::StrCat("scenes/", id));
-    EXPECT_TRUE(health.ok()) << health.status();
-    return health.value_or(client::Health::kUnknown);
-  };
-  Start();
-  ASSERT_TRUE(UploadSquare(client(), "good")->stored);
-  Write("bad.slscene", "no scene file at all");
-  Start();
-  EXPECT_EQ(health_of("good"), client::Health::kServing);
-  EXPECT_EQ(health_of("bad"), client::Health::kNotServing);
-  EXPECT_EQ(health_of("none"), client::Health::kServiceUnknown);
-  Start([](ServerOptions* options) { options->load_repository = false; });
-  EXPECT_EQ(health_of("good"), client::Health::kNotServing);
-  ASSERT_TRUE(client().LoadScene("scenes/good").ok());
-  EXPECT_EQ(health_of("good"), client::Health::kServing);
-  // What comes while it runs is known once it was in memory, or failed on its way there.
-  std::filesystem::copy(dir_.File("good.slscene"), dir_.File("late.slscene"));
-  EXPECT_EQ(health_of("late"), client::Health::kServiceUnknown);
-  ASSERT_TRUE(client().LoadScene("scenes/late").ok());
-  EXPECT_EQ(health_of("late"), client::Health::kServing);
-  std::ostringstream spoilt;
-  spoilt << std::ifstream(dir_.File("good.slscene"), std::ios::binary).rdbuf();
-  std::string bytes = spoilt.str();
-  bytes[bytes.size() / 2] ^= 1;  // Seen when all of it is read.
-  Write("spoilt.slscene", bytes);
-  EXPECT_EQ(health_of("spoilt"), client::Health::kServiceUnknown);
-  ExpectError(client().LoadScene("scenes/spoilt").status(), absl::StatusCode::kDataLoss,
-              "BAD_SCENE_FILE");
-  EXPECT_EQ(health_of("spoilt"), client::Health::kNotServing);
-}
-
-// Somebody deleted the scene that an option made, and stored another of its name: that is no reason
-// for a server not to start again.
-TEST_F(RepositoryTest, AStoredSceneStaysInThePlaceOfAnOptions) {
-  const std::string option = "hall=builtin:box:1000";
-  const auto with_option = [&](bool load) {
-    return [&, load](ServerOptions* options) {
-      options->scenes = {option, "other=builtin:box:1000"};
-      options->load_repository = load;
-    };
-  };
-  Start(with_option(true));
-  EXPECT_FALSE(client().GetScene("scenes/hall")->stored);
-  ASSERT_TRUE(client().DeleteScene("scenes/hall").ok());
-  ASSERT_TRUE(UploadSquare(client(), "hall")->stored);
-  ServerOptions options;
-  options.repository = dir_.path();
-  with_option(true)(&options);
-  EXPECT_TRUE(CheckOptions(options).ok());
-  EXPECT_THAT(StoredInstead(options), testing::ElementsAre(HasSubstr(option)));
-  for (const bool load : {true, false}) {
-    Start(with_option(load));
-    EXPECT_TRUE(client().GetScene("scenes/other").ok());
-    const auto hall = client().LoadScene("scenes/hall");
-    ASSERT_TRUE(hall.ok()) << hall.status();
-    EXPECT_EQ(hall->triangles, 2u);
-  }
-  // Nor is one that cannot be read.
-  Write("hall.slscene", "no scene file at all");
-  Start(with_option(true));
-  EXPECT_EQ(Stored("hall").state, SceneState::kFailed);
 }
 
 TEST_F(RepositoryTest, NothingOutsideCanBeNamed) {
