@@ -67,7 +67,13 @@ absl::StatusOr<std::vector<ConfigEntry>> ParseConfig(absl::string_view name,
                                                      absl::string_view text) {
   // The only way in which yaml-cpp says that something is wrong.
   try {
-    return Entries(name, YAML::Load(std::string(text)));
+    const std::vector<YAML::Node> documents = YAML::LoadAll(std::string(text));
+    for (size_t i = 1; i < documents.size(); ++i) {
+      if (documents[i].IsNull()) continue;
+      return At(name, LineOf(documents[i].Mark()),
+                "is another document, after a line \"---\": a configuration is one");
+    }
+    return documents.empty() ? std::vector<ConfigEntry>() : Entries(name, documents[0]);
   } catch (const YAML::Exception& error) {
     return At(name, LineOf(error.mark), error.msg);
   } catch (const std::exception& error) {

@@ -69,6 +69,24 @@ constexpr int kExitSoftware = 70;
 // being made and disks that do not answer: these are not waited for any longer.
 constexpr absl::Duration kCutOffTimeout = absl::Seconds(8);
 
+// What SIGHUP asks for. Some expect it to read the configuration again: the log says what it did.
+void Reload(const ServerOptions& options, Server& server) {
+  constexpr char kConfiguration[] = "as at the start; to have it read again, restart";
+  if (options.tls.certificate.empty() && options.access_file.empty()) {
+    Log(LogLevel::kWarning, "nothing_to_reload",
+        {{"why", "no --tls-cert and no --access-file"}, {"configuration", kConfiguration}});
+    return;
+  }
+  if (!server.ReloadSecurity().ok()) return;  // It has said what was wrong.
+  std::vector<std::string> files;
+  for (const std::string& file :
+       {options.tls.certificate, options.tls.key, options.tls.client_ca, options.access_file}) {
+    if (!file.empty()) files.push_back(file);
+  }
+  Log(LogLevel::kInfo, "reloaded",
+      {{"files", absl::StrJoin(files, ",")}, {"configuration", kConfiguration}});
+}
+
 int Run(int argc, char** argv) {
   const absl::StatusOr<ParsedOptions> parsed = ReadOptions(argc, argv, environ);
   if (!parsed.ok()) {
@@ -93,6 +111,10 @@ int Run(int argc, char** argv) {
     warnings.push_back(std::move(trouble));
   }
   if (parsed->check_config || parsed->print_config) {
+    // The server says these itself when it comes to them.
+    for (std::string& warning : StoredInstead(parsed->options)) {
+      warnings.push_back(std::move(warning));
+    }
     for (const std::string& warning : warnings) {
       std::fprintf(stderr, "sightlined: %s\n", warning.c_str());
     }
@@ -127,6 +149,10 @@ int Run(int argc, char** argv) {
   }
   if (!status.ok()) {
     Log(LogLevel::kError, "start_failed", {{"status", status.ToString()}});
+    // An exit code alone would leave whoever wants no log in the dark.
+    if (options.log_level == LogLevel::kOff) {
+      std::fprintf(stderr, "sightlined: %s\n", std::string(status.message()).c_str());
+    }
     return kExitUnavailable;
   }
   Log(LogLevel::kInfo, "serving",
@@ -137,9 +163,12 @@ int Run(int argc, char** argv) {
 
   int signal = 0;
   while (sigwait(&signals, &signal) == 0 && signal == SIGHUP) {
-    if ((*server)->ReloadSecurity().ok()) Log(LogLevel::kInfo, "reloaded");
+    Reload(options, **server);
   }
-  // A second signal ends the process at once; SIGHUP has nothing more to say.
+  // A second signal ends the process at once, also where a shell that started it in the background
+  // has SIGINT ignored; SIGHUP has nothing more to say.
+  std::signal(SIGINT, SIG_DFL);
+  std::signal(SIGTERM, SIG_DFL);
   sigdelset(&signals, SIGHUP);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   Log(LogLevel::kInfo, "signal", {{"signal", absl::StrCat(signal)}});

@@ -109,14 +109,17 @@ Settings FromEnvironment(const char* const* environment, std::vector<std::string
                                   [](const std::string& n) { return VariableOf(n); })));
       continue;
     }
-    Setting& setting = settings[option];
-    setting.origin = absl::StrCat(kPrefix, name);
     const std::string value(line.substr(equals + 1));
-    if (option->repeated) {
-      setting.values = absl::StrSplit(value, ' ', absl::SkipEmpty());
-    } else {
-      setting.values = {value};
+    Setting setting{.values = {value}, .origin = absl::StrCat(kPrefix, name)};
+    if (option->repeated) setting.values = absl::StrSplit(value, ' ', absl::SkipEmpty());
+    if (value.empty() || setting.values.empty()) {
+      // Deployments write VARIABLE=${OTHER} for what is not set: that should not put the access
+      // rules of a file out of force.
+      warnings->push_back(
+          absl::StrCat("the variable ", setting.origin, " is empty and is ignored"));
+      continue;
     }
+    settings[option] = std::move(setting);
   }
   return settings;
 }
@@ -141,7 +144,12 @@ absl::StatusOr<Settings> FromFile(const std::string& path) {
       return absl::InvalidArgumentError(
           absl::StrCat(origin, ": \"", entry.key, "\" wants one value, not a list"));
     }
-    settings[option] = {entry.values, absl::StrCat(origin, ": ", name)};
+    const Setting setting{.values = entry.values, .origin = absl::StrCat(origin, ": ", name)};
+    const auto [first, inserted] = settings.emplace(option, setting);
+    if (inserted) continue;
+    // By another spelling: the file itself has no key twice.
+    return absl::InvalidArgumentError(
+        absl::StrCat(origin, ": \"", entry.key, "\" is given already, at ", first->second.origin));
   }
   return settings;
 }

@@ -5,8 +5,8 @@
 // once are not mixed from several sources.
 //
 // The environment's name for --max-scenes is SIGHTLINE_MAX_SCENES; values of an option that may be
-// given more than once are separated by blanks. The file is config_file.h's, named by --config
-// or SIGHTLINE_CONFIG.
+// given more than once are separated by blanks, and an empty variable is as good as none. The file
+// is config_file.h's, named by --config or SIGHTLINE_CONFIG.
 //
 // Thread safety: functions and plain values.
 //

@@ -2,6 +2,8 @@
 #include "server/options.h"
 
 #include <algorithm>
+#include <map>
+#include <set>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -136,7 +138,9 @@ std::vector<Option> MakeTable() {
          return absl::OkStatus();
        }},
       {"scene", "[ID=]builtin:NAME[:TRIANGLES][,seed=N]",
-       "a scene to make before listening; may be given more than once", "none",
+       "a scene to make before listening, unless the repository has one of its name; may be given "
+       "more than once",
+       "none",
        [](absl::string_view value, ParsedOptions* out) {
          out->options.scenes.emplace_back(value);
          return absl::OkStatus();
@@ -264,6 +268,32 @@ std::vector<Option> MakeTable() {
   return table;
 }
 
+absl::Status CheckListen(const ServerOptions& options) {
+  const auto check = [](absl::string_view name, const std::string& text) {
+    const absl::Status status = ParseListenAddress(text).status();
+    if (status.ok()) return status;
+    return absl::Status(status.code(), absl::StrCat("--", name, " = ", status.message()));
+  };
+  std::set<std::string> taken;
+  // The kernel would say that the port is in use, as if it were by another process.
+  const auto take = [&taken](absl::string_view name, const std::string& text) {
+    if (absl::EndsWith(text, ":0") || taken.insert(text).second) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrCat("--", name, " = \"", text, "\": is given twice, and can be bound once"));
+  };
+  for (const std::string& text : options.listen) {
+    SL_RETURN_IF_ERROR(check("listen", text));
+    SL_RETURN_IF_ERROR(take("listen", text));
+  }
+  if (options.metrics_listen.empty()) return absl::OkStatus();
+  SL_RETURN_IF_ERROR(check("metrics-listen", options.metrics_listen));
+  if (absl::StartsWith(options.metrics_listen, "unix:")) {
+    return absl::InvalidArgumentError(absl::StrCat("--metrics-listen = \"", options.metrics_listen,
+                                                   "\": must be HOST:PORT, not a Unix socket"));
+  }
+  return take("metrics-listen", options.metrics_listen);
+}
+
 absl::Status CheckSecurity(const ServerOptions& options) {
   const TlsFiles& tls = options.tls;
   if (tls.certificate.empty() != tls.key.empty()) {
@@ -303,17 +333,41 @@ absl::StatusOr<SceneOption> ParseSceneOption(absl::string_view text) {
     return absl::InvalidArgumentError(
         absl::StrCat("--scene = \"", text, "\": must be [ID=]builtin:NAME[:TRIANGLES][,seed=N]"));
   }
-  SL_RETURN_IF_ERROR(ParseBuiltin(std::string(spec)).status());
+  if (const absl::Status builtin = ParseBuiltin(std::string(spec)).status(); !builtin.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--scene = \"", text, "\": ", builtin.message()));
+  }
   // Without an id: the built-in's own name.
   scene.id = std::string(named ? text.substr(0, equals) : spec.substr(0, spec.find_first_of(":,")));
   SL_RETURN_IF_ERROR(CheckId("--scene", scene.id));
   return scene;
 }
 
+std::vector<std::string> StoredInstead(const ServerOptions& options) {
+  std::vector<std::string> warnings;
+  if (options.repository.empty()) return warnings;
+  const absl::StatusOr<Folder> folder = Folder::Open(options.repository, *options.files);
+  for (const std::string& text : options.scenes) {
+    const absl::StatusOr<SceneOption> scene = ParseSceneOption(text);
+    if (!folder.ok() || !scene.ok()) continue;
+    const std::string file = absl::StrCat(scene->id, kSceneFileEnding);
+    if (!folder->Stamp(file).ok()) continue;
+    warnings.push_back(absl::StrCat("--scene = ", text, " is left out: the repository has ", file,
+                                    ", which stays"));
+  }
+  return warnings;
+}
+
 absl::Status CheckOptions(const ServerOptions& options) {
   SL_RETURN_IF_ERROR(ValidateLimits(options.limits));
+  std::map<std::string, std::string> scenes;  // Options by their ids.
   for (const std::string& text : options.scenes) {
-    SL_RETURN_IF_ERROR(ParseSceneOption(text).status());
+    SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(text));
+    const auto [first, inserted] = scenes.emplace(scene.id, text);
+    if (inserted) continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat("--scene = \"", text, "\": the name ", scene.id, " is that of --scene = \"",
+                     first->second, "\", too; write ID=builtin:... to give it another"));
   }
   if (!options.repository.empty()) {
     const absl::Status folder = Folder::Open(options.repository, *options.files).status();
@@ -321,17 +375,7 @@ absl::Status CheckOptions(const ServerOptions& options) {
       return absl::InvalidArgumentError(absl::StrCat("--repository = ", folder.message()));
     }
   }
-  for (const std::string& text : options.listen) {
-    SL_RETURN_IF_ERROR(ParseListenAddress(text).status());
-  }
-  if (!options.metrics_listen.empty()) {
-    SL_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.metrics_listen));
-    if (!address.unix_path.empty()) {
-      return absl::InvalidArgumentError(absl::StrCat("--metrics-listen = \"",
-                                                     options.metrics_listen,
-                                                     "\": must be HOST:PORT, not a Unix socket"));
-    }
-  }
+  SL_RETURN_IF_ERROR(CheckListen(options));
   return CheckSecurity(options);
 }
 

@@ -98,6 +98,10 @@ struct SceneOption {
 // One of ServerOptions::scenes. InvalidArgument.
 absl::StatusOr<SceneOption> ParseSceneOption(absl::string_view text);
 
+// Those of ServerOptions::scenes that the repository has by now and that are left out therefore: a
+// warning each. Looks at the folder.
+std::vector<std::string> StoredInstead(const ServerOptions& options);
+
 // What can be wrong with options together, or with what they name: found before anything starts, by
 // --check-config and by Server::Start. InvalidArgument.
 absl::Status CheckOptions(const ServerOptions& options);

@@ -26,6 +26,9 @@ namespace {
 // Names that the health service may come to know, for each scene that there may be at once: enough
 // for a few generations of names, and about a hundred bytes each.
 constexpr size_t kHealthNamesPerScene = 4;
+// Of those for scenes that are stored and not loaded at the start: the others are left for scenes
+// that are made.
+constexpr size_t kStoredNamesPerScene = 2;
 constexpr absl::Duration kSweepPeriod = absl::Seconds(5);
 // Uploads and streams are looked at so often within what they may wait: none waits much longer.
 constexpr int kLooksWithinWait = 4;
@@ -100,6 +103,7 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
   SL_RETURN_IF_ERROR(server->ServeHttp());
   SL_RETURN_IF_ERROR(server->MakeScenes());
   SL_RETURN_IF_ERROR(server->Listen());
+  server->listening_ = true;
   server->serving_ = true;
   const absl::Duration wait = absl::Seconds(
       std::min(options.limits.max_upload_idle_seconds, options.limits.max_stream_stall_seconds));
@@ -129,13 +133,23 @@ absl::Status Server::MakeScenes() {
   }
   for (const std::string& option : options_.scenes) {
     SL_ASSIGN_OR_RETURN(const SceneOption scene, ParseSceneOption(option));
-    SL_ASSIGN_OR_RETURN(
-        const SceneView view,
-        scenes_.CreateBuiltin({.scene_id = scene.id, .temporary = true, .builtin = scene.spec},
-                              nullptr));
+    const absl::StatusOr<SceneView> view = scenes_.CreateBuiltin(
+        {.scene_id = scene.id, .temporary = true, .builtin = scene.spec}, nullptr);
+    if (absl::IsAlreadyExists(view.status())) {
+      // The names of the options differ, so the repository has it: somebody stored it since the
+      // option was written, which should not keep a server from starting again.
+      Log(LogLevel::kWarning, "scene_left_out",
+          {{"option", absl::StrCat("--scene = ", option)},
+           {"why", absl::StrCat(view.status().message(), "; the stored one stays")}});
+      continue;
+    }
+    if (!view.ok()) {
+      return absl::Status(view.status().code(),
+                          absl::StrCat("--scene = \"", option, "\": ", view.status().message()));
+    }
     Log(LogLevel::kInfo, "scene_created",
         {{"scene", scene.id},
-         {"triangles", absl::StrCat(view.status.latest->geometry.triangles.size())}});
+         {"triangles", absl::StrCat(view->status.latest->geometry.triangles.size())}});
   }
   return absl::OkStatus();
 }
@@ -190,7 +204,7 @@ ServerState Server::StateNow() {
   state.waiting_tasks = load.waiting_tasks;
   state.running_tasks = static_cast<uint64_t>(load.running_tasks);
   state.rays_per_second = load.rays_per_second;
-  if (serving_) {
+  if (listening_) {
     const AcceptLoop::Counts connections = door_->counts();
     state.open_connections = connections.open;
     state.accepted_connections = connections.accepted;
@@ -269,6 +283,7 @@ absl::Status Server::Listen() {
     ReportHealth(view);
   });
   for (const SceneView& view : scenes_.List("", options_.limits.max_scenes)) ReportHealth(view);
+  if (repository_ != nullptr) ReportStoredHealth();
   door_->Start();
   return absl::OkStatus();
 }
@@ -294,14 +309,37 @@ absl::Status Server::ReloadSecurity() {
 }
 
 void Server::ReportHealth(const SceneView& view) {
+  const std::string& name = view.status.name;
   // A deleted scene stays known as NOT_SERVING: the health service cannot forget a name.
-  if (!health_names_.Take(view)) return;
+  bool known = health_names_.Take(view);
+  if (!known && view.status.state == SceneState::kFailed && repository_ != nullptr) {
+    // A load that failed, of a file that came after the start; or else nothing was ever there.
+    known = repository_->Has(name) && health_names_.TakeStored(name);
+  }
+  if (known) SetHealth(name);
+}
+
+// Those that were not loaded, or could not be, are as much as those that fail later.
+void Server::ReportStoredHealth() {
+  const absl::StatusOr<std::vector<StoredScene>> stored =
+      scenes_.ListStored("", kStoredNamesPerScene * options_.limits.max_scenes);
+  if (!stored.ok()) {
+    Log(LogLevel::kWarning, "stored_scenes_without_health",
+        {{"status", stored.status().ToString()}});
+    return;
+  }
+  for (const StoredScene& scene : *stored) {
+    if (health_names_.TakeStored(scene.file.scene_id)) SetHealth(scene.file.scene_id);
+  }
+}
+
+void Server::SetHealth(const std::string& scene_id) {
   // As it is now: of changes that several threads tell of at once, the last to be heard need not be
   // the latest.
   MutexLock lock(health_mutex_);
-  const absl::StatusOr<SceneView> now = scenes_.Get(view.status.name);
+  const absl::StatusOr<SceneView> now = scenes_.Get(scene_id);
   const bool serving = now.ok() && now->status.latest != nullptr && !calls_.draining();
-  server_->GetHealthCheckService()->SetServingStatus(SceneName(view.status.name), serving);
+  server_->GetHealthCheckService()->SetServingStatus(SceneName(scene_id), serving);
 }
 
 std::shared_ptr<grpc::Channel> Server::InProcessChannel(const grpc::ChannelArguments& arguments) {

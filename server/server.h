@@ -57,8 +57,9 @@ namespace sightline {
 class Server {
  public:
   // Loads the repository and makes the scenes of the options, binds, and serves. A stored scene
-  // that cannot be loaded keeps nothing from being served. InvalidArgument (options), Unavailable
-  // (the address cannot be bound), and what opening the repository or making a scene returns.
+  // that cannot be loaded keeps nothing from being served, and one with the name of an option's
+  // stays in its place. InvalidArgument (options), Unavailable (the address cannot be bound), and
+  // what opening the repository or making a scene returns.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   ~Server();
   Server(const Server&) = delete;
@@ -104,6 +105,8 @@ class Server {
   HttpReply Livez();
   HttpReply Readyz() const;
   void ReportHealth(const SceneView& view) ABSL_LOCKS_EXCLUDED(health_mutex_);
+  void ReportStoredHealth() ABSL_LOCKS_EXCLUDED(health_mutex_);
+  void SetHealth(const std::string& scene_id) ABSL_LOCKS_EXCLUDED(health_mutex_);
   void Leave();
   void ShutdownWithin(absl::Duration timeout);
 
@@ -131,8 +134,9 @@ class Server {
   std::unique_ptr<FrontDoor> door_;  // Outlives the gRPC server.
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<PeriodicTask> sweeper_, reloader_;
-  std::atomic<bool> serving_ = false;  // From the bound port until new calls are refused.
-  std::atomic<bool> leaving_ = false;  // From the beginning of a drain.
+  std::atomic<bool> listening_ = false;  // From the bound port on, for good: what door_ counted.
+  std::atomic<bool> serving_ = false;    // From the bound port until new calls are refused.
+  std::atomic<bool> leaving_ = false;    // From the beginning of a drain.
   std::atomic<uint64_t> reloads_ = 0, failed_reloads_ = 0;
   std::unique_ptr<HttpEndpoint> http_;
   Mutex shutdown_mutex_;

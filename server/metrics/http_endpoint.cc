@@ -58,7 +58,7 @@ class HttpEndpoint::Impl {
     if (daemon_ != nullptr) MHD_stop_daemon(daemon_);
   }
 
-  absl::Status Start(ListenSocket socket, std::chrono::seconds patience) {
+  absl::Status Start(std::vector<ListenSocket> sockets, std::chrono::seconds patience) {
     daemon_ = MHD_start_daemon(
         MHD_USE_EPOLL_INTERNAL_THREAD | MHD_USE_NO_LISTEN_SOCKET | MHD_ALLOW_SUSPEND_RESUME, 0,
         nullptr, nullptr, &Impl::Hear, this, MHD_OPTION_NOTIFY_CONNECTION, &Impl::Count, this,
@@ -70,9 +70,7 @@ class HttpEndpoint::Impl {
       return absl::UnavailableError(
           absl::StrCat(strerror(errno), ": may the process have more descriptors?"));
     }
-    port_ = socket.address().port();
-    std::vector<ListenSocket> sockets;
-    sockets.push_back(std::move(socket));
+    port_ = sockets.front().address().port();
     // The bound on connections is this object's: the newest come in, and not the oldest stay.
     accept_.emplace(std::move(sockets),
                     ConnectionLimits{.all = kMostWithClosing, .per_address = kMostWithClosing},
@@ -256,11 +254,10 @@ absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::str
     return absl::InvalidArgumentError(
         absl::StrCat("\"", listen, "\": probes and metrics want HOST:PORT"));
   }
-  // Of a name with several addresses the first: with port 0 they would get ports of their own.
-  absl::StatusOr<ListenSocket> socket = ListenSocket::Bind(address.addresses[0], /*mode=*/0);
-  absl::Status started = socket.status();
+  absl::StatusOr<std::vector<ListenSocket>> sockets = BindHost(address.addresses);
+  absl::Status started = sockets.status();
   auto impl = std::make_unique<Impl>(handlers);
-  if (started.ok()) started = impl->Start(*std::move(socket), patience);
+  if (started.ok()) started = impl->Start(*std::move(sockets), patience);
   if (!started.ok()) {
     return absl::UnavailableError(
         absl::StrCat("cannot serve probes and metrics on ", listen, ": ", started.message()));

@@ -41,7 +41,8 @@ class HttpEndpoint {
 
   using Handlers = std::vector<std::pair<std::string, HttpPath::Handler>>;
 
-  // Binds `listen` (HOST:PORT; port 0 takes a free one) and serves. InvalidArgument, Unavailable.
+  // Binds `listen` (HOST:PORT, every address of a name; port 0 takes a free one) and serves.
+  // InvalidArgument, Unavailable.
   static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(
       const std::string& listen, const Handlers& handlers,
       std::chrono::seconds patience = kPatience);

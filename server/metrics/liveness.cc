@@ -21,13 +21,23 @@ namespace {
 // A socket with an address of its own, which is written to *local; -1 with errno set.
 int OpenProbe(const SocketAddress& server, std::string* local) {
   const int fd = socket(server.family(), SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (fd < 0 || server.family() == AF_UNIX) return fd;
-  // This machine's own address reaches it from that same address.
-  SocketAddress own = server;
-  own.set_port(0);
-  if (bind(fd, own.get(), own.length) == 0 && getsockname(fd, own.get(), &own.length) == 0) {
-    *local = own.ToString();
-    return fd;
+  if (fd < 0) return fd;
+  SocketAddress own;
+  if (server.family() == AF_UNIX) {
+    // A family alone: the kernel makes up a name that no other socket has.
+    own.storage.ss_family = AF_UNIX;
+    own.length = sizeof(sa_family_t);
+  } else {
+    // This machine's own address reaches it from that same address.
+    own = server;
+    own.set_port(0);
+  }
+  if (bind(fd, own.get(), own.length) == 0) {
+    own.length = sizeof(own.storage);
+    if (getsockname(fd, own.get(), &own.length) == 0) {
+      *local = own.ToString();
+      return fd;
+    }
   }
   const int error = errno;
   close(fd);
@@ -76,7 +86,7 @@ absl::Status CheckAlive(const SocketAddress& server, absl::Duration timeout,
   std::string local;
   const int fd = OpenProbe(target, &local);
   if (fd < 0) return absl::ErrnoToStatus(errno, "no socket for the probe");
-  if (!local.empty()) announcement.begin(local);
+  announcement.begin(local);
   absl::Status status;
   if (const int error = Connect(fd, target, timeout); error != 0) {
     close(fd);
@@ -84,7 +94,7 @@ absl::Status CheckAlive(const SocketAddress& server, absl::Duration timeout,
   } else {
     status = CallHealth(fd, deadline);
   }
-  if (!local.empty()) announcement.end(local);
+  announcement.end(local);
   if (status.ok()) return status;
   return absl::Status(status.code(), absl::StrCat(target.ToString(), ": ", status.message()));
 }

@@ -5,7 +5,8 @@
 // listener can die (CVE-2023-4785) while old connections go on.
 //
 // The probe has no certificate and no token, so it announces by which address it will come, and the
-// server lets that one connection in for a health check.
+// server lets that one connection in for a health check. For a Unix socket it takes an abstract
+// address of its own.
 //
 // Thread safety: functions only; blocks, so not on a gRPC thread.
 //
@@ -22,7 +23,7 @@
 
 namespace sightline {
 
-// Told of the probe's own address before it connects, and after it has gone. Not for Unix sockets.
+// Told of the probe's own address before it connects, and after it has gone.
 struct ProbeAnnouncement {
   std::function<void(const std::string&address)> begin, end;
 };

@@ -115,7 +115,7 @@ bool AcceptLoop::TakeOne(const ListenSocket& socket) {
     }
   }
   if (std::exchange(exhausted_, false)) Log(LogLevel::kInfo, "descriptors_again");
-  taken.is_ours = !taken.is_unix && IsExpected(peer);
+  taken.is_ours = IsExpected(peer);
   const std::string host = taken.is_unix ? "" : peer.Host();
   if (!taken.is_ours && IsOneTooMany(host)) {
     ++refused_;

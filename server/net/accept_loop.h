@@ -5,7 +5,8 @@
 //
 // Invariants
 //  1. Beyond the limits, in all and of one address, a connection is closed as soon as it is taken,
-//     so that its client hears of it at once and tries elsewhere. Unix sockets have no addresses.
+//     so that its client hears of it at once and tries elsewhere. Those through Unix sockets count
+//     among all; clients there have no addresses.
 //  2. Without a free descriptor the one held in reserve is given up for a moment: the connection is
 //     taken and closed. Where even that fails, the loop waits kPause and tries again.
 //  3. A connection whose peer was announced by Expect is handed over whatever the bound, and said

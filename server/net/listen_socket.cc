@@ -6,25 +6,34 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <iterator>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "core/base/status_macros.h"
+#include "server/base/log.h"
 
 namespace sightline {
 namespace {
 
 constexpr int kBacklog = 1024;  // The kernel cuts it to net.core.somaxconn.
+// A port that is free at one address may be taken at another: so many are tried.
+constexpr int kMostPortsTried = 32;
 
 absl::Status CannotListen(const SocketAddress& address, absl::string_view why) {
   return absl::UnavailableError(absl::StrCat("cannot listen on ", address.ToString(), ": ", why));
 }
 
 absl::Status CannotListen(const SocketAddress& address) {
-  return CannotListen(address, std::strerror(errno));
+  const int error = errno;
+  absl::Status status = CannotListen(address, std::strerror(error));
+  const bool not_here =
+      address.family() != AF_UNIX && (error == EADDRNOTAVAIL || error == EAFNOSUPPORT);
+  return not_here ? absl::NotFoundError(status.message()) : status;
 }
 
 // The path of a Unix socket's address; empty for others.
@@ -106,6 +115,40 @@ absl::StatusOr<ListenSocket> ListenSocket::Bind(const SocketAddress& address, mo
   return made;
 }
 
+absl::StatusOr<std::vector<ListenSocket>> BindHost(const std::vector<SocketAddress>& addresses) {
+  std::vector<ListenSocket> sockets;
+  std::vector<absl::Status> left_out;
+  for (int tried = 1;; ++tried) {
+    absl::Status failed;
+    bool same_port = false;
+    for (SocketAddress each : addresses) {
+      same_port = each.port() == 0 && !sockets.empty();
+      if (same_port) each.set_port(sockets.front().address().port());
+      absl::StatusOr<ListenSocket> bound = ListenSocket::Bind(each, /*mode=*/0);
+      if (bound.ok()) {
+        sockets.push_back(*std::move(bound));
+      } else if (absl::IsNotFound(bound.status())) {
+        left_out.push_back(bound.status());  // Such as ::1 on a machine without IPv6.
+      } else {
+        failed = bound.status();
+        break;
+      }
+    }
+    if (failed.ok()) break;
+    if (!same_port || tried == kMostPortsTried) return failed;
+    sockets.clear();
+    left_out.clear();
+  }
+  if (sockets.empty()) {
+    return absl::UnavailableError(left_out.empty() ? "the host has no address"
+                                                   : left_out.back().message());
+  }
+  for (const absl::Status& status : left_out) {
+    Log(LogLevel::kWarning, "address_left_out", {{"status", status.ToString()}});
+  }
+  return sockets;
+}
+
 absl::StatusOr<std::vector<ListenSocket>> BindAll(const std::vector<std::string>& texts,
                                                   mode_t unix_mode) {
   std::vector<ListenSocket> sockets;
@@ -117,20 +160,8 @@ absl::StatusOr<std::vector<ListenSocket>> BindAll(const std::vector<std::string>
       sockets.push_back(std::move(bound));
       continue;
     }
-    const size_t before = sockets.size();
-    absl::Status last;
-    for (SocketAddress& each : address.addresses) {
-      if (sockets.size() > before && each.port() == 0) {
-        each.set_port(sockets[before].address().port());
-      }
-      absl::StatusOr<ListenSocket> bound = ListenSocket::Bind(each, unix_mode);
-      if (bound.ok()) {
-        sockets.push_back(*std::move(bound));
-      } else {
-        last = bound.status();  // Such as ::1 on a machine without IPv6.
-      }
-    }
-    if (sockets.size() == before) return last;
+    SL_ASSIGN_OR_RETURN(std::vector<ListenSocket> bound, BindHost(address.addresses));
+    std::move(bound.begin(), bound.end(), std::back_inserter(sockets));
   }
   return sockets;
 }

@@ -26,8 +26,9 @@ namespace sightline {
 
 class ListenSocket {
  public:
-  // Unavailable naming the address and the reason. A socket file that nobody listens behind any
-  // more is taken away; one that somebody does, or a file that is no socket, is an error.
+  // Unavailable naming the address and the reason, NotFound if this machine does not have the
+  // address or its family. A socket file that nobody listens behind any more is taken away; one
+  // that somebody does, or a file that is no socket, is an error.
   // `mode`: permissions of a Unix socket's file.
   static absl::StatusOr<ListenSocket> Bind(const SocketAddress& address, mode_t mode);
 
@@ -52,9 +53,12 @@ class ListenSocket {
   ino_t inode_ = 0;
 };
 
-// Binds every address of every text ("HOST:PORT", "unix:PATH"). A name that stands for several
-// addresses is bound to all of them that this machine has, with one port. InvalidArgument,
-// Unavailable.
+// Binds the addresses of one name: all that this machine has, with one port. Those that it has not
+// are left out and logged; any other error is one of the whole, such as a port that is taken, or
+// clients would come to another server. Unavailable.
+absl::StatusOr<std::vector<ListenSocket>> BindHost(const std::vector<SocketAddress>& addresses);
+
+// Binds every address of every text ("HOST:PORT", "unix:PATH"). InvalidArgument, Unavailable.
 absl::StatusOr<std::vector<ListenSocket>> BindAll(const std::vector<std::string>& texts,
                                                   mode_t unix_mode);
 

@@ -115,8 +115,14 @@ std::string SocketAddress::ToString() const {
       if (IN6_IS_ADDR_V4MAPPED(&V6(*this).sin6_addr)) return absl::StrCat(Host(), ":", port());
       return absl::StrCat("[", Host(), "]:", port());
     default:
-      return absl::StrCat("unix:", reinterpret_cast<const sockaddr_un*>(&storage)->sun_path);
+      break;
   }
+  const auto* const path = reinterpret_cast<const sockaddr_un*>(&storage)->sun_path;
+  constexpr socklen_t kBefore = offsetof(sockaddr_un, sun_path);
+  if (length > kBefore + 1 && path[0] == '\0') {
+    return absl::StrCat("unix-abstract:", absl::string_view(path + 1, length - kBefore - 1));
+  }
+  return absl::StrCat("unix:", path);
 }
 
 bool ListenAddress::IsLoopback() const {

@@ -36,7 +36,7 @@ struct SocketAddress {
   bool IsLoopback() const;
   // The address by which this machine reaches it: loopback in the place of "every interface".
   SocketAddress Reachable() const;
-  // "127.0.0.1:7070", "[::1]:7070", "unix:PATH".
+  // "127.0.0.1:7070", "[::1]:7070", "unix:PATH", "unix-abstract:NAME" (a socket without a file).
   std::string ToString() const;
   // "127.0.0.1", "::1", and nothing for a Unix socket.
   std::string Host() const;

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -85,6 +86,14 @@ TEST(LifecycleTest, HealthDoesNotGrowWithTheScenesThatWere) {
   EXPECT_EQ(Health(harness.channel, scene.name()), -1);
   const std::string id = scene.name().substr(std::string("scenes/").size());
   ASSERT_TRUE(harness.server->scenes().Delete(id).ok());
+  // Nor of those that never came to be.
+  for (const char* name : {"u", "v", "w", "x", "y"}) {
+    auto flat = WallUpload(name);
+    std::string* const vertices = flat[2].mutable_chunk()->mutable_vertices_f64();
+    vertices->assign(vertices->size(), '\0');
+    EXPECT_FALSE(harness.CreateScene(flat, &scene).ok());
+    EXPECT_EQ(Health(harness.channel, absl::StrCat("scenes/", name)), -1) << name;
+  }
   for (const auto& [name, health] :
        {std::pair("a", 1), {"b", 1}, {"c", 1}, {"d", 1}, {"e", -1}, {"a", 1}}) {
     ASSERT_TRUE(harness.CreateScene(WallUpload(name), &scene).ok());
@@ -182,6 +191,14 @@ TEST(LifecycleTest, BadOptionsDoNotStart) {
   ServerOptions options;
   options.scenes = {"builtin:nothing"};
   EXPECT_EQ(Server::Start(options).status().code(), absl::StatusCode::kInvalidArgument);
+  // What the limits say of a scene names the option.
+  options.scenes = {"builtin:box:1000"};
+  options.limits.max_triangles_per_scene = 100;
+  const absl::Status large = Server::Start(options).status();
+  EXPECT_EQ(large.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_TRUE(absl::StrContains(large.message(), "--scene = \"builtin:box:1000\": ")) << large;
+  EXPECT_TRUE(absl::StrContains(large.message(), "max_triangles_per_scene")) << large;
+  options.limits = Limits();
   options.scenes.clear();
   options.limits.max_message_bytes = 1;
   EXPECT_EQ(Server::Start(options).status().code(), absl::StatusCode::kInvalidArgument);
@@ -243,6 +260,37 @@ TEST(SightlinedTest, SigtermDrainsAndExitsWithZero) {
   EXPECT_FALSE(std::ifstream(port_file).good());
 }
 
+TEST(SightlinedTest, TheFirstSceneWithoutAHealthIsWarnedAbout) {
+  ServerProcess process({"--scene=box=builtin:box:1000", "--max-scenes=2"});
+  const std::string serving = process.ReadUntil("event=serving");
+  const size_t at = serving.find("port=");
+  ASSERT_NE(at, std::string::npos) << serving;
+  const auto channel =
+      grpc::CreateChannel(absl::StrCat("127.0.0.1:", std::atoi(serving.c_str() + at + 5)),
+                          grpc::InsecureChannelCredentials());
+  const auto stub = v1::SceneService::NewStub(channel);
+  for (int i = 1; i <= 9; ++i) {
+    const std::string id = absl::StrCat("s", i);
+    v1::Scene scene;
+    grpc::ClientContext creating, deleting;
+    const auto writer = stub->CreateScene(&creating, &scene);
+    for (const auto& message : WallUpload(id)) writer->Write(message);
+    writer->WritesDone();
+    ASSERT_TRUE(writer->Finish().ok()) << id;
+    EXPECT_EQ(Health(channel, absl::StrCat("scenes/", id)), i < 8 ? 1 : -1) << id;
+    v1::DeleteSceneRequest request;
+    request.set_name(absl::StrCat("scenes/", id));
+    google::protobuf::Empty nothing;
+    ASSERT_TRUE(stub->DeleteScene(&deleting, request, &nothing).ok()) << id;
+  }
+  process.Signal(SIGTERM);
+  const std::string log = process.ReadThrough("event=stopped");
+  const size_t told = log.find("level=warning event=health_names_full");
+  ASSERT_NE(told, std::string::npos) << log;
+  EXPECT_TRUE(absl::StrContains(log, "without_health=scenes/s8")) << log;
+  EXPECT_EQ(log.find("event=health_names_full", told + 20), std::string::npos) << log;
+}
+
 TEST(SightlinedTest, MetricsForEverybodyAreWarnedAbout) {
   ServerProcess process({"--listen=127.0.0.1:0", "--metrics-listen=0.0.0.0:0"});
   const std::string line = process.ReadUntil("event=metrics_without_roles");
@@ -284,11 +332,33 @@ TEST(SightlinedTest, SigtermEndsItWhileItStarts) {
   EXPECT_FALSE(std::ifstream(port_file).good());
 }
 
+// As a shell without job control starts what it puts into the background.
+TEST(SightlinedTest, ASecondSigintEndsItAlsoWhereItWasIgnored) {
+  ServerProcess process({"--drain-delay=1h"}, [] { signal(SIGINT, SIG_IGN); });
+  process.ReadUntil("event=serving");
+  process.Signal(SIGINT);
+  const std::string leaving = process.ReadUntil("event=leaving");
+  EXPECT_TRUE(absl::StrContains(leaving, "event=leaving")) << leaving;
+  process.Signal(SIGINT);
+  EXPECT_EQ(process.Wait(), 1000 + SIGINT);
+}
+
 TEST(SightlinedTest, WrongFlagsAreAUsageError) {
   ServerProcess process({"--thread=2"});
   const std::string line = process.ReadUntil("--thread");
   EXPECT_TRUE(absl::StrContains(line, "there is no flag --thread")) << line;
   EXPECT_EQ(process.Wait(), 64);
+}
+
+// Whoever wants no log is told all the same.
+TEST(SightlinedTest, WhyItDoesNotStartIsSaidWithoutALog) {
+  const ServerHarness other;
+  const std::string address = absl::StrCat("127.0.0.1:", other.server->port());
+  ServerProcess process({"--listen", address, "--log-level=off"});
+  const std::string said = process.ReadThrough("no such line");
+  EXPECT_EQ(said,
+            absl::StrCat("sightlined: cannot listen on ", address, ": Address already in use\n"));
+  EXPECT_EQ(process.Wait(), 69);
 }
 
 TEST(SightlinedTest, TheConfigurationIsCheckedAndPrinted) {

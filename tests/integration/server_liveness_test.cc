@@ -10,7 +10,10 @@
 #include <string>
 #include <thread>
 
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
 #include "gmock/gmock.h"
+#include "tests/integration/raw_connection.h"
 #include "tests/integration/server_harness.h"
 #include "tests/support/faulty_file_calls.h"
 #include "tests/support/http_get.h"
@@ -70,6 +73,35 @@ TEST_F(LivenessTest, APortThatRefusesIsNotAlive) {
   const HttpAnswer answer = HttpGet(probes, "/livez");
   EXPECT_EQ(answer.code, 503);
   EXPECT_THAT(answer.body, StartsWith("not alive: "));
+}
+
+// Connections that say nothing take up the room that there is, and no more. The probe comes in all
+// the same, through each socket that the server listens on.
+TEST_F(LivenessTest, AServerWithoutRoomIsAlive) {
+  const testing_support::TempDir dir;
+  ServerOptions options = WithMetrics();
+  options.limits.max_connections = 2;
+  options.listen.push_back(absl::StrCat("unix:", dir.File("s.sock")));
+  ServerHarness harness(options);
+  const auto ask = [&](bool patient) {
+    grpc::ClientContext context;
+    context.set_wait_for_ready(patient);
+    v1::Capabilities capabilities;
+    return harness.capabilities->GetCapabilities(&context, {}, &capabilities);
+  };
+  {
+    const RawConnection first(harness.server->port()), second(harness.server->port());
+    EXPECT_EQ(first.FateWithin(absl::Minutes(1)), RawConnection::Fate::kTaken);
+    EXPECT_EQ(second.FateWithin(absl::Minutes(1)), RawConnection::Fate::kTaken);
+    const RawConnection third(harness.server->port());
+    EXPECT_EQ(third.FateWithin(absl::Minutes(1)), RawConnection::Fate::kRefused);
+    EXPECT_EQ(ask(/*patient=*/false).error_code(), grpc::StatusCode::UNAVAILABLE);
+    const HttpAnswer answer = HttpGet(harness.server->metrics_port(), "/livez");
+    EXPECT_EQ(answer.code, 200) << answer.body;
+  }
+  // gRPC notices that they are gone in its own time; the client tries until then.
+  const grpc::Status later = ask(/*patient=*/true);
+  EXPECT_TRUE(later.ok()) << later.error_message();
 }
 
 // The start waits in the file system for a scene that is stored.

@@ -154,11 +154,18 @@ TEST(ServerMetricsTest, ProbesFollowTheServersLife) {
   EXPECT_EQ(HttpGet(port, "/livez").code, 200);
   EXPECT_THAT(HttpGet(port, "/livez").body, HasSubstr("alive"));
   EXPECT_EQ(HttpGet(port, "/other").code, 404);
+  grpc::ClientContext context;
+  v1::Capabilities capabilities;
+  ASSERT_TRUE(harness.capabilities->GetCapabilities(&context, {}, &capabilities).ok());
+  const double accepted = Sample(harness, "sightline_accepted_connections_total");
+  EXPECT_GE(accepted, 1);
   ASSERT_TRUE(harness.server->Drain(absl::Seconds(20)).ok());
   EXPECT_EQ(HttpGet(port, "/readyz").code, 503);
   EXPECT_THAT(HttpGet(port, "/readyz").body, HasSubstr("draining"));
   EXPECT_EQ(HttpGet(port, "/livez").code, 200);
   EXPECT_EQ(Sample(harness, "sightline_draining"), 1);
+  // A counter that falls says that there is another process. The client may have come once more.
+  EXPECT_GE(Sample(harness, "sightline_accepted_connections_total"), accepted);
 }
 
 TEST(ServerMetricsTest, AMetricsPortThatIsTakenStopsTheStart) {

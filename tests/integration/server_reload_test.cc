@@ -121,6 +121,23 @@ TEST_F(ReloadTest, SighupReadsTheAccessFile) {
   EXPECT_EQ(server.Wait(), 0);
 }
 
+// Who expects the configuration to be read again is told that it was not.
+TEST_F(ReloadTest, SighupSaysWhatItRead) {
+  ServingProcess server(AccessFlags(kNever));
+  server.Signal(SIGHUP);
+  ASSERT_TRUE(
+      testing_support::Until("it says so", [&] { return server.HasSaid("event=reloaded"); }));
+  EXPECT_TRUE(server.HasSaid(absl::StrCat("event=reloaded files=", dir_.File("access"),
+                                          " configuration=\"as at the start")));
+  ServingProcess bare({kNever});
+  bare.Signal(SIGHUP);
+  ASSERT_TRUE(testing_support::Until("it says so",
+                                     [&] { return bare.HasSaid("event=nothing_to_reload"); }));
+  bare.Signal(SIGTERM);
+  EXPECT_EQ(bare.Wait(), 0);
+  EXPECT_FALSE(bare.HasSaid("event=reloaded"));
+}
+
 TEST_F(ReloadTest, TheIntervalReadsTheAccessFile) {
   ServingProcess server(AccessFlags(kOften));
   EXPECT_EQ(List(server, {.token = kFirstToken}), absl::OkStatus());

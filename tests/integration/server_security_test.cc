@@ -2,9 +2,6 @@
 //
 // Who gets in, and who may do what: TLS, roles, tokens, Unix sockets, bounds on connections; over
 // real sockets.
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -465,41 +462,6 @@ TEST_F(SecurityTest, UnixSocketsServeBesideTcp) {
   EXPECT_TRUE(absl::IsUnauthenticated(List(Trusting())));
   server_.reset();
   EXPECT_NE(access(path.c_str(), F_OK), 0);
-}
-
-// Connections that say nothing take up the room that there is, and no more.
-TEST_F(SecurityTest, ConnectionsAreBounded) {
-  ServerOptions options;
-  options.limits.max_connections = 2;
-  options.metrics_listen = "127.0.0.1:0";
-  Start(options);
-  const auto connect_to_it = [&] {
-    const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<uint16_t>(server_->port()));
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    EXPECT_EQ(connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof(address)), 0);
-    return fd;
-  };
-  // HTTP/2 begins with the server's settings: a byte of them shows that it is in.
-  const auto is_in = [](int fd) {
-    char byte;
-    return recv(fd, &byte, 1, 0) == 1;
-  };
-  const int first = connect_to_it(), second = connect_to_it();
-  EXPECT_TRUE(is_in(first));
-  EXPECT_TRUE(is_in(second));
-  const int third = connect_to_it();
-  EXPECT_FALSE(is_in(third));
-  EXPECT_TRUE(absl::IsUnavailable(List({})));
-  EXPECT_EQ(HttpGet(server_->metrics_port(), "/livez").code, 200);
-  for (const int fd : {first, second, third}) close(fd);
-  // gRPC notices that they are gone in its own time; the client tries until then.
-  client::ConnectionOptions patient;
-  patient.channels = 1;
-  patient.retry.give_up_after = absl::Seconds(30);
-  EXPECT_TRUE(client::Client(client::MakeConnection(Target(), patient)).ListScenes().ok());
 }
 
 // Handshakes that stop half way take up all the room that there is, for no more than seconds, and

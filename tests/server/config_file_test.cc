@@ -32,7 +32,7 @@ TEST(ConfigFileTest, ReadsValuesAndLists) {
 }
 
 TEST(ConfigFileTest, AFileOfCommentsIsEmpty) {
-  for (const char* text : {"", "# Nothing.\n", "---\n"}) {
+  for (const char* text : {"", "# Nothing.\n", "---\n", "---\n# Nothing.\n---\n"}) {
     const absl::StatusOr<std::vector<ConfigEntry>> entries = ParseConfig("a.yaml", text);
     ASSERT_TRUE(entries.ok()) << entries.status();
     EXPECT_TRUE(entries->empty());
@@ -50,6 +50,7 @@ TEST(ConfigFileTest, ErrorsNameFileAndLine) {
       {"just words\n", "a.yaml:1: must be lines"},
       {"[a, b]: c\n", "a.yaml:1: an option's name"},
       {"a: 1\nb: [open\n", "a.yaml:"},
+      {"a: 1\n---\nb: 2\n", "a.yaml:3: is another document"},
   };
   for (const auto& [text, message] : cases) {
     const absl::Status status = ParseConfig("a.yaml", text).status();

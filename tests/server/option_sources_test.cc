@@ -2,9 +2,12 @@
 #include "server/option_sources.h"
 
 #include <fstream>
+#include <map>
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/client_part.h"
@@ -59,6 +62,26 @@ TEST_F(OptionSourcesTest, FlagBeatsEnvironmentBeatsFileBeatsDefault) {
   EXPECT_EQ(parsed->given.at("build-threads").origin, "SIGHTLINE_BUILD_THREADS");
   EXPECT_EQ(parsed->given.at("max-scenes").origin, file + ":3: max-scenes");
   EXPECT_EQ(parsed->given.count("max-lights"), 0u);
+}
+
+// As deployments write them for what is not set: VARIABLE=${OTHER}.
+TEST_F(OptionSourcesTest, AnEmptyVariableIsNone) {
+  const std::string file =
+      Config("listen: 127.0.0.1:7\nscene: builtin:box\naccess-file: a\nthreads: 3\n");
+  const absl::StatusOr<ParsedOptions> parsed =
+      Read({"--config", file}, {"SIGHTLINE_LISTEN=", "SIGHTLINE_SCENE=  ", "SIGHTLINE_ACCESS_FILE=",
+                                "SIGHTLINE_THREADS=", "SIGHTLINE_CONFIG="});
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_THAT(parsed->options.listen, ElementsAre("127.0.0.1:7"));
+  EXPECT_THAT(parsed->options.scenes, ElementsAre("builtin:box"));
+  EXPECT_EQ(parsed->options.access_file, "a");
+  EXPECT_EQ(parsed->options.threads, 3);
+  ASSERT_EQ(parsed->warnings.size(), 5u);
+  EXPECT_EQ(parsed->warnings[0], "the variable SIGHTLINE_LISTEN is empty and is ignored");
+  EXPECT_TRUE(Read({"--config", Config(ConfigText(*parsed))}).ok());
+  // Without a file the default stands; a flag that is empty says what it says.
+  EXPECT_EQ(Read({}, {"SIGHTLINE_LISTEN="})->options.listen, ServerOptions().listen);
+  EXPECT_EQ(Read({"--config", file, "--access-file="})->options.access_file, "");
 }
 
 TEST_F(OptionSourcesTest, TheEnvironmentNamesTheFileToo) {
@@ -120,6 +143,8 @@ TEST_F(OptionSourcesTest, ErrorsNameTheSource) {
   // What a stronger source decides is not looked at, however wrong.
   EXPECT_TRUE(Read({"--config", file, "--threads=2"}).ok());
   EXPECT_THAT(ErrorOf(Read({"--config", Config("threads: [1, 2]\n")})), HasSubstr("not a list"));
+  EXPECT_THAT(ErrorOf(Read({"--config", Config("max-scenes: 1\nmax_scenes: 2\n")})),
+              HasSubstr(file + ":2: \"max_scenes\" is given already, at " + file + ":1"));
   EXPECT_THAT(ErrorOf(Read({"--config", Config("version: yes\n")})), HasSubstr("command line"));
   EXPECT_THAT(ErrorOf(Read({"--config", Config("config: x\n")})), HasSubstr("command line"));
 }
@@ -143,6 +168,63 @@ TEST_F(OptionSourcesTest, TheConfigTextGivesTheSameOptionsAgain) {
   EXPECT_EQ(second->options.threads, 2);
   EXPECT_EQ(second->options.drain_timeout, absl::Seconds(7));
   EXPECT_EQ(second->options.limits.max_scenes, 7u);
+}
+
+// Every option, and texts that mean something else in YAML unless they are quoted.
+TEST_F(OptionSourcesTest, TheConfigTextOfEveryOptionIsRead) {
+  const std::map<std::string, std::string> good = {{"unix-socket-mode", "0660"},
+                                                   {"tls-client-auth", "optional"},
+                                                   {"reload-interval", "1m"},
+                                                   {"load", "none"},
+                                                   {"scene-files", "read"},
+                                                   {"evict", "lru"},
+                                                   {"threads", "2"},
+                                                   {"build-threads", "2"},
+                                                   {"drain-delay", "1s"},
+                                                   {"drain-timeout", "1s"},
+                                                   {"connection-idle-timeout", "none"},
+                                                   {"slow-query-log", "none"},
+                                                   {"log-level", "off"}};
+  const std::vector<std::string> awkward = {
+      "a # b: c", "~",   "null", "yes",  "it's \"so\"", "[x", "{x",   "- x",
+      "a, b",     " x ", "a\nb", "a\tb", "&a",          "*a", "!a",   "%a",
+      "@a",       "`a",  "|",    ">",    "?",           ":",  "0x10", "\xC3\xA9"};
+  std::map<std::string, std::string> limits;
+  for (const LimitEntry& entry : LimitTable()) {
+    limits[absl::StrReplaceAll(entry.name, {{"_", "-"}})] = absl::StrCat(entry.least);
+  }
+  std::vector<std::string> flags;
+  for (const Option& option : OptionTable()) {
+    if (option.takes.empty() || option.name == "config") continue;
+    const auto give = [&](const std::string& value) {
+      flags.push_back(absl::StrCat("--", option.name, "=", value));
+    };
+    if (const auto known = good.find(option.name); known != good.end()) {
+      give(known->second);
+    } else if (const auto limit = limits.find(option.name); limit != limits.end()) {
+      give(limit->second);
+    } else if (option.repeated) {
+      for (const std::string& text : awkward) give(text);
+    } else {
+      give(awkward[flags.size() % awkward.size()]);
+    }
+  }
+  for (const std::string& text : awkward) {
+    flags.push_back(absl::StrCat("--port-file=", text));  // The last one counts.
+    const absl::StatusOr<ParsedOptions> first = Read(flags);
+    ASSERT_TRUE(first.ok()) << first.status();
+    const std::string printed = ConfigText(*first);
+    const absl::StatusOr<ParsedOptions> second = Read({"--config", Config(printed)});
+    ASSERT_TRUE(second.ok()) << second.status() << "\n" << printed;
+    for (const auto& [name, option] : first->given) {
+      ASSERT_TRUE(second->given.contains(name)) << name << "\n" << printed;
+      const std::vector<std::string>& values = second->given.at(name).values;
+      EXPECT_EQ(values, option.values) << name << "\n" << printed;
+    }
+  }
+  // Nothing is a value, too.
+  const std::string nothing = ConfigText(*Read({"--access-file="}));
+  EXPECT_EQ(Read({"--config", Config(nothing)})->given.count("access-file"), 1u) << nothing;
 }
 
 TEST_F(OptionSourcesTest, AClientsPartIsHalfOfWhatAllHave) {
@@ -175,6 +257,12 @@ TEST_F(OptionSourcesTest, WhatTheOptionsNameIsChecked) {
     options.scenes = {scene};
     EXPECT_EQ(CheckOptions(options).code(), absl::StatusCode::kInvalidArgument) << scene;
   }
+  // A name for two.
+  options.scenes = {"builtin:hall:30k", "builtin:box", "hall=builtin:box"};
+  const absl::Status twice = CheckOptions(options);
+  EXPECT_EQ(twice.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(twice.message()), HasSubstr("\"hall=builtin:box\": the name hall"));
+  EXPECT_THAT(std::string(twice.message()), HasSubstr("\"builtin:hall:30k\""));
 }
 
 }  // namespace

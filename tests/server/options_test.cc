@@ -158,8 +158,11 @@ TEST(OptionsTest, WhatBelongsTogetherIsAskedForTogether) {
       {{"--tls-client-ca=a"}, "wants --tls-cert"},
       {{"--tls-cert=no-such-file", "--tls-key=no-such-file"}, "no-such-file"},
       {{"--access-file=no-such-file"}, "no-such-file"},
-      {{"--listen=7070"}, "HOST:PORT"},
-      {{"--metrics-listen=7070"}, "HOST:PORT"},
+      {{"--listen=7070"}, "--listen = \"7070\": must be HOST:PORT"},
+      {{"--listen=127.0.0.1:7070", "--listen=127.0.0.1:7070"}, "is given twice"},
+      {{"--listen=127.0.0.1:7070", "--metrics-listen=127.0.0.1:7070"}, "is given twice"},
+      {{"--scene=a=builtin:nothing"}, "--scene = \"a=builtin:nothing\": "},
+      {{"--metrics-listen=7070"}, "--metrics-listen = \"7070\": must be HOST:PORT"},
       {{"--metrics-listen=unix:s"}, "not a Unix socket"},
   };
   for (const auto& [arguments, named] : cases) {
@@ -169,6 +172,14 @@ TEST(OptionsTest, WhatBelongsTogetherIsAskedForTogether) {
     EXPECT_FALSE(status.ok());
     EXPECT_TRUE(absl::StrContains(status.message(), named)) << status;
   }
+}
+
+// Port 0 is another one each time.
+TEST(OptionsTest, FreePortsMayBeAskedForMoreThanOnce) {
+  const absl::StatusOr<ParsedOptions> parsed =
+      Parse({"--listen=127.0.0.1:0", "--listen=127.0.0.1:0", "--metrics-listen=127.0.0.1:0"});
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_TRUE(CheckOptions(parsed->options).ok()) << CheckOptions(parsed->options);
 }
 
 TEST(LimitsTest, EveryPublishedLimitIsSetAndEveryLimitIsPublished) {

@@ -9,11 +9,14 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "core/base/mutex.h"
 #include "gtest/gtest.h"
 #include "server/base/log.h"
+#include "tests/support/temp_dir.h"
 #include "tests/support/test_scale.h"
 
 namespace sightline {
@@ -22,14 +25,13 @@ namespace {
 // A loop on a free port, and what it has taken. It greets each connection with a byte.
 class Door {
  public:
-  explicit Door(size_t most, size_t most_of_one = 500)
-      : loop_(*BindAll({"127.0.0.1:0"}, 0600), {most, most_of_one},
-              [this](const TakenConnection& c) {
-                MutexLock lock(mutex_);
-                send(c.fd, "!", 1, MSG_NOSIGNAL);
-                taken_.push_back(c);
-                changed_.SignalAll();
-              }) {
+  explicit Door(size_t most, size_t most_of_one = 500, const std::string& listen = "127.0.0.1:0")
+      : loop_(*BindAll({listen}, 0600), {most, most_of_one}, [this](const TakenConnection& c) {
+          MutexLock lock(mutex_);
+          send(c.fd, "!", 1, MSG_NOSIGNAL);
+          taken_.push_back(c);
+          changed_.SignalAll();
+        }) {
     SetLogLevel(LogLevel::kOff);
   }
   ~Door() {
@@ -40,12 +42,14 @@ class Door {
   // A connection that waits to be taken; -1 with errno set.
   int Connect(SocketAddress* own = nullptr) {
     const SocketAddress& address = loop_.sockets().front().address();
-    const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    const int fd = socket(address.family(), SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (fd < 0) return -1;
     if (own != nullptr) {
       *own = address;
       own->set_port(0);
+      if (own->family() == AF_UNIX) own->length = sizeof(sa_family_t);  // Any abstract address.
       if (bind(fd, own->get(), own->length) != 0) return -1;
+      own->length = sizeof(own->storage);
       getsockname(fd, own->get(), &own->length);
       loop_.Expect(own->ToString());
     }
@@ -134,18 +138,26 @@ TEST(AcceptLoopTest, AnAddressHasItsShare) {
 }
 
 TEST(AcceptLoopTest, TheProbeGetsInWhateverTheBound) {
-  Door door(1);
-  door.loop().Start();
-  const int client = door.Connect();
-  EXPECT_FALSE(door.WaitFor(1).is_ours);
-  SocketAddress own;
-  const int probe = door.Connect(&own);
-  EXPECT_TRUE(door.WaitFor(2).is_ours);
-  // Only the connection that was announced, and only once.
-  const int other = door.Connect();
-  EXPECT_TRUE(IsClosed(other));
-  EXPECT_EQ(door.loop().counts().open, 1u);
-  for (const int fd : {client, probe, other}) close(fd);
+  const testing_support::TempDir dir;
+  for (const std::string& listen :
+       {std::string("127.0.0.1:0"), absl::StrCat("unix:", dir.File("s.sock"))}) {
+    SCOPED_TRACE(listen);
+    Door door(1, /*most_of_one=*/500, listen);
+    door.loop().Start();
+    const int client = door.Connect();
+    EXPECT_FALSE(door.WaitFor(1).is_ours);
+    SocketAddress own;
+    const int probe = door.Connect(&own);
+    // Whoever is refused hears of it, so that the wait for the probe would have an end.
+    char byte = 0;
+    ASSERT_EQ(recv(probe, &byte, 1, 0), 1);
+    EXPECT_TRUE(door.WaitFor(2).is_ours);
+    // Only the connection that was announced, and only once.
+    const int other = door.Connect();
+    EXPECT_TRUE(IsClosed(other));
+    EXPECT_EQ(door.loop().counts().open, 1u);
+    for (const int fd : {client, probe, other}) close(fd);
+  }
 }
 
 TEST(AcceptLoopTest, StopEndsAWaitingLoop) {

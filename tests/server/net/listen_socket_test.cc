@@ -7,6 +7,7 @@
 
 #include <fstream>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
@@ -36,6 +37,54 @@ TEST(ListenSocketTest, APortIsTakenOnce) {
   const absl::Status status = BindAll({taken}, 0600).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(std::string(status.message()), HasSubstr(taken));
+}
+
+// The addresses of a name, such as 127.0.0.1 and ::1 of localhost; here two of this machine's that
+// every Linux has.
+class BindHostTest : public ::testing::Test {
+ protected:
+  static std::vector<SocketAddress> Host(const std::vector<std::string>& hosts, int port) {
+    std::vector<SocketAddress> addresses;
+    for (const std::string& host : hosts) {
+      const absl::StatusOr<ListenAddress> parsed =
+          ParseListenAddress(absl::StrCat(host, ":", port));
+      EXPECT_TRUE(parsed.ok()) << parsed.status();
+      addresses.push_back(parsed->addresses.front());
+    }
+    return addresses;
+  }
+  // For documentation alone (RFC 5737): no machine has it.
+  static constexpr char kNotHere[] = "192.0.2.1";
+};
+
+TEST_F(BindHostTest, AllAddressesHaveOnePort) {
+  const auto sockets = BindHost(Host({"127.0.0.1", "127.0.0.2"}, 0));
+  ASSERT_TRUE(sockets.ok()) << sockets.status();
+  ASSERT_EQ(sockets->size(), 2u);
+  EXPECT_GT(sockets->front().address().port(), 0);
+  EXPECT_EQ(sockets->front().address().port(), sockets->back().address().port());
+  for (const ListenSocket& socket : *sockets) EXPECT_TRUE(CanConnect(socket.address()));
+}
+
+// Whoever comes to the address that is taken would meet another server.
+TEST_F(BindHostTest, APortThatIsTakenAtOneAddressIsNotPassedOver) {
+  const auto other = BindAll({"127.0.0.2:0"}, 0600);
+  ASSERT_TRUE(other.ok()) << other.status();
+  const SocketAddress taken = other->front().address();
+  const absl::Status status = BindHost(Host({"127.0.0.1", "127.0.0.2"}, taken.port())).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(status.message()), HasSubstr(taken.ToString()));
+  EXPECT_THAT(std::string(status.message()), HasSubstr("in use"));
+}
+
+TEST_F(BindHostTest, WhatThisMachineHasNotIsLeftOut) {
+  const auto sockets = BindHost(Host({kNotHere, "127.0.0.1"}, 0));
+  ASSERT_TRUE(sockets.ok()) << sockets.status();
+  ASSERT_EQ(sockets->size(), 1u);
+  EXPECT_TRUE(CanConnect(sockets->front().address()));
+  const absl::Status status = BindHost(Host({kNotHere}, 7)).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("192.0.2.1:7"));
 }
 
 TEST(ListenSocketTest, AUnixSocketHasItsModeAndGoesAway) {

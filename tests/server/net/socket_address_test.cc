@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/net/socket_address.h"
 
+#include <sys/socket.h>
+#include <sys/un.h>
+
 #include <string>
 
 #include "gtest/gtest.h"
@@ -18,6 +21,21 @@ TEST(SocketAddressTest, ReadsWhatItWrites) {
   }
   EXPECT_EQ(ParseListenAddress("unix:run/s.sock")->unix_path, "run/s.sock");
   EXPECT_EQ(UnixAddress("run/s.sock")->ToString(), "unix:run/s.sock");
+}
+
+// One has a file of that name, the other has none: they are not the same.
+TEST(SocketAddressTest, AnAbstractSocketIsNoFile) {
+  SocketAddress address = *UnixAddress("@run");
+  EXPECT_EQ(address.ToString(), "unix:@run");
+  auto* const un = reinterpret_cast<sockaddr_un*>(&address.storage);
+  un->sun_path[0] = '\0';
+  address.length -= 1;  // It has no null at its end.
+  EXPECT_EQ(address.ToString(), "unix-abstract:run");
+  // Of a client that has no address.
+  address = SocketAddress();
+  address.storage.ss_family = AF_UNIX;
+  address.length = sizeof(sa_family_t);
+  EXPECT_EQ(address.ToString(), "unix:");
 }
 
 TEST(SocketAddressTest, KnowsWhatStaysOnThisMachine) {
