@@ -53,7 +53,6 @@ class ServerTarget final : public Target {
   ServerTarget(const Workload& workload, const Reference* reference)
       : workload_(workload), reference_(reference) {}
   LaneContext MakeContext(const ServerTargetOptions& options, Clock& clock);
-  void Judge(const Answer& answer, Outcome* outcome) const;
   void AddTileLane(client::Connection& connection, int channel, size_t camera,
                    const LaneContext& context);
   void AddPointsLane(client::Connection& connection, int channel, const LaneContext& context);
