@@ -106,6 +106,21 @@ TEST_F(LoadRunTest, AnObjectiveThatIsMissedHasItsExitCode) {
   EXPECT_EQ(RunWith(lax).code, 0);
 }
 
+// Whatever the first error is, and whether trying again may help with it.
+TEST_F(LoadRunTest, AnObjectiveIsMissedWhereNothingIsAnswered) {
+  const std::vector<std::string> args = {ServerFlag(), "--scene=box", "--requests=20",
+                                         "--item-timeout=1ns"};
+  std::vector<std::string> with_objective = args;
+  with_objective.emplace_back("--slo=p99=10m");
+  const RunResult missed = RunWith(with_objective);
+  EXPECT_EQ(missed.code, kExitMissed) << missed.err;
+  EXPECT_THAT(missed.err, HasSubstr("the objective was missed: p99: no answer, errors 100 % of 0 "
+                                    "%; no request was answered; the first failed with: "));
+  const RunResult expired = RunWith(args);
+  EXPECT_EQ(expired.code, cli::kExitTemporary) << expired.err;
+  EXPECT_THAT(expired.err, HasSubstr("no request was answered; the first failed with: "));
+}
+
 TEST_F(LoadRunTest, AKneeThatIsNotThereIsAMiss) {
   const RunResult result =
       RunWith({ServerFlag(), "--scene=box", "--find-knee", "--rate=200", "--slo=p50=1ns",
