@@ -32,6 +32,7 @@ struct Request {
   uint64_t number = 0;  // From 0 in order of planning.
   Work work;
   absl::Time planned;
+  uint64_t slot = 0;  // Of a closed loop: which of those that are under way.
 };
 
 // How an answer compares with the reference's. One that cannot be decoded is wrong.

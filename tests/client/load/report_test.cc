@@ -153,6 +153,22 @@ TEST_F(ReportTest, TextSaysWhatWentWrong) {
   EXPECT_THAT(Print("text"), HasSubstr("nothing (--check none)\n"));
 }
 
+TEST_F(ReportTest, AClosedLoopSaysHowLongRefusalsHeldItBack) {
+  EXPECT_FALSE(nlohmann::json::parse(Print("json")).contains("refusal_waits"));
+  options_.plan.mode = Mode::kClosed;
+  options_.plan.concurrency = 64;
+  EXPECT_THAT(Print("text"), Not(HasSubstr("held back")));
+  EXPECT_EQ(nlohmann::json::parse(Print("json"))["refusal_waits"]["count"], 0);
+  report_.measured.refusal_waits = 1200;
+  report_.measured.refusal_wait = absl::Seconds(160);
+  EXPECT_THAT(Print("text"),
+              testing::ContainsRegex("held back +1,200 times after a refusal, 160.00 s together, "
+                                     "25.0 % of the loop's time\n"));
+  const nlohmann::json waits = nlohmann::json::parse(Print("json"))["refusal_waits"];
+  EXPECT_EQ(waits["count"], 1200);
+  EXPECT_EQ(waits["total_s"], 160);
+}
+
 TEST_F(ReportTest, AKneeSaysWhichRunsWereWhole) {
   report_.knee = Knee{.rate = 90,
                       .missed = 100,
