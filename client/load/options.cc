@@ -92,7 +92,7 @@ void RegisterLoad(FlagSet* flags, LoadOptions* o, Texts* texts) {
   flags->Heading("Load");
   flags->Choice("mode", {"open", "closed"},
                 "open: requests go out when they are due, at --rate, and --rate alone says so; "
-                "closed: --concurrency are always under way",
+                "closed: --concurrency are always under way, but for what waits after a refusal",
                 &texts->mode);
   flags->Number("rate", "R",
                 "open loop: requests per second; with --find-knee: where it begins, else at 50",

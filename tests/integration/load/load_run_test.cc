@@ -46,6 +46,27 @@ TEST_F(LoadRunTest, AClosedLoopAnswersEverythingRight) {
   EXPECT_EQ(Scenes().size(), 1u) << "the scene of the test is still there";
 }
 
+// The server's queue holds one item; whoever comes beside it is refused.
+TEST_F(LoadRunTest, AClosedLoopWaitsAfterRefusals) {
+  ServerOptions options{.scenes = {"box=builtin:box"}};
+  options.limits.max_queued_rays = 1;
+  StartServer(options);
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--workload=points", "--requests=200",
+               "--concurrency=8", "--connections=4", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  const nlohmann::json json = result.json();
+  const int64_t failed = json["all"]["failed"], waits = json["refusal_waits"]["count"];
+  EXPECT_EQ(json["all"]["requests"], 200);
+  if (failed > 0) {
+    EXPECT_EQ(json["errors"]["RESOURCE_EXHAUSTED QUEUE_FULL"], failed);
+  }
+  // One each, but for those whose refusal was the end of the run.
+  EXPECT_LE(waits, failed);
+  EXPECT_GE(waits, failed - 8);
+  EXPECT_EQ(json["refusal_waits"]["total_s"] > 0, waits > 0);
+}
+
 TEST_F(LoadRunTest, AnOpenLoopCountsFromThePlanToo) {
   const RunResult result =
       RunWith({ServerFlag(), "--scene=builtin:box", "--mode=open", "--rate=2000", "--requests=300",
