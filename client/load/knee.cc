@@ -4,6 +4,8 @@
 #include <utility>
 
 #include "core/base/check.h"
+#include "absl/strings/str_cat.h"
+#include "client/load/arrivals.h"
 #include "core/base/status_macros.h"
 
 namespace sightline::load {
@@ -14,15 +16,19 @@ constexpr double kLeastShare = 1.0 / 1024;
 
 }  // namespace
 
-KneeTrial JudgeTrial(double rate, const Measurement& measured, const Slo& slo) {
+absl::StatusOr<KneeTrial> JudgeTrial(double rate, const Measurement& measured, const Slo& slo) {
+  if (measured.wrong > 0) {
+    return absl::DataLossError(absl::StrCat(measured.wrong, " of ", measured.checked,
+                                            " answers were wrong while the knee was searched"));
+  }
   // Answers in time for what came in that time: Poisson arrivals are not exactly at the rate.
   const bool kept_up = static_cast<double>(measured.all.answered_in_time) >=
                        kKeepsUp * static_cast<double>(measured.all.requests);
-  return {.rate = rate,
-          .answered = measured.Rate(),
-          .p50 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(50)),
-          .p99 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(99)),
-          .held = kept_up && measured.wrong == 0 && Held(slo.Judge(measured))};
+  return KneeTrial{.rate = rate,
+                   .answered = measured.Rate(),
+                   .p50 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(50)),
+                   .p99 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(99)),
+                   .held = kept_up && Held(slo.Judge(measured))};
 }
 
 absl::Status FindKnee(double first_rate, const KneeTry& trial, Knee* knee) {

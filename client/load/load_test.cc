@@ -267,16 +267,17 @@ absl::StatusOr<KneeTrial> LoadTest::Try(double rate, LoadReport* report) {
   Measurement measured;
   const absl::Status status = Measure(
       plan, /*until_stable=*/false, absl::StrCat("trying ", PlainNumber(rate, 4), "/s"), &measured);
-  // Wrong is wrong, at whatever rate: they are what the report is about then.
+  absl::StatusOr<KneeTrial> judged = JudgeTrial(rate, measured, options_.slo);
+  // Wrong answers are what the report is about then.
   if (measured.wrong > 0) {
     report->rate = rate;
     report->measured = std::move(measured);
-    return absl::DataLossError("answers were wrong while the knee was searched");
+    return judged;
   }
   SL_RETURN_IF_ERROR(status);
   // One that was cut short says nothing of its rate.
   if (Interrupted()) return interrupted();
-  return JudgeTrial(rate, measured, options_.slo);
+  return judged;
 }
 
 absl::Status LoadTest::RunAtKnee(LoadReport* report) {
