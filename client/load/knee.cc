@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/load/knee.h"
 
+#include <algorithm>
 #include <utility>
 
-#include "core/base/check.h"
 #include "absl/strings/str_cat.h"
 #include "client/load/arrivals.h"
+#include "core/base/check.h"
 #include "core/base/status_macros.h"
 
 namespace sightline::load {
@@ -48,7 +49,8 @@ absl::Status FindKnee(double first_rate, const KneeTry& trial, Knee* knee) {
     }
     again = false;
     if (knee->missed == 0) {
-      rate = 2 * knee->rate;
+      if (rate >= kHighestRate) break;
+      rate = std::min(2 * knee->rate, kHighestRate);
     } else if (knee->rate == 0) {
       rate = knee->missed / 2;
       if (rate < kLeastShare * first_rate) break;

@@ -5,7 +5,7 @@
 // held and the lowest that missed is halved until it is within 5 %. A rate counts as missed once
 // two trials of it have missed: one bad trial on a busy machine does not end the search.
 //
-// Bounded: at most kMaxTrials trials.
+// Bounded: at most kMaxTrials trials, at kHighestRate (arrivals.h) at most.
 //
 // Thread safety: none; FindKnee runs in the caller's thread.
 //

@@ -23,7 +23,6 @@ using cli::UsageError;
 
 constexpr absl::Duration kLongest = absl::Hours(24);
 constexpr uint64_t kMostConnections = 64;
-constexpr double kHighestRate = 1e6;
 constexpr uint32_t kLargestSide = 8192;
 
 constexpr char kExitCodes[] =

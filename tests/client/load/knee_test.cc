@@ -53,13 +53,14 @@ TEST(KneeTest, WhatNeverHoldsHasNoKnee) {
   EXPECT_LE(knee.trials.size(), static_cast<size_t>(kMaxTrials));
 }
 
-TEST(KneeTest, WhatNeverMissesEndsAfterTheMostTrials) {
+TEST(KneeTest, WhatNeverMissesEndsAtTheHighestRate) {
   Knee knee;
   ASSERT_TRUE(FindKnee(
                   1, [](double rate) { return Model(rate, 1e300); }, &knee)
                   .ok());
   EXPECT_EQ(knee.missed, 0);
-  EXPECT_EQ(knee.trials.size(), static_cast<size_t>(kMaxTrials));
+  EXPECT_EQ(knee.rate, kHighestRate);
+  EXPECT_EQ(knee.trials.size(), 21u);
 }
 
 // What a trial met and a whole run does not gives way, step by step.
