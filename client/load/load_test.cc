@@ -34,13 +34,13 @@ absl::Duration TimeOf(const RunPlan& plan) { return plan.warm_up + plan.duration
 // The calls after the preparation, for which --timeout is.
 client::CallOptions LateCall() { return {.deadline = absl::Now() + absl::Seconds(10)}; }
 
-// Outcomes on their way to the driver also count toward the next edit.
+// Answers on their way to the driver also count toward the next edit.
 class CountingTarget final : public Target {
  public:
   CountingTarget(Target& inner, Reloader* reloader) : inner_(inner), reloader_(reloader) {}
   void SetOnDone(OnDone on_done) override {
     inner_.SetOnDone([reloader = reloader_, on_done = std::move(on_done)](const Outcome& outcome) {
-      if (reloader != nullptr) reloader->CountAnswer();
+      if (reloader != nullptr && outcome.status.ok()) reloader->CountAnswer();
       on_done(outcome);
     });
   }

@@ -96,6 +96,14 @@ TEST_F(LoadRunTest, EditsUnderLoadAreSeenWholeOrNotAtAll) {
   EXPECT_EQ(revision, 1 + edits + edits % 2) << "the test's object is still there";
 }
 
+TEST_F(LoadRunTest, FailuresAreNoAnswersThatAnEditWaitsFor) {
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box", "--workload=segments",
+               "--requests=100", "--reload-every=10", "--item-timeout=1ns", "--output=json"});
+  EXPECT_EQ(result.json()["all"]["failed"], 100) << result.err;
+  EXPECT_EQ(result.json()["edits"], 0);
+}
+
 // Availability through reloads: a scene of the repository is read again under load.
 TEST_F(LoadRunTest, ReloadsUnderLoadLoseNothing) {
   const testing_support::TempDir folder;
