@@ -89,8 +89,13 @@ absl::Status Load(const std::vector<std::string>& args, std::ostream& out, std::
   // A run that broke off is told as far as it came, and so is a search.
   const bool measured = report.measured.all.requests > 0 || status.ok();
   if (measured || report.measured_nothing()) PrintReport(report, options->output, out);
-  if (measured) SL_RETURN_IF_ERROR(WriteFiles(report));
-  if (report.measured.wrong > 0) return Verdict(report);
+  const absl::Status written = measured ? WriteFiles(report) : absl::OkStatus();
+  if (report.measured.wrong > 0) {
+    // Whatever else failed: nobody may take the answers for right.
+    if (!written.ok()) err << "warning: " << written.message() << '\n';
+    return Verdict(report);
+  }
+  SL_RETURN_IF_ERROR(written);
   SL_RETURN_IF_ERROR(status);
   return Verdict(report);
 }
