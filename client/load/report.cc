@@ -379,7 +379,8 @@ void PrintJson(const LoadReport& report, std::ostream& out) {
   if (!report.server_metrics_error.empty()) {
     json["server_metrics_error"] = report.server_metrics_error;
   }
-  out << json.dump(2) << '\n';
+  // A file's name may be any bytes, and so may what a server says of its metrics.
+  out << json.dump(2, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace) << '\n';
 }
 
 // ---- CSV

@@ -88,6 +88,18 @@ TEST_F(ReportTest, JsonHasTheNumbers) {
   EXPECT_EQ(json["edits"], 3);
 }
 
+TEST_F(ReportTest, JsonHoldsWhateverBytesThereAre) {
+  options_.scene =
+      "stra\xdf"
+      "e.obj";
+  report_.server_metrics["x{name=\"\xff\"}"] = {1, 4};
+  const nlohmann::json json = nlohmann::json::parse(Print("json"));
+  EXPECT_EQ(json["scene"],
+            "stra\xef\xbf\xbd"
+            "e.obj");
+  EXPECT_EQ(json["all"]["requests"], 1010);
+}
+
 TEST_F(ReportTest, CsvHasALinePerWindowAndOneForAll) {
   Measurement& m = report_.measured;
   m.windows[1].sent.Record(absl::Milliseconds(8), 500);
