@@ -36,6 +36,7 @@ struct Glance {
 class Recorder {
  public:
   // Windows of an hour-long run at most: beyond that, answers count in the totals alone.
+  // ParseOptions sees to it that no run has more.
   static constexpr size_t kMaxWindows = 4000;
 
   // REQUIRES: window > 0.
