@@ -14,6 +14,9 @@
 namespace sightline::load {
 namespace {
 
+// Of a mix. Weights that are no numbers of people's any more add up to infinity.
+constexpr double kHeaviest = 1e6;
+
 size_t Index(Kind kind) { return static_cast<size_t>(kind); }
 
 uint64_t SampleCount(const std::vector<client::Light>& lights) {
@@ -53,11 +56,11 @@ absl::StatusOr<Mix> ParseMix(absl::string_view text) {
     const auto found = std::find(kKindNames.begin(), kKindNames.end(), words.first);
     const auto kind = static_cast<size_t>(found - kKindNames.begin());
     if (found == kKindNames.end() || named[kind] || !absl::SimpleAtod(words.second, &mix[kind]) ||
-        !(mix[kind] >= 0) || !std::isfinite(mix[kind])) {
+        !(mix[kind] >= 0 && mix[kind] <= kHeaviest)) {
       return absl::InvalidArgumentError(
           absl::StrCat("'", part,
-                       "': wants tiles=, points= or segments= once, with a weight of 0 "
-                       "or more"));
+                       "': wants tiles=, points= or segments= once, with a weight from 0 to "
+                       "1000000"));
     }
     named[kind] = true;
   }

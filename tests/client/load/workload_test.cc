@@ -34,8 +34,9 @@ TEST(WorkloadTest, AMixIsReadAndMistakesAreNamed) {
   const absl::StatusOr<Mix> mix = ParseMix("tiles=5,segments=2.5");
   ASSERT_TRUE(mix.ok()) << mix.status();
   EXPECT_THAT(*mix, ElementsAre(5, 0, 2.5));
-  for (const char* text : {"", "tiles", "tiles=", "tiles=-1", "tiles=x", "rays=1", "tiles=0",
-                           "tiles=1,tiles=2", "tiles=inf", "points=nan"}) {
+  for (const char* text :
+       {"", "tiles", "tiles=", "tiles=-1", "tiles=x", "rays=1", "tiles=0", "tiles=1,tiles=2",
+        "tiles=inf", "points=nan", "tiles=1e308,points=1e308"}) {
     const absl::StatusOr<Mix> bad = ParseMix(text);
     EXPECT_EQ(bad.status().code(), absl::StatusCode::kInvalidArgument) << text;
   }
