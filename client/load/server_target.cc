@@ -131,7 +131,8 @@ void ServerTarget::AddSegmentsLane(client::Connection& connection, int channel,
 
 void ServerTarget::Send(const Request& request) {
   const auto& connections = lanes_[static_cast<size_t>(request.work.kind)];
-  connections[request.number % connections.size()][workload_.StreamOf(request.work)]->Send(request);
+  const size_t connection = workload_.ConnectionOf(request, connections.size());
+  connections[connection][workload_.StreamOf(request.work)]->Send(request);
 }
 
 void ServerTarget::CancelAll() {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A server as a target: for each connection one stream per camera of the path, one for points and
-// one for segments, as far as the mix asks for them. Requests go round the connections in turn.
+// one for segments, as far as the mix asks for them. Requests go round the connections in turn
+// (Workload::ConnectionOf).
 //
 // Thread safety: as Target. SetOnDone only while nothing is unanswered.
 //

@@ -146,6 +146,12 @@ size_t Workload::StreamOf(const Work& work) const {
   return work.kind == Kind::kTiles ? tiles_[work.item].camera : 0;
 }
 
+size_t Workload::ConnectionOf(const Request& request, size_t connections) const {
+  // After so many requests the same items meet the same connections again.
+  const uint64_t round = std::lcm<uint64_t>(ItemCount(request.work.kind), connections);
+  return static_cast<size_t>((request.number + request.number / round) % connections);
+}
+
 uint64_t Workload::Rays(const Work& work) const {
   switch (work.kind) {
     case Kind::kTiles: {
