@@ -84,15 +84,7 @@ void Driver::RunOpen() {
   ArrivalSchedule arrivals(plan_.arrivals, plan_.rate, plan_.seed);
   while (true) {
     const absl::Time due = start_ + arrivals.Next();
-    // In steps, so that Stop ends a slow schedule soon.
-    for (absl::Time now = clock_.Now(); now < due; now = clock_.Now()) {
-      {
-        MutexLock lock(mutex_);
-        if (Over(due)) return;
-      }
-      if (!target_.status().ok()) return;
-      clock_.WaitUntil(std::min(due, now + kPoll));
-    }
+    if (!WaitUntilDue(due)) return;
     bool sends = WaitForRoom(due);
     Request request;
     if (sends) {
@@ -102,6 +94,25 @@ void Driver::RunOpen() {
     if (!sends) return CountUnsent(due, &arrivals);
     target_.Send(request);
   }
+}
+
+// False if the run ends before: then what is unanswered has had all of the run's time.
+bool Driver::WaitUntilDue(absl::Time due) {
+  // In steps, so that Stop ends a slow schedule soon.
+  for (absl::Time now = clock_.Now(); now < due; now = clock_.Now()) {
+    absl::Time until = due;
+    {
+      MutexLock lock(mutex_);
+      if (Over(due)) {
+        const bool by_count = plan_.max_requests > 0 && measured_ >= plan_.max_requests;
+        until = LastDue();
+        if (by_count || outstanding_ == 0 || now >= until) return false;
+      }
+    }
+    if (!target_.status().ok()) return false;
+    clock_.WaitUntil(std::min(until, now + kPoll));
+  }
+  return true;
 }
 
 // False if the run ends meanwhile.

@@ -82,6 +82,7 @@ class Driver {
   void SendWaiting() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void WaitAfterRefusal(const Outcome& outcome, absl::Time now)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  bool WaitUntilDue(absl::Time due);
   bool WaitForRoom(absl::Time due);
   void CountUnsent(absl::Time due, ArrivalSchedule* arrivals);
   void WaitForAnswers();

@@ -46,15 +46,31 @@ TEST(DriverTest, AnOpenLoopSendsWhatIsDueAndCountsFromThePlan) {
                                          .duration = absl::Seconds(3),
                                          .drain = absl::ZeroDuration()});
   EXPECT_EQ(measured.all.requests, 300u);
-  // The last is still unanswered when the run gives up: nobody moves the clock on.
-  EXPECT_EQ(measured.all.answered, 299u);
-  EXPECT_EQ(measured.all.failed, 1u);
-  EXPECT_EQ(measured.errors.at("CANCELLED"), 1u);
+  EXPECT_EQ(measured.all.answered, 300u);
   EXPECT_EQ(measured.all.planned.max(), absl::Milliseconds(4));
   EXPECT_EQ(measured.all.sent.max(), absl::Milliseconds(4));
   ASSERT_EQ(measured.windows.size(), 3u);
   EXPECT_NEAR(static_cast<double>(measured.windows[1].answered), 100, 1);
   EXPECT_EQ(measured.elapsed, absl::Seconds(3));
+}
+
+// Though nothing more is due, and nothing is waited for after the run.
+TEST(DriverTest, WhatIsUnansweredHasTheRestOfTheTime) {
+  OpenLoop loop(absl::Milliseconds(100));
+  RunPlan plan{.mode = Mode::kOpen,
+               .rate = 1,
+               .duration = absl::Seconds(1.5),
+               .drain = absl::ZeroDuration()};
+  const Measurement measured = loop.Run(plan);
+  EXPECT_EQ(measured.all.answered, 2u);
+  EXPECT_EQ(measured.all.failed, 0u);
+  OpenLoop slow(absl::Milliseconds(600));
+  const Measurement given_up = slow.Run(plan);
+  EXPECT_EQ(given_up.all.answered, 1u);
+  EXPECT_EQ(given_up.all.failed, 1u);
+  EXPECT_EQ(given_up.errors.at("CANCELLED"), 1u);
+  // It waited until the end of the run.
+  EXPECT_EQ(given_up.all.planned.min(), absl::Milliseconds(500));
 }
 
 TEST(DriverTest, AnOverloadedOpenLoopShowsTheWaitingInThePlannedLatencyAlone) {

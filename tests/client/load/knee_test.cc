@@ -171,7 +171,7 @@ TEST(KneeTest, WrongAnswersEndASearch) {
 // A server that answers one request after the other, each in ten milliseconds, by a clock that the
 // runs move on: whatever this machine can do, a hundred a second is the most.
 TEST(KneeTest, TheKneeOfAServerIsWhatItCanDo) {
-  // The clock stops with the last request, so a run gives up on what it did not answer by then.
+  // The clock stops with the run, which gives up on what it did not answer by then.
   const Slo slo = *ParseSlo("p90=250ms,errors=100%");
   const auto judge = [&](double rate, absl::Duration duration) {
     ManualClock clock;
