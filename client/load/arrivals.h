@@ -27,6 +27,9 @@ namespace sightline::load {
 
 enum class Arrivals { kConstant, kPoisson };
 
+// Requests per second. More than any process here sends, let alone has answered.
+inline constexpr double kHighestRate = 1e6;
+
 class ArrivalSchedule {
  public:
   // REQUIRES: rate (requests per second) is finite and above 0.

@@ -10,6 +10,12 @@ namespace {
 
 // How late a Stop may be noticed.
 constexpr absl::Duration kPoll = absl::Milliseconds(50);
+// The same while a closed loop waits after refusals, and how late one that may go sooner is.
+constexpr absl::Duration kRefusalPoll = absl::Milliseconds(5);
+
+bool IsRefusal(const absl::Status& status) {
+  return absl::IsResourceExhausted(status) || absl::IsUnavailable(status);
+}
 
 std::chrono::steady_clock::time_point PollTime() {
   return std::chrono::steady_clock::now() + absl::ToChronoMilliseconds(kPoll);
@@ -45,8 +51,10 @@ void Driver::Stop() {
 
 absl::Time Driver::end() const {
   MutexLock lock(mutex_);
-  const bool early = stop_ < end_ || (plan_.max_requests > 0 && measured_ >= plan_.max_requests);
-  return early ? std::min(last_outcome_, end_) : end_;
+  if (plan_.max_requests > 0 && measured_ >= plan_.max_requests) {
+    return std::min(last_outcome_, end_);
+  }
+  return std::min(std::max(stop_, last_outcome_), end_);
 }
 
 absl::Time Driver::LastDue() const { return std::min(end_, stop_); }
@@ -76,15 +84,7 @@ void Driver::RunOpen() {
   ArrivalSchedule arrivals(plan_.arrivals, plan_.rate, plan_.seed);
   while (true) {
     const absl::Time due = start_ + arrivals.Next();
-    // In steps, so that Stop ends a slow schedule soon.
-    for (absl::Time now = clock_.Now(); now < due; now = clock_.Now()) {
-      {
-        MutexLock lock(mutex_);
-        if (Over(due)) return;
-      }
-      if (!target_.status().ok()) return;
-      clock_.WaitUntil(std::min(due, now + kPoll));
-    }
+    if (!WaitUntilDue(due)) return;
     bool sends = WaitForRoom(due);
     Request request;
     if (sends) {
@@ -94,6 +94,25 @@ void Driver::RunOpen() {
     if (!sends) return CountUnsent(due, &arrivals);
     target_.Send(request);
   }
+}
+
+// False if the run ends before: then what is unanswered has had all of the run's time.
+bool Driver::WaitUntilDue(absl::Time due) {
+  // In steps, so that Stop ends a slow schedule soon.
+  for (absl::Time now = clock_.Now(); now < due; now = clock_.Now()) {
+    absl::Time until = due;
+    {
+      MutexLock lock(mutex_);
+      if (Over(due)) {
+        const bool by_count = plan_.max_requests > 0 && measured_ >= plan_.max_requests;
+        until = LastDue();
+        if (by_count || outstanding_ == 0 || now >= until) return false;
+      }
+    }
+    if (!target_.status().ok()) return false;
+    clock_.WaitUntil(std::min(until, now + kPoll));
+  }
+  return true;
 }
 
 // False if the run ends meanwhile.
@@ -124,30 +143,55 @@ void Driver::CountUnsent(absl::Time due, ArrivalSchedule* arrivals) {
   }
 }
 
+// Returns once nothing more is sent. Answers call the next requests by themselves.
 void Driver::RunClosed() {
   for (uint64_t i = 0; i < plan_.concurrency; ++i) {
     Request request;
     {
       MutexLock lock(mutex_);
-      if (!Next(clock_.Now(), &request)) return;
+      if (!Next(clock_.Now(), &request)) break;
     }
+    request.slot = i;
     target_.Send(request);
   }
+  MutexLock lock(mutex_);
+  while (!Over(clock_.Now()) && target_.status().ok() && (outstanding_ > 0 || !waiting_.empty())) {
+    if (waiting_.empty()) {
+      answered_.WaitUntil(mutex_, PollTime());
+    } else {
+      SendWaiting();
+    }
+  }
+  const absl::Time now = clock_.Now();
+  for (const auto& [until, waiting] : waiting_) recorder_.AddRefusalWait(waiting.since, now);
+  waiting_.clear();
+}
+
+// The first of those that wait, if it may go; a step of the time until then, if not.
+void Driver::SendWaiting() {
+  const absl::Time now = clock_.Now(), until = waiting_.begin()->first;
+  const Waiting first = waiting_.begin()->second;
+  Request request;
+  const bool sends = until <= now && Next(now, &request);
+  if (sends) {
+    waiting_.erase(waiting_.begin());
+    recorder_.AddRefusalWait(first.since, now);
+    request.slot = first.slot;
+  }
+  mutex_.Unlock();
+  if (sends) {
+    target_.Send(request);
+  } else {
+    clock_.WaitUntil(std::min(until, now + kRefusalPoll));
+  }
+  mutex_.Lock();
 }
 
 void Driver::WaitForAnswers() {
-  absl::Time give_up = absl::InfiniteFuture();
   MutexLock lock(mutex_);
-  while (outstanding_ > 0) {
-    const absl::Time now = clock_.Now();
-    // An open loop has planned everything by now; a closed one goes on by itself.
-    const bool planned_all = plan_.mode == Mode::kOpen || Over(now) || !target_.status().ok();
-    if (give_up == absl::InfiniteFuture() && planned_all) {
-      give_up = std::min(now, LastDue()) + plan_.drain;
-    }
-    if (now >= give_up) break;
-    answered_.WaitUntil(mutex_, PollTime());
-  }
+  // Everything has been planned by now.
+  const absl::Time give_up = std::min(clock_.Now(), LastDue()) + plan_.drain;
+  while (outstanding_ > 0 && clock_.Now() < give_up) answered_.WaitUntil(mutex_, PollTime());
   if (outstanding_ == 0) return;
   given_up_ = true;
   while (outstanding_ > 0) {
@@ -159,6 +203,13 @@ void Driver::WaitForAnswers() {
   }
 }
 
+// Run sends the slot's next request, when its time has come.
+void Driver::WaitAfterRefusal(const Outcome& outcome, absl::Time now) {
+  const uint64_t slot = outcome.request.slot;
+  client::Backoff& backoff = backoffs_.try_emplace(slot, client::RetryOptions()).first->second;
+  waiting_.emplace(now + backoff.Next(outcome.status), Waiting{.slot = slot, .since = now});
+}
+
 void Driver::OnDone(const Outcome& outcome) {
   recorder_.Add(outcome);
   Request request;
@@ -166,11 +217,20 @@ void Driver::OnDone(const Outcome& outcome) {
     MutexLock lock(mutex_);
     last_outcome_ = std::max(last_outcome_, outcome.received);
     --outstanding_;
-    if (plan_.mode == Mode::kOpen || !target_.status().ok() || !Next(clock_.Now(), &request)) {
+    const absl::Time now = clock_.Now();
+    if (plan_.mode == Mode::kOpen || !target_.status().ok() || Over(now)) {
       // Under the lock: once Run sees the last one, the driver may go.
       answered_.SignalAll();
       return;
     }
+    if (IsRefusal(outcome.status)) {
+      WaitAfterRefusal(outcome, now);
+      answered_.SignalAll();
+      return;
+    }
+    backoffs_.erase(outcome.request.slot);
+    Next(now, &request);
+    request.slot = outcome.request.slot;
   }
   target_.Send(request);
 }

@@ -23,6 +23,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <string>
 #include <thread>
 #include <type_traits>
 #include <utility>
@@ -31,6 +32,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
 #include "client/lib/backoff.h"
 #include "client/lib/connection.h"
 #include "client/lib/convert.h"
@@ -65,6 +67,8 @@ struct LaneContext {
   // Whether an answer is to be compared, and how it does: verdict and difference of the outcome.
   std::function<bool(const Work&)> is_checked;
   std::function<void(const Answer&, Outcome*)> judge;
+  // What was asked, before the difference of a wrong answer.
+  std::function<std::string(const Work&)> describe;
   std::function<void(const Outcome&)> on_done;
   std::function<void()> on_gone;  // The lane has given up; its status says why from then on.
   absl::Duration item_timeout = absl::ZeroDuration();  // 0: none.
@@ -319,6 +323,8 @@ class ItemStream final : public Lane {
     context_.on_done(outcome);
   }
 
+  // What is not checked is not even decoded: a load test that looked at everything would measure
+  // itself. What is checked and cannot be decoded is an answer all the same, and a wrong one.
   void Check(std::vector<Reply> replies, Outcome* outcome) {
     const Work& work = outcome->request.work;
     if (!context_.is_checked(work)) return;
@@ -326,8 +332,12 @@ class ItemStream final : public Lane {
     if (answer.ok()) {
       context_.judge(*answer, outcome);
     } else {
-      outcome->status = answer.status();
+      outcome->verdict = Verdict::kWrong;
+      outcome->difference = std::string(answer.status().message());
     }
+    if (outcome->verdict != Verdict::kWrong) return;
+    outcome->difference = absl::StrCat("request ", outcome->request.number, ", ",
+                                       context_.describe(work), ": ", outcome->difference);
   }
 
   static Outcome OutcomeOf(const Flight& flight) {

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/load/knee.h"
 
+#include <algorithm>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "client/load/arrivals.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 
@@ -14,15 +17,19 @@ constexpr double kLeastShare = 1.0 / 1024;
 
 }  // namespace
 
-KneeTrial JudgeTrial(double rate, const Measurement& measured, const Slo& slo) {
+absl::StatusOr<KneeTrial> JudgeTrial(double rate, const Measurement& measured, const Slo& slo) {
+  if (measured.wrong > 0) {
+    return absl::DataLossError(absl::StrCat(measured.wrong, " of ", measured.checked,
+                                            " answers were wrong while the knee was searched"));
+  }
   // Answers in time for what came in that time: Poisson arrivals are not exactly at the rate.
   const bool kept_up = static_cast<double>(measured.all.answered_in_time) >=
                        kKeepsUp * static_cast<double>(measured.all.requests);
-  return {.rate = rate,
-          .answered = measured.Rate(),
-          .p50 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(50)),
-          .p99 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(99)),
-          .held = kept_up && measured.wrong == 0 && Held(slo.Judge(measured))};
+  return KneeTrial{.rate = rate,
+                   .answered = measured.Rate(),
+                   .p50 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(50)),
+                   .p99 = absl::ToDoubleMilliseconds(measured.all.planned.PercentileOf(99)),
+                   .held = kept_up && Held(slo.Judge(measured))};
 }
 
 absl::Status FindKnee(double first_rate, const KneeTry& trial, Knee* knee) {
@@ -42,7 +49,8 @@ absl::Status FindKnee(double first_rate, const KneeTry& trial, Knee* knee) {
     }
     again = false;
     if (knee->missed == 0) {
-      rate = 2 * knee->rate;
+      if (rate >= kHighestRate) break;
+      rate = std::min(2 * knee->rate, kHighestRate);
     } else if (knee->rate == 0) {
       rate = knee->missed / 2;
       if (rate < kLeastShare * first_rate) break;

@@ -5,7 +5,7 @@
 // held and the lowest that missed is halved until it is within 5 %. A rate counts as missed once
 // two trials of it have missed: one bad trial on a busy machine does not end the search.
 //
-// Bounded: at most kMaxTrials trials.
+// Bounded: at most kMaxTrials trials, at kHighestRate (arrivals.h) at most.
 //
 // Thread safety: none; FindKnee runs in the caller's thread.
 //
@@ -46,9 +46,10 @@ struct Knee {
   std::vector<KneeTrial> trials;  // In the order in which they ran.
 };
 
-// What a run at `rate` came to: it held if it met the objective, had no wrong answer and kept up
-// with what was due.
-KneeTrial JudgeTrial(double rate, const Measurement& measured, const Slo& slo);
+// What a run at `rate` came to: it held if it met the objective and kept up with what was due.
+// DATA_LOSS if it had a wrong answer: wrong is wrong, at whatever rate, and a search that stepped
+// back from it would hide it.
+absl::StatusOr<KneeTrial> JudgeTrial(double rate, const Measurement& measured, const Slo& slo);
 
 // Runs one rate; its error ends the search.
 using KneeTry = std::function<absl::StatusOr<KneeTrial>(double rate)>;

@@ -34,13 +34,13 @@ absl::Duration TimeOf(const RunPlan& plan) { return plan.warm_up + plan.duration
 // The calls after the preparation, for which --timeout is.
 client::CallOptions LateCall() { return {.deadline = absl::Now() + absl::Seconds(10)}; }
 
-// Outcomes on their way to the driver also count toward the next edit.
+// Answers on their way to the driver also count toward the next edit.
 class CountingTarget final : public Target {
  public:
   CountingTarget(Target& inner, Reloader* reloader) : inner_(inner), reloader_(reloader) {}
   void SetOnDone(OnDone on_done) override {
     inner_.SetOnDone([reloader = reloader_, on_done = std::move(on_done)](const Outcome& outcome) {
-      if (reloader != nullptr) reloader->CountAnswer();
+      if (reloader != nullptr && outcome.status.ok()) reloader->CountAnswer();
       on_done(outcome);
     });
   }
@@ -267,16 +267,17 @@ absl::StatusOr<KneeTrial> LoadTest::Try(double rate, LoadReport* report) {
   Measurement measured;
   const absl::Status status = Measure(
       plan, /*until_stable=*/false, absl::StrCat("trying ", PlainNumber(rate, 4), "/s"), &measured);
-  // Wrong is wrong, at whatever rate: they are what the report is about then.
+  absl::StatusOr<KneeTrial> judged = JudgeTrial(rate, measured, options_.slo);
+  // Wrong answers are what the report is about then.
   if (measured.wrong > 0) {
     report->rate = rate;
     report->measured = std::move(measured);
-    return absl::DataLossError("answers were wrong while the knee was searched");
+    return judged;
   }
   SL_RETURN_IF_ERROR(status);
   // One that was cut short says nothing of its rate.
   if (Interrupted()) return interrupted();
-  return JudgeTrial(rate, measured, options_.slo);
+  return judged;
 }
 
 absl::Status LoadTest::RunAtKnee(LoadReport* report) {

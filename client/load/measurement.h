@@ -60,6 +60,10 @@ struct Measurement {
   CodeCounts failed_by_code{};
   absl::Status first_error;
   LatencyHistogram server_queue, server_compute;
+  // Of a closed loop: how often a request waited after the refusal of the one before it, and how
+  // long within the interval, all together.
+  uint64_t refusal_waits = 0;
+  absl::Duration refusal_wait;
   uint64_t checked = 0, wrong = 0;  // Warm-up included.
   std::string first_wrong;
 

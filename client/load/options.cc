@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/load/options.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <utility>
 #include <vector>
@@ -13,6 +14,7 @@
 #include "client/cli/flags.h"
 #include "client/cli/scene_argument.h"
 #include "client/load/plain_number.h"
+#include "client/load/recorder.h"
 #include "core/base/status_macros.h"
 
 namespace sightline::load {
@@ -23,7 +25,6 @@ using cli::UsageError;
 
 constexpr absl::Duration kLongest = absl::Hours(24);
 constexpr uint64_t kMostConnections = 64;
-constexpr double kHighestRate = 1e6;
 constexpr uint32_t kLargestSide = 8192;
 
 constexpr char kExitCodes[] =
@@ -31,7 +32,9 @@ constexpr char kExitCodes[] =
     "69 no connection, 70 internal error, 73 no output, 78 wrong processor):\n"
     "  0   the run was measured; the objective of --slo held, if there was one, as far as the run "
     "came\n"
-    "  1   the objective was missed, or --find-knee found no rate that meets it\n"
+    "  1   the objective was missed, also since nothing was answered, or --find-knee found no rate "
+    "that\n"
+    "      meets it\n"
     "  75  busy or out of time; interrupted before the first request, or while --find-knee went "
     "on: the\n"
     "      report has its trials by then\n"
@@ -90,7 +93,7 @@ void RegisterLoad(FlagSet* flags, LoadOptions* o, Texts* texts) {
   flags->Heading("Load");
   flags->Choice("mode", {"open", "closed"},
                 "open: requests go out when they are due, at --rate, and --rate alone says so; "
-                "closed: --concurrency are always under way",
+                "closed: --concurrency are always under way, but for what waits after a refusal",
                 &texts->mode);
   flags->Number("rate", "R",
                 "open loop: requests per second; with --find-knee: where it begins, else at 50",
@@ -109,7 +112,11 @@ void RegisterLoad(FlagSet* flags, LoadOptions* o, Texts* texts) {
                &o->plan.max_requests, 0, uint64_t{1} << 40);
   flags->Switch("until-stable", "ends the run once three windows agree within 10 %",
                 &o->until_stable);
-  AddDuration(flags, "window", "length of a window", absl::Milliseconds(10), &o->window);
+  AddDuration(
+      flags, "window",
+      "length of a window; a run has 4000 at most, and longer ones by default where it takes "
+      "longer than these",
+      absl::Milliseconds(10), &o->window);
   AddDuration(flags, "drain", "how long is waited for answers at the end", absl::ZeroDuration(),
               &o->plan.drain);
   AddDuration(flags, "item-timeout", "the deadline that each request carries, 0s: none",
@@ -180,6 +187,22 @@ void RegisterResults(FlagSet* flags, LoadOptions* o, Texts* texts) {
               &o->metrics_token_file);
 }
 
+// A run has no more windows than are kept: what is called its last ones are its last ones.
+absl::Status FitWindows(const FlagSet& flags, LoadOptions* o) {
+  const absl::Duration longest =
+      o->find_knee ? std::max(o->plan.duration, o->trial) : o->plan.duration;
+  const auto most = static_cast<int64_t>(Recorder::kMaxWindows);
+  if (o->window * most >= longest) return absl::OkStatus();
+  if (flags.given("window")) {
+    return UsageError(absl::StrCat(
+        "--window ", absl::FormatDuration(o->window), " would make more than ", most,
+        " windows of ", absl::FormatDuration(longest), ": give ",
+        absl::FormatDuration(absl::Ceil(longest / most, absl::Milliseconds(1))), " or more"));
+  }
+  o->window = absl::Ceil(longest / most, absl::Seconds(1));
+  return absl::OkStatus();
+}
+
 absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
   if (o->scene.empty()) return UsageError("wants --scene SCENE");
   // A plain word that is no file is what a server calls it.
@@ -197,6 +220,7 @@ absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
   if (o->reload_by == ReloadBy::kFile && o->reload_every == 0) {
     return UsageError("--reload-by file goes with --reload-every");
   }
+  SL_RETURN_IF_ERROR(FitWindows(flags, o));
   o->tile = static_cast<uint32_t>(texts.tile);
   if (o->workload == "mixed") {
     absl::StatusOr<Mix> mix = ParseMix(texts.mix);

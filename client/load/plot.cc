@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/formats/file.h"
+#include "client/import/object_assembly.h"
 #include "client/load/hgrm.h"
 #include "client/load/plain_number.h"
 
@@ -103,8 +104,14 @@ void AddWindows(const Panel& panel, const Measurement& measured, double percent,
                 Drawing* drawing) {
   Stroke stroke{.color = color, .width = 2.5};
   const double each = absl::ToDoubleSeconds(measured.window);
+  const double half = (panel.At(each, 0).x - panel.At(0, 0).x) / 2;
   const auto end = [&] {  // A window without answers leaves a gap.
-    if (stroke.points.size() > 1) drawing->strokes.push_back(stroke);
+    if (stroke.points.size() == 1) {
+      // Alone between two gaps: as wide as it is.
+      const PlotPoint alone = stroke.points[0];
+      stroke.points = {{alone.x - half, alone.y}, {alone.x + half, alone.y}};
+    }
+    if (!stroke.points.empty()) drawing->strokes.push_back(stroke);
     stroke.points.clear();
   };
   for (size_t i = 0; i < measured.windows.size(); ++i) {
@@ -123,12 +130,19 @@ void AddWindows(const Panel& panel, const Measurement& measured, double percent,
 
 Drawing DrawPlot(const Measurement& measured, const std::string& title) {
   Drawing drawing{.width = 1280, .height = 552};
-  drawing.labels.push_back({.x = 80, .y = 30, .text = title});
+  // A file's name may be any bytes, and an SVG may not.
+  drawing.labels.push_back({.x = 80, .y = 30, .text = CleanName(title)});
   const LatencyHistogram &planned = measured.all.planned, &sent = measured.all.sent;
   // Without an answer nothing is known from the send.
   double least =
       std::floor(Decades(sent.count() == 0 ? planned.min() : std::min(planned.min(), sent.min())));
   double most = std::ceil(Decades(std::max(planned.max(), sent.max())));
+  // Windows have answers to the warm-up's requests, too, which the run itself has not.
+  for (const Window& window : measured.windows) {
+    if (window.planned.count() == 0) continue;
+    least = std::min(least, std::floor(Decades(window.planned.PercentileOf(50))));
+    most = std::max(most, std::ceil(Decades(window.planned.PercentileOf(99))));
+  }
   if (most <= least) most = least + 1;
   Panel by_percentile{
       .left = 80,

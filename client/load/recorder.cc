@@ -98,6 +98,14 @@ void Recorder::Add(const Outcome& outcome) {
   }
 }
 
+void Recorder::AddRefusalWait(absl::Time from, absl::Time to) {
+  MutexLock lock(mutex_);
+  const absl::Duration within = std::min(to, end_) - std::max(from, measured_.begin);
+  if (within <= absl::ZeroDuration()) return;
+  ++measured_.refusal_waits;
+  measured_.refusal_wait += within;
+}
+
 absl::Duration Recorder::Elapsed(absl::Time now) const {
   return std::max(absl::ZeroDuration(), std::min(now, end_) - measured_.begin);
 }

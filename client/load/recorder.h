@@ -36,6 +36,7 @@ struct Glance {
 class Recorder {
  public:
   // Windows of an hour-long run at most: beyond that, answers count in the totals alone.
+  // ParseOptions sees to it that no run has more.
   static constexpr size_t kMaxWindows = 4000;
 
   // REQUIRES: window > 0.
@@ -44,6 +45,8 @@ class Recorder {
   // The measured interval; what was planned before `begin` is warm-up.
   void Begin(absl::Time begin, absl::Time end);
   void Add(const Outcome& outcome);
+  // A closed loop's wait after a refusal, which counts as far as it is within the interval.
+  void AddRefusalWait(absl::Time from, absl::Time to);
   // What there is by `now`, in an interval that ends at `now` if that is before its end.
   Measurement Result(absl::Time now) const;
   // At most `windows` of the last complete windows.

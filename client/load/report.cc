@@ -67,6 +67,16 @@ std::string RequestsText(const Series& all) {
   return text;
 }
 
+std::string RefusalWaitText(const LoadReport& report) {
+  const Measurement& m = report.measured;
+  const double whole =
+      absl::ToDoubleSeconds(m.elapsed) * static_cast<double>(report.options->plan.concurrency);
+  const double waited = absl::ToDoubleSeconds(m.refusal_wait);
+  return absl::StrCat(GroupedCount(m.refusal_waits), " times after a refusal, ",
+                      absl::StrFormat("%.2f s together, %.1f %% of the loop's time", waited,
+                                      whole > 0 ? 100 * waited / whole : 0.0));
+}
+
 std::string CheckText(const LoadReport& report) {
   const Measurement& m = report.measured;
   std::string text = absl::StrCat(
@@ -221,6 +231,7 @@ void PrintText(const LoadReport& report, std::ostream& out) {
                                                " of them at the end; latencies from ",
                                                "the plan have what they had waited by then"));
   }
+  if (m.refusal_waits > 0) rows.emplace_back("held back", RefusalWaitText(report));
   rows.emplace_back("checked", CheckText(report));
   if (m.wrong > 0) rows.emplace_back("first wrong", m.first_wrong);
   if (report.reloads) {
@@ -307,6 +318,8 @@ Json MainJson(const LoadReport& report) {
     json["rate_per_s"] = report.rate;
   } else {
     json["concurrency"] = o.plan.concurrency;
+    json["refusal_waits"] = {{"count", m.refusal_waits},
+                             {"total_s", absl::ToDoubleSeconds(m.refusal_wait)}};
   }
   json["connections"] = o.session.connections;
   json["streams"] = report.streams;
@@ -366,7 +379,8 @@ void PrintJson(const LoadReport& report, std::ostream& out) {
   if (!report.server_metrics_error.empty()) {
     json["server_metrics_error"] = report.server_metrics_error;
   }
-  out << json.dump(2) << '\n';
+  // A file's name may be any bytes, and so may what a server says of its metrics.
+  out << json.dump(2, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace) << '\n';
 }
 
 // ---- CSV

@@ -32,9 +32,10 @@ struct Request {
   uint64_t number = 0;  // From 0 in order of planning.
   Work work;
   absl::Time planned;
+  uint64_t slot = 0;  // Of a closed loop: which of those that are under way.
 };
 
-// How an answer compares with the reference's.
+// How an answer compares with the reference's. One that cannot be decoded is wrong.
 enum class Verdict : uint8_t { kNotChecked, kEqual, kWrong };
 
 struct Outcome {
@@ -50,7 +51,7 @@ struct Outcome {
   absl::Duration server_queue, server_compute;
   int64_t revision = 0;
   Verdict verdict = Verdict::kNotChecked;
-  std::string difference;  // Of a wrong answer: where it differs first.
+  std::string difference;  // Of a wrong answer: what it answers, and where it differs first.
 };
 
 }  // namespace sightline::load

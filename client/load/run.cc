@@ -8,6 +8,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/string_view.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/finish.h"
@@ -41,6 +42,10 @@ absl::Status WriteFiles(const LoadReport& report) {
   return WithExitCode(status, cli::kExitCannotCreate);
 }
 
+absl::Status Missed(absl::string_view message) {
+  return WithExitCode(absl::FailedPreconditionError(message), static_cast<ExitCode>(kExitMissed));
+}
+
 // What a run that went to its end says: nothing, or why its exit code is not 0.
 absl::Status Verdict(const LoadReport& report) {
   const Measurement& measured = report.measured;
@@ -50,24 +55,25 @@ absl::Status Verdict(const LoadReport& report) {
                                          " answers are wrong; the first: ", measured.first_wrong)),
         static_cast<ExitCode>(kExitWrong));
   }
+  std::string unanswered;
   if (measured.all.answered == 0 && !measured.first_error.ok()) {
-    return absl::Status(measured.first_error.code(),
-                        absl::StrCat("no request was answered; the first failed with: ",
-                                     measured.first_error.message()));
+    unanswered = absl::StrCat("no request was answered; the first failed with: ",
+                              measured.first_error.message());
   }
+  // Before why nothing was answered: whoever names an objective wants to hear of that, and a script
+  // that tries again what may pass would never end.
   if (!Held(report.slo)) {
     std::vector<std::string> missed;
     for (const SloResult& result : report.slo) {
       if (!result.held) missed.push_back(DescribeSlo(result));
     }
-    return WithExitCode(absl::FailedPreconditionError(absl::StrCat("the objective was missed: ",
-                                                                   absl::StrJoin(missed, ", "))),
-                        static_cast<ExitCode>(kExitMissed));
+    return Missed(absl::StrCat("the objective was missed: ", absl::StrJoin(missed, ", "),
+                               unanswered.empty() ? "" : "; ", unanswered));
   }
   if (report.knee && report.knee->rate == 0) {
-    return WithExitCode(absl::FailedPreconditionError("no rate that was tried meets the objective"),
-                        static_cast<ExitCode>(kExitMissed));
+    return Missed("no rate that was tried meets the objective");
   }
+  if (!unanswered.empty()) return absl::Status(measured.first_error.code(), unanswered);
   return absl::OkStatus();
 }
 
@@ -83,8 +89,13 @@ absl::Status Load(const std::vector<std::string>& args, std::ostream& out, std::
   // A run that broke off is told as far as it came, and so is a search.
   const bool measured = report.measured.all.requests > 0 || status.ok();
   if (measured || report.measured_nothing()) PrintReport(report, options->output, out);
-  if (measured) SL_RETURN_IF_ERROR(WriteFiles(report));
-  if (report.measured.wrong > 0) return Verdict(report);
+  const absl::Status written = measured ? WriteFiles(report) : absl::OkStatus();
+  if (report.measured.wrong > 0) {
+    // Whatever else failed: nobody may take the answers for right.
+    if (!written.ok()) err << "warning: " << written.message() << '\n';
+    return Verdict(report);
+  }
+  SL_RETURN_IF_ERROR(written);
   SL_RETURN_IF_ERROR(status);
   return Verdict(report);
 }

@@ -2,10 +2,8 @@
 #include "client/load/server_target.h"
 
 #include <algorithm>
-#include <string>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "client/lib/query_wire.h"
 #include "core/base/status_macros.h"
 
@@ -42,21 +40,17 @@ LaneContext ServerTarget::MakeContext(const ServerTargetOptions& options, Clock&
           .rays = [this](const Work& work) { return workload_.Rays(work); },
           .is_checked =
               [this](const Work& work) { return reference_ != nullptr && reference_->Knows(work); },
-          .judge = [this](const Answer& answer, Outcome* outcome) { Judge(answer, outcome); },
+          .judge =
+              [this](const Answer& answer, Outcome* outcome) {
+                outcome->verdict = reference_->Judge(outcome->request.work, outcome->revision,
+                                                     answer, &outcome->difference);
+              },
+          .describe = [this](const Work& work) { return workload_.Describe(work); },
           .on_done = [this](const Outcome& outcome) { on_done_(outcome); },
           .on_gone = [this] { gone_.store(true); },
           .item_timeout = options.item_timeout,
           .min_item_cost = options.limits.min_item_cost_rays,
           .retry = options.retry};
-}
-
-void ServerTarget::Judge(const Answer& answer, Outcome* outcome) const {
-  std::string difference;
-  const Request& request = outcome->request;
-  outcome->verdict = reference_->Judge(request.work, outcome->revision, answer, &difference);
-  if (outcome->verdict != Verdict::kWrong) return;
-  outcome->difference = absl::StrCat("request ", request.number, ", ",
-                                     workload_.Describe(request.work), ": ", difference);
 }
 
 void ServerTarget::AddLane(Kind kind, int channel, std::unique_ptr<Lane> lane) {
@@ -137,7 +131,8 @@ void ServerTarget::AddSegmentsLane(client::Connection& connection, int channel,
 
 void ServerTarget::Send(const Request& request) {
   const auto& connections = lanes_[static_cast<size_t>(request.work.kind)];
-  connections[request.number % connections.size()][workload_.StreamOf(request.work)]->Send(request);
+  const size_t connection = workload_.ConnectionOf(request, connections.size());
+  connections[connection][workload_.StreamOf(request.work)]->Send(request);
 }
 
 void ServerTarget::CancelAll() {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A server as a target: for each connection one stream per camera of the path, one for points and
-// one for segments, as far as the mix asks for them. Requests go round the connections in turn.
+// one for segments, as far as the mix asks for them. Requests go round the connections in turn
+// (Workload::ConnectionOf).
 //
 // Thread safety: as Target. SetOnDone only while nothing is unanswered.
 //
@@ -53,7 +54,6 @@ class ServerTarget final : public Target {
   ServerTarget(const Workload& workload, const Reference* reference)
       : workload_(workload), reference_(reference) {}
   LaneContext MakeContext(const ServerTargetOptions& options, Clock& clock);
-  void Judge(const Answer& answer, Outcome* outcome) const;
   void AddTileLane(client::Connection& connection, int channel, size_t camera,
                    const LaneContext& context);
   void AddPointsLane(client::Connection& connection, int channel, const LaneContext& context);

@@ -93,8 +93,10 @@ std::vector<SloResult> Slo::Judge(const Measurement& measured) const {
   std::vector<SloResult> results;
   for (const SloClause& clause : clauses_) {
     SloResult result{.clause = clause, .value = ValueOf(clause, measured)};
-    result.held = clause.metric == Metric::kRate ? result.value >= clause.limit
-                                                 : result.value <= clause.limit;
+    const bool met = clause.metric == Metric::kRate ? result.value >= clause.limit
+                                                    : result.value <= clause.limit;
+    // What the run gave up on has latencies, and errors may all be allowed.
+    result.held = met && measured.all.answered > 0;
     results.push_back(std::move(result));
   }
   return results;

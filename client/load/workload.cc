@@ -14,6 +14,9 @@
 namespace sightline::load {
 namespace {
 
+// Of a mix. Weights that are no numbers of people's any more add up to infinity.
+constexpr double kHeaviest = 1e6;
+
 size_t Index(Kind kind) { return static_cast<size_t>(kind); }
 
 uint64_t SampleCount(const std::vector<client::Light>& lights) {
@@ -53,11 +56,11 @@ absl::StatusOr<Mix> ParseMix(absl::string_view text) {
     const auto found = std::find(kKindNames.begin(), kKindNames.end(), words.first);
     const auto kind = static_cast<size_t>(found - kKindNames.begin());
     if (found == kKindNames.end() || named[kind] || !absl::SimpleAtod(words.second, &mix[kind]) ||
-        !(mix[kind] >= 0) || !std::isfinite(mix[kind])) {
+        !(mix[kind] >= 0 && mix[kind] <= kHeaviest)) {
       return absl::InvalidArgumentError(
           absl::StrCat("'", part,
-                       "': wants tiles=, points= or segments= once, with a weight of 0 "
-                       "or more"));
+                       "': wants tiles=, points= or segments= once, with a weight from 0 to "
+                       "1000000"));
     }
     named[kind] = true;
   }
@@ -141,6 +144,12 @@ size_t Workload::StreamCount(Kind kind) const {
 
 size_t Workload::StreamOf(const Work& work) const {
   return work.kind == Kind::kTiles ? tiles_[work.item].camera : 0;
+}
+
+size_t Workload::ConnectionOf(const Request& request, size_t connections) const {
+  // After so many requests the same items meet the same connections again.
+  const uint64_t round = std::lcm<uint64_t>(ItemCount(request.work.kind), connections);
+  return static_cast<size_t>((request.number + request.number / round) % connections);
 }
 
 uint64_t Workload::Rays(const Work& work) const {

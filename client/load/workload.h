@@ -72,6 +72,10 @@ class Workload {
   // Streams that a kind needs on each connection; 0 if it is never asked.
   size_t StreamCount(Kind kind) const;
   size_t StreamOf(const Work& work) const;
+  // Which of `connections` a request goes to: they take turns, and turn by turn so that each gets
+  // every item, were it only since a check of every eighth would else be one of every other
+  // connection.
+  size_t ConnectionOf(const Request& request, size_t connections) const;
   // What the item costs on the wire, in rays.
   uint64_t Rays(const Work& work) const;
   // "tile 3 of camera 1 (x 64, y 0)", for messages.

@@ -34,6 +34,7 @@ struct FakeServer {
     bool refuse = false;                // The stream ends at once with UNAVAILABLE.
     bool hang = false;                  // Items are never answered.
     uint64_t fail_item = ~uint64_t{0};  // This item gets INVALID_ARGUMENT.
+    int short_every = 0;                // Every k-th item's answer lacks its last elements.
   };
   std::vector<Script> scripts = {{}};
 
@@ -93,6 +94,10 @@ class FakeSegmentStream final : public Connection::SegmentStream {
       held_.push_back(request.item().segments_f32().empty()
                           ? Results<double>(id, request.item().segments())
                           : Results<float>(id, request.item().segments_f32()));
+      if (script_.short_every > 0 && accepted_ % script_.short_every == 0) {
+        // Those that come first: the reply that says that it is the last is still there.
+        held_.back().erase(held_.back().begin());
+      }
     }
     if (accepted_ == script_.break_after) End(absl::UnavailableError("connection lost"));
     if (accepted_ == script_.drain_after) {

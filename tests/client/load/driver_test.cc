@@ -4,12 +4,16 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <functional>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/cord.h"
+#include "client/lib/status.h"
+#include "sightline/v1/status.pb.h"
 #include "tests/client/load/fake_target.h"
 #include "tests/client/load/manual_clock.h"
 
@@ -42,15 +46,31 @@ TEST(DriverTest, AnOpenLoopSendsWhatIsDueAndCountsFromThePlan) {
                                          .duration = absl::Seconds(3),
                                          .drain = absl::ZeroDuration()});
   EXPECT_EQ(measured.all.requests, 300u);
-  // The last is still unanswered when the run gives up: nobody moves the clock on.
-  EXPECT_EQ(measured.all.answered, 299u);
-  EXPECT_EQ(measured.all.failed, 1u);
-  EXPECT_EQ(measured.errors.at("CANCELLED"), 1u);
+  EXPECT_EQ(measured.all.answered, 300u);
   EXPECT_EQ(measured.all.planned.max(), absl::Milliseconds(4));
   EXPECT_EQ(measured.all.sent.max(), absl::Milliseconds(4));
   ASSERT_EQ(measured.windows.size(), 3u);
   EXPECT_NEAR(static_cast<double>(measured.windows[1].answered), 100, 1);
   EXPECT_EQ(measured.elapsed, absl::Seconds(3));
+}
+
+// Though nothing more is due, and nothing is waited for after the run.
+TEST(DriverTest, WhatIsUnansweredHasTheRestOfTheTime) {
+  OpenLoop loop(absl::Milliseconds(100));
+  RunPlan plan{.mode = Mode::kOpen,
+               .rate = 1,
+               .duration = absl::Seconds(1.5),
+               .drain = absl::ZeroDuration()};
+  const Measurement measured = loop.Run(plan);
+  EXPECT_EQ(measured.all.answered, 2u);
+  EXPECT_EQ(measured.all.failed, 0u);
+  OpenLoop slow(absl::Milliseconds(600));
+  const Measurement given_up = slow.Run(plan);
+  EXPECT_EQ(given_up.all.answered, 1u);
+  EXPECT_EQ(given_up.all.failed, 1u);
+  EXPECT_EQ(given_up.errors.at("CANCELLED"), 1u);
+  // It waited until the end of the run.
+  EXPECT_EQ(given_up.all.planned.min(), absl::Milliseconds(500));
 }
 
 TEST(DriverTest, AnOverloadedOpenLoopShowsTheWaitingInThePlannedLatencyAlone) {
@@ -226,6 +246,140 @@ TEST(DriverTest, WhatIsDueWhenARunIsStoppedIsStillSent) {
   EXPECT_NEAR(static_cast<double>(measured.all.requests), 150, 1);
   EXPECT_EQ(measured.all.answered, measured.all.requests);
   EXPECT_NEAR(absl::ToDoubleSeconds(measured.elapsed), 1.5, 0.02);
+}
+
+// Says at once what `reply` says of a request. No time passes.
+class RefusingTarget final : public Target {
+ public:
+  using Reply = std::function<absl::Status(const Request&)>;
+  RefusingTarget(ManualClock& clock, Reply reply) : clock_(clock), reply_(std::move(reply)) {}
+  void SetOnDone(OnDone on_done) override { on_done_ = std::move(on_done); }
+  void Send(const Request& request) override {
+    requests_.push_back(request);
+    const absl::Time now = clock_.Now();
+    on_done_({.request = request, .sent = now, .received = now, .status = reply_(request)});
+  }
+  void CancelAll() override {}
+  absl::Status status() const override { return status_; }
+  void Fail(absl::Status status) { status_ = std::move(status); }
+  // In the order in which they came.
+  const std::vector<Request>& requests() const { return requests_; }
+
+ private:
+  ManualClock& clock_;
+  const Reply reply_;
+  OnDone on_done_;
+  absl::Status status_;
+  std::vector<Request> requests_;
+};
+
+absl::Status RefusedFor(absl::Duration delay) {
+  absl::Status status = absl::ResourceExhaustedError("full");
+  v1::RetryInfo info;
+  info.mutable_retry_delay()->set_seconds(absl::ToInt64Seconds(delay));
+  status.SetPayload(client::kRetryInfoUrl, absl::Cord(info.SerializeAsString()));
+  return status;
+}
+
+// At the speed of refusals a server would do little else, and the clock would not get on here.
+TEST(DriverTest, AClosedLoopBacksOffAfterRefusals) {
+  for (const absl::Status& refusal :
+       {absl::ResourceExhaustedError("full"), absl::UnavailableError("draining")}) {
+    ManualClock clock;
+    RefusingTarget target(clock, [&](const Request&) { return refusal; });
+    Recorder recorder(absl::Seconds(1));
+    Driver driver({.concurrency = 4, .warm_up = absl::Seconds(1), .duration = absl::Seconds(10)},
+                  clock, target, recorder, AnyWork);
+    ASSERT_TRUE(driver.Run().ok());
+    std::array<std::vector<absl::Time>, 4> sent;
+    for (const Request& request : target.requests())
+      sent.at(request.slot).push_back(request.planned);
+    for (const std::vector<absl::Time>& times : sent) {
+      // Waits of 25 to 50 ms, then twice that and so on, up to 2.5 to 5 s.
+      EXPECT_GE(times.size(), 8u);
+      EXPECT_LE(times.size(), 12u);
+      absl::Duration most = absl::Milliseconds(50);
+      for (size_t i = 1; i < times.size(); ++i) {
+        EXPECT_GE(times[i] - times[i - 1], most / 2) << i;
+        // Late by a step at most: one that may go sooner waits for the step that is under way.
+        EXPECT_LE(times[i] - times[i - 1], most + absl::Milliseconds(5)) << i;
+        most = std::min(2 * most, absl::Seconds(5));
+      }
+    }
+    const Measurement measured = recorder.Result(driver.end());
+    EXPECT_EQ(measured.elapsed, absl::Seconds(10));
+    EXPECT_EQ(measured.all.failed, measured.all.requests);
+    // They did nothing but wait; what was of the warm-up does not count.
+    EXPECT_EQ(measured.refusal_wait, 4 * absl::Seconds(10));
+    EXPECT_EQ(measured.refusal_waits, measured.all.requests + 4);
+  }
+}
+
+TEST(DriverTest, AClosedLoopWaitsAsLongAsTheServerSays) {
+  ManualClock clock;
+  // Of one slot: refused twice, answered, refused.
+  RefusingTarget target(clock, [](const Request& request) -> absl::Status {
+    if (request.number == 0) return RefusedFor(absl::Seconds(20));
+    if (request.number == 1) return RefusedFor(absl::ZeroDuration());
+    if (request.number == 2) return absl::OkStatus();
+    return absl::UnavailableError("draining");
+  });
+  Recorder recorder(absl::Seconds(1));
+  Driver driver({.duration = absl::Hours(1), .max_requests = 5}, clock, target, recorder, AnyWork);
+  ASSERT_TRUE(driver.Run().ok());
+  const std::vector<Request>& requests = target.requests();
+  ASSERT_EQ(requests.size(), 5u);
+  const auto gap = [&](size_t i) { return requests[i].planned - requests[i - 1].planned; };
+  EXPECT_GE(gap(1), absl::Seconds(20));
+  EXPECT_LE(gap(1), absl::Seconds(30));
+  // The second in a row.
+  EXPECT_GE(gap(2), absl::Milliseconds(50));
+  EXPECT_LE(gap(2), absl::Milliseconds(100));
+  EXPECT_EQ(gap(3), absl::ZeroDuration());
+  // An answer came between: as at the beginning.
+  EXPECT_GE(gap(4), absl::Milliseconds(25));
+  EXPECT_LE(gap(4), absl::Milliseconds(50));
+  const Measurement measured = recorder.Result(driver.end());
+  EXPECT_EQ(measured.refusal_waits, 3u);
+  EXPECT_EQ(measured.refusal_wait, gap(1) + gap(2) + gap(4));
+  EXPECT_EQ(measured.all.planned.max(), absl::ZeroDuration()) << "no request was due meanwhile";
+}
+
+TEST(DriverTest, OtherFailuresAreNoReasonToWait) {
+  ManualClock clock;
+  RefusingTarget target(clock, [](const Request&) { return absl::DeadlineExceededError("late"); });
+  Recorder recorder(absl::Seconds(1));
+  Driver driver({.concurrency = 2, .max_requests = 20}, clock, target, recorder, AnyWork);
+  ASSERT_TRUE(driver.Run().ok());
+  EXPECT_EQ(target.requests().size(), 20u);
+  EXPECT_EQ(clock.Now(), absl::UnixEpoch());
+  EXPECT_EQ(recorder.Result(driver.end()).refusal_waits, 0u);
+}
+
+// Whatever ends the run ends the waits, though the server would have them go on for a day.
+TEST(DriverTest, AWaitAfterARefusalEndsWithTheRun) {
+  enum class End { kTime, kStop, kTargetGone };
+  for (const End end : {End::kTime, End::kStop, End::kTargetGone}) {
+    ManualClock clock;
+    RefusingTarget target(clock, [](const Request&) { return RefusedFor(absl::Hours(24)); });
+    Recorder recorder(absl::Seconds(1));
+    Driver driver(
+        {.concurrency = 3, .duration = end == End::kTime ? absl::Seconds(2) : absl::Hours(1000)},
+        clock, target, recorder, AnyWork);
+    clock.SetOnWait([&](absl::Time time) {
+      if (time < absl::UnixEpoch() + absl::Seconds(2)) return;
+      if (end == End::kStop) driver.Stop();
+      if (end == End::kTargetGone) target.Fail(absl::UnavailableError("gone"));
+    });
+    EXPECT_EQ(driver.Run().ok(), end != End::kTargetGone);
+    EXPECT_EQ(target.requests().size(), 3u);
+    EXPECT_LE(clock.Now(), absl::UnixEpoch() + absl::Seconds(2.1));
+    const Measurement measured = recorder.Result(driver.end());
+    // Not until the last outcome alone, or the rate would be that of no time at all.
+    EXPECT_NEAR(absl::ToDoubleSeconds(measured.elapsed), 2, 0.01);
+    EXPECT_EQ(measured.refusal_waits, 3u);
+    EXPECT_NEAR(absl::ToDoubleSeconds(measured.refusal_wait), 6, 0.03);
+  }
 }
 
 TEST(DriverTest, StopEndsARunThatHasHoursLeft) {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "client/lib/query_wire.h"
 #include "client/load/recorder.h"
 #include "tests/client/lib/fake_segments.h"
@@ -46,11 +47,13 @@ class ItemStreamTest : public testing::Test {
     LaneContext context;
     context.clock = &clock_;
     context.rays = [](const Work&) { return 20; };
-    context.is_checked = [](const Work&) { return true; };
+    context.is_checked = [this](const Work&) { return checked_; };
     context.judge = [](const Answer& answer, Outcome* outcome) {
       const std::vector<uint8_t> due(20, outcome->request.work.item % 2 == 1 ? 1 : 0);
       outcome->verdict = answer.flags == due ? Verdict::kEqual : Verdict::kWrong;
+      outcome->difference = "not as is due";
     };
+    context.describe = [](const Work& work) { return absl::StrCat("item ", work.item); };
     context.on_done = [this](const Outcome& outcome) {
       MutexLock lock(mutex_);
       outcomes_.push_back(outcome);
@@ -78,6 +81,7 @@ class ItemStreamTest : public testing::Test {
 
   static constexpr double kNoSegments[120] = {};
   client::SegmentQuery query_{.scene = "scenes/x"};
+  bool checked_ = true;  // What is answered.
   FakeServer server_;
   ManualClock clock_;
   Mutex mutex_;
@@ -135,6 +139,37 @@ TEST_F(ItemStreamTest, AFailedItemFailsAloneWithItsReason) {
       EXPECT_EQ(ErrorName(outcome.status), "RESOURCE_EXHAUSTED QUEUE_FULL");
     }
   }
+}
+
+// An answer that was looked at and is none is wrong, however small a share of them it is.
+TEST_F(ItemStreamTest, AnAnswerThatCannotBeDecodedIsWrong) {
+  server_.scripts = {{.short_every = 10}};
+  const auto stream = Open();
+  ASSERT_TRUE(stream->WaitUntilOpen().ok());
+  for (uint64_t i = 0; i < 100; ++i) stream->Send(Item(i));
+  int wrong = 0;
+  for (const Outcome& outcome : WaitFor(100)) {
+    EXPECT_TRUE(outcome.status.ok()) << outcome.status;
+    if (outcome.verdict == Verdict::kEqual) continue;
+    ASSERT_EQ(outcome.verdict, Verdict::kWrong);
+    ++wrong;
+    const uint64_t number = outcome.request.number;
+    EXPECT_EQ(outcome.difference, absl::StrCat("request ", number, ", item ", number,
+                                               ": the server answered 16 of 20 elements of an "
+                                               "item"));
+  }
+  EXPECT_EQ(wrong, 10);
+}
+
+TEST_F(ItemStreamTest, WhatIsNotCheckedIsNotLookedAt) {
+  server_.scripts = {{.short_every = 1}};
+  checked_ = false;
+  const auto stream = Open();
+  ASSERT_TRUE(stream->WaitUntilOpen().ok());
+  stream->Send(Item(0));
+  const std::vector<Outcome> outcomes = WaitFor(1);
+  EXPECT_TRUE(outcomes[0].status.ok()) << outcomes[0].status;
+  EXPECT_EQ(outcomes[0].verdict, Verdict::kNotChecked);
 }
 
 TEST_F(ItemStreamTest, AConnectionThatIsLostFailsWhatWasUnderWayAndIsMadeAgain) {

@@ -53,13 +53,14 @@ TEST(KneeTest, WhatNeverHoldsHasNoKnee) {
   EXPECT_LE(knee.trials.size(), static_cast<size_t>(kMaxTrials));
 }
 
-TEST(KneeTest, WhatNeverMissesEndsAfterTheMostTrials) {
+TEST(KneeTest, WhatNeverMissesEndsAtTheHighestRate) {
   Knee knee;
   ASSERT_TRUE(FindKnee(
                   1, [](double rate) { return Model(rate, 1e300); }, &knee)
                   .ok());
   EXPECT_EQ(knee.missed, 0);
-  EXPECT_EQ(knee.trials.size(), static_cast<size_t>(kMaxTrials));
+  EXPECT_EQ(knee.rate, kHighestRate);
+  EXPECT_EQ(knee.trials.size(), 21u);
 }
 
 // What a trial met and a whole run does not gives way, step by step.
@@ -125,28 +126,52 @@ TEST(KneeTest, AnErrorEndsTheSearchAndKeepsWhatWasFound) {
   EXPECT_EQ(knee.rate, 2);
 }
 
-// Of good answers that come too late to keep up, of wrong ones and of slow ones.
-TEST(KneeTest, ATrialHoldsIfItKeepsUpIsRightAndMeetsTheObjective) {
+// Of good answers that come too late to keep up, and of slow ones.
+TEST(KneeTest, ATrialHoldsIfItKeepsUpAndMeetsTheObjective) {
   const Slo slo = *ParseSlo("p50=10ms");
   Measurement measured;
   measured.all.requests = measured.all.answered = 100;
   measured.all.answered_in_time = 95;
   measured.all.planned.Record(absl::Milliseconds(5), 100);
-  EXPECT_TRUE(JudgeTrial(7, measured, slo).held);
+  EXPECT_TRUE(JudgeTrial(7, measured, slo)->held);
   measured.all.answered_in_time = 94;
-  EXPECT_FALSE(JudgeTrial(7, measured, slo).held);
+  EXPECT_FALSE(JudgeTrial(7, measured, slo)->held);
   measured.all.answered_in_time = 100;
-  measured.wrong = 1;
-  EXPECT_FALSE(JudgeTrial(7, measured, slo).held);
-  measured.wrong = 0;
   measured.all.planned.Record(absl::Milliseconds(50), 200);
-  EXPECT_FALSE(JudgeTrial(7, measured, slo).held);
+  EXPECT_FALSE(JudgeTrial(7, measured, slo)->held);
+}
+
+// Neither a trial nor a run in full: a step back from it might find none, and report a knee.
+TEST(KneeTest, WrongAnswersEndASearch) {
+  const Slo slo = *ParseSlo("p50=10ms");
+  int runs = 0;
+  const auto wrong_above = [&](double most) {
+    return [&, most](double rate) {
+      ++runs;
+      Measurement measured;
+      measured.all.requests = measured.all.answered = measured.all.answered_in_time = 100;
+      measured.all.planned.Record(absl::Milliseconds(5), 100);
+      measured.checked = 100;
+      measured.wrong = rate > most ? 3 : 0;
+      return JudgeTrial(rate, measured, slo);
+    };
+  };
+  Knee knee;
+  const absl::Status searched = FindKnee(100, wrong_above(150), &knee);
+  EXPECT_TRUE(absl::IsDataLoss(searched)) << searched;
+  EXPECT_EQ(searched.message(), "3 of 100 answers were wrong while the knee was searched");
+  EXPECT_EQ(runs, 2);
+  runs = 0;
+  knee = {.rate = 1000};
+  const absl::Status held = HoldKnee(&knee, wrong_above(950));
+  EXPECT_TRUE(absl::IsDataLoss(held)) << held;
+  EXPECT_EQ(runs, 1);
 }
 
 // A server that answers one request after the other, each in ten milliseconds, by a clock that the
 // runs move on: whatever this machine can do, a hundred a second is the most.
 TEST(KneeTest, TheKneeOfAServerIsWhatItCanDo) {
-  // The clock stops with the last request, so a run gives up on what it did not answer by then.
+  // The clock stops with the run, which gives up on what it did not answer by then.
   const Slo slo = *ParseSlo("p90=250ms,errors=100%");
   const auto judge = [&](double rate, absl::Duration duration) {
     ManualClock clock;
@@ -158,7 +183,7 @@ TEST(KneeTest, TheKneeOfAServerIsWhatItCanDo) {
     Driver driver(plan, clock, target, recorder,
                   [](uint64_t number) { return Work{.kind = Kind::kTiles, .item = number}; });
     EXPECT_TRUE(driver.Run().ok());
-    return JudgeTrial(rate, recorder.Result(driver.end()), slo);
+    return *JudgeTrial(rate, recorder.Result(driver.end()), slo);
   };
   Knee knee;
   const auto trial = [&](double rate) { return judge(rate, absl::Seconds(5)); };

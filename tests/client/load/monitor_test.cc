@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/load/monitor.h"
 
+#include <algorithm>
 #include <atomic>
-#include <ostream>
-#include <streambuf>
+#include <cstddef>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <utility>
 
@@ -18,6 +19,7 @@
 #include "gtest/gtest.h"
 #include "tests/client/load/fake_target.h"
 #include "tests/client/load/manual_clock.h"
+#include "tests/support/watched_stream.h"
 
 namespace sightline::load {
 namespace {
@@ -69,10 +71,9 @@ TEST(LiveLineTest, FailuresAndWrongAnswersAreSaidWhereThereAreAny) {
 // ---- The watch
 
 // What a monitor writes, and a wait for the n-th line of it.
-class Terminal : public std::streambuf {
+class Terminal : public testing_support::WatchedStream {
  public:
-  Terminal() : stream(this) {}
-  void WaitForLines(int count) {
+  void WaitForLines(ptrdiff_t count) {
     MutexLock lock(mutex_);
     while (lines_ < count) written_.Wait(mutex_);
   }
@@ -80,26 +81,19 @@ class Terminal : public std::streambuf {
     MutexLock lock(mutex_);
     return text_;
   }
-  std::ostream stream;
 
  private:
-  int_type overflow(int_type c) override {
-    const char byte = traits_type::to_char_type(c);
-    xsputn(&byte, 1);
-    return c;
-  }
-  std::streamsize xsputn(const char* bytes, std::streamsize count) override {
+  void OnWrite(std::string_view bytes) override {
     MutexLock lock(mutex_);
-    text_.append(bytes, static_cast<size_t>(count));
+    text_.append(bytes);
     // A line begins where the last one is overwritten.
-    for (std::streamsize i = 0; i < count; ++i) lines_ += bytes[i] == '\r' ? 1 : 0;
+    lines_ += std::count(bytes.begin(), bytes.end(), '\r');
     written_.SignalAll();
-    return count;
   }
   mutable Mutex mutex_;
   CondVar written_;
   std::string text_ ABSL_GUARDED_BY(mutex_);
-  int lines_ ABSL_GUARDED_BY(mutex_) = 0;
+  ptrdiff_t lines_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 // A closed loop whose answers take as long as `service` says, by a clock that runs as fast as they

@@ -78,6 +78,23 @@ TEST(OptionsTest, TheKneeIsSearchedInAnOpenLoop) {
   EXPECT_GT((*options)->plan.rate, 0);
 }
 
+// The last windows say whether a run is stable: none is beyond those that are kept.
+TEST(OptionsTest, WindowsGrowWithALongRun) {
+  const auto window = [](const std::vector<std::string>& flags) {
+    std::vector<std::string> args = {"--scene=builtin:box"};
+    args.insert(args.end(), flags.begin(), flags.end());
+    const auto options = Parse(args);
+    EXPECT_TRUE(options.ok()) << options.status();
+    return (*options)->window;
+  };
+  EXPECT_EQ(window({"--duration=4000s"}), absl::Seconds(1));
+  EXPECT_EQ(window({"--duration=4001s"}), absl::Seconds(2));
+  EXPECT_EQ(window({"--duration=24h"}), absl::Seconds(22));
+  EXPECT_EQ(window({"--duration=24h", "--window=1m"}), absl::Minutes(1));
+  EXPECT_EQ(window({"--duration=40s", "--window=10ms"}), absl::Milliseconds(10));
+  EXPECT_EQ(window({"--find-knee", "--slo=p50=1s", "--trial=3h"}), absl::Seconds(3));
+}
+
 TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{}, "--scene"},
@@ -99,6 +116,8 @@ TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
       {{"--workload=mixed", "--mix=cats=1"}, "cats"},
       {{"--duration=0s"}, "--duration"},
       {{"--duration=forever"}, "--duration"},
+      {{"--duration=10m", "--window=10ms"},
+       "--window 10ms would make more than 4000 windows of 10m: give 150ms or more"},
       {{"--plot=x.gif"}, "--plot"},
       {{"--concurrency=0"}, "--concurrency"},
       {{"--connections=65"}, "--connections"},

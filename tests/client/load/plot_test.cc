@@ -143,6 +143,33 @@ TEST(PlotTest, AWindowWithoutAnswersLeavesAGap) {
   m.windows[5] = Window();
   // Both curves over time are in two pieces now.
   EXPECT_EQ(DrawPlot(m, "").strokes.size(), whole + 2);
+  // One that stands alone is seen all the same.
+  m.windows[7] = Window();
+  EXPECT_EQ(DrawPlot(m, "").strokes.size(), whole + 4);
+  m.windows[9] = m.windows[8] = Window();
+  EXPECT_EQ(DrawPlot(m, "").strokes.size(), whole + 2);
+}
+
+// What the warm-up asked may be answered within the first window, long after.
+TEST(PlotTest, AnswersToTheWarmUpStayWithinTheirPanel) {
+  Measurement m = Measured(4);
+  m.windows[0].planned.Record(absl::Seconds(40), 10);
+  m.windows[1].planned.Record(absl::Microseconds(3), 1000);
+  for (const Stroke& stroke : DrawPlot(m, "").strokes) {
+    if (stroke.width == 3) continue;  // Of the keys.
+    for (const PlotPoint& point : stroke.points) {
+      EXPECT_GE(point.y, 111.999);
+      EXPECT_LE(point.y, 492.001);
+    }
+  }
+}
+
+TEST(PlotTest, ATitleOfAnyBytesIsText) {
+  const std::string svg = FormatSvg(DrawPlot(Measured(1),
+                                             "stra\xdf"
+                                             "e\x01.obj   tiles"));
+  EXPECT_THAT(svg, HasSubstr(">stra\xef\xbf\xbd"
+                             "e\xef\xbf\xbd.obj   tiles<"));
 }
 
 TEST(PlotTest, TheFilesEndingSaysWhatIsWritten) {

@@ -137,6 +137,19 @@ TEST(RecorderTest, WrongAnswersAreCountedAndTheFirstIsKept) {
   EXPECT_EQ(m.first_wrong, "pixel 3");
 }
 
+TEST(RecorderTest, WaitsAfterRefusalsCountWithinTheInterval) {
+  Recorder recorder(absl::Seconds(1));
+  recorder.Begin(At(0), At(10));
+  recorder.AddRefusalWait(At(-3), At(-1));
+  recorder.AddRefusalWait(At(-3), At(1));
+  recorder.AddRefusalWait(At(2), At(2.5));
+  recorder.AddRefusalWait(At(9), At(12));
+  recorder.AddRefusalWait(At(11), At(12));
+  const Measurement m = recorder.Result(At(20));
+  EXPECT_EQ(m.refusal_waits, 3u);
+  EXPECT_EQ(m.refusal_wait, absl::Seconds(2.5));
+}
+
 TEST(RecorderTest, WindowsAreBounded) {
   Recorder recorder(absl::Milliseconds(1));
   recorder.Begin(At(0), At(3600));

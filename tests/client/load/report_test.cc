@@ -88,6 +88,18 @@ TEST_F(ReportTest, JsonHasTheNumbers) {
   EXPECT_EQ(json["edits"], 3);
 }
 
+TEST_F(ReportTest, JsonHoldsWhateverBytesThereAre) {
+  options_.scene =
+      "stra\xdf"
+      "e.obj";
+  report_.server_metrics["x{name=\"\xff\"}"] = {1, 4};
+  const nlohmann::json json = nlohmann::json::parse(Print("json"));
+  EXPECT_EQ(json["scene"],
+            "stra\xef\xbf\xbd"
+            "e.obj");
+  EXPECT_EQ(json["all"]["requests"], 1010);
+}
+
 TEST_F(ReportTest, CsvHasALinePerWindowAndOneForAll) {
   Measurement& m = report_.measured;
   m.windows[1].sent.Record(absl::Milliseconds(8), 500);
@@ -151,6 +163,22 @@ TEST_F(ReportTest, TextSaysWhatWentWrong) {
   EXPECT_THAT(Print("text"), HasSubstr("2 wrong; by the server itself with SINGLE\n"));
   report_.check = {};
   EXPECT_THAT(Print("text"), HasSubstr("nothing (--check none)\n"));
+}
+
+TEST_F(ReportTest, AClosedLoopSaysHowLongRefusalsHeldItBack) {
+  EXPECT_FALSE(nlohmann::json::parse(Print("json")).contains("refusal_waits"));
+  options_.plan.mode = Mode::kClosed;
+  options_.plan.concurrency = 64;
+  EXPECT_THAT(Print("text"), Not(HasSubstr("held back")));
+  EXPECT_EQ(nlohmann::json::parse(Print("json"))["refusal_waits"]["count"], 0);
+  report_.measured.refusal_waits = 1200;
+  report_.measured.refusal_wait = absl::Seconds(160);
+  EXPECT_THAT(Print("text"),
+              testing::ContainsRegex("held back +1,200 times after a refusal, 160.00 s together, "
+                                     "25.0 % of the loop's time\n"));
+  const nlohmann::json waits = nlohmann::json::parse(Print("json"))["refusal_waits"];
+  EXPECT_EQ(waits["count"], 1200);
+  EXPECT_EQ(waits["total_s"], 160);
 }
 
 TEST_F(ReportTest, AKneeSaysWhichRunsWereWhole) {

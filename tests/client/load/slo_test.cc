@@ -55,6 +55,19 @@ TEST(SloTest, NothingMeasuredMeetsNoLatency) {
   EXPECT_TRUE(Held(Slo().Judge(Measurement())));
 }
 
+// Of a server that hangs: the run gave up on everything.
+TEST(SloTest, WithoutAnAnswerNothingIsMet) {
+  Measurement m;
+  m.all.requests = m.all.failed = 10;
+  m.all.planned.Record(absl::Seconds(10), 10);
+  EXPECT_FALSE(Holds("p99=20s,errors=100%", m));
+  EXPECT_FALSE(Holds("errors=100%", m));
+  m.all.requests = 11;
+  m.all.answered = 1;
+  m.all.planned.Record(absl::Seconds(1));
+  EXPECT_TRUE(Holds("p99=20s,errors=100%", m));
+}
+
 TEST(SloTest, MistakesAreNamed) {
   for (const char* text :
        {"", "p99", "p99=", "p99=20", "p101=1ms", "p-1=1ms", "q99=1ms", "p99=-1ms", "p99=0s",

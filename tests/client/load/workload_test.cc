@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "gmock/gmock.h"
@@ -34,8 +35,9 @@ TEST(WorkloadTest, AMixIsReadAndMistakesAreNamed) {
   const absl::StatusOr<Mix> mix = ParseMix("tiles=5,segments=2.5");
   ASSERT_TRUE(mix.ok()) << mix.status();
   EXPECT_THAT(*mix, ElementsAre(5, 0, 2.5));
-  for (const char* text : {"", "tiles", "tiles=", "tiles=-1", "tiles=x", "rays=1", "tiles=0",
-                           "tiles=1,tiles=2", "tiles=inf", "points=nan"}) {
+  for (const char* text :
+       {"", "tiles", "tiles=", "tiles=-1", "tiles=x", "rays=1", "tiles=0", "tiles=1,tiles=2",
+        "tiles=inf", "points=nan", "tiles=1e308,points=1e308"}) {
     const absl::StatusOr<Mix> bad = ParseMix(text);
     EXPECT_EQ(bad.status().code(), absl::StatusCode::kInvalidArgument) << text;
   }
@@ -80,6 +82,31 @@ TEST(WorkloadTest, KindsComeByTheirWeightsAndItemsInTurn) {
   EXPECT_NEAR(count[2], 0.2 * kRequests, bound);
   for (size_t i = 0; i < kKinds; ++i) {
     EXPECT_EQ(items[i].size(), workload->ItemCount(static_cast<Kind>(i))) << kKindNames[i];
+  }
+}
+
+// A check of every eighth item must not be one of some connections alone.
+TEST(WorkloadTest, EachConnectionGetsEveryItem) {
+  for (const Mix mix : {Mix{1, 0, 0}, Mix{0, 1, 0}}) {
+    const absl::StatusOr<Workload> workload = Workload::Make(Spec(mix), kSurface);
+    ASSERT_TRUE(workload.ok()) << workload.status();
+    for (const size_t connections : {1, 2, 3, 8}) {
+      std::set<std::pair<size_t, size_t>> met;
+      std::vector<int> loads(connections);
+      const size_t items = workload->ItemCount(workload->Pick(0).kind);
+      for (uint64_t i = 0; i < items * connections * connections; ++i) {
+        const Request request{.number = i, .work = workload->Pick(i)};
+        const size_t connection = workload->ConnectionOf(request, connections);
+        ASSERT_LT(connection, connections);
+        met.emplace(request.work.item, connection);
+        // In turn: after each round all have had as many.
+        ++loads[connection];
+        if ((i + 1) % connections == 0) {
+          ASSERT_EQ(loads, std::vector<int>(connections, loads[0])) << i;
+        }
+      }
+      EXPECT_EQ(met.size(), items * connections) << connections;
+    }
   }
 }
 

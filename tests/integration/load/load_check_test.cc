@@ -209,6 +209,17 @@ TEST_F(LoadCheckTest, WrongAnswersAreCaught) {
   EXPECT_EQ(result.code, kExitWrong) << result.err;
   EXPECT_THAT(result.err, HasSubstr("answers are wrong; the first: request "));
   EXPECT_THAT(result.out, HasSubstr("first wrong"));
+  // Nor does a file that cannot be written hide them.
+  const std::vector<std::string> full = {ServerFlag(), "--requests=20", "--check=all",
+                                         "--hgrm=/dev/full", "--scene"};
+  std::vector<std::string> right = full, wrong = full;
+  right.push_back(WriteObj("a.obj", 2));
+  wrong.insert(wrong.end(), {WriteObj("a.obj", 2), "--check-scene", WriteObj("b.obj", 1)});
+  EXPECT_EQ(RunWith(right).code, cli::kExitCannotCreate);
+  const RunResult both = RunWith(wrong);
+  EXPECT_EQ(both.code, kExitWrong) << both.err;
+  EXPECT_THAT(both.err, AllOf(HasSubstr("warning: cannot write '/dev/full'"),
+                              HasSubstr("answers are wrong; the first: request ")));
   // A search ends with them: a trial is short, but wrong is wrong.
   const RunResult search =
       RunWith({ServerFlag(), "--scene", WriteObj("a.obj", 2), "--check-scene", WriteObj("b.obj", 1),

@@ -7,9 +7,8 @@
 #include <cstdint>
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <ostream>
-#include <streambuf>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -20,6 +19,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/integration/load/load_fixture.h"
+#include "tests/support/watched_stream.h"
 
 namespace sightline::load {
 namespace {
@@ -29,25 +29,19 @@ using testing::Not;
 
 // Interrupts whatever goes on once a live line begins with a title, or a whole line says, what the
 // test waits for: in the thread that writes it, so that nothing comes between.
-class InterruptingTerminal : public std::streambuf {
+class InterruptingTerminal : public testing_support::WatchedStream {
  public:
   using Wanted = std::function<bool(const std::string& line)>;
-  explicit InterruptingTerminal(Wanted wanted) : stream(this), wanted_(std::move(wanted)) {}
+  explicit InterruptingTerminal(Wanted wanted) : wanted_(std::move(wanted)) {}
   // All of it. Not before the run is over.
   const std::string& text() const { return text_; }
 
-  std::ostream stream;
   std::atomic<bool> interrupted = false;
 
  private:
-  int_type overflow(int_type c) override {
-    const char byte = traits_type::to_char_type(c);
-    xsputn(&byte, 1);
-    return c;
-  }
   // By the monitor's thread while a run lasts, by the test's before and between runs.
-  std::streamsize xsputn(const char* bytes, std::streamsize count) override {
-    text_.append(bytes, static_cast<size_t>(count));
+  void OnWrite(std::string_view bytes) override {
+    text_.append(bytes);
     if (text_.back() == '\n') {
       const size_t before = text_.rfind('\n', text_.size() - 2);
       if (wanted_(text_.substr(before == std::string::npos ? 0 : before + 1))) interrupted = true;
@@ -57,7 +51,6 @@ class InterruptingTerminal : public std::streambuf {
     if (title != std::string::npos && wanted_(text_.substr(line + 1, title - line - 1))) {
       interrupted = true;
     }
-    return count;
   }
   const Wanted wanted_;
   std::string text_;

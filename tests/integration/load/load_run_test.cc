@@ -46,6 +46,27 @@ TEST_F(LoadRunTest, AClosedLoopAnswersEverythingRight) {
   EXPECT_EQ(Scenes().size(), 1u) << "the scene of the test is still there";
 }
 
+// The server's queue holds one item; whoever comes beside it is refused.
+TEST_F(LoadRunTest, AClosedLoopWaitsAfterRefusals) {
+  ServerOptions options{.scenes = {"box=builtin:box"}};
+  options.limits.max_queued_rays = 1;
+  StartServer(options);
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--workload=points", "--requests=200",
+               "--concurrency=8", "--connections=4", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  const nlohmann::json json = result.json();
+  const int64_t failed = json["all"]["failed"], waits = json["refusal_waits"]["count"];
+  EXPECT_EQ(json["all"]["requests"], 200);
+  if (failed > 0) {
+    EXPECT_EQ(json["errors"]["RESOURCE_EXHAUSTED QUEUE_FULL"], failed);
+  }
+  // One each, but for those whose refusal was the end of the run.
+  EXPECT_LE(waits, failed);
+  EXPECT_GE(waits, failed - 8);
+  EXPECT_EQ(json["refusal_waits"]["total_s"] > 0, waits > 0);
+}
+
 TEST_F(LoadRunTest, AnOpenLoopCountsFromThePlanToo) {
   const RunResult result =
       RunWith({ServerFlag(), "--scene=builtin:box", "--mode=open", "--rate=2000", "--requests=300",
@@ -73,6 +94,14 @@ TEST_F(LoadRunTest, EditsUnderLoadAreSeenWholeOrNotAtAll) {
   ASSERT_EQ(Scenes().size(), 1u);
   const int64_t revision = Scenes()[0].revision;
   EXPECT_EQ(revision, 1 + edits + edits % 2) << "the test's object is still there";
+}
+
+TEST_F(LoadRunTest, FailuresAreNoAnswersThatAnEditWaitsFor) {
+  const RunResult result =
+      RunWith({ServerFlag(), "--scene=box", "--check-scene=builtin:box", "--workload=segments",
+               "--requests=100", "--reload-every=10", "--item-timeout=1ns", "--output=json"});
+  EXPECT_EQ(result.json()["all"]["failed"], 100) << result.err;
+  EXPECT_EQ(result.json()["edits"], 0);
 }
 
 // Availability through reloads: a scene of the repository is read again under load.
@@ -104,6 +133,21 @@ TEST_F(LoadRunTest, AnObjectiveThatIsMissedHasItsExitCode) {
   EXPECT_THAT(missed.err, HasSubstr("the objective was missed: p50 "));
   EXPECT_THAT(missed.out, HasSubstr("MISSED"));
   EXPECT_EQ(RunWith(lax).code, 0);
+}
+
+// Whatever the first error is, and whether trying again may help with it.
+TEST_F(LoadRunTest, AnObjectiveIsMissedWhereNothingIsAnswered) {
+  const std::vector<std::string> args = {ServerFlag(), "--scene=box", "--requests=20",
+                                         "--item-timeout=1ns"};
+  std::vector<std::string> with_objective = args;
+  with_objective.emplace_back("--slo=p99=10m");
+  const RunResult missed = RunWith(with_objective);
+  EXPECT_EQ(missed.code, kExitMissed) << missed.err;
+  EXPECT_THAT(missed.err, HasSubstr("the objective was missed: p99: no answer, errors 100 % of 0 "
+                                    "%; no request was answered; the first failed with: "));
+  const RunResult expired = RunWith(args);
+  EXPECT_EQ(expired.code, cli::kExitTemporary) << expired.err;
+  EXPECT_THAT(expired.err, HasSubstr("no request was answered; the first failed with: "));
 }
 
 TEST_F(LoadRunTest, AKneeThatIsNotThereIsAMiss) {
