@@ -250,6 +250,28 @@ TEST_F(CliTest, TilesOfRelevantTrianglesAreWhole) {
   }
 }
 
+// Likewise: where all pixels see something, nothing stands in but at the picture's edge.
+TEST_F(CliTest, PixelShadowPacketsAreWhole) {
+  constexpr int kLights = 40;
+  std::vector<std::string> args = {"view",
+                                   "builtin:box:1000",
+                                   "--size",
+                                   "480x480",
+                                   "--tile",
+                                   "480",
+                                   "--lit",
+                                   File("lit.npy"),
+                                   "--output",
+                                   "json",
+                                   "--strategy",
+                                   "PACKET",
+                                   "--pixel-shadow-packets"};
+  for (int i = 0; i < kLights; ++i) args.insert(args.end(), {"--light", "0,0,0"});
+  const nlohmann::json json = nlohmann::json::parse(Good(args).out);
+  EXPECT_EQ(json["hit_pixels"], 480 * 480);
+  EXPECT_EQ(json["rays"], 480 * 480 * (1 + kLights));
+}
+
 TEST_F(CliTest, StrategyPictureTellsWhatAnswered) {
   const auto shares = [&](std::vector<std::string> more) {
     std::vector<std::string> args = {"view",     "builtin:box", "--size",
