@@ -106,11 +106,13 @@ absl::StatusOr<Relighting::Lit> Relighting::Ask(std::span<const LightSample> sam
                                                 std::span<const double> weights,
                                                 const QueryOptions& options) {
   QueryOptions asked = options;
-  if (asked.strategy == Strategy::kPacket) asked.packet_side = hits_.side;
+  // Packets are the picture's squares, whatever other order might pay.
+  const bool packets = asked.strategy == Strategy::kPacket;
+  if (packets) asked.packet_side = hits_.side;
   ShadowResult shadows;
-  SL_RETURN_IF_ERROR(ComputeShadows(*scene_,
-                                    PointRange::Slice(hits_.points, 0, hits_.points.size()),
-                                    samples, {}, {}, {.bits = true}, asked, &shadows));
+  SL_RETURN_IF_ERROR(
+      ComputeShadows(*scene_, PointRange::Slice(hits_.points, 0, hits_.points.size()), samples, {},
+                     {.ordered = packets}, {.bits = true}, asked, &shadows));
   stats_ = shadows.stats;
   return Lit{std::move(shadows.lit_bits), {weights.begin(), weights.end()}};
 }

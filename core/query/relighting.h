@@ -5,9 +5,10 @@
 // engine themselves, and what sightline-bench measures the paper by; client/lib/relighting.h is the
 // same over the service, where hits, shadows and sums are apart: it sums by the same rules.
 //
-// Packets: the hits of side × side pixels follow one another, so that shadow packets from a light
-// are those of the picture. A pixel that hit nothing stands there with the packet's first hit,
-// which keeps the packet together and costs no answer; packets without a hit are left out.
+// Packets: the hits of side × side pixels follow one another, so that with PACKET shadow packets
+// from a light are those of the picture, however many samples it has. A pixel that hit nothing
+// stands there with the packet's first hit, which keeps the packet together and costs no answer;
+// packets without a hit are left out. Other strategies may find an order of their own.
 //
 // Two buffers: `base` is the light of all but the chosen light at each pixel, `color` that with it.
 // Choosing another light traces nothing: what every sample reaches is kept, a bit a point. (The

@@ -2,7 +2,9 @@
 #include "core/query/tiles.h"
 
 #include <algorithm>
+#include <array>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -12,6 +14,7 @@
 #include "core/intersect/hit.h"
 #include "core/mesh/rebase.h"
 #include "core/query/hit_placement.h"
+#include "core/query/mirrored_rays.h"
 #include "core/query/pixel_blocks.h"
 #include "core/query/pixel_runs.h"
 #include "core/query/ray_block.h"
@@ -67,6 +70,7 @@ class TileTrace {
     prepare(block_);
     prepare(outline_);
     for (RayPacket& part : parts_) prepare(part);
+    const size_t parts = std::max<size_t>(1, parts_.size());
     if (outputs.lit || outputs.points) {
       // As many blocks as the tile fills, at most a group.
       const auto blocks = [](uint32_t side) { return (side + kBlockSide - 1) / kBlockSide; };
@@ -77,6 +81,7 @@ class TileTrace {
       sources_.resize(most * kBlockRays);
       point_pixel_.resize(most * kBlockRays);
       placer_ = std::make_unique<HitPlacer>(scene, options.simd);
+      placed_.resize(parts);
     }
     // Every pixel's ids and numbers are written by its block: what a result of the same size held
     // before does not matter.
@@ -89,14 +94,8 @@ class TileTrace {
     }
     if (outputs.mirrors) out_.mirror_bits.assign(row_bytes_, 0);
     if (!mirrors.empty()) {
-      mirrored_ = std::make_unique<RayPacket>();
-      mirrored_->segments = false;
-      mirrored_->mask = options.mask;
-      mirrored_->want_barycentrics = outputs.uv;
-      mirrored_->near = near_;
-      if (outputs.answered_by || options.count_answers) {
-        mirrored_->answered_by = mirrored_answered_by_;
-      }
+      mirrored_ = std::make_unique<MirroredRays>(parts, block_,
+                                                 outputs.answered_by || options.count_answers);
     }
     if (outputs.lit) out_.lit_bits.assign(samples.size() * row_bytes_, 0);
     if (outputs.answered_by) out_.answered_by.resize(pixels_);
@@ -175,26 +174,39 @@ class TileTrace {
           if (strategy == Strategy::kShaft) {
             choice_.Learn(walk, before, *scope.walk(), static_cast<size_t>(packet_->count));
           }
-          SL_RETURN_IF_ERROR(Finish(group, block, &scope, &points));
+          SL_RETURN_IF_ERROR(Finish(group, {&block, 1}, &scope, &points));
         }
       }
     }
     return outputs_.lit || outputs_.points ? ShadeGroup(points) : absl::OkStatus();
   }
 
-  // What follows a block's walk: *points counts the group's points.
-  absl::Status Finish(const TileRect& group, const TileRect& block, StatsScope* scope,
+  // What follows the walk of a block, or of a large tile's blocks: *points counts the group's
+  // points.
+  absl::Status Finish(const TileRect& group, std::span<const TileRect> blocks, StatsScope* scope,
                       size_t* points) {
-    if (run_.options().count_answers) {
-      ForEachRun(block, Squares(), [&](const PixelRun& run) {
-        CountAnswers({packet_->answered_by + run.lane, run.count}, &out_.primary);
-      });
+    for (size_t i = 0; i < blocks.size(); ++i) {
+      Take(i);
+      if (run_.options().count_answers) {
+        ForEachRun(blocks[i], Squares(), [&](const PixelRun& run) {
+          CountAnswers({packet_->answered_by + run.lane, run.count}, &out_.primary);
+        });
+      }
+      if (outputs_.lit || outputs_.points) PlaceHits();
     }
-    if (outputs_.lit || outputs_.points) PlaceHits();
-    if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(block, scope));
-    Write(group, block);
-    if (outputs_.lit || outputs_.points) *points = PlacePoints(group, block, *points);
+    if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(blocks, scope));
+    for (size_t i = 0; i < blocks.size(); ++i) {
+      Take(i);
+      Write(group, blocks[i]);
+      if (outputs_.lit || outputs_.points) *points = PlacePoints(group, blocks[i], *points);
+    }
     return absl::OkStatus();
+  }
+
+  // From now on packet_ is that of a large tile's block `part`, or of the only one there is.
+  void Take(size_t part) {
+    part_ = part;
+    packet_ = LargeTile() ? &parts_[part] : &block_;
   }
 
   // Whether relevant triangles tracing goes by tiles: AUTO never chooses it.
@@ -213,19 +225,17 @@ class TileTrace {
     uint32_t count = 0;
     const uint32_t rows = kBlockRays / WholeSquares(tile.width) / kRunPixels * kRunPixels;
     for (uint32_t y = 0; y < tile.height; y += rows) {
-      packet_ = &parts_[count];
+      Take(count);
       blocks[count] = {tile.x, tile.y + y, tile.width, std::min(rows, tile.height - y)};
       Place(blocks[count++]);
     }
     absl::Status status =
         TraceRttTile(scene_, run_, kind, {parts_.data(), size_t{count}}, scope->walk());
-    if (status.ok()) scope->Took(Strategy::kRtt);
-    for (uint32_t i = 0; i < count && status.ok(); ++i) {
-      packet_ = &parts_[i];
-      status = Finish(group, blocks[i], scope, points);
+    if (status.ok()) {
+      scope->Took(Strategy::kRtt);
+      status = Finish(group, {blocks, count}, scope, points);
     }
     EndTile(*points);
-    packet_ = &block_;
     return status;
   }
 
@@ -334,7 +344,8 @@ class TileTrace {
       ForEachRun(block, Squares(), [&](const PixelRun& run) {
         const size_t pixel = first + size_t{run.y} * tile_.width + run.x;
         for (uint32_t k = 0; k < run.count; ++k) {
-          if (mirror_of_[run.lane + k] != 0) SetBit(out_.mirror_bits.data(), pixel + k);
+          if (mirrored_->mirror_of(part_)[run.lane + k] == 0) continue;
+          SetBit(out_.mirror_bits.data(), pixel + k);
         }
       });
     }
@@ -351,52 +362,41 @@ class TileTrace {
   void PlaceHits() {
     // Placing belongs to the shadows' cost, though it asks about no ray.
     const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
-    placer_->Place(*packet_, placed_);
+    placer_->Place(*packet_, placed_[part_]);
   }
 
   // Replaces hits on mirrors by what is seen in them.
-  absl::Status LookIntoMirrors(const TileRect& block, StatsScope* scope) {
+  absl::Status LookIntoMirrors(std::span<const TileRect> blocks, StatsScope* scope) {
     const std::span<const PreparedMirror> all = mirrors_.all();
-    std::fill_n(mirror_of_, packet_->count, 0);
-    ForEachRun(block, Squares(), [&](const PixelRun& run) {
-      for (int lane = run.lane; lane < run.lane + static_cast<int>(run.count); ++lane) {
-        for (size_t m = 0; m < all.size() && mirror_of_[lane] == 0; ++m) {
-          if (!all[m].triangles().Holds(packet_->triangle[lane])) continue;
-          mirror_of_[lane] = static_cast<uint8_t>(m + 1);
-        }
-      }
-    });
+    const std::span<const RayPacket> packets(LargeTile() ? parts_.data() : &block_, blocks.size());
+    for (size_t i = 0; i < blocks.size(); ++i) {
+      mirrored_->Meet(all, blocks[i], Squares(), packets[i], i);
+    }
+    // What a mirror shows is tiles, too.
+    const int tile_rays = ByTiles() ? RttTileRays(run_.options().rtt_antialiasing) : 0;
     for (size_t m = 0; m < all.size(); ++m) {
-      SL_RETURN_IF_ERROR(LookInto(all[m], static_cast<uint8_t>(m + 1), scope));
+      const auto number = static_cast<uint8_t>(m + 1);
+      const size_t rays = mirrored_->LayOut(all[m], number, packets, tile_rays);
+      if (rays == 0) continue;
+      scope->AddRays(rays);
+      const Strategy strategy = ChooseStrategy(run_, RayForm::kMirrored, HitKind::kClosest, rays);
+      const std::span<RayPacket> seen = mirrored_->packets();
+      SL_RETURN_IF_ERROR(LargeTile()
+                             ? TraceRttTile(scene_, run_, HitKind::kClosest, seen, scope->walk())
+                             : TracePacketBlock(scene_, run_, HitKind::kClosest, strategy, &seen[0],
+                                                nullptr, scope->walk()));
+      for (size_t i = 0; i < seen.size(); ++i) ShowMirrored(i, number);
     }
     return absl::OkStatus();
   }
 
-  absl::Status LookInto(const PreparedMirror& mirror, uint8_t number, StatsScope* scope) {
-    RayPacket& seen = *mirrored_;
-    int lanes[kBlockRays];
-    seen.count = 0;
-    for (int lane = 0; lane < packet_->count; ++lane) {
-      if (mirror_of_[lane] != number) continue;
-      const int at = seen.count++;
-      const Vec3f direction = mirror.Direction(packet_->target(lane));
-      lanes[at] = lane;
-      seen.target_x[at] = direction.x;
-      seen.target_y[at] = direction.y;
-      seen.target_z[at] = direction.z;
-      near_[at] = packet_->t[lane];
-    }
-    if (seen.count == 0) return absl::OkStatus();
-    seen.origin = mirror.eye();
-    seen.unseen = mirror.triangles();
-    const size_t rays = static_cast<size_t>(seen.count);
-    scope->AddRays(rays);
-    SL_RETURN_IF_ERROR(
-        TracePacketBlock(scene_, run_, HitKind::kClosest,
-                         ChooseStrategy(run_, RayForm::kMirrored, HitKind::kClosest, rays), &seen,
-                         nullptr, scope->walk()));
-    if (run_.options().count_answers) CountAnswers({mirrored_answered_by_, rays}, &out_.primary);
-    if (placer_ != nullptr) placer_->Place(seen, mirrored_placed_);
+  // Puts what is seen in a mirror where it was met: for a ray that stands again, what is there.
+  void ShowMirrored(size_t packet, uint8_t number) {
+    const RayPacket& seen = mirrored_->packets()[packet];
+    const int* const lanes = mirrored_->lanes_of(packet);
+    Take(mirrored_->block_of(packet));
+    Vec3f placed[kBlockRays];
+    if (placer_ != nullptr) placer_->Place(seen, placed);
     for (int i = 0; i < seen.count; ++i) {
       const int lane = lanes[i];
       packet_->t[lane] = seen.t[i];
@@ -405,17 +405,20 @@ class TileTrace {
         packet_->u[lane] = seen.u[i];
         packet_->v[lane] = seen.v[i];
       }
-      if (outputs_.answered_by) packet_->answered_by[lane] = mirrored_answered_by_[i];
-      if (placer_ != nullptr) placed_[lane] = mirrored_placed_[i];
+      if (seen.answered_by != nullptr) packet_->answered_by[lane] = seen.answered_by[i];
+      if (placer_ != nullptr) placed_[part_][lane] = placed[i];
     }
-    return absl::OkStatus();
+    for (int lane = 0; run_.options().count_answers && lane < packet_->count; ++lane) {
+      if (mirrored_->mirror_of(part_)[lane] != number) continue;
+      CountAnswers({packet_->answered_by + lane, 1}, &out_.primary);
+    }
   }
 
   // Appends the block's hits to the group's points; returns how many there are now.
   size_t PlacePoints(const TileRect& group, const TileRect& block, size_t points) {
     const size_t first = FirstPixel(group, block), begin = points;
     const auto add = [&](size_t lane, size_t pixel) {
-      positions_[points] = placed_[lane];
+      positions_[points] = placed_[part_][lane];
       sources_[points] = packet_->triangle[lane];
       point_pixel_[points++] = static_cast<uint32_t>(pixel);
     };
@@ -517,28 +520,23 @@ class TileTrace {
   const bool past_caches_;
   TileResult& out_;
   RayPacket block_;
-  RayPacket* packet_ = &block_;  // The block being traced.
+  RayPacket* packet_ = &block_;  // The block being traced,
+  size_t part_ = 0;              // and which of a large tile's it is.
   // Those of a tile that no packet holds. Rows are whole squares: 12 of 20 pixels, 8 of 24.
   static constexpr uint32_t kMostParts = 3;
   static_assert(RttTileRays(kMaxRttAntialiasing) <= kMostParts * 192);
   std::vector<RayPacket> parts_;
   std::vector<std::array<AnsweredBy, kBlockRays>> parts_answered_by_;
   AnsweredBy answered_by_[kBlockRays];
-  // What is seen in a mirror, where there are any.
-  std::unique_ptr<RayPacket> mirrored_;
-  alignas(64) float near_[kBlockRays];
-  Vec3f mirrored_placed_[kBlockRays];
-  AnsweredBy mirrored_answered_by_[kBlockRays];
-  uint8_t mirror_of_[kBlockRays];  // By lane of the block: the mirror's number from 1 on, or 0.
-  static_assert(kMaxMirrors < 256);
-  RayPacket outline_;  // The corners of its group.
+  std::unique_ptr<MirroredRays> mirrored_;  // Where there are mirrors.
+  RayPacket outline_;                       // The corners of its group.
   ShaftCut cut_;
   // PixelColumn and PixelRow of the group's columns and rows, by axis.
   GroupTerms columns_, rows_;
   PixelGrid grid_;  // Of the group, where it has_grid_.
   bool has_grid_ = false;
-  std::unique_ptr<HitPlacer> placer_;  // Large, and not always needed.
-  Vec3f placed_[kBlockRays];           // By lane of the block.
+  std::unique_ptr<HitPlacer> placer_;                  // Large, and not always needed.
+  std::vector<std::array<Vec3f, kBlockRays>> placed_;  // By block and lane, where there is one.
   // The group's points.
   std::vector<Vec3f> positions_;
   std::vector<uint32_t> sources_, point_pixel_;

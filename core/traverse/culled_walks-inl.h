@@ -442,6 +442,9 @@ bool TraceCulledTree(const IndexedGeometry& scene, const LeafCulling& culling, R
       packet.triangle[i] = hit.triangle;
       if constexpr (!kAny) packet.t[i] = hit.t;
     }
+    if (packet.answered_by != nullptr) {
+      std::fill_n(packet.answered_by, packet.count, AnsweredBy::kRay);
+    }
     return true;
   }
   const auto part = std::make_unique<RayPacket>();

@@ -77,9 +77,10 @@ class PacketLeaf {
       for (uint32_t g = begin; g < lanes_.groups(); ++g) rows[g] = met[g] != 0 ? ~0u : 0;
       frustum = slopes_.Hold(rows, begin, lanes_.groups());
     }
-    // Lanes that are asked though they miss the leaf's box need not lie in a frustum of those that
-    // meet it: nothing can be told of their edges.
-    const bool covered = culling_.ray_mask || culling_.frustum != FrustumRays::kMasked;
+    // The lanes that the frustum holds. Those that are asked though they miss the leaf's box need
+    // not lie in one of those that meet it, so that nothing can be told of their edges; where these
+    // are not asked for, neither are they.
+    const uint32_t* const held = culling_.frustum == FrustumRays::kMasked ? within : met;
     const bool near_far_first = culling_.near_far && !(edges && culling_.aperture_first);
     float limit = FarthestLimit(within, begin);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
@@ -95,7 +96,7 @@ class PacketLeaf {
       if (culling_.intersector != Intersector::kExact && !edges) {
         Count(leaf.count - std::popcount(chosen), rays);
         for (; chosen != 0; chosen &= chosen - 1) {
-          TestByIntersector<true>(leaf, std::countr_zero(chosen), met, begin);
+          TestByIntersector<true>(leaf, std::countr_zero(chosen), held, met, begin);
         }
         continue;
       }
@@ -115,13 +116,13 @@ class PacketLeaf {
           }
         }
         ++kept;
-        const bool inside = corners == Corners::kInside && culling_.skip_edges && covered;
+        const bool inside = corners == Corners::kInside && culling_.skip_edges;
         if (culling_.intersector != Intersector::kExact) {
-          inside ? TestByIntersector<false>(leaf, facing[i].lane, met, begin)
-                 : TestByIntersector<true>(leaf, facing[i].lane, met, begin);
+          inside ? TestByIntersector<false>(leaf, facing[i].lane, held, met, begin)
+                 : TestByIntersector<true>(leaf, facing[i].lane, held, met, begin);
         } else {
-          inside ? Test<false>(leaf, facing[i], met, begin)
-                 : Test<true>(leaf, facing[i], met, begin);
+          inside ? Test<false>(leaf, facing[i], held, met, begin)
+                 : Test<true>(leaf, facing[i], held, met, begin);
         }
         // All rays meet it: what lies behind it is behind all of them (paper 000, section 2; paper
         // 004, section 4).
@@ -166,18 +167,28 @@ class PacketLeaf {
     return farthest > 0 && !(nearest * slopes_.least_inv() > limit);
   }
 
+  // One triangle against the lanes `met`, without kEdges against those of them that are `held`;
+  // takes off those that need no further one.
   template <bool kEdges>
-  HWY_INLINE void Test(const LeafView& leaf, const FacingTriangle& f, uint32_t* met,
-                       uint32_t begin) {
+  HWY_INLINE void Test(const LeafView& leaf, const FacingTriangle& f, const uint32_t* held,
+                       uint32_t* met, uint32_t begin) {
     for (uint32_t g = begin; g < lanes_.groups(); ++g) {
-      if (met[g] == 0) continue;
-      if (!kEdges) stats_->edges_spared += std::popcount(met[g]);
-      met[g] &= ~lanes_.template Test<kEdges>(leaf, f, g, met[g]);
+      const uint32_t asked = kEdges ? met[g] : Held(held[g], met[g]);
+      if (asked == 0) continue;
+      if (!kEdges) stats_->edges_spared += std::popcount(asked);
+      met[g] &= ~lanes_.template Test<kEdges>(leaf, f, g, asked);
     }
   }
 
+  // Counts the others.
+  HWY_INLINE uint32_t Held(uint32_t held, uint32_t met) {
+    Count(1, static_cast<uint32_t>(std::popcount(met & ~held)));
+    return met & held;
+  }
+
   template <bool kEdges>
-  void TestByIntersector(const LeafView& leaf, uint32_t lane, uint32_t* met, uint32_t begin) {
+  void TestByIntersector(const LeafView& leaf, uint32_t lane, const uint32_t* held, uint32_t* met,
+                         uint32_t begin) {
     const uint32_t id = leaf.id(lane);
     if (id == lanes_.origin_source() || lanes_.unseen().Holds(id)) return;
     if (MustAskObjects(scene_.geometry, lanes_.mask()) &&
@@ -189,10 +200,11 @@ class PacketLeaf {
     PreparedTriangle room;
     const float* const value = PreparedValue(scene_, culling_.intersector, id, &room);
     for (uint32_t g = begin; g < lanes_.groups(); ++g) {
-      if (met[g] == 0) continue;
-      stats_->triangle_tests += std::popcount(met[g]);
-      if (!kEdges) stats_->edges_spared += std::popcount(met[g]);
-      const uint32_t asked = met[g] & ~lanes_.SourceLanes(g, id);
+      uint32_t asked = kEdges ? met[g] : Held(held[g], met[g]);
+      if (asked == 0) continue;
+      stats_->triangle_tests += std::popcount(asked);
+      if (!kEdges) stats_->edges_spared += std::popcount(asked);
+      asked &= ~lanes_.SourceLanes(g, id);
       met[g] &= ~TestGroup<kEdges>(value, g, asked, id);
     }
   }

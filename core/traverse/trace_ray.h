@@ -87,7 +87,8 @@ struct alignas(64) RayPacket {
   }
   Hit hit(int lane) const { return {t[lane], triangle[lane]}; }
 
-  // The question of `lanes` lanes from `first` on, as another packet's, which has no grid.
+  // The question of `lanes` lanes from `first` on, as another packet's, which has no grid. What
+  // answers them is said where this one says it.
   void CopyLanes(int first, int lanes, RayPacket* to) const {
     to->origin = origin;
     to->segments = segments;
@@ -97,6 +98,7 @@ struct alignas(64) RayPacket {
     to->unseen = unseen;
     to->grid = nullptr;
     to->want_barycentrics = want_barycentrics;
+    to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->count = lanes;
     std::copy_n(target_x + first, lanes, to->target_x);
     std::copy_n(target_y + first, lanes, to->target_y);
@@ -120,11 +122,13 @@ struct alignas(64) ParallelPacket {
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
   alignas(64) uint32_t triangle[kMaxRays];       // Result: some blocker's id, or kNoTriangle.
 
-  // The question of `lanes` lanes from `first` on, as another packet's.
+  // The question of `lanes` lanes from `first` on, as another packet's. What answers them is said
+  // where this one says it.
   void CopyLanes(int first, int lanes, ParallelPacket* to) const {
     to->direction = direction;
     to->mask = mask;
     to->direction_source = direction_source;
+    to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->count = lanes;
     std::copy_n(origin_x + first, lanes, to->origin_x);
     std::copy_n(origin_y + first, lanes, to->origin_y);

@@ -253,27 +253,24 @@ void SpreadShadows(const ShadowResult& some, std::span<const uint32_t> places, s
     for (size_t byte = 0; byte < BitBytes(count); ++byte) {
       for (uint32_t lit = from[byte]; lit != 0; lit &= lit - 1) {
         const uint32_t place = places[8 * byte + static_cast<size_t>(std::countr_zero(lit))];
+        if (place == kNoPixel) continue;
         to[place / 8] |= static_cast<uint8_t>(1u << (place % 8));
       }
     }
   }
-  for (size_t i = 0; i < count && outputs.counts; ++i) {
-    all->lit_counts[places[i]] = some.lit_counts[i];
-  }
-  for (size_t i = 0; i < count && outputs.weighted_sums; ++i) {
-    all->weighted_sums[places[i]] = some.weighted_sums[i];
-  }
-  for (size_t s = 0; s < samples && outputs.blockers; ++s) {
-    for (size_t i = 0; i < count; ++i) {
-      all->blocker[s * points + places[i]] = some.blocker[s * count + i];
-      all->blocker_t[s * points + places[i]] = some.blocker_t[s * count + i];
+  // Of `rows` rows, where they are wanted.
+  const auto spread = [&](bool wanted, size_t rows, const auto& from, auto* to) {
+    for (size_t row = 0; row < rows && wanted; ++row) {
+      for (size_t i = 0; i < count; ++i) {
+        if (places[i] != kNoPixel) (*to)[row * points + places[i]] = from[row * count + i];
+      }
     }
-  }
-  for (size_t s = 0; s < samples && outputs.answered_by; ++s) {
-    for (size_t i = 0; i < count; ++i) {
-      all->answered_by[s * points + places[i]] = some.answered_by[s * count + i];
-    }
-  }
+  };
+  spread(outputs.counts, 1, some.lit_counts, &all->lit_counts);
+  spread(outputs.weighted_sums, 1, some.weighted_sums, &all->weighted_sums);
+  spread(outputs.blockers, samples, some.blocker, &all->blocker);
+  spread(outputs.blockers, samples, some.blocker_t, &all->blocker_t);
+  spread(outputs.answered_by, samples, some.answered_by, &all->answered_by);
 }
 
 }  // namespace sightline

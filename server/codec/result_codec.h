@@ -62,7 +62,8 @@ void EncodeStatistics(const QueryStats& stats, uint64_t queue_nanos, v1::Statist
 ShadowResult NothingLit(size_t points, size_t samples, const ShadowOutputs& outputs);
 
 // Puts shadows computed for some of `points` points (the hits of a tile, a part of them in another
-// order) where they belong: point i of `some` at places[i] of `all`. Statistics stay.
+// order) where they belong: point i of `some` at places[i] of `all`, or nowhere (kNoPixel).
+// Statistics stay.
 void SpreadShadows(const ShadowResult& some, std::span<const uint32_t> places, size_t points,
                    size_t samples, const ShadowOutputs& outputs, ShadowResult* all);
 

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stream/tile_method.h"
 
+#include <algorithm>
 #include <numeric>
+#include <span>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
+#include "core/query/relighting.h"
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
 #include "core/traverse/rtt.h"
@@ -82,7 +85,7 @@ class TileMethod::TileWork final : public ItemWork {
       shadows.answered_by = std::move(result.lit_answered_by);
       shadows.stats = result.shadow;
     } else if (lights) {
-      SL_RETURN_IF_ERROR(ShadeHits(result, range.count, options, &shadows));
+      SL_RETURN_IF_ERROR(ShadeHits(result, band, options, &shadows));
     }
     if (lights) {
       stats->Add(shadows.stats);
@@ -105,19 +108,50 @@ class TileMethod::TileWork final : public ItemWork {
                       {{"field", "header.mirrors"}});
   }
 
-  absl::Status ShadeHits(const TileResult& tile, size_t pixels, const QueryOptions& options,
+  absl::Status ShadeHits(const TileResult& tile, const TileRect& band, const QueryOptions& options,
                          ShadowResult* shadows) const {
-    const ShadowOutputs outputs = DecodeShadowOutputs(method_.shadow_outputs_);
-    ShadowResult of_hits;
-    const size_t samples = samples_->samples.size();
-    *shadows = NothingLit(pixels, samples, outputs);
+    *shadows = NothingLit(Pixels(band), samples_->samples.size(),
+                          DecodeShadowOutputs(method_.shadow_outputs_));
     if (tile.points.size() == 0) return absl::OkStatus();
-    SL_RETURN_IF_ERROR(ComputeShadows(scene(), PointRange::All(tile.points), *samples_,
-                                      ShadowOptions{}, outputs, options, &of_hits));
-    shadows->stats = of_hits.stats;
-    SpreadShadows(of_hits, tile.point_pixel, pixels, samples, outputs, shadows);
+    if (options.strategy == Strategy::kPacket && options.pixel_shadow_packets) {
+      return ShadeSquares(tile, band, options, shadows);
+    }
+    return Shade(PointRange::All(tile.points), tile.point_pixel, band, ShadowOptions{}, options,
+                 shadows);
+  }
+
+  // By packets of the pixels' own squares. Some points stand in for pixels that hit nothing, and
+  // are up to a square's where a band is but a row: so some packets at a time are answered.
+  absl::Status ShadeSquares(const TileResult& tile, const TileRect& band,
+                            const QueryOptions& options, ShadowResult* shadows) const {
+    const HitPackets packets =
+        PacketsOfHits(tile.points, tile.point_pixel, band.width, band.height, options.packet_side);
+    constexpr size_t kSomePackets = 16 * 16 * 16;  // Points; a multiple of every packet's.
+    ShadowHints hints;
+    const size_t all = packets.points.size();
+    for (size_t first = 0; first < all; first += kSomePackets) {
+      const size_t count = std::min<size_t>(kSomePackets, all - first);
+      SL_RETURN_IF_ERROR(Shade(PointRange::Slice(packets.points, first, count),
+                               std::span(packets.pixel).subspan(first, count), band,
+                               {.ordered = true, .hints = &hints}, options, shadows));
+    }
     return absl::OkStatus();
   }
+
+  // Of some points, into those of all pixels.
+  absl::Status Shade(const PointRange& points, std::span<const uint32_t> pixels,
+                     const TileRect& band, const ShadowOptions& shadow, const QueryOptions& options,
+                     ShadowResult* shadows) const {
+    const ShadowOutputs outputs = DecodeShadowOutputs(method_.shadow_outputs_);
+    ShadowResult of_points;
+    SL_RETURN_IF_ERROR(
+        ComputeShadows(scene(), points, *samples_, shadow, outputs, options, &of_points));
+    shadows->stats.Add(of_points.stats);
+    SpreadShadows(of_points, pixels, Pixels(band), samples_->samples.size(), outputs, shadows);
+    return absl::OkStatus();
+  }
+
+  static size_t Pixels(const TileRect& band) { return size_t{band.width} * band.height; }
 
   const TileMethod& method_;
   const std::shared_ptr<const SampleSet> samples_;
@@ -153,12 +187,15 @@ uint64_t TileMethod::Rays(const Item& item) const {
   return RayCount(uint64_t{item.message.width()} * item.message.height(), 1 + sample_count());
 }
 
-// Rows that no part's border may divide: those of RTT's tiles, as long as a reply holds them.
+// Rows that no part's border may divide: those of RTT's tiles and of packets' squares, as long as a
+// reply holds them.
 template <typename Bytes>
 uint64_t TileMethod::RowsTogether(uint64_t width, const Bytes& bytes) const {
   const QueryOptions& query = options_.query;
-  if (query.strategy != Strategy::kRtt) return 1;
-  const auto rows = uint64_t{RttTileSide(query.rtt_antialiasing)};
+  const uint64_t rows = query.strategy == Strategy::kRtt ? RttTileSide(query.rtt_antialiasing)
+                        : query.strategy == Strategy::kPacket
+                            ? static_cast<uint64_t>(query.packet_side)
+                            : 1;
   return bytes(std::lcm(rows * width, uint64_t{8})) <= env_.limits.target_reply_bytes ? rows : 1;
 }
 

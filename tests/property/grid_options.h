@@ -97,7 +97,6 @@ void ForEachQuery(const Fn& fn) {
           options.packet_side = side;
           options.leaf_culling.reset();
           fn(options);
-          if (structure == Structure::kAuto && packets) continue;  // The BVH, again.
           if (!packets && strategy != Strategy::kSingle) {
             options.leaf_culling = LeafCulling();
             fn(options);
@@ -142,6 +141,13 @@ inline std::string Describe(const QueryOptions& options) {
                   static_cast<int>(c.node_test), ", split ", static_cast<int>(c.split), ", from ",
                   c.ray_box_min_triangles, " triangles");
   return text;
+}
+
+// Whether a scene with a BVH is asked as by another combination, which names it. (Of these alone:
+// the others are few.)
+inline bool IsTheBvhAgain(const QueryOptions& options) {
+  return options.structure == Structure::kAuto && options.strategy == Strategy::kPacket &&
+         options.leaf_culling.has_value();
 }
 
 // What CheckOptions is to say: the contract, written down a second time.

@@ -54,6 +54,7 @@ using testing_support::DifferenceTally;
 using testing_support::ForEachQuery;
 using testing_support::HasMeaning;
 using testing_support::IndexObjects;
+using testing_support::IsTheBvhAgain;
 using testing_support::kSanitizerBuild;
 using testing_support::LeavesEdgesOut;
 using testing_support::MakeClosedSphere;
@@ -191,29 +192,39 @@ T OneOf(TestRng& rng, const T (&values)[kCount]) {
   return values[rng.Below(kCount)];
 }
 
-// The papers' leaf sizes, as costs say or kept to; laid out beforehand, or not.
+void LayOutKdLeaves(bool wanted, IndexedGeometry* indexed) {
+  const auto& ids = indexed->kd_tree->ids;
+  indexed->kd_leaves.reset();
+  if (wanted) indexed->kd_leaves = MakeLeafTriangles(indexed->geometry, {ids.data(), ids.size()});
+}
+
+// The papers' leaf sizes, as costs say or kept to, and their other rules to stop; laid out
+// beforehand, or not.
 void AddTrees(TestRng& rng, IndexedGeometry* indexed) {
   const int kd_leaf = OneOf(rng, {1, 4, 8, 16, 32});
   AddKdTree({.traversal_cost = OneOf(rng, {0.01f, 0.3f, 3.0f, 10.0f}),
+             .perfect_splits = rng.Chance(0.4),
              .min_leaf_triangles = kd_leaf,
-             .max_leaf_triangles = OneOf(rng, {0, kd_leaf})},
+             .max_leaf_triangles = OneOf(rng, {0, kd_leaf}),
+             .max_depth = OneOf(rng, {0, 0, 3, static_cast<int>(kMaxKdDepth)}),  // 0: PBRT's.
+             .max_references = OneOf(rng, {1.0f, 6.0f, kMaxKdReferences})},
             indexed);
-  indexed->kd_leaves.reset();
-  if (rng.Chance(0.5)) {
-    const auto& ids = indexed->kd_tree->ids;
-    indexed->kd_leaves = MakeLeafTriangles(indexed->geometry, {ids.data(), ids.size()});
-  }
+  LayOutKdLeaves(rng.Chance(0.5), indexed);
   ThreadPool pool(1);
-  absl::StatusOr<BinaryBvh> binary = BuildBinaryBvh(indexed->geometry,
-                                                    {.bins = OneOf(rng, {2, 8, 64, 1024}),
-                                                     .cost_ratio = OneOf(rng, {0.01f, 0.1f, 1.0f}),
-                                                     .min_triangles = OneOf(rng, {1, 4, 8, 16, 32}),
-                                                     .stop_by_cost = rng.Chance(0.5)},
-                                                    pool);
+  absl::StatusOr<BinaryBvh> binary =
+      BuildBinaryBvh(indexed->geometry,
+                     {.bins = OneOf(rng, {2, 8, 64, 1024}),
+                      .cost_ratio = OneOf(rng, {0.01f, 0.1f, 1.0f, 10.0f}),
+                      .min_triangles = OneOf(rng, {1, 4, 8, 16, 32}),
+                      .max_depth = OneOf(rng, {3, 64, 64}),
+                      .stop_by_cost = rng.Chance(0.5),
+                      .min_extent = OneOf(rng, {0x1p-23f, 0.05f})},
+                     pool);
   EXPECT_TRUE(binary.ok()) << binary.status();
   if (binary.ok()) indexed->binary_bvh = *std::move(binary);
   indexed->bvh = testing_support::BuildOrFail(
-      indexed->geometry, BvhPresetOptions(OneOf(rng, {BvhPreset::kStatic, BvhPreset::kCompact})));
+      indexed->geometry,
+      BvhPresetOptions(OneOf(rng, {BvhPreset::kStatic, BvhPreset::kDynamic, BvhPreset::kCompact})));
 }
 
 // Whether mirrors take a good part of the picture, but not all.
@@ -352,11 +363,7 @@ std::vector<GridScene> OnKdTreesAlone(const std::vector<GridScene>& scenes, Test
                .perfect_splits = i % 2 == 0,
                .min_leaf_triangles = OneOf(rng, {1, 3, 12})},
               &indexed);
-    indexed.kd_leaves.reset();
-    if (i % 3 == 0) {
-      const auto& ids = indexed.kd_tree->ids;
-      indexed.kd_leaves = MakeLeafTriangles(indexed.geometry, {ids.data(), ids.size()});
-    }
+    LayOutKdLeaves(i % 3 == 0, &indexed);
     indexed.bvh = Bvh();
     EXPECT_TRUE(indexed.kd_tree_alone());
   }
@@ -554,18 +561,18 @@ TEST(GridTest, EveryCombinationAnswersAsBruteForceDoesOrIsRefused) {
       if (rng.Chance(kShareOfMasks)) asked.mask = scene.masks[rng.Below(scene.masks.size())];
       grid.Ask(scene, asked, more);
     };
-    ask(scenes[rng.Below(scenes.size())], options, rng.Chance(kShareOfMore));
-    // All of RTT, and some of the others.
     const bool exact = options.intersector == Intersector::kExact;
-    if (options.strategy == Strategy::kRtt ||
-        rng.Chance(exact ? kShareOfLargeExact : kShareOfLarge)) {
+    const bool rtt = options.strategy == Strategy::kRtt, again = IsTheBvhAgain(options);
+    if (!again) ask(scenes[rng.Below(scenes.size())], options, rng.Chance(kShareOfMore));
+    // All of RTT, and some of the others.
+    if (!again && (rtt || rng.Chance(exact ? kShareOfLargeExact : kShareOfLarge))) {
       QueryOptions pixels = options;
       pixels.pixel_shadow_packets = rng.Chance(0.5);
       ask(large, pixels, /*more=*/true);
     }
     // The binary BVH is the same, whatever stands beside it.
     if (options.structure == Structure::kBinaryBvh) return;
-    if (options.strategy != Strategy::kRtt && !rng.Chance(kShareOfAlone)) return;
+    if (!rtt && !rng.Chance(kShareOfAlone)) return;
     ask(alone[rng.Below(alone.size())], options, rng.Chance(kShareOfMore));
   });
   std::cout << grid.answered() << " combinations answered, and " << grid.answered_alone()

@@ -458,6 +458,14 @@ TEST(ResultCodecTest, ShadowsOfSomePointsAreSpreadOverAll) {
   rest.lit_bits = {0b10, 0b01};
   SpreadShadows(rest, std::vector<uint32_t>{8, 0}, 10, 2, {.bits = true}, &all);
   EXPECT_THAT(all.lit_bits, ElementsAre(0b00000011, 0b10, 0b00010000, 0b1));
+  // What stood in for a pixel has no place.
+  ShadowResult one;
+  one.lit_bits = {0b11, 0b01};
+  one.lit_counts = {2, 1};
+  SpreadShadows(one, std::vector<uint32_t>{kNoPixel, 7}, 10, 2, {.bits = true, .counts = true},
+                &all);
+  EXPECT_THAT(all.lit_bits, ElementsAre(0b10000011, 0b10, 0b00010000, 0b1));
+  EXPECT_THAT(all.lit_counts, ElementsAre(0, 1, 0, 0, 1, 0, 0, 1, 0, 1));
   const ShadowResult none = NothingLit(10, 2, {.bits = true, .blockers = true});
   EXPECT_THAT(none.lit_bits, ElementsAre(0, 0, 0, 0));
   EXPECT_EQ(none.blocker.size(), 20u);

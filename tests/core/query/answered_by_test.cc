@@ -205,5 +205,46 @@ TEST(AnsweredByTest, ShadowsOfPoints) {
   }
 }
 
+// Packets that cull within leaves need an axis along which their rays go one way: those of a light
+// amid its points have none, and are rays by themselves in the end.
+TEST(AnsweredByTest, PacketsWithoutAnAxisAreRays) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeScene({testing_support::MakeTerrain(20, 10, {0, 0, 0})});
+  const Vec3d light = {5, 5, 3};
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point(light), 0, {}, &samples).ok());
+  for (const bool amid : {false, true}) {
+    PreparedPoints points;
+    for (int i = 0; i < 256; ++i) {  // So that halves are of whole pairs.
+      const Vec3d to = {rng.Uniform(-2, 2), rng.Uniform(-2, 2), rng.Uniform(-2.5, -0.5)};
+      points.positions.push_back(ToFloat(light + to));
+      points.positions.push_back(ToFloat(amid ? light - to : light + to * 0.5));
+    }
+    points.sources.assign(points.positions.size(), kNoTriangle);
+    points.valid.assign(points.positions.size(), 1);
+    for (const PacketSplit split : kAllPacketSplits) {
+      for (const int side : kPacketSides) {
+        for (const bool first : {false, true}) {
+          QueryOptions options;
+          options.strategy = Strategy::kPacket;
+          options.leaf_culling = LeafCulling();
+          options.leaf_culling->split = split;
+          options.packet_side = side;
+          options.count_answers = true;
+          ShadowResult result;
+          ASSERT_TRUE(ComputeShadows(scene, PointRange::All(points), samples, {}, {.ordered = true},
+                                     {.bits = true, .blockers = first, .answered_by = true},
+                                     options, &result)
+                          .ok());
+          EXPECT_THAT(result.answered_by, Each(amid ? AnsweredBy::kRay : AnsweredBy::kPacket))
+              << "packets of " << side << ", split " << static_cast<int>(split);
+          EXPECT_EQ(result.stats.answered_by[static_cast<size_t>(AnsweredBy::kRay)],
+                    amid ? points.size() : 0);
+        }
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace sightline

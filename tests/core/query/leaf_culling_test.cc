@@ -18,6 +18,7 @@
 #include "core/query/shadows.h"
 #include "core/query/tiles.h"
 #include "core/traverse/culled_kernels.h"
+#include "core/traverse/kernels.h"
 #include "core/traverse/trace_ray.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -280,8 +281,10 @@ TEST(LeafCullingTest, CellsAreLargerThanStoredBoxes) {
 // ---- What only a walk's own counts tell
 
 // Packets of side × side rays, 64 × 64 in all. `direction` of column and row, both in -1 .. 1.
+// `same_as_brute_force`: answers are compared with brute force's.
 template <typename Fn>
-WalkStats Walk(const LeafCulling& culling, int side, Vec3f eye, const Fn& direction) {
+WalkStats Walk(const LeafCulling& culling, int side, Vec3f eye, const Fn& direction,
+               bool same_as_brute_force = false) {
   WalkStats stats;
   const auto packet = std::make_unique<RayPacket>();
   packet->origin = eye;
@@ -300,15 +303,27 @@ WalkStats Walk(const LeafCulling& culling, int side, Vec3f eye, const Fn& direct
     }
     EXPECT_TRUE(CulledKernelsFor(SimdTarget::kAvx2)
                     .closest_packet(Scene(), culling, *packet, nullptr, &stats));
+    for (int i = 0; same_as_brute_force && i < packet->count; ++i) {
+      const TraceRay ray = packet->trace_ray(i);
+      Hit truth;
+      WalkStats unread;
+      EXPECT_TRUE(KernelsFor(SimdTarget::kAvx2)
+                      .closest_brute(Scene(), {&ray, 1}, {&truth, 1}, nullptr, &unread));
+      EXPECT_EQ(packet->triangle[i], truth.triangle);
+      EXPECT_EQ(packet->t[i], truth.t);
+    }
   }
   return stats;
 }
 
 // From above.
-WalkStats WalkDown(const LeafCulling& culling, int side) {
-  return Walk(culling, side, {0.03f, 0.05f, 9}, [](float x, float y) {
-    return Vec3f{0.4f * x, 0.4f * y, -1};
-  });
+WalkStats WalkDown(const LeafCulling& culling, int side, bool same_as_brute_force = false) {
+  return Walk(
+      culling, side, {0.03f, 0.05f, 9},
+      [](float x, float y) {
+        return Vec3f{0.4f * x, 0.4f * y, -1};
+      },
+      same_as_brute_force);
 }
 
 // The same triangles are left over, whichever test comes first; more come to the first.
@@ -338,6 +353,38 @@ TEST(LeafCullingTest, EdgesAreSparedWhereAllCornerRaysAreInside) {
     EXPECT_GT(a.edges_spared, a.triangle_tests / 50);
     EXPECT_EQ(b.edges_spared, 0u);
     EXPECT_EQ(a.triangle_tests, b.triangle_tests);
+  }
+}
+
+// A frustum of the rays that meet a leaf's box settles the edges of those, and of no others, though
+// registers are asked about whole.
+TEST(LeafCullingTest, EdgesAreSparedWithoutARayMaskToo) {
+  for (const Intersector intersector : {Intersector::kExact, Intersector::kHavelHerout}) {
+    SCOPED_TRACE(IntersectorName(intersector));
+    for (const FrustumRays rays : kAllFrustumRays) {
+      for (const CulledTree tree : {CulledTree::kBinaryBvh, CulledTree::kKdTree}) {
+        SCOPED_TRACE(absl::StrCat(static_cast<int>(rays), " ", static_cast<int>(tree)));
+        LeafCulling spares;
+        spares.tree = tree;
+        spares.intersector = intersector;
+        spares.frustum = rays;
+        spares.ray_mask = false;
+        LeafCulling tests = spares;
+        tests.skip_edges = false;
+        for (const int side : {2, 4}) {
+          const WalkStats a = WalkDown(spares, side, intersector == Intersector::kExact),
+                          b = WalkDown(tests, side);
+          if (side == 2) {
+            EXPECT_GT(a.edges_spared, a.triangle_tests / 100);
+          }
+          EXPECT_EQ(b.edges_spared, 0u);
+          // What is left out of such tests counts as culled. (On the kd-tree a triangle may be hit
+          // beyond the leaf, and the walk end sooner for it.)
+          if (tree == CulledTree::kKdTree || intersector != Intersector::kExact) continue;
+          EXPECT_EQ(a.triangle_tests + a.culled_tests, b.triangle_tests + b.culled_tests);
+        }
+      }
+    }
   }
 }
 

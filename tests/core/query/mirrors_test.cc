@@ -12,9 +12,11 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
 #include "core/accel/kd_builder.h"
 #include "core/intersect/hit.h"
 #include "core/query/tiles.h"
+#include "core/traverse/rtt.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
@@ -50,11 +52,12 @@ ObjectInput Named(std::string name, ObjectInput object) {
   return object;
 }
 
+// The whole picture.
 TileResult Look(const IndexedGeometry& scene, const Camera& camera, std::span<const Mirror> mirrors,
                 const QueryOptions& options = {}) {
   TileResult result;
-  const absl::Status status =
-      TraceTile(scene, camera, kTile, {}, mirrors, kOutputs, options, &result);
+  const absl::Status status = TraceTile(scene, camera, {0, 0, camera.width, camera.height}, {},
+                                        mirrors, kOutputs, options, &result);
   EXPECT_TRUE(status.ok()) << status;
   return result;
 }
@@ -92,7 +95,7 @@ std::vector<QueryOptions> AllOptions() {
     for (const Strategy strategy : {Strategy::kAuto, Strategy::kSingle, Strategy::kPacket}) {
       all.push_back({.strategy = strategy, .structure = Structure::kKdTree, .simd = simd});
     }
-    for (const int n : {1, 2, 3, 6}) {
+    for (const int n : {1, 2, 3, 5, 6}) {
       all.push_back({.strategy = Strategy::kRtt,
                      .rtt_antialiasing = n,
                      .rtt_shared_edges = n != 2,
@@ -213,6 +216,62 @@ TEST(MirrorsTest, AMirrorShowsWhatItsMirroredEyeSees) {
   }
   EXPECT_GT(mirrors_seen, kSide * kSide / 2);
   EXPECT_GT(seen, 50u);
+}
+
+// A mirror that takes part of a tile is looked into by a tile, which fares as from the mirrored
+// eye: there all that is seen is one wall.
+TEST(MirrorsTest, TilesAtAMirrorsEdgeStayTiles) {
+  const ObjectInput mirror = {.vertices = {{0, -5, -5}, {0, 6, -3}, {0, -1, 7}},
+                              .indices = {0, 1, 2}};
+  const ObjectInput wall = {.vertices = {{20, -900, -900}, {20, 900, -900}, {20, 0, 900}},
+                            .indices = {0, 1, 2}};
+  const IndexedGeometry scene = WithKdTree(MakeScene({mirror, wall}));
+  const Mirror mirrors[] = {{.object = 0}};
+  for (const uint32_t side : {kSide, 64u}) {
+    const Camera camera = {.eye = {9, 0.25, 0.5},
+                           .right = {0, 1, 0},
+                           .up = {0, 0, 1},
+                           .forward = {-1, 0, 0},
+                           .tan_half_fov_y = 0.75,
+                           .width = side,
+                           .height = side};
+    const TileResult truth = Look(scene, camera, mirrors, {.strategy = Strategy::kBruteForce});
+    for (const SimdTarget simd : {SimdTarget::kAvx2, SimdTarget::kAvx512}) {
+      if (!SimdTargetAvailable(simd)) continue;
+      for (int n = 1; n <= kMaxRttAntialiasing; ++n) {
+        SCOPED_TRACE(absl::StrCat(side, ", antialiasing ", n, ", ", SimdTargetName(simd)));
+        QueryOptions options{.strategy = Strategy::kRtt, .rtt_antialiasing = n, .simd = simd};
+        options.count_answers = true;
+        const TileResult direct = Look(scene, camera, {}, options),
+                         seen = Look(scene, camera, mirrors, options);
+        EXPECT_EQ(seen.triangle, truth.triangle);
+        EXPECT_EQ(seen.depth, truth.depth);
+        EXPECT_EQ(seen.u, truth.u);
+        EXPECT_EQ(seen.v, truth.v);
+        EXPECT_EQ(seen.mirror_bits, truth.mirror_bits);
+        const uint32_t tile = RttTileSide(n), row = (side + tile - 1) / tile;
+        std::vector<uint64_t> mirrored(size_t{row} * row);  // Pixels, by tile.
+        uint64_t pixels = 0, tiles = 0, cut = 0;
+        for (uint32_t i = 0; i < side * side; ++i) {
+          if (!Bit(seen.mirror_bits, i)) continue;
+          ++mirrored[i / side / tile * row + i % side / tile];
+          ++pixels;
+        }
+        for (const uint64_t of_tile : mirrored) {
+          tiles += of_tile > 0;
+          cut += of_tile > 0 && of_tile < uint64_t{tile} * tile;
+        }
+        EXPECT_GT(cut, 1u);
+        EXPECT_EQ(seen.primary.tiles - direct.primary.tiles, tiles);
+        EXPECT_EQ(seen.primary.tiles_answered - direct.primary.tiles_answered, tiles);
+        // Pixels' rays alone count as such.
+        EXPECT_EQ(seen.primary.rays, side * side + pixels);
+        uint64_t answers = 0;
+        for (const uint64_t by : seen.primary.answered_by) answers += by;
+        EXPECT_EQ(answers, seen.primary.rays);
+      }
+    }
+  }
 }
 
 // What a light reaches is asked at the place that the mirror shows.

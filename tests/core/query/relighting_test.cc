@@ -166,6 +166,35 @@ TEST_F(RelightingTest, APictureWithMovedLightsIsTheWholePicture) {
   }
 }
 
+// Packets are what was given, for lights of many samples, too, and where another order would pay.
+TEST_F(RelightingTest, PacketsKeepTheirPoints) {
+  HitPackets packets;
+  packets.side = 8;
+  for (int i = 0; i < 2048; ++i) {
+    const size_t from = rng_.Below(tile_.points.size());
+    packets.points.positions.push_back(tile_.points.positions[from]);
+    packets.points.sources.push_back(tile_.points.sources[from]);
+    packets.points.valid.push_back(1);
+    packets.pixel.push_back(kNoPixel);
+  }
+  const std::vector<LightSample> samples = SamplesOf(0, 16, rng_);
+  const QueryOptions options{.strategy = Strategy::kPacket, .packet_side = packets.side};
+  const auto tests = [&](bool ordered) {
+    ShadowResult result;
+    const absl::Status status =
+        ComputeShadows(scene_, PointRange::All(packets.points), samples, {}, {.ordered = ordered},
+                       {.bits = true}, options, &result);
+    EXPECT_TRUE(status.ok()) << status;
+    return result.stats.triangle_tests;
+  };
+  ASSERT_NE(tests(true), tests(false)) << "no other order pays";
+  const absl::StatusOr<Relighting> picture =
+      Relighting::Make(scene_, packets, size_t{kWidth} * kHeight, samples,
+                       WeightsFor(samples.size(), rng_), options);
+  ASSERT_TRUE(picture.ok()) << picture.status();
+  EXPECT_EQ(picture->stats().triangle_tests, tests(true));
+}
+
 TEST_F(RelightingTest, WhatDoesNotFitIsNamed) {
   const HitPackets packets = PacketsOfHits(tile_.points, tile_.point_pixel, kWidth, kHeight, 4);
   std::vector<LightSample> samples = SamplesOf(0, 2, rng_);

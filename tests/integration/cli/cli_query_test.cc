@@ -250,6 +250,28 @@ TEST_F(CliTest, TilesOfRelevantTrianglesAreWhole) {
   }
 }
 
+// Likewise: where all pixels see something, nothing stands in but at the picture's edge.
+TEST_F(CliTest, PixelShadowPacketsAreWhole) {
+  constexpr int kLights = 40;
+  std::vector<std::string> args = {"view",
+                                   "builtin:box:1000",
+                                   "--size",
+                                   "480x480",
+                                   "--tile",
+                                   "480",
+                                   "--lit",
+                                   File("lit.npy"),
+                                   "--output",
+                                   "json",
+                                   "--strategy",
+                                   "PACKET",
+                                   "--pixel-shadow-packets"};
+  for (int i = 0; i < kLights; ++i) args.insert(args.end(), {"--light", "0,0,0"});
+  const nlohmann::json json = nlohmann::json::parse(Good(args).out);
+  EXPECT_EQ(json["hit_pixels"], 480 * 480);
+  EXPECT_EQ(json["rays"], 480 * 480 * (1 + kLights));
+}
+
 TEST_F(CliTest, StrategyPictureTellsWhatAnswered) {
   const auto shares = [&](std::vector<std::string> more) {
     std::vector<std::string> args = {"view",     "builtin:box", "--size",
@@ -473,6 +495,20 @@ TEST_F(CliTest, RelightMovesALightAndComparesFrames) {
   Bad(kExitUsage, {"relight", obj}, {"--by"});
   Bad(kExitUsage, {"relight", obj, "--by", "1,0,0", "--light", "1,2,9", "--move", "1"},
       {"--move names light 1"});
+}
+
+// By a published test answers may depend on which rays walk together: the kept hits walk row by
+// row, the picture's by squares.
+TEST_F(CliTest, RelightToleratesWhatAPublishedTestLeavesOpen) {
+  for (const char* test : {"wald", "havel-herout", "moeller-trumbore"}) {
+    const nlohmann::json json = nlohmann::json::parse(
+        Good({"relight", "builtin:room:15000", "--size", "160x120", "--by", "0.4,0.3,0.1",
+              "--frames", "4", "--compare", "4", "--strategy", "PACKET", "--intersector", test,
+              "--leaf-culling", "aperture,skip-edges", "--output", "json"})
+            .out);
+    EXPECT_EQ(json["compared_frames"], 4) << json;
+    EXPECT_LT(json["differing_answers"], 160 * 120) << json;
+  }
 }
 
 }  // namespace
