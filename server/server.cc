@@ -313,8 +313,9 @@ void Server::ReportHealth(const SceneView& view) {
   // A deleted scene stays known as NOT_SERVING: the health service cannot forget a name.
   bool known = health_names_.Take(view);
   if (!known && view.status.state == SceneState::kFailed && repository_ != nullptr) {
-    // A load that failed, of a file that came after the start; or else nothing was ever there.
-    known = repository_->Has(name) && health_names_.TakeStored(name);
+    // A load that failed, of a file that came after the start, or of one that cannot even be looked
+    // at; or else nothing was ever there.
+    known = repository_->Has(name).value_or(true) && health_names_.TakeStored(name);
   }
   if (known) SetHealth(name);
 }
