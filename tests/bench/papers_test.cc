@@ -159,6 +159,14 @@ TEST(PapersTest, EveryPapersClaimsHaveTheirLine) {
   EXPECT_GE(TheRun().conclusions.size(), 10u);
 }
 
+// Unless asked otherwise, paper 000's figures are of as many triangles as the paper's.
+TEST(PapersTest, TheSphereIsThePapers) {
+  std::ostringstream out, err;
+  Context context{out, err};
+  ASSERT_TRUE(PapersCommand(std::vector<std::string>{"--help"}, context).ok()) << err.str();
+  EXPECT_TRUE(absl::StrContains(out.str(), "(default: 10M)")) << out.str();
+}
+
 TEST(PapersTest, CountsLieWhereTheyMust) {
   for (const auto& [table, rows] : TheRun().tables) {
     for (const Row& row : rows) {
