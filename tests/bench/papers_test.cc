@@ -246,6 +246,11 @@ TEST(PapersTest, CountsLieWhereTheyMust) {
         EXPECT_GT(row.at("answered"), 0);
         EXPECT_GT(row.at("relevant"), 0);
         EXPECT_LT(row.at("relevant"), 48) << "the longest list there is";
+        EXPECT_GT(row.at("walked"), 0);
+        for (const std::string of : {"", "paper_"}) {
+          EXPECT_NEAR(row.at(of + "count").get<double>() / row.at(of + "walked").get<double>(),
+                      row.at(of + "fewer_rays").get<double>(), 1e-9);
+        }
         if (row.at("rays") == "primary") {
           EXPECT_EQ(row.at("count"), 64 * 48);
         }
