@@ -159,6 +159,23 @@ TEST(PapersTest, EveryPapersClaimsHaveTheirLine) {
   EXPECT_GE(TheRun().conclusions.size(), 10u);
 }
 
+TEST(PapersTest, ThePredicateHasItsRatesBesideThePapersTests) {
+  std::map<std::string, std::set<std::string>> forms;
+  for (const Row& row : TheRun().tables.at({"003", "Table I"})) {
+    const std::string test = row.at("test");
+    if (!absl::StartsWith(test, "EXACT")) {
+      EXPECT_LE(row.at("of_best"), 1) << row.dump();
+    }
+    EXPECT_GT(row.at("of_best"), 0) << row.dump();
+    EXPECT_GT(row.at("of_best_worst"), 0) << row.dump();
+    forms[test].insert(row.at("form"));
+  }
+  for (const char* form : {"single, 8 triangles", "packets of 8", "256 rays, 8 lanes"}) {
+    EXPECT_TRUE(forms["EXACT"].contains(form)) << form;
+    EXPECT_TRUE(forms["EXACT, hits alone"].contains(form)) << form;
+  }
+}
+
 // Unless asked otherwise, paper 000's figures are of as many triangles as the paper's.
 TEST(PapersTest, TheSphereIsThePapers) {
   std::ostringstream out, err;
