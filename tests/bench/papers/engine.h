@@ -28,14 +28,16 @@
 
 namespace sightline::bench {
 
-// A way to ask rays that belong together: what a query does if nothing is said, and shafts alone.
+// A way to ask rays that belong together: what a query does if nothing is said, and what that
+// chooses among, each alone.
 struct EngineWay {
   const char* name;
   Strategy strategy;
   QueryOptions options() const { return {.strategy = strategy, .structure = Structure::kBvh}; }
 };
-inline constexpr std::array kEngineWays = {EngineWay{"AUTO, BVH", Strategy::kAuto},
-                                           EngineWay{"SHAFT, BVH", Strategy::kShaft}};
+inline constexpr std::array kEngineWays = {
+    EngineWay{"AUTO, BVH", Strategy::kAuto}, EngineWay{"SHAFT, BVH", Strategy::kShaft},
+    EngineWay{"PACKET, BVH", Strategy::kPacket}, EngineWay{"SINGLE, BVH", Strategy::kSingle}};
 
 // A way and what it takes to answer its questions once.
 struct TimedWay {
