@@ -17,8 +17,10 @@ namespace sightline::bench {
 namespace {
 
 constexpr double kWidth = 640, kHeight = 360, kLeft = 60, kRight = 170, kTop = 30, kBottom = 54;
-constexpr std::array<const char*, 8> kColours = {"#1b6ca8", "#c0392b", "#2e8b57", "#8e44ad",
-                                                 "#d68910", "#16a085", "#7f8c8d", "#2c3e50"};
+// As many as there are series of bars in one picture, at most: these are told apart by them alone.
+constexpr std::array<const char*, 10> kColours = {"#1b6ca8", "#c0392b", "#2e8b57", "#8e44ad",
+                                                  "#d68910", "#16a085", "#7f8c8d", "#2c3e50",
+                                                  "#e377c2", "#8c564b"};
 constexpr std::array kDashes = {"none", "6 3", "2 3"};
 // Of the names beside the plot: what the piece of line before them takes, and a letter at most.
 constexpr double kSample = 34, kLetter = 7;

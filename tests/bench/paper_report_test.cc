@@ -186,6 +186,21 @@ TEST(PaperReportTest, BarsStandSideBySideOverTheirNames) {
   EXPECT_EQ(heights[1], heights[3]);
 }
 
+// Paper 003's Table I has nine tests.
+TEST(PaperReportTest, BarsOfNineSeriesHaveColoursOfTheirOwn) {
+  std::vector<Row> rows;
+  for (int test = 0; test < 9; ++test) {
+    rows.push_back({{"form", "single"}, {"test", absl::StrCat("test ", test)}, {"rate", 1.5}});
+  }
+  const std::string svg =
+      PlotSvg(rows, {.x = "form", .y = "rate", .series = "test", .bars = true}, "rates");
+  std::set<std::string> colours;
+  for (const XmlElement& bar : Elements(svg, "rect")) {
+    if (bar.attributes.contains("x")) colours.insert(bar.attributes.at("fill"));
+  }
+  EXPECT_EQ(colours.size(), 9u);
+}
+
 // Names of two neighbours may be wider than a place: each has its row to itself there.
 TEST(PaperReportTest, NamesOfBarsTakeTurnsInTwoRows) {
   std::vector<Row> rows;

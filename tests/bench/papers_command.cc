@@ -44,8 +44,9 @@ cli::FlagSet Flags(Options* o) {
              "where bunny.ply.xz, buddha_100k.obj.xz and sponza_crytek.obj.xz are",
              &o->common.scenes_folder);
   flags.Text("sphere", "N",
-             "triangles of the displaced sphere, ten times fewer than paper 000's unless said "
-             "otherwise: its 10M make kd-trees of up to 1.3 GB; titles say where there are fewer",
+             "triangles of paper 000's displaced sphere; its 10M make kd-trees of up to 1.3 GB, "
+             "beside which laid out leaves take up to 6 GB, and take most of the time: 1M for a "
+             "tenth of both; titles say where there are fewer",
              &o->common.sphere);
   flags.Count("size", "PIXELS", "of the real scenes' square pictures; 16 must divide it",
               &o->common.size, 16, 4096);

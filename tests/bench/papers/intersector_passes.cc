@@ -210,7 +210,8 @@ PassData MakePassData(Intersector kind, const std::vector<std::array<Vec3f, 3>>&
 }
 
 bool HasLanes(int lanes) {
-  return lanes == 4 || lanes == 8 || (lanes == 16 && (hwy::SupportedTargets() & HWY_AVX3) != 0);
+  static const auto supported = hwy::SupportedTargets();  // Asks the CPU, which takes its time.
+  return lanes == 4 || lanes == 8 || (lanes == 16 && (supported & HWY_AVX3) != 0);
 }
 
 uint64_t RunPass(const PassSpec& spec, const PassData& data) {

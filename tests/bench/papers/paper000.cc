@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Paper 000 (Reshetov): figures 3, 4 and 5 on synthetic cells (synthetic.h), and 7 to 9 on real
-// scenes: vertex culling against the bare test, by the size of the tree.
+// scenes: vertex culling against the bare test, by the size of the tree, and the engine's own ways
+// beside the fastest of it.
 #include <x86intrin.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
+#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
@@ -16,11 +19,14 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/accel/binary_bvh_builder.h"
+#include "core/accel/bvh_builder.h"
 #include "core/accel/kd_builder.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/scene_geometry.h"
+#include "tests/bench/papers/engine.h"
 #include "tests/bench/papers/intersector_passes.h"
+#include "tests/bench/papers/leaf_boxes.h"
 #include "tests/bench/papers/papers.h"
 #include "tests/bench/papers/picture.h"
 #include "tests/bench/papers/synthetic.h"
@@ -244,7 +250,10 @@ struct RealVariant {
   LeafCulling culling;
   bool kd_alone = false;  // An option of the kd-tree.
   bool fetched = false;   // Its leaves' triangles are fetched on the way.
+  bool computed = false;  // And their boxes computed (leaf_boxes.h).
 };
+// Their places.
+enum : size_t { kBase, kMaskless, kRows, kMasked, kMaskedExact, kCells, kFetched, kComputed };
 
 std::vector<RealVariant> RealVariants() {
   LeafCulling base = Bare(Intersector::kKenslerShirley);
@@ -263,7 +272,24 @@ std::vector<RealVariant> RealVariants() {
           {"masked", masked},
           {"masked, the predicate", exact},
           {"masked, cells for leaf boxes", cells, /*kd_alone=*/true},
-          {"masked, leaves fetched", masked, /*kd_alone=*/true, /*fetched=*/true}};
+          {"masked, leaves fetched", masked, /*kd_alone=*/true, /*fetched=*/true},
+          {"masked, leaf boxes computed", masked, /*kd_alone=*/true, /*fetched=*/false,
+           /*computed=*/true}};
+}
+
+// The variant over the scene's kd-tree, or its binary BVH; counts into *stats anew.
+std::function<void()> CallOf(const RealVariant& variant, bool kd, const Picture& picture,
+                             PaperScene* scene, WalkStats* stats) {
+  LeafCulling culling = variant.culling;
+  culling.tree = kd ? CulledTree::kKdTree : CulledTree::kBinaryBvh;
+  return [scene, &picture, stats, culling, fetched = variant.fetched,
+          trace = variant.computed ? ClosestWithComputedBoxes() : nullptr] {
+    *stats = WalkStats();
+    std::optional<LeafTriangles> put_aside;
+    if (fetched) put_aside = std::exchange(scene->indexed.kd_leaves, std::nullopt);
+    TracePackets(scene->indexed, culling, picture, stats, trace);
+    if (fetched) scene->indexed.kd_leaves = std::move(put_aside);
+  };
 }
 
 // A tree, and pictures a second over it.
@@ -282,6 +308,58 @@ absl::Status UseKdTree(const KdBuildOptions& options, ThreadPool& pool, PaperSce
     scene->indexed.kd_leaves =
         MakeLeafTriangles(scene->indexed.geometry, {tree.ids.data(), tree.ids.size()});
   }
+  return absl::OkStatus();
+}
+
+constexpr int kPacketSide = 4;
+
+// One of the two trees, in place of either.
+absl::Status UseTree(bool kd, float ratio, ThreadPool& pool, PaperScene* scene) {
+  if (kd) return UseKdTree({.traversal_cost = 1 / ratio}, pool, scene);
+  scene->indexed.kd_tree.reset();
+  scene->indexed.kd_leaves.reset();
+  scene->indexed.binary_bvh.reset();
+  SL_ASSIGN_OR_RETURN(
+      scene->indexed.binary_bvh,
+      BuildBinaryBvh(scene->indexed.geometry, {.bins = 16, .cost_ratio = ratio}, pool));
+  return absl::OkStatus();
+}
+
+// Where a picture took the least time.
+struct FastestWay {
+  bool kd = true;
+  float ratio = 1;
+  size_t variant = 0;
+  double seconds = std::numeric_limits<double>::infinity();
+};
+
+// The engine's own ways beside the fastest of all of the paper's, which is built again for it.
+absl::Status BesideEngine(const FastestWay& fastest, const std::vector<RealVariant>& variants,
+                          const Picture& picture, const PaperOptions& options, PaperScene* scene,
+                          PaperReport* report, Context& context, ThreadPool& pool) {
+  context.err << scene->name << ", the engine's BVH" << std::endl;
+  SL_RETURN_IF_ERROR(UseTree(fastest.kd, fastest.ratio, pool, scene));
+  SL_ASSIGN_OR_RETURN(scene->indexed.bvh, BuildBvh(scene->indexed.geometry, {}, pool));
+  const auto size = static_cast<uint32_t>(options.size);
+  EnginePicture engine(*scene, size, size, kPacketSide);
+  report->Begin("000", absl::StrCat("the engine beside Figures 7 to 9, ", scene->name),
+                absl::StrFormat("the same picture of %d x %d, its triangles and distances: the "
+                                "fastest of the figures' ways against the engine's, by the "
+                                "predicate, on its eight-wide BVH; by turns",
+                                size, size));
+  WalkStats stats;
+  const RealVariant& variant = variants[fastest.variant];
+  const std::string name = absl::StrFormat("%s, %s, cost ratio %.2g", fastest.kd ? "kd" : "BVH",
+                                           variant.name, fastest.ratio);
+  AddBeside("camera rays", static_cast<double>(picture.targets.size()),
+            engine.Beside({name, CallOf(variant, fastest.kd, picture, scene, &stats)}),
+            options.repeats, report);
+  report->End();
+  // Both exact: the paper's way by the predicate, and the engine's.
+  LeafCulling exact = variants[kMaskedExact].culling;
+  exact.tree = fastest.kd ? CulledTree::kKdTree : CulledTree::kBinaryBvh;
+  SL_RETURN_IF_ERROR(engine.CheckSame(TracePackets(scene->indexed, exact, picture, &stats)));
+  scene->indexed.bvh = Bvh();
   return absl::OkStatus();
 }
 
@@ -333,10 +411,8 @@ absl::Status SmallTrees(const TreePoint& best, const std::vector<RealVariant>& v
     if (built != whole) SL_RETURN_IF_ERROR(build(whole));
     std::vector<std::function<void()>> calls;
     WalkStats stats;
-    for (const size_t v : {size_t{0}, size_t{1}, size_t{3}}) {  // Bare, maskless, masked.
-      LeafCulling culling = variants[v].culling;
-      culling.tree = CulledTree::kKdTree;
-      calls.push_back([&, culling] { TracePackets(scene->indexed, culling, picture, &stats); });
+    for (const size_t v : {kBase, kMaskless, kMasked}) {
+      calls.push_back(CallOf(variants[v], /*kd=*/true, picture, scene, &stats));
     }
     const std::vector<double> seconds = SecondsByTurns(calls, options.repeats);
     const double base = 1 / seconds[0], culled = 1 / std::min(seconds[1], seconds[2]);
@@ -376,39 +452,39 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
   PaperScene scene = *std::move(read);
   scene.indexed.prepared = PrepareGeometry(scene.indexed.geometry, Intersector::kKenslerShirley);
   const auto size = static_cast<uint32_t>(options.size);
-  const Picture picture = MakePicture(scene, size, size, 4);
+  const Picture picture = MakePicture(scene, size, size, kPacketSide);
   const std::vector<RealVariant> variants = RealVariants();
   const double triangles = static_cast<double>(scene.indexed.geometry.triangles.size());
   const bool reduced = absl::StrContains(name, "builtin:sphere") && triangles < kSphereTriangles;
-  report->Begin("000",
-                absl::StrCat("Figures 7 to 9, ", scene.name,
-                             reduced ? " (reduced: the paper's has 10 M)" : ""),
-                absl::StrFormat("%.0f triangles; a picture of %d x %d by packets of 4 x 4, one "
-                                "thread, over the cost ratio (intersection over traversal); "
-                                "kd-tree and binary BVH",
-                                triangles, size, size));
+  report->Begin(
+      "000",
+      absl::StrCat("Figures 7 to 9, ", scene.name,
+                   reduced ? " (reduced: the paper's has 10 M)" : ""),
+      absl::StrFormat("%.0f triangles; a picture of %d x %d by packets of 4 x 4, one thread, over "
+                      "the cost ratio (intersection over traversal); kd-tree and binary BVH. Boxes "
+                      "of the kd-tree's leaves are stored with them, or computed: from the leaf's "
+                      "triangles at every visit, cut to the cell, which gives the same box. Cells: "
+                      "in place of boxes what the walk has come to anyway; these are larger than "
+                      "the paper's last cells, since the builder makes no node for empty space cut "
+                      "off a leaf, so that this row is no other way to the same box",
+                      triangles, size, size));
   double most_culled = 0;
   TreePoint best_kd;  // Without culling.
+  FastestWay fastest;
   for (const bool kd : {true, false}) {
     std::vector<TreePoint> best(variants.size());
     for (const float ratio : {0.1f, 0.3f, 1.0f, 3.0f, 10.0f, 30.0f, 100.0f}) {
       context.err << scene.name << (kd ? ", kd-tree" : ", BVH") << ", ratio " << ratio << std::endl;
       double nodes = 0, leaves = 0, references = 0, bytes = 0;
       const double start = Now();
+      SL_RETURN_IF_ERROR(UseTree(kd, ratio, pool, &scene));
       if (kd) {
-        SL_RETURN_IF_ERROR(UseKdTree({.traversal_cost = 1 / ratio}, pool, &scene));
         const KdTree& tree = *scene.indexed.kd_tree;
         bytes = static_cast<double>(tree.MemoryBytes());
         nodes = static_cast<double>(tree.nodes.size());
         leaves = static_cast<double>(tree.leaves.size());
         references = static_cast<double>(tree.ids.size());
       } else {
-        scene.indexed.kd_tree.reset();
-        scene.indexed.kd_leaves.reset();
-        scene.indexed.binary_bvh.reset();
-        SL_ASSIGN_OR_RETURN(
-            scene.indexed.binary_bvh,
-            BuildBinaryBvh(scene.indexed.geometry, {.bins = 16, .cost_ratio = ratio}, pool));
         nodes = static_cast<double>(scene.indexed.binary_bvh->nodes.size());
         leaves = scene.indexed.binary_bvh->leaf_count;
         references = static_cast<double>(scene.indexed.binary_bvh->ids.size());
@@ -423,15 +499,7 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
       for (size_t v = 0; v < variants.size(); ++v) {
         if (variants[v].kd_alone && !kd) continue;
         asked.push_back(v);
-        LeafCulling culling = variants[v].culling;
-        culling.tree = kd ? CulledTree::kKdTree : CulledTree::kBinaryBvh;
-        calls.push_back([&scene, &picture, &stats, culling, v, fetched = variants[v].fetched] {
-          stats[v] = WalkStats();
-          std::optional<LeafTriangles> put_aside;
-          if (fetched) put_aside = std::exchange(scene.indexed.kd_leaves, std::nullopt);
-          TracePackets(scene.indexed, culling, picture, &stats[v]);
-          if (fetched) scene.indexed.kd_leaves = std::move(put_aside);
-        });
+        calls.push_back(CallOf(variants[v], kd, picture, &scene, &stats[v]));
       }
       const std::vector<double> of_calls = SecondsByTurns(calls, options.repeats);
       std::vector<double> seconds(variants.size(), 0);
@@ -442,7 +510,8 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
         if (1 / seconds[v] > best[v].frames) {
           best[v] = {nodes, references / leaves, 1 / seconds[v]};
         }
-        if (v > 0) {
+        if (seconds[v] < fastest.seconds) fastest = {kd, ratio, v, seconds[v]};
+        if (v != kBase) {
           most_culled = std::max(most_culled, culled / std::max(1.0, tests + culled));
         }
         report->Add({{"tree and culling", absl::StrCat(kd ? "kd, " : "BVH, ", variants[v].name)},
@@ -458,27 +527,30 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
     report->Conclude(absl::StrFormat(
         "%s: best of all ratios: base %.1f, maskless %.1f, masked %.1f frames a second; culling "
         "gains %.2f (paper: about 1.1, at a smaller tree).",
-        kd ? "kd-tree" : "BVH", best[0].frames, best[1].frames, best[3].frames,
-        std::max(best[1].frames, best[3].frames) / best[0].frames));
-    const TreePoint& culled = best[1].frames > best[3].frames ? best[1] : best[3];
+        kd ? "kd-tree" : "BVH", best[kBase].frames, best[kMaskless].frames, best[kMasked].frames,
+        std::max(best[kMaskless].frames, best[kMasked].frames) / best[kBase].frames));
+    const TreePoint& culled =
+        best[kMaskless].frames > best[kMasked].frames ? best[kMaskless] : best[kMasked];
     report->Conclude(absl::StrFormat(
         "%s: the fastest tree has %.2f nodes a triangle and %.1f triangles a leaf without culling "
         "(paper: about 4 and 3), %.2f and %.1f with it (paper: half as many nodes as triangles).",
-        kd ? "kd-tree" : "BVH", best[0].nodes / triangles, best[0].leaf_triangles,
+        kd ? "kd-tree" : "BVH", best[kBase].nodes / triangles, best[kBase].leaf_triangles,
         culled.nodes / triangles, culled.leaf_triangles));
-    if (kd) best_kd = best[0];
-    const double gain = culled.frames / best[0].frames;
+    if (kd) best_kd = best[kBase];
+    const double gain = culled.frames / best[kBase].frames;
     report->Claim({absl::StrCat(scene.name, kd ? ", kd-tree" : ", binary BVH",
                                 ": frame rate with culling, each side at its best cost ratio"),
                    "about 1.1", absl::StrFormat("%.2f", gain), VerdictOfGain(gain, 1.1),
                    absl::StrFormat("the best tree without culling has leaves of %.1f triangles "
                                    "already, since a register takes %d rays' tests at once",
-                                   best[0].leaf_triangles, RegisterRays())});
+                                   best[kBase].leaf_triangles, RegisterRays())});
     if (kd) {
       report->Conclude(absl::StrFormat(
-          "kd-tree: cells for the leaves' boxes instead of those stored with them %.2f, leaves "
-          "fetched instead of laid out %.2f of the masked frame rate, each at its best.",
-          best[5].frames / best[3].frames, best[6].frames / best[3].frames));
+          "kd-tree: leaves' boxes computed on the way instead of stored with them %.2f, cells "
+          "instead of either %.2f, leaves fetched instead of laid out %.2f of the masked frame "
+          "rate, each at its best (paper: no difference between stored and computed).",
+          best[kComputed].frames / best[kMasked].frames, best[kCells].frames / best[kMasked].frames,
+          best[kFetched].frames / best[kMasked].frames));
     }
   }
   report->Claim({absl::StrCat(scene.name, ": share of the tests removed"), "over 90 %",
@@ -490,6 +562,8 @@ absl::Status RealScene(const std::string& name, const PaperOptions& options, Pap
   report->Plot({.x = "ratio", .y = "leaf_triangles", .series = "tree", .log_x = true});
   report->Plot({.x = "ratio", .y = "nodes_per_triangle", .series = "tree", .log_x = true});
   report->End();
+  SL_RETURN_IF_ERROR(
+      BesideEngine(fastest, variants, picture, options, &scene, report, context, pool));
   return SmallTrees(best_kd, variants, picture, options, &scene, report, context, pool);
 }
 

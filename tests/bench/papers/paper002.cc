@@ -247,7 +247,8 @@ absl::Status TableOne(const std::vector<RttScene>& scenes, const PaperOptions& o
                 "640×480, one ray a pixel; milliseconds of one thread's own time. RTT, packets of "
                 "4 to 256 rays and single rays on the kd-tree, shafts on the BVH; gain_4 is RTT's "
                 "over packets of four rays, as the paper's (Pentium 4) beside it, gain_best over "
-                "those of the side that is the fastest");
+                "those of the side that is the fastest, shafts_gain_best and shafts_gain_rtt the "
+                "shafts' over these and over RTT; count: all rays; walked: those that RTT traced");
   for (size_t i = 0; i < scenes.size(); ++i) {
     const Shot shot = {Part(kWidth, options), Part(kHeight, options), scenes[i].samples.size()};
     SL_ASSIGN_OR_RETURN(const std::vector<Frame> frames, ByTurns(scenes[i], shot, options.repeats));
@@ -267,6 +268,9 @@ absl::Status TableOne(const std::vector<RttScene>& scenes, const PaperOptions& o
       report->Add({{"scene", scenes[i].name},
                    {"rays", NameOf(kind)},
                    {"count", rtt.rays},
+                   {"paper_count", static_cast<uint64_t>(paper.rays[kind])},
+                   {"walked", static_cast<uint64_t>(walked)},
+                   {"paper_walked", static_cast<uint64_t>(paper.walked[kind])},
                    {"rtt_ms", ms(kRtt)},
                    {"packets4_ms", ms(kFours)},
                    {"packets16_ms", ms(kSixteens)},
@@ -277,6 +281,8 @@ absl::Status TableOne(const std::vector<RttScene>& scenes, const PaperOptions& o
                    {"gain_4", gains.over_fours},
                    {"paper_gain", paper_gain},
                    {"gain_best", gains.over_best},
+                   {"shafts_gain_best", gains.of_shafts},
+                   {"shafts_gain_rtt", ms(kRtt) / ms(kShafts)},
                    {"fewer_rays", fewer},
                    {"paper_fewer_rays", paper_fewer},
                    {"answered", answered},
@@ -305,8 +311,8 @@ absl::Status TableOne(const std::vector<RttScene>& scenes, const PaperOptions& o
     }
   }
   report->Conclude(
-      "answered: share of tiles that needed no ray of their own; fewer_rays counts four corner "
-      "rays a tile, which the paper's tiles already hold.");
+      "answered: share of tiles that needed no ray of their own; walked counts four corner rays a "
+      "tile, which the paper's tiles already hold, and fewer_rays is count over walked.");
   report->End();
   return absl::OkStatus();
 }

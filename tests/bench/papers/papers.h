@@ -24,8 +24,8 @@ struct PaperOptions {
   uint64_t repeats = 5;
   // Of real scenes; where a table is over scenes. Files that are not there are left out, and named.
   std::string scenes_folder;
-  uint64_t size = 512;        // Pictures are square: a multiple of 16.
-  std::string sphere = "1M";  // Triangles of the displaced sphere.
+  uint64_t size = 512;         // Pictures are square: a multiple of 16.
+  std::string sphere = "10M";  // Triangles of the displaced sphere of paper 000's figures.
   // Everything as small as it can be, and quick: to see that it runs. The figures say nothing.
   bool quick = false;
 };

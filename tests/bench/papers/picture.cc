@@ -11,7 +11,6 @@
 #include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
 #include "core/mesh/scene_geometry.h"
-#include "core/traverse/culled_kernels.h"
 #include "tests/bench/bench_scene.h"
 #include "tests/bench/random.h"
 
@@ -157,10 +156,9 @@ std::vector<TraceRay> RaysOf(const Picture& picture) {
 }
 
 std::vector<Hit> TracePackets(const IndexedGeometry& scene, const LeafCulling& culling,
-                              const Picture& picture, WalkStats* stats) {
+                              const Picture& picture, WalkStats* stats, TraceCulledPacketFn trace) {
   const CulledKernels& kernels = CulledKernelsFor(SimdTarget::kBest);
-  const TraceCulledPacketFn trace =
-      picture.segments ? kernels.occluded_packet : kernels.closest_packet;
+  if (trace == nullptr) trace = picture.segments ? kernels.occluded_packet : kernels.closest_packet;
   std::vector<Hit> hits(picture.targets.size());
   const auto packet = std::make_unique<RayPacket>();
   packet->origin = picture.origin;

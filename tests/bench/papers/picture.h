@@ -23,6 +23,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/base/parallel.h"
 #include "core/mesh/builtin/builtin.h"
+#include "core/traverse/culled_kernels.h"
 #include "core/traverse/leaf_culling.h"
 #include "core/traverse/trace_ray.h"
 #include "tests/bench/papers/papers.h"
@@ -74,9 +75,10 @@ Paths PathsOf(const PaperScene& scene, const Picture& picture, size_t step, int 
 std::vector<TraceRay> RaysOf(const Picture& picture);
 
 // REQUIRES, of both: the scene has the tree that `culling` names. Any hit where the picture's rays
-// are segments, else closest.
+// are segments, else closest; by `trace`, if given, in place of the engine's walk.
 std::vector<Hit> TracePackets(const IndexedGeometry& scene, const LeafCulling& culling,
-                              const Picture& picture, WalkStats* stats);
+                              const Picture& picture, WalkStats* stats,
+                              TraceCulledPacketFn trace = nullptr);
 std::vector<Hit> TraceSingly(const IndexedGeometry& scene, const LeafCulling& culling,
                              const std::vector<TraceRay>& rays, bool any, WalkStats* stats);
 
