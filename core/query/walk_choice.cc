@@ -43,6 +43,10 @@ constexpr Costs kCosts[] = {
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
 // cheapest by chance is taken more often.
 constexpr float kClearlyCheaper = 0.9f;
+// Shafts that cost so many times what makes single rays worth a trial are lost: few pixels over a
+// million triangles, whose rays share nothing. Single rays are tried at once then, and first: such
+// a picture is over before the usual trials, and packets share no more there.
+constexpr float kLost = 16;
 // What the last block says of the next, at the least; the rest is said by those before it, and the
 // first few are averaged. Little: costs of thin points vary tenfold from block to block, and one
 // that happened to be cheap should not win.
@@ -86,10 +90,14 @@ Strategy WalkChoice::Next() const {
     // The rays may have come to where shafts do better.
     if (records_[kShafts].wait == 0) next = kShafts;
   } else {
-    const uint32_t first_shafts = kCosts[static_cast<size_t>(others_)].first_shafts;
-    for (const Walk walk : {kPackets, kSingles}) {
+    const Costs& costs = kCosts[static_cast<size_t>(others_)];
+    const bool lost = records_[kShafts].cost > kLost * costs.try_singles;
+    const std::array<Walk, 2> order = {lost ? kSingles : kPackets, lost ? kPackets : kSingles};
+    for (const Walk walk : order) {
       if (!WorthATrial(walk) || records_[walk].wait > 0) continue;
-      if (!records_[walk].known() && records_[kShafts].blocks < first_shafts) continue;
+      if (!lost && !records_[walk].known() && records_[kShafts].blocks < costs.first_shafts) {
+        continue;
+      }
       next = walk;
       break;
     }
