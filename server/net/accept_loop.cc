@@ -48,8 +48,8 @@ AcceptLoop::AcceptLoop(std::vector<ListenSocket> sockets, const ConnectionLimits
     : sockets_(std::move(sockets)),
       limits_(limits),
       hand_over_(std::move(hand_over)),
-      reserve_(OpenReserve()),
-      wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {}
+      wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)),
+      reserve_(OpenReserve()) {}
 
 AcceptLoop::~AcceptLoop() {
   Stop();
@@ -74,6 +74,8 @@ void AcceptLoop::Stop() {
 void AcceptLoop::Run() {
   while (Wait(/*sockets=*/!paused_, paused_ ? kPauseMilliseconds : -1)) {
     paused_ = false;
+    // Whoever else opened something while it was given up has it now: the next that is free is it.
+    if (reserve_ < 0) reserve_ = OpenReserve();
     for (const ListenSocket& socket : sockets_) {
       while (TakeOne(socket)) {
       }

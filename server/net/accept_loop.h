@@ -8,7 +8,8 @@
 //     so that its client hears of it at once and tries elsewhere. Those through Unix sockets count
 //     among all; clients there have no addresses.
 //  2. Without a free descriptor the one held in reserve is given up for a moment: the connection is
-//     taken and closed. Where even that fails, the loop waits kPause and tries again.
+//     taken and closed. Where even that fails, since somebody else was faster to use it, the loop
+//     waits kPause and tries again, and the next free one becomes the reserve.
 //  3. A connection whose peer was announced by Expect is handed over whatever the bound, and said
 //     to be ours: it is how the server's own liveness probe gets in. Nobody else can have that
 //     address while the probe's socket has it.
@@ -87,10 +88,10 @@ class AcceptLoop {
   const HandOver hand_over_;
   ConnectionTable connections_;
   std::atomic<uint64_t> accepted_ = 0, refused_ = 0;
-  int reserve_ = -1;  // Held open to be given up.
-  // Of the loop's thread alone.
-  bool paused_ = false, exhausted_ = false;
   int wake_ = -1;
+  // Of the loop's thread alone.
+  int reserve_ = -1;  // Held open to be given up; -1 where another thread was faster.
+  bool paused_ = false, exhausted_ = false;
   std::thread thread_;
   Mutex mutex_;
   std::set<std::string> expected_ ABSL_GUARDED_BY(mutex_);

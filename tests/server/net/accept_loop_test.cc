@@ -168,38 +168,76 @@ TEST(AcceptLoopTest, StopEndsAWaitingLoop) {
   door.loop().Stop();  // Again does no harm.
 }
 
-// In a process of its own, whose limit on descriptors does not matter to others.
+// The rest in processes of their own, whose limits on descriptors do not matter to others.
+void Must(bool good, const char* what) {
+  if (good) return;
+  std::fprintf(stderr, "failed: %s\n", what);
+  std::_Exit(1);
+}
+// All descriptors but those that are open, copies of `some`.
+std::vector<int> FillTheTable(int some) {
+  rlimit limit{};
+  Must(getrlimit(RLIMIT_NOFILE, &limit) == 0, "getrlimit");
+  limit.rlim_cur = 64;
+  Must(setrlimit(RLIMIT_NOFILE, &limit) == 0, "setrlimit");
+  std::vector<int> fill;
+  for (int fd; (fd = dup(some)) >= 0;) fill.push_back(fd);
+  Must(fill.size() > 3, "filling the table");
+  return fill;
+}
+
 void RunOutOfDescriptors() {
-  const auto must = [](bool good, const char* what) {
-    if (good) return;
-    std::fprintf(stderr, "failed: %s\n", what);
-    std::_Exit(1);
-  };
   Door door(1000);
   std::vector<int> waiting;
   for (int i = 0; i < 5; ++i) waiting.push_back(door.Connect());
-  must(waiting.back() >= 0, "connecting");
+  Must(waiting.back() >= 0, "connecting");
   const int spare = dup(waiting[0]);  // The loop's thread needs none; a client will.
-  rlimit limit{};
-  must(getrlimit(RLIMIT_NOFILE, &limit) == 0, "getrlimit");
-  limit.rlim_cur = 64;
-  must(setrlimit(RLIMIT_NOFILE, &limit) == 0, "setrlimit");
-  std::vector<int> fill;
-  for (int fd; (fd = dup(spare)) >= 0;) fill.push_back(fd);
-  must(!fill.empty(), "filling the table");
+  const std::vector<int> fill = FillTheTable(spare);
   door.loop().Start();
   // Those that wait hear at once that there is no room...
-  for (const int fd : waiting) must(IsClosed(fd), "closing what cannot be kept");
-  must(door.loop().counts().refused >= 5, "counting the refused");
+  for (const int fd : waiting) Must(IsClosed(fd), "closing what cannot be kept");
+  Must(door.loop().counts().refused >= 5, "counting the refused");
   // ... and as soon as there is, the loop goes on.
   for (const int fd : fill) close(fd);
   // It may just be closing whatever comes: then the next one is taken.
   int later = door.Connect();
   while (later >= 0 && IsClosed(later)) later = door.Connect();
-  must(later >= 0, "connecting again");
-  must(door.WaitFor(1).fd >= 0, "taking again");
+  Must(later >= 0, "connecting again");
+  Must(door.WaitFor(1).fd >= 0, "taking again");
   std::fprintf(stderr, "recovered\n");
   std::_Exit(0);
+}
+
+// Another thread has what the reserve was: the next descriptor that is free becomes the reserve, so
+// that who comes hears that there is no room, and is not left waiting in the kernel's queue.
+void LoseTheReserve() {
+  const int client = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  Must(client >= 0, "a socket");
+  std::vector<int> fill = FillTheTable(client);
+  const auto free_one = [&fill] {
+    close(fill.back());
+    fill.pop_back();
+  };
+  free_one();
+  free_one();
+  Door door(1000);  // A socket to listen at, and what wakes the loop: none is left for a reserve.
+  Must(dup(client) < 0, "none is left");
+  door.loop().Start();
+  free_one();
+  const SocketAddress& address = door.loop().sockets().front().address();
+  Must(connect(client, address.get(), address.length) == 0, "connecting");
+  Must(IsClosed(client), "closing what cannot be kept");
+  std::fprintf(stderr, "refused\n");
+  std::_Exit(0);
+}
+
+TEST(AcceptLoopTest, AReserveThatWasLostIsHadAgain) {
+  if (testing_support::kSanitizerBuild) {
+    GTEST_SKIP()
+        << "sanitizers open pipes to look at pointers, and report those they cannot look at";
+  }
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(LoseTheReserve(), ::testing::ExitedWithCode(0), "refused");
 }
 
 TEST(AcceptLoopTest, ItRecoversFromALackOfDescriptors) {
