@@ -15,6 +15,7 @@
 #include "gtest/gtest.h"
 #include "server/options.h"
 #include "server/server.h"
+#include "tests/integration/repository_server.h"
 #include "tests/support/temp_dir.h"
 
 namespace sightline {
@@ -26,15 +27,7 @@ using ::testing::HasSubstr;
 
 class RepositoryStartTest : public ::testing::Test {
  protected:
-  ServerOptions Options() const {
-    ServerOptions options;
-    options.listen.clear();
-    options.threads = 2;
-    options.build_threads = 2;
-    options.log_level = LogLevel::kOff;
-    options.repository = dir_.path();
-    return options;
-  }
+  ServerOptions Options() const { return RepositoryOptions(dir_.path()); }
   // Stops the server, and starts one on the same folder.
   void Start(const ServerOptions& options) {
     client_.reset();
@@ -43,10 +36,7 @@ class RepositoryStartTest : public ::testing::Test {
     absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
     ASSERT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
-    client::ConnectionOptions connection;
-    connection.retry.give_up_after = absl::ZeroDuration();
-    client_ = std::make_unique<client::Client>(client::MakeConnection(
-        {server_->InProcessChannel(client::DefaultChannelArguments())}, connection));
+    client_ = ClientInProcess(*server_);
   }
   void Store(const std::string& id) const {
     const absl::StatusOr<client::Scene> scene =

@@ -24,6 +24,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/server.h"
+#include "tests/integration/repository_server.h"
 #include "tests/integration/serving_process.h"
 #include "tests/integration/tile_load.h"
 #include "tests/support/faulty_file_calls.h"
@@ -94,22 +95,14 @@ class RepositoryTest : public ::testing::Test {
   void Start(const std::function<void(ServerOptions*)>& change = nullptr) {
     client_.reset();
     server_.reset();
-    ServerOptions options;
-    options.listen.clear();
-    options.threads = 2;
-    options.build_threads = 2;
-    options.log_level = LogLevel::kOff;
-    SetLogLevel(LogLevel::kOff);
-    options.repository = dir_.path();
+    ServerOptions options = RepositoryOptions(dir_.path());
     options.files = &calls_;
+    SetLogLevel(LogLevel::kOff);
     if (change) change(&options);
     absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
     ASSERT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
-    client::ConnectionOptions connection;
-    connection.retry.give_up_after = absl::ZeroDuration();
-    client_ = std::make_unique<client::Client>(client::MakeConnection(
-        {server_->InProcessChannel(client::DefaultChannelArguments())}, connection));
+    client_ = ClientInProcess(*server_);
   }
   // The same, with a port for clients that ask for these tiles.
   void Start(const KnownTiles& tiles) {
