@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
+#include "core/query/point_bits.h"
 #include "core/query/point_order.h"
 #include "core/query/ray_block.h"
 #include "core/query/sample_tracer.h"
@@ -117,8 +118,8 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
         uint8_t* row = out.lit_bits.data() + s * row_bytes;
         for (size_t w = 0; 64 * w < count; ++w) {
           uint64_t lit = tracer.LitBits(w);
-          if (dense) {
-            // Whole bytes of bits.
+          if (dense || ordered) {
+            // Whole bytes of bits: groups of points hold whole vectors of them.
             std::memcpy(row + first / 8 + 8 * w, &lit,
                         std::min<size_t>(8, (count - 64 * w + 7) / 8));
             continue;
@@ -148,6 +149,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       }
     }
   }
+  if (ordered && outputs.bits) PointBits(order, n).PutBack(out.lit_bits);
   if (shadow.hints != nullptr) shadow.hints->first_leaves = tracer.first_leaves();
   *result = std::move(out);
   return absl::OkStatus();
