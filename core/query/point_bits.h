@@ -7,7 +7,7 @@
 // Thread safety: a plain value; functions.
 //
 //   PointBits bits(order, n);
-//   bits.PutBack(rows, row_bytes, wanted);
+//   bits.PutBack(result.lit_bits);
 #ifndef SIGHTLINE_CORE_QUERY_POINT_BITS_H_
 #define SIGHTLINE_CORE_QUERY_POINT_BITS_H_
 

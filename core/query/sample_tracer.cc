@@ -23,6 +23,8 @@ constexpr size_t kMostTilePackets =
     (RttTileRays(kMaxRttAntialiasing) + kBlockRays - 1) / kBlockRays;
 constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 
+constexpr size_t kLineBytes = 64;
+
 // Samples of one light for which it pays to look at their common hull first.
 constexpr size_t kLeastHullSamples = 4;
 
@@ -31,6 +33,18 @@ void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
   if (*size >= count) return;
   *packets = std::make_unique_for_overwrite<Packet[]>(count);
   *size = count;
+}
+
+// Asks for part k of n of a row. To the second level: the first one is what walks work in. By
+// assembly, since GCC takes a function that does nothing but prefetch for one without effect, and
+// drops it.
+template <typename T>
+void FetchPart(std::span<const T> row, size_t k, size_t n) {
+  const char* const bytes = reinterpret_cast<const char*>(row.data());
+  const size_t lines = (row.size_bytes() + kLineBytes - 1) / kLineBytes;
+  for (size_t i = lines * k / n; i < lines * (k + 1) / n; ++i) {
+    asm volatile("prefetcht1 %0" : : "m"(bytes[i * kLineBytes]));
+  }
 }
 
 }  // namespace
@@ -96,6 +110,11 @@ void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count,
   }
 }
 
+void SampleTracer::FetchSome(size_t block) const {
+  FetchPart(coming_positions_, block, blocks());
+  FetchPart(coming_sources_, block, blocks());
+}
+
 absl::Status SampleTracer::Trace(size_t s) {
   const LightSample& sample = samples_[s];
   SIGHTLINE_CHECK(sample.valid);
@@ -115,6 +134,7 @@ absl::Status SampleTracer::Trace(size_t s) {
   } else {
     traced = TraceOneByOne(sample, mask, strategy, scope.walk());
   }
+  FetchMeanwhile({}, {});
   if (traced.ok() && run_.options().count_answers) CountAnswers(answered_by_, stats_);
   return traced;
 }
@@ -148,6 +168,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   }
   uint32_t* const first_leaf = &first_leaves_[s];
   for (size_t b = 0; b < blocks(); ++b) {
+    FetchSome(b);
     // What darkened the packet before this one, or this one before, for the light's last sample.
     if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
       packets_[b].first_leaf = *first_leaf;
@@ -285,6 +306,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
   const ShaftCut* cut = nullptr;
   bool prepared = blocks() == 1;
   for (size_t b = 0; b < blocks(); ++b) {
+    FetchSome(b);
     parallel_[b].first_leaf = *first_leaf;
     const Strategy walk = strategy == Strategy::kShaft ? choice.Next() : strategy;
     if (walk == Strategy::kShaft && !std::exchange(prepared, true)) {

@@ -58,6 +58,13 @@ class SampleTracer {
   void SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources,
                  std::span<const uint32_t> tile_ends = {});
 
+  // Points to be set next: fetched bit by bit while the coming sample's blocks are walked. Kept by
+  // reference until then.
+  void FetchMeanwhile(std::span<const Vec3f> positions, std::span<const uint32_t> sources) {
+    coming_positions_ = positions;
+    coming_sources_ = sources;
+  }
+
   // Sample s. One that is a point starts the segments, one that is a direction is what rays from
   // the points run toward. REQUIRES: it is valid. On success triangle(i) is the first or, for kAny,
   // some blocker of point i. Samples of one light share work when they are asked about in turn.
@@ -89,6 +96,8 @@ class SampleTracer {
   absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   // By tiles of kRtt, which need not divide blocks.
   absl::Status TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope);
+  // The share of the coming points that falls to a block.
+  void FetchSome(size_t block) const;
   // Cuts by the hull of sample s's light and each block's points, if it has samples enough.
   void CutHulls(size_t s);
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
@@ -112,6 +121,8 @@ class SampleTracer {
   QueryStats* const stats_;
   std::span<const Vec3f> positions_;
   std::span<const uint32_t> sources_, tile_ends_;
+  std::span<const Vec3f> coming_positions_;
+  std::span<const uint32_t> coming_sources_;
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
   bool parallel_traced_ = false;  // Where the last results are.

@@ -69,6 +69,20 @@ absl::Status Prepare(const IndexedGeometry& scene, std::span<const std::array<En
   return absl::OkStatus();
 }
 
+// Bit first + i of `bits`, which is 0 before, for hit i. Without a branch that depends on a hit:
+// whether there is one cannot be foretold.
+void PutBits(std::span<const Hit> hits, size_t first, uint8_t* bits) {
+  for (size_t i = 0; i < hits.size();) {
+    const size_t at = (first + i) % 8, count = std::min(8 - at, hits.size() - i);
+    uint32_t byte = 0;
+    for (size_t k = 0; k < count; ++k) {
+      byte |= static_cast<uint32_t>(hits[i + k].triangle != kNoTriangle) << (at + k);
+    }
+    bits[(first + i) / 8] |= static_cast<uint8_t>(byte);
+    i += count;
+  }
+}
+
 }  // namespace
 
 absl::Status PrepareSegments(const IndexedGeometry& scene,
@@ -114,6 +128,7 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
   std::array<size_t, kBlockRays> index;
   const Strategy strategy = ChooseStrategy(run, RayForm::kFree, kind, n);
   for (size_t next = 0; next < n;) {
+    const size_t first = next;
     size_t count = 0;
     for (; next < n && count < kBlockRays; ++next) {
       if (!segments.valid[next]) continue;
@@ -123,6 +138,7 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
                      .to_source = segments.to_source[next]};
       index[count++] = next;
     }
+    const bool dense = next - first == count;  // All of them valid.
     StatsScope scope(&out.stats, strategy, count);
     SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, kind, strategy,
                                      std::span<const TraceRay>(rays.data(), count), hits,
@@ -131,14 +147,20 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
     if (options.count_answers) {
       out.stats.answered_by[static_cast<size_t>(AnsweredBy::kRay)] += count;
     }
-    for (size_t i = 0; i < count; ++i) {
-      if (hits[i].triangle == kNoTriangle) continue;
-      if (outputs.bits) out.blocked_bits[index[i] / 8] |= uint8_t(1u << (index[i] % 8));
-      if (outputs.first_hits) {
-        out.triangle[index[i]] = hits[i].triangle;
-        out.t[index[i]] =
-            std::min(hits[i].t, 1.0f);  // Rounding may have left it just beyond the end.
+    if (outputs.bits) {
+      const std::span<const Hit> found(hits.data(), count);
+      if (dense) {
+        PutBits(found, first, out.blocked_bits.data());
+      } else {
+        for (size_t i = 0; i < count; ++i)
+          PutBits(found.subspan(i, 1), index[i], out.blocked_bits.data());
       }
+    }
+    for (size_t i = 0; i < count && outputs.first_hits; ++i) {
+      if (hits[i].triangle == kNoTriangle) continue;
+      out.triangle[index[i]] = hits[i].triangle;
+      out.t[index[i]] =
+          std::min(hits[i].t, 1.0f);  // Rounding may have left it just beyond the end.
     }
   }
   *result = std::move(out);

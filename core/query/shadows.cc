@@ -27,6 +27,11 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
                                                    points.sources.size(), " sources and ",
                                                    points.valid.size(), " validity flags"));
   }
+  if (!shadow.next.sources.empty() && shadow.next.sources.size() != shadow.next.positions.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("the points that come next hold ",
+                                                   shadow.next.positions.size(), " positions and ",
+                                                   shadow.next.sources.size(), " sources"));
+  }
   if (outputs.weighted_sums && weights.size() != samples.size()) {
     return absl::InvalidArgumentError(absl::StrCat("weighted sums over ", samples.size(),
                                                    " light samples need as many weights, not ",
@@ -42,6 +47,14 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
     return absl::InvalidArgumentError(absl::StrCat("t_min = ", shadow.t_min, " is outside [0, 1)"));
   }
   return absl::OkStatus();
+}
+
+// Has the tracer fetch at most `most` of the points from `first` on while it asks about others.
+void FetchMeanwhile(const PointRange& points, size_t first, size_t most, SampleTracer* tracer) {
+  const size_t count = std::min(most, points.positions.size() - first);
+  tracer->FetchMeanwhile(
+      points.positions.subspan(first, count),
+      points.sources.empty() ? points.sources : points.sources.subspan(first, count));
 }
 
 }  // namespace
@@ -113,6 +126,9 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     }
     for (size_t s = 0; s < samples.size(); ++s) {
       if (!samples[s].valid) continue;
+      if (s + 1 == samples.size() && !ordered) {
+        FetchMeanwhile(next < n ? points : shadow.next, next < n ? next : 0, group, &tracer);
+      }
       SL_RETURN_IF_ERROR(tracer.Trace(s));
       if (outputs.bits) {
         uint8_t* row = out.lit_bits.data() + s * row_bytes;

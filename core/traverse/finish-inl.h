@@ -43,10 +43,9 @@ class HitFinisher {
  public:
   HitFinisher(ReadyTriangles& ready, RayPacket& packet) : ready_(ready), packet_(packet) {}
 
-  // Misses included. What is to be done is listed first, so that no work waits for a branch that
-  // cannot be foretold: how many triangles a vector has.
+  // Misses included, a block with any at a time. What is to be done is listed first, so that no
+  // work waits for a branch that cannot be foretold: how many triangles a vector has.
   void Finish() {
-    FillMisses(packet_);
     FindOctant();
     for (int i = 0; i < packet_.count;) {
       ready_.Forget();
@@ -111,7 +110,9 @@ class HitFinisher {
   // What is to be done for the lanes i .. i + kBlockLanes.
   HWY_INLINE void List(int i) {
     const int lanes = std::min(kBlockLanes, packet_.count - i);
-    uint32_t left = ((1u << lanes) - 1) & ~Having(i, kNoTriangle);
+    const uint32_t all = (1u << lanes) - 1;
+    uint32_t left = all & ~Having(i, kNoTriangle);
+    if (left != all) FillMissesFrom(i, static_cast<size_t>(lanes));
     if constexpr (kInTurn) {
       for (int k = 0; left != 0; ++k) {
         if (k == kMostInTurn) {
@@ -146,6 +147,15 @@ class HitFinisher {
           work.lanes[k] = same[k];
         }
       }
+    }
+  }
+
+  // As of FillMisses, of the lanes of one block.
+  HWY_INLINE void FillMissesFrom(int i, size_t lanes) {
+    FillRow(packet_.t + i, lanes, std::numeric_limits<float>::infinity());
+    if constexpr (kWeights) {
+      FillRow(packet_.u + i, lanes, 0.0f);
+      FillRow(packet_.v + i, lanes, 0.0f);
     }
   }
 

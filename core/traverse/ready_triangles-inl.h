@@ -202,8 +202,10 @@ class ReadyTriangles {
     const Lanes d;
     const hn::Rebind<double, hn::Half<Lanes>> dd;
     HWY_ALIGN float corners[9][kLanes];
-    for (uint32_t lane = 0; lane < kLanes; ++lane) {
-      const uint32_t id = ready_[std::min(row + lane, rows_ - 1)];
+    for (float(&of_corner)[kLanes] : corners) hn::Store(hn::Zero(d), d, of_corner);
+    const uint32_t count = std::min(kLanes, rows_ - row);
+    for (uint32_t lane = 0; lane < count; ++lane) {
+      const uint32_t id = ready_[row + lane];
       for (int k = 0; k < 3; ++k) {
         const Vec3f at = geometry_.vertices[geometry_.triangles[id][k]];
         for (int axis = 0; axis < 3; ++axis) corners[3 * k + axis][lane] = at[axis];

@@ -29,6 +29,10 @@ constexpr int kBoxLights = 64;
 // Queries of one unit of `points`, at least: some tenths of a second of the slower side.
 constexpr uint64_t kUnitQueries = 16'000'000;
 
+// Parts of a unit's ranges that each thread takes, one after another. A part's ranges follow one
+// another, so that each call is told what comes next.
+constexpr size_t kTurns = 16;
+
 constexpr size_t kPeerPoints = 1 << 16;
 static_assert(kPeerPoints % 8 == 0, "a bit each, in bytes");
 
@@ -87,11 +91,16 @@ class PointWorkload : public Workload {
 
   void RunOurs(size_t unit) override {
     ran_ = units_[unit].ranges;
-    pool_.ParallelFor(units_[unit].ranges, 1, [&](size_t begin, size_t end) {
+    const size_t turns = kTurns * static_cast<size_t>(pool_.threads());
+    pool_.ParallelFor(ran_, (ran_ + turns - 1) / turns, [&](size_t begin, size_t end) {
+      const PointSet& set = sets_[units_[unit].set];
+      ShadowHints hints;
       for (size_t r = begin; r < end; ++r) {
+        ShadowOptions shadow = {.hints = &hints};
+        if (r + 1 < ran_) shadow.next = set.Slice(RangeOf(unit, r + 1));
         const absl::Status status =
-            ComputeShadows(scene_, sets_[units_[unit].set].Slice(RangeOf(unit, r)),
-                           units_[unit].samples, {}, {}, {.bits = true}, options(), &ours_[r]);
+            ComputeShadows(scene_, set.Slice(RangeOf(unit, r)), units_[unit].samples, {}, shadow,
+                           {.bits = true}, options(), &ours_[r]);
         SIGHTLINE_CHECK(status.ok()) << status;
       }
     });

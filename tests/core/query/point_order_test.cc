@@ -316,7 +316,8 @@ TEST(PointOrderTest, ShuffledPointsGetTheirOwnAnswers) {
   }
 }
 
-// What points elsewhere left behind says where to look first, and nothing else.
+// What points elsewhere left behind says where to look first, and what comes next what to fetch;
+// neither says anything else.
 TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
   TestRng rng;
   const IndexedGeometry scene = IndexObjects({MakeClosedSphere(16, 24, 0.4, {0, 0, 0.5})}, Vec3d{});
@@ -338,6 +339,26 @@ TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
     EXPECT_EQ(hinted.lit_bits, plain.lit_bits) << round;
     EXPECT_EQ(hints.first_leaves.size(), samples.size());
   }
+  // Fewer, as many and more than are walked, with and without sources.
+  for (const size_t count : {size_t{0}, size_t{1}, size_t{100}, rows.positions.size()}) {
+    for (const bool sources : {false, true}) {
+      ShadowOptions shadow;
+      shadow.next = {std::span(rows.positions).first(count), {}, {}};
+      if (sources) shadow.next.sources = std::span(rows.sources).first(count);
+      for (const PointRange& some :
+           {points, PointRange{points.positions.first(16), {}, points.valid.first(16)}}) {
+        ASSERT_TRUE(ComputeShadows(scene, some, samples, {}, {}, {.bits = true}, {}, &plain).ok());
+        ASSERT_TRUE(
+            ComputeShadows(scene, some, samples, {}, shadow, {.bits = true}, {}, &hinted).ok());
+        EXPECT_EQ(hinted.lit_bits, plain.lit_bits) << count;
+      }
+    }
+  }
+  ShadowOptions unequal;
+  unequal.next = {rows.positions, std::span(rows.sources).first(3), rows.valid};
+  const absl::Status not_as_many =
+      ComputeShadows(scene, points, samples, {}, unequal, {.bits = true}, {}, &hinted);
+  EXPECT_TRUE(absl::IsInvalidArgument(not_as_many)) << not_as_many;
   hints.first_leaves.pop_back();
   const absl::Status wrong =
       ComputeShadows(scene, points, samples, {}, shadow, {.bits = true}, {}, &hinted);
