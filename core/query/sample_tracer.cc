@@ -113,6 +113,7 @@ void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count,
 void SampleTracer::FetchSome(size_t block) const {
   FetchPart(coming_positions_, block, blocks());
   FetchPart(coming_sources_, block, blocks());
+  FetchPart(coming_valid_, block, blocks());
 }
 
 absl::Status SampleTracer::Trace(size_t s) {
@@ -134,7 +135,7 @@ absl::Status SampleTracer::Trace(size_t s) {
   } else {
     traced = TraceOneByOne(sample, mask, strategy, scope.walk());
   }
-  FetchMeanwhile({}, {});
+  FetchMeanwhile({}, {}, {});
   if (traced.ok() && run_.options().count_answers) CountAnswers(answered_by_, stats_);
   return traced;
 }

@@ -58,11 +58,13 @@ class SampleTracer {
   void SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources,
                  std::span<const uint32_t> tile_ends = {});
 
-  // Points to be set next: fetched bit by bit while the coming sample's blocks are walked. Kept by
-  // reference until then.
-  void FetchMeanwhile(std::span<const Vec3f> positions, std::span<const uint32_t> sources) {
+  // What is to be read next, of points to come: fetched bit by bit while the coming sample's blocks
+  // are walked. Kept by reference until then.
+  void FetchMeanwhile(std::span<const Vec3f> positions, std::span<const uint32_t> sources,
+                      std::span<const uint8_t> valid) {
     coming_positions_ = positions;
     coming_sources_ = sources;
+    coming_valid_ = valid;
   }
 
   // Sample s. One that is a point starts the segments, one that is a direction is what rays from
@@ -123,6 +125,7 @@ class SampleTracer {
   std::span<const uint32_t> sources_, tile_ends_;
   std::span<const Vec3f> coming_positions_;
   std::span<const uint32_t> coming_sources_;
+  std::span<const uint8_t> coming_valid_;
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
   bool parallel_traced_ = false;  // Where the last results are.

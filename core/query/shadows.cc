@@ -27,10 +27,12 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
                                                    points.sources.size(), " sources and ",
                                                    points.valid.size(), " validity flags"));
   }
-  if (!shadow.next.sources.empty() && shadow.next.sources.size() != shadow.next.positions.size()) {
-    return absl::InvalidArgumentError(absl::StrCat("the points that come next hold ",
-                                                   shadow.next.positions.size(), " positions and ",
-                                                   shadow.next.sources.size(), " sources"));
+  const PointRange& coming = shadow.next;
+  if ((!coming.sources.empty() && coming.sources.size() != coming.positions.size()) ||
+      coming.valid.size() != coming.positions.size()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "the points that come next hold ", coming.positions.size(), " positions, ",
+        coming.sources.size(), " sources and ", coming.valid.size(), " validity flags"));
   }
   if (outputs.weighted_sums && weights.size() != samples.size()) {
     return absl::InvalidArgumentError(absl::StrCat("weighted sums over ", samples.size(),
@@ -54,7 +56,8 @@ void FetchMeanwhile(const PointRange& points, size_t first, size_t most, SampleT
   const size_t count = std::min(most, points.positions.size() - first);
   tracer->FetchMeanwhile(
       points.positions.subspan(first, count),
-      points.sources.empty() ? points.sources : points.sources.subspan(first, count));
+      points.sources.empty() ? points.sources : points.sources.subspan(first, count),
+      points.valid.subspan(first, count));
 }
 
 }  // namespace

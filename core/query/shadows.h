@@ -58,9 +58,9 @@ struct ShadowOptions {
   // What the points before these left behind, taken over and left to those that follow; may be
   // null.
   ShadowHints* hints = nullptr;
-  // The points of the call to come, whose positions and sources are brought into the cache while
-  // those of this one are walked: they mostly lie in memory, and that costs a light a tenth of its
-  // time. May be empty, and need only outlive this call.
+  // The points of the call to come, brought into the cache while those of this one are walked:
+  // where they lie in memory, waiting for them costs a light a tenth of its time. May be empty, and
+  // need only outlive this call.
   PointRange next = {};
 };
 

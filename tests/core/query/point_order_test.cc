@@ -343,7 +343,8 @@ TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
   for (const size_t count : {size_t{0}, size_t{1}, size_t{100}, rows.positions.size()}) {
     for (const bool sources : {false, true}) {
       ShadowOptions shadow;
-      shadow.next = {std::span(rows.positions).first(count), {}, {}};
+      shadow.next = {
+          std::span(rows.positions).first(count), {}, std::span(rows.valid).first(count)};
       if (sources) shadow.next.sources = std::span(rows.sources).first(count);
       for (const PointRange& some :
            {points, PointRange{points.positions.first(16), {}, points.valid.first(16)}}) {
