@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstring>
 #include <utility>
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/query/point_bits.h"
 #include "server/codec/result_codec.h"
 
 namespace sightline {
@@ -19,6 +21,7 @@ ShadowChunk::ShadowChunk(size_t count, size_t part_points, const PointOrders* or
       begin_(begin),
       parts_left_(parts_) {
   SIGHTLINE_CHECK_GT(parts_, 0u);
+  SIGHTLINE_CHECK_EQ(part_points % 8, size_t{0}) << "a part's bits are whole bytes";
 }
 
 size_t ShadowChunk::PartPoints(uint64_t part_rays, uint64_t samples) {
@@ -56,8 +59,19 @@ absl::StatusOr<bool> ShadowChunk::RunPart(size_t part, const PointRange& points,
   MutexLock lock(mutex_);
   hints_ = std::move(hints);
   if (!std::exchange(begun_, true)) all_ = NothingLit(count_, samples, outputs);
-  if (!places.empty()) SpreadShadows(mine, places, count_, samples, outputs, &all_);
+  if (!places.empty()) {
+    ShadowOutputs others = outputs;
+    others.bits = false;
+    SpreadShadows(mine, places, count_, samples, others, &all_);
+    // Bits stay in the order's places until there are all of them.
+    const size_t bytes = (places.size() + 7) / 8, row = (count_ + 7) / 8;
+    for (size_t s = 0; s < samples && outputs.bits; ++s) {
+      std::memcpy(all_.lit_bits.data() + s * row + part * part_points_ / 8,
+                  mine.lit_bits.data() + s * bytes, bytes);
+    }
+  }
   if (--parts_left_ > 0) return false;
+  if (outputs.bits) PointBits(order_, count_).PutBack(all_.lit_bits);
   *result = std::move(all_);
   return true;
 }

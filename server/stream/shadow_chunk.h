@@ -40,7 +40,7 @@ class ShadowChunk {
   using Compute = std::function<absl::Status(std::span<const uint32_t> places, ShadowHints* hints,
                                              ShadowResult* result)>;
 
-  // Of `count` points, `part_points` to a part. REQUIRES: both > 0.
+  // Of `count` points, `part_points` to a part. REQUIRES: both > 0; whole bytes of bits to a part.
   // With `orders`, which outlive it, the points are theirs from `begin` on.
   ShadowChunk(size_t count, size_t part_points, const PointOrders* orders = nullptr,
               size_t begin = 0);
