@@ -241,7 +241,7 @@ absl::Status SampleTracer::TraceTiles(const LightSample& sample, uint32_t mask, 
     const size_t parts = (begin[1] - begin[0] + kBlockRays - 1) / kBlockRays;
     SL_RETURN_IF_ERROR(large
                            ? TraceRttTile(scene_, run_, kind_, packets.first(parts), scope->walk())
-                           : TracePacketBlock(scene_, run_, kind_, Strategy::kRtt, &packets[0],
+                           : TracePacketBlock(scene_, run_, kind_, Strategy::kRtt, packets.data(),
                                               nullptr, scope->walk()));
     scope->Took(Strategy::kRtt);
     for_each_run([&](const RayPacket& packet, size_t lane, size_t point, size_t points) {
