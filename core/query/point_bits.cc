@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/query/point_bits.h"
 
-#include <algorithm>
 #include <cstring>
 
 #include "core/base/check.h"

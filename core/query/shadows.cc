@@ -94,6 +94,12 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size());
   if (ordered) order = SpatialOrder(points.positions, points.valid);
   const size_t group = tracer.GroupPoints();
+  // What comes next is fetched while a group's last walks are under way: fetched earlier, it would
+  // be gone again.
+  size_t last_sample = samples.size();
+  for (size_t s = 0; s < samples.size(); ++s) {
+    if (samples[s].valid) last_sample = s;
+  }
   const size_t end = ordered ? order.size() : n;
   for (size_t next = 0; next < end;) {
     // A group of valid points, put to every sample in turn, so that sums run in sample order.
@@ -129,7 +135,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     }
     for (size_t s = 0; s < samples.size(); ++s) {
       if (!samples[s].valid) continue;
-      if (s + 1 == samples.size() && !ordered) {
+      if (s == last_sample && !ordered) {
         FetchMeanwhile(next < n ? points : shadow.next, next < n ? next : 0, group, &tracer);
       }
       SL_RETURN_IF_ERROR(tracer.Trace(s));

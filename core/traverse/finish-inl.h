@@ -29,13 +29,13 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// What FinishHits writes where nothing is hit.
-inline void FillMisses(RayPacket& packet) {
-  const auto count = static_cast<size_t>(packet.count);
-  FillRow(packet.t, count, std::numeric_limits<float>::infinity());
+// What FinishHits writes where nothing is hit: the lanes first .. first + count. REQUIRES: a block of
+// sixteen begins at `first`.
+HWY_INLINE void FillMisses(RayPacket& packet, size_t first, size_t count) {
+  FillRow(packet.t + first, count, std::numeric_limits<float>::infinity());
   if (!packet.want_barycentrics) return;
-  FillRow(packet.u, count, 0.0f);
-  FillRow(packet.v, count, 0.0f);
+  FillRow(packet.u + first, count, 0.0f);
+  FillRow(packet.v + first, count, 0.0f);
 }
 
 template <bool kWeights, bool kSegments>
@@ -112,7 +112,7 @@ class HitFinisher {
     const int lanes = std::min(kBlockLanes, packet_.count - i);
     const uint32_t all = (1u << lanes) - 1;
     uint32_t left = all & ~Having(i, kNoTriangle);
-    if (left != all) FillMissesFrom(i, static_cast<size_t>(lanes));
+    if (left != all) FillMisses(packet_, static_cast<size_t>(i), static_cast<size_t>(lanes));
     if constexpr (kInTurn) {
       for (int k = 0; left != 0; ++k) {
         if (k == kMostInTurn) {
@@ -147,15 +147,6 @@ class HitFinisher {
           work.lanes[k] = same[k];
         }
       }
-    }
-  }
-
-  // As of FillMisses, of the lanes of one block.
-  HWY_INLINE void FillMissesFrom(int i, size_t lanes) {
-    FillRow(packet_.t + i, lanes, std::numeric_limits<float>::infinity());
-    if constexpr (kWeights) {
-      FillRow(packet_.u + i, lanes, 0.0f);
-      FillRow(packet_.v + i, lanes, 0.0f);
     }
   }
 

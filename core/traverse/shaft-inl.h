@@ -526,7 +526,7 @@ bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut*
   if (cut != nullptr && cut->node_count == 0) {
     // Nothing is in reach of any ray.
     FillRow(packet.triangle, static_cast<size_t>(packet.count), kNoTriangle);
-    if constexpr (!kAny) FillMisses(packet);
+    if constexpr (!kAny) FillMisses(packet, 0, static_cast<size_t>(packet.count));
     return true;
   }
   ShaftWalk<kAny, false> walk(scene, packet, stats);
