@@ -29,8 +29,8 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// What FinishHits writes where nothing is hit: the lanes first .. first + count. REQUIRES: a block of
-// sixteen begins at `first`.
+// What FinishHits writes where nothing is hit, of the lanes first .. first + count. REQUIRES: a
+// block of sixteen begins at `first`.
 HWY_INLINE void FillMisses(RayPacket& packet, size_t first, size_t count) {
   FillRow(packet.t + first, count, std::numeric_limits<float>::infinity());
   if (!packet.want_barycentrics) return;
