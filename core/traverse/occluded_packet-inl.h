@@ -23,6 +23,7 @@
 
 #include "core/base/cancel.h"
 #include "core/base/check.h"
+#include "core/base/compress-inl.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/lane_bounds.h"
 #include "core/traverse/origin_lanes-inl.h"
@@ -185,6 +186,8 @@ class OccludedPacketWalk {
     LaneSlab slab;
   };
 
+  static constexpr uint32_t kLanes = hn::MaxLanes(ShaftD());
+
   // Returns true when no lane is left to answer.
   bool VisitLeaf(ChildRef ref, const Pending& pending) {
     uint32_t met[Lanes::kMaxRays / 8];
@@ -198,26 +201,59 @@ class OccludedPacketWalk {
     ++stats_->leaves;
     const LeafView leaf(scene_, ref);
     const uint32_t relevant = PrepareOccluders(scene_.geometry, leaf, lanes_, &forms_);
+    // A list first, then the tests, without a branch that depends on them: how many triangles a
+    // group meets, and whether one blocks anything, cannot be foretold. What is in doubt waits.
+    Pairs pairs;
+    ListPairs(leaf, groups, relevant, &pairs);
     const ShaftD d;
     const ShaftTest<true, Lanes::kParallel, Lanes> test(lanes_, leaf, forms_);
+    size_t doubtful = 0;
+    for (size_t k = 0; k < pairs.count; ++k) {
+      const uint32_t pair = pairs.pairs[k], g = pair / kMaxLeafTriangles;
+      const uint32_t i = pair % kMaxLeafTriangles, id = leaf.id(i);
+      const uint32_t asked = met[g] & lanes_.active(g) & ~lanes_.SourceLanes(g, id);
+      // Where a triangle has blocked all of a group, the group's pairs that follow end here.
+      if (asked == 0) continue;
+      stats_->triangle_tests += static_cast<uint64_t>(std::popcount(asked));
+      const auto said = test.InFloats(i, g * kLanes);
+      const uint32_t hits = asked & MaskBits(d, said.hit);
+      lanes_.Block(id, g, hits);
+      pairs.pairs[doubtful] = pair;
+      doubtful += (asked & ~hits & MaskBits(d, said.open)) != 0 ? 1 : 0;
+    }
     const auto ray = [this](int lane) { return packet_.ray(lane); };
-    for (; groups != 0; groups &= groups - 1) {
-      const uint32_t g = std::countr_zero(groups);
-      for (uint32_t left = relevant & InRectangle(leaf, g); left != 0 && met[g] != 0;
-           left &= left - 1) {
-        const uint32_t i = std::countr_zero(left), id = leaf.id(i);
-        const uint32_t asked[2] = {met[g] & ~lanes_.SourceLanes(g, id)};
-        stats_->triangle_tests += static_cast<uint64_t>(std::popcount(asked[0]));
-        const uint32_t hits =
-            MaskBits(d, test.Blocked(i, g * hn::Lanes(d),
-                                     hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(asked)),
-                                     ray, stats_));
-        if (hits == 0) continue;
-        lanes_.Block(id, g, hits);
-        met[g] &= ~hits;
-      }
+    for (size_t k = 0; k < doubtful; ++k) {
+      const uint32_t g = pairs.pairs[k] / kMaxLeafTriangles;
+      const uint32_t i = pairs.pairs[k] % kMaxLeafTriangles, id = leaf.id(i);
+      // LoadMaskBits may read as many.
+      const uint32_t asked[2] = {met[g] & lanes_.active(g) & ~lanes_.SourceLanes(g, id)};
+      const ShaftM lanes = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(asked));
+      lanes_.Block(id, g, MaskBits(d, test.Certain(i, g * kLanes, lanes, ray, stats_)));
     }
     return lanes_.live() == 0;
+  }
+
+  // Of a triangle i and a group g that sees its rectangle: g * kMaxLeafTriangles + i.
+  struct Pairs {
+    size_t count = 0;
+    // A whole vector is stored at its end.
+    alignas(64) uint32_t pairs[(Lanes::kMaxRays / kLanes + 1) * kMaxLeafTriangles];
+  };
+  HWY_INLINE void ListPairs(const LeafView& leaf, uint32_t groups, uint32_t relevant,
+                            Pairs* list) const {
+    const hn::RebindToUnsigned<ShaftD> du;
+    for (; groups != 0; groups &= groups - 1) {
+      const uint32_t g = std::countr_zero(groups);
+      const uint32_t in = relevant & InRectangle(leaf, g);
+      for (uint32_t first = 0; first < kMaxLeafTriangles; first += kLanes) {
+        const uint32_t some[2] = {in >> first};  // LoadMaskBits may read as many.
+        const auto chosen = hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(some));
+        const auto pair =
+            hn::Add(hn::Load(du, kCountUp + first), hn::Set(du, g * kMaxLeafTriangles));
+        hn::StoreU(CompressLanes(du, pair, chosen), du, list->pairs + list->count);
+        list->count += hn::CountTrue(du, chosen);
+      }
+    }
   }
 
   // The leaf's triangles that are seen where a group's lanes are.

@@ -147,8 +147,10 @@ class OriginLanes {
   // Ends lanes: triangle `id` blocks them.
   HWY_INLINE void Block(uint32_t id, uint32_t group, uint32_t hits) {
     lanes_.Block(id, group, hits);
-    if (lanes_.active(group) == 0) open_groups_ &= ~(1u << group);
+    open_groups_ &= ~((lanes_.active(group) == 0 ? 1u : 0u) << group);
   }
+  // Lanes of a group that are still asked about.
+  uint32_t active(uint32_t group) const { return lanes_.active(group); }
 
  private:
   // Finds the frame, and the groups' places in it.

@@ -23,6 +23,7 @@
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/fill-inl.h"
+#include "core/base/masked_store-inl.h"
 #include "core/geometry/box_ray.h"
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate-inl.h"
@@ -252,14 +253,15 @@ class PacketLanes {
 
   // Ends lanes: triangle `id` blocks them.
   void Block(uint32_t id, uint32_t group, uint32_t hits) {
-    const uint32_t first = group * static_cast<uint32_t>(hn::Lanes(D()));
+    const D d;
+    const hn::RebindToUnsigned<D> du;
+    const size_t first = group * hn::Lanes(d);
     active_[group] &= ~hits;
     live_ -= std::popcount(hits);
-    for (; hits != 0; hits &= hits - 1) {
-      const uint32_t lane = first + std::countr_zero(hits);
-      packet_.triangle[lane] = id;
-      limit_of_[lane] = -std::numeric_limits<float>::infinity();
-    }
+    const uint32_t bits[2] = {hits};  // LoadMaskBits may read as many.
+    const auto hit = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(bits));
+    StoreWhere(hn::RebindMask(du, hit), hn::Set(du, id), du, packet_.triangle + first);
+    StoreWhere(hit, hn::Set(d, -std::numeric_limits<float>::infinity()), d, limit_of_ + first);
   }
 
  private:

@@ -22,6 +22,7 @@
 #include <limits>
 
 #include "core/accel/indexed_geometry.h"
+#include "core/base/masked_store-inl.h"
 #include "core/geometry/box_ray.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
@@ -194,12 +195,16 @@ class ParallelLanes {
   }
   // Ends lanes: triangle `id` blocks them.
   HWY_INLINE void Block(uint32_t id, uint32_t group, uint32_t hits) {
-    const uint32_t first = group * static_cast<uint32_t>(hn::Lanes(D()));
+    const hn::RebindToUnsigned<D> du;
     active_[group] &= ~hits;
-    if (active_[group] == 0) open_groups_ &= ~(1u << group);
+    open_groups_ &= ~((active_[group] == 0 ? 1u : 0u) << group);
     live_ -= std::popcount(hits);
-    for (; hits != 0; hits &= hits - 1) packet_.triangle[first + std::countr_zero(hits)] = id;
+    const uint32_t bits[2] = {hits};  // LoadMaskBits may read as many.
+    StoreWhere(hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(bits)), hn::Set(du, id), du,
+               packet_.triangle + group * hn::Lanes(du));
   }
+  // Lanes of a group that are still asked about.
+  uint32_t active(uint32_t group) const { return active_[group]; }
 
  private:
   void BoundGroups() {

@@ -31,6 +31,7 @@
 #include "core/base/cancel.h"
 #include "core/base/check.h"
 #include "core/base/fill-inl.h"
+#include "core/base/masked_store-inl.h"
 #include "core/intersect/hit.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
@@ -251,23 +252,27 @@ class ShaftWalk {
     const LeafView leaf(scene_, ref);
     const uint32_t relevant = leaf_->Prepare(leaf, bounds_, bounds_.all_far);
     found_ = false;
-    HWY_ALIGN uint32_t pairs[kMaxLeafTriangles * kShaftBlocks + kShaftBlocks];
-    size_t count = 0;
+    BlockPairs touched;
+    uint64_t tests = 0, covers = 0;
     const TriangleBlocks<kAny, kParallel> blocks(rays_, bounds_, leaf_->forms());
     for (uint32_t left = relevant; left != 0; left &= left - 1) {
-      count += blocks.List(std::countr_zero(left), pairs + count);
+      const uint32_t i = std::countr_zero(left);
+      const uint32_t covered = blocks.List(i, &touched);
+      if (covered != 0) [[unlikely]] {
+        covers += static_cast<uint64_t>(std::popcount(covered));
+        TakeCovers(leaf, i, covered);
+      }
     }
-    MarkTested(rays_, bounds_, leaf, {pairs, count}, packet_.answered_by);
+    MarkTested(rays_, bounds_, leaf, touched, packet_.answered_by);
     // Those in doubt wait, so that no test has to know how the one before ended.
     size_t doubtful = 0;
-    uint64_t tests = 0, covers = 0;
-    for (size_t k = 0; k < count; ++k) {
-      const uint32_t pair = pairs[k];
-      const bool settled = TestBlock(leaf, pair, &tests, &covers);
-      pairs[doubtful] = pair;
+    for (size_t k = 0; k < touched.count; ++k) {
+      const uint32_t pair = touched.pairs[k];
+      const bool settled = TestBlock(leaf, pair, &tests);
+      touched.pairs[doubtful] = pair;
       doubtful += settled ? 0 : 1;
     }
-    for (size_t k = 0; k < doubtful; ++k) SettleBlock(leaf, pairs[k]);
+    for (size_t k = 0; k < doubtful; ++k) SettleBlock(leaf, touched.pairs[k]);
     if constexpr (kAny) {
       bounds_.open_blocks = OpenBlocks(bounds_.open);
     } else {
@@ -278,40 +283,48 @@ class ShaftWalk {
     const auto relevant_count = static_cast<uint32_t>(std::popcount(relevant));
     stats_->shaft.triangles += leaf.count;
     stats_->shaft.relevant += relevant_count;
-    stats_->shaft.pairs += count;
+    stats_->shaft.pairs += covers + touched.count;
     return relevant_count;
+  }
+
+  // All rays of the blocks `covered`, before which triangle i stands.
+  HWY_NOINLINE void TakeCovers(const LeafView& leaf, uint32_t i, uint32_t covered) {
+    for (; covered != 0; covered &= covered - 1) {
+      const uint32_t b = std::countr_zero(covered);
+      M hit[kBlockVectors];
+      BlockLanes(Asked(b, leaf.id(i)), hit);
+      Take(leaf, i, b, hit);
+    }
+    if constexpr (kAny) bounds_.open_blocks = OpenBlocks(bounds_.open);
   }
 
   // The rays of one block that are still asked about, by floats, without a branch that depends on
   // them: whether a ray is hit cannot be foretold. False: some are left in doubt.
-  HWY_INLINE bool TestBlock(const LeafView& leaf, uint32_t pair, uint64_t* tests,
-                            uint64_t* cover_count) {
+  HWY_INLINE bool TestBlock(const LeafView& leaf, uint32_t pair, uint64_t* tests) {
     const ShaftD d;
-    const uint32_t b = pair % kShaftBlocks, i = pair >> kTriangleShift & (kMaxLeafTriangles - 1);
-    const uint32_t id = leaf.id(i);
+    const uint32_t b = BlockOf(pair), i = TriangleOf(pair);
     const size_t at = size_t{b} * kShaftBlockRays;
-    const Test test(rays_, leaf, leaf_->forms());
-    const bool covered = (pair & kCovered) != 0;
-    *cover_count += covered ? 1 : 0;
-    const uint32_t asked_bits = Asked(b, id);
+    const uint32_t asked = Asked(b, leaf.id(i));
+    *tests += static_cast<uint64_t>(std::popcount(asked));
     M hit[kBlockVectors];
-    BlockLanes(asked_bits, hit);
-    uint32_t doubt = 0;
-    // Where any hit will do, covers are too few to be foretold: they pay for the test.
-    if (kAny || !covered) {
-      *tests += covered ? 0 : static_cast<uint64_t>(std::popcount(asked_bits));
-      typename Test::Floats said[kBlockVectors];
-      test.InFloats(i, at, said);
-      const M covers = hn::FirstN(d, covered ? kLanes : 0);
-      M open = hn::FirstN(d, 0);
-      for (size_t k = 0; k < kBlockVectors; ++k) {
-        const M certain = kAny ? hn::Or(said[k].hit, covers) : said[k].hit;
-        open = hn::Or(open, hn::AndNot(certain, hn::And(hit[k], said[k].open)));
-        hit[k] = hn::And(hit[k], certain);
-      }
-      doubt = MaskBits(d, open);
+    BlockLanes(asked, hit);
+    typename Test::Floats said[kBlockVectors];
+    Test(rays_, leaf, leaf_->forms()).InFloats(i, at, said);
+    M open = hn::FirstN(d, 0);
+    for (size_t k = 0; k < kBlockVectors; ++k) {
+      open = hn::Or(open, hn::AndNot(said[k].hit, hn::And(hit[k], said[k].open)));
+      hit[k] = hn::And(hit[k], said[k].hit);
     }
+    Take(leaf, i, b, hit);
+    return hn::AllFalse(d, open);
+  }
+
+  // Takes note of the rays of block b that triangle i hits.
+  HWY_INLINE void Take(const LeafView& leaf, uint32_t i, uint32_t b,
+                       const M (&hit)[kBlockVectors]) {
+    const size_t at = size_t{b} * kShaftBlockRays;
     if constexpr (kAny) {
+      const uint32_t id = leaf.id(i);
       uint32_t blocked = 0;
       for (size_t k = 0; k < kBlockVectors; ++k) {
         blocked |= Block(id, at + k * kLanes, hit[k]) << (k * kLanes);
@@ -320,13 +333,12 @@ class ShaftWalk {
     } else {
       KeepCloser(leaf, i, at, hit);
     }
-    return doubt == 0;
   }
 
   // The same, for certain.
   HWY_NOINLINE void SettleBlock(const LeafView& leaf, uint32_t pair) {
     const Test test(rays_, leaf, leaf_->forms());
-    const uint32_t b = pair % kShaftBlocks, i = pair >> kTriangleShift & (kMaxLeafTriangles - 1);
+    const uint32_t b = BlockOf(pair), i = TriangleOf(pair);
     const uint32_t id = leaf.id(i);
     const uint16_t asked[8] = {static_cast<uint16_t>(Asked(b, id))};  // LanesOf may read as many.
     for (size_t k = 0; k < kBlockVectors; ++k) {
@@ -360,14 +372,7 @@ class ShaftWalk {
   HWY_INLINE uint32_t Block(uint32_t id, size_t at, M hit) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
-    uint32_t* const ids = packet_.triangle + at;
-    const auto blocked = hn::RebindMask(du, hit);
-    // AVX2's masked stores are microcode on AMD's cores: a fifth of a walk.
-    if constexpr (HWY_TARGET == HWY_AVX2) {
-      hn::Store(hn::IfThenElse(blocked, hn::Set(du, id), hn::Load(du, ids)), du, ids);
-    } else {
-      hn::BlendedStore(hn::Set(du, id), blocked, du, ids);
-    }
+    StoreWhere(hn::RebindMask(du, hit), hn::Set(du, id), du, packet_.triangle + at);
     return MaskBits(d, hit);
   }
 

@@ -29,10 +29,6 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// hn::Iota of a value known at run time goes through memory, a number at a time.
-alignas(64) constexpr uint32_t kCountUp[kShaftBlocks] = {0, 1, 2,  3,  4,  5,  6,  7,
-                                                         8, 9, 10, 11, 12, 13, 14, 15};
-
 template <bool kAny, bool kParallel>
 class TriangleBlocks {
  public:
@@ -41,12 +37,12 @@ class TriangleBlocks {
                             const LeafForms& forms)
       : rays_(rays), bounds_(bounds), forms_(forms) {}
 
-  // One relevant triangle against all blocks. Lists those it may touch, as pairs of triangle and
-  // block, and returns how many.
-  HWY_INLINE size_t List(uint32_t i, uint32_t* pairs) const {
+  // One relevant triangle against all blocks. Returns those that it covers, a bit each, and lists
+  // those that it may touch otherwise.
+  HWY_INLINE uint32_t List(uint32_t i, BlockPairs* touched) const {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
-    size_t count = 0;
+    uint32_t covered = 0;
     for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
       const uint8_t* open = reinterpret_cast<const uint8_t*>(&bounds_.open_blocks) + first / 8;
       M in = hn::And(
@@ -63,8 +59,8 @@ class TriangleBlocks {
         const uint32_t block = std::countr_zero(blocks | 1u << (kLanes - 1));
         bool listed = blocks != 0;
         if constexpr (!kAny) listed &= forms_.nearest[i] <= bounds_.far[first + block];
-        pairs[count] = pair_bits + block;
-        count += listed ? 1 : 0;
+        touched->pairs[touched->count] = pair_bits + block;
+        touched->count += listed ? 1 : 0;
         continue;
       }
       V most = hn::Set(d, kInfinity), least = most;  // Over the edges: of largest, least values.
@@ -111,13 +107,15 @@ class TriangleBlocks {
           if (rays_.segments()) cover = hn::FirstN(d, 0);
         }
       }
-      const auto covered = hn::IfThenElseZero(hn::RebindMask(du, cover), hn::Set(du, kCovered));
-      const auto pair = hn::Add(hn::Add(hn::Load(du, kCountUp), hn::Set(du, pair_bits)), covered);
+      covered |= MaskBits(d, hn::And(in, cover)) << first;
+      const M rest = hn::AndNot(cover, in);
+      const auto pair = hn::Add(hn::Load(du, kCountUp), hn::Set(du, pair_bits));
       // Compressed in a register: a compressing store is microcode.
-      hn::StoreU(CompressLanes(du, pair, hn::RebindMask(du, in)), du, pairs + count);
-      count += hn::CountTrue(d, in);
+      hn::StoreU(CompressLanes(du, pair, hn::RebindMask(du, rest)), du,
+                 touched->pairs + touched->count);
+      touched->count += hn::CountTrue(d, rest);
     }
-    return count;
+    return covered;
   }
 
  private:

@@ -61,6 +61,10 @@ HWY_INLINE void BlockLanes(uint32_t bits, ShaftM (&lanes)[kVectors]) {
   }
 }
 
+// hn::Iota of a value known at run time goes through memory, a number at a time.
+alignas(64) constexpr uint32_t kCountUp[kShaftBlocks] = {0, 1, 2,  3,  4,  5,  6,  7,
+                                                         8, 9, 10, 11, 12, 13, 14, 15};
+
 // Bit b of the result: block b has a ray. `rays` is aligned as a vector.
 HWY_INLINE uint32_t OpenBlocks(const uint16_t* rays) {
   const hn::CappedTag<uint16_t, kShaftBlocks> d;

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A relevant triangle and a block of rays that it may touch, packed as block | triangle <<
-// kTriangleShift, with kCovered set where it covers the block; and what a leaf's pairs say of who
-// answers which ray (answered_by.h).
+// A leaf's relevant triangles and the blocks of rays that each may touch; and what such pairs say of
+// who answers which ray (answered_by.h).
 //
 // Thread safety: pure functions.
 
@@ -15,7 +14,8 @@
 
 #include <algorithm>
 #include <bit>
-#include <span>
+#include <cstddef>
+#include <cstdint>
 
 #include "core/traverse/answered_by.h"
 #include "core/traverse/leaf_view.h"
@@ -25,7 +25,16 @@ HWY_BEFORE_NAMESPACE();
 namespace sightline {
 namespace HWY_NAMESPACE {
 
-constexpr uint32_t kTriangleShift = 4, kCovered = 0x100;
+// Each pair is block | triangle << kTriangleShift.
+constexpr uint32_t kTriangleShift = 4;
+static_assert(kShaftBlocks == 1 << kTriangleShift);
+struct BlockPairs {
+  size_t count = 0;
+  // A whole vector is stored at its end.
+  alignas(64) uint32_t pairs[kMaxLeafTriangles * kShaftBlocks + kShaftBlocks];
+};
+HWY_INLINE uint32_t BlockOf(uint32_t pair) { return pair % kShaftBlocks; }
+HWY_INLINE uint32_t TriangleOf(uint32_t pair) { return pair >> kTriangleShift; }
 
 // All of a packet's rays; nothing if nobody wants to know.
 template <class Packet>
@@ -33,25 +42,18 @@ void MarkAll(const Packet& packet, AnsweredBy by) {
   if (packet.answered_by != nullptr) std::fill_n(packet.answered_by, packet.count, by);
 }
 
-// Marks the rays that the exact test will decide on when the leaf's pairs are worked off: those of
-// blocks that are covered neither by the pair's triangle nor, for any hit, by one before.
+// Marks the rays that the exact test will decide on when the leaf's pairs are worked off.
 template <bool kAny, bool kParallel>
 HWY_NOINLINE void MarkTestedIn(const ShaftRays<kAny, kParallel>& rays, const ShaftBounds& bounds,
-                               const LeafView& leaf, std::span<const uint32_t> pairs,
+                               const LeafView& leaf, const BlockPairs& touched,
                                AnsweredBy* answered_by) {
-  uint16_t open[kShaftBlocks];
-  std::copy_n(bounds.open, kShaftBlocks, open);
-  for (const uint32_t pair : pairs) {
-    const uint32_t b = pair % kShaftBlocks;
-    const uint32_t id = leaf.id(pair >> kTriangleShift & (kMaxLeafTriangles - 1));
-    for (uint32_t rest = open[b]; rest != 0; rest &= rest - 1) {
-      const uint32_t r = std::countr_zero(rest), lane = b * kShaftBlockRays + r;
+  for (size_t k = 0; k < touched.count; ++k) {
+    const uint32_t b = BlockOf(touched.pairs[k]);
+    const uint32_t id = leaf.id(TriangleOf(touched.pairs[k]));
+    for (uint32_t rest = bounds.open[b]; rest != 0; rest &= rest - 1) {
+      const uint32_t lane = b * kShaftBlockRays + std::countr_zero(rest);
       if (rays.has_sources() && rays.sources()[lane] == id) continue;
-      if ((pair & kCovered) == 0) {
-        answered_by[lane] = AnsweredBy::kTriangles;
-      } else if (kAny) {
-        open[b] &= static_cast<uint16_t>(~(1u << r));
-      }
+      answered_by[lane] = AnsweredBy::kTriangles;
     }
   }
 }
@@ -59,9 +61,9 @@ HWY_NOINLINE void MarkTestedIn(const ShaftRays<kAny, kParallel>& rays, const Sha
 // The same; nothing where `answered_by` is null.
 template <bool kAny, bool kParallel>
 HWY_INLINE void MarkTested(const ShaftRays<kAny, kParallel>& rays, const ShaftBounds& bounds,
-                           const LeafView& leaf, std::span<const uint32_t> pairs,
+                           const LeafView& leaf, const BlockPairs& touched,
                            AnsweredBy* answered_by) {
-  if (HWY_UNLIKELY(answered_by != nullptr)) MarkTestedIn(rays, bounds, leaf, pairs, answered_by);
+  if (HWY_UNLIKELY(answered_by != nullptr)) MarkTestedIn(rays, bounds, leaf, touched, answered_by);
 }
 
 }  // namespace HWY_NAMESPACE
