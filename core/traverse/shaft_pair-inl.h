@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A leaf's relevant triangles and the blocks of rays that each may touch; and what such pairs say of
-// who answers which ray (answered_by.h).
+// A leaf's relevant triangles and the blocks of rays that each may touch; and what such pairs say
+// of who answers which ray (answered_by.h).
 //
 // Thread safety: pure functions.
 
