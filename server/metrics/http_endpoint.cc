@@ -11,7 +11,6 @@
 #include <cstring>
 #include <map>
 #include <optional>
-#include <set>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -47,14 +46,9 @@ class HttpEndpoint::Impl {
   }
   ~Impl() {
     accept_.reset();
-    paths_.clear();  // What ran is answered by now, what waited was dropped.
-    {
-      MutexLock lock(mutex_);
-      for (Request* request : answering_) {
-        request->reply = HttpReply{.code = 503, .body = "the server ends\n"};
-        MHD_resume_connection(request->connection);
-      }
-    }
+    // The daemon's thread asks them until it has ended. It must not end while a connection sleeps,
+    // and none does once all are answered.
+    for (const auto& path : paths_) path->End();
     if (daemon_ != nullptr) MHD_stop_daemon(daemon_);
   }
 
@@ -94,7 +88,7 @@ class HttpEndpoint::Impl {
   struct Request {
     MHD_Connection* connection = nullptr;
     Open* open = nullptr;
-    std::optional<HttpReply> reply;
+    std::optional<HttpReply> reply;  // Under the endpoint's mutex.
   };
 
   // A connection opens or closes.
@@ -186,14 +180,9 @@ class HttpEndpoint::Impl {
   // The connection sleeps until the path has answered.
   void Ask(HttpPath& path, HttpRequest asked, Request* request) {
     request->open->answering = true;
-    {
-      MutexLock lock(mutex_);
-      answering_.insert(request);
-    }
     MHD_suspend_connection(request->connection);
     const auto answer = [this, request](HttpReply reply) {
       MutexLock lock(mutex_);
-      answering_.erase(request);
       request->reply = std::move(reply);
       MHD_resume_connection(request->connection);
     };
@@ -236,9 +225,8 @@ class HttpEndpoint::Impl {
   size_t staying_ = 0;
   uintptr_t next_number_ = 1;
 
-  Mutex mutex_;
-  std::set<Request*> answering_ ABSL_GUARDED_BY(mutex_);  // And what they have for a reply.
-  std::vector<std::unique_ptr<HttpPath>> paths_;          // Constant while the daemon runs.
+  Mutex mutex_;  // Of the requests' replies: a path writes one, the daemon's thread reads it.
+  std::vector<std::unique_ptr<HttpPath>> paths_;  // Constant while the daemon runs.
   std::optional<AcceptLoop> accept_;
 };
 

@@ -5,8 +5,8 @@
 //
 // Invariant: at most kMostAtOnce requests run or wait; what was taken is answered once.
 //
-// Thread safety: Take from any thread; `done` is called on the path's threads. The destructor
-// answers what runs, and drops what waits.
+// Thread safety: Take from any thread, while End is called, too; `done` is called on the path's
+// threads, or by Take or End where the path ends.
 //
 //   HttpPath path("/livez", [](const HttpRequest&) { return HttpReply{.body = "alive\n"}; });
 //   if (!path.Take(request, [&](HttpReply reply) { Send(reply); })) Refuse();
@@ -42,8 +42,11 @@ class HttpPath {
   HttpPath& operator=(const HttpPath&) = delete;
 
   const std::string& name() const { return name_; }
-  // False when as many run or wait as may.
+  // False when as many run or wait as may. After End the answer is that the server ends.
   bool Take(HttpRequest request, Done done);
+  // Answers what waits and what is still to come so, and returns when what runs is answered. The
+  // destructor ends what has not been ended.
+  void End();
 
  private:
   void Work();

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/strings/match.h"
@@ -194,6 +195,36 @@ TEST(HttpEndpointTest, EndsWithConnectionsOpen) {
     EXPECT_EQ(HttpGet(http->port(), "/livez").code, 200);
   }
   EXPECT_FALSE(silent[0]->IsOpen());
+}
+
+// While what runs is waited for, the others' requests still come in.
+TEST(HttpEndpointTest, WhoeverAsksWhileItEndsIsTold) {
+  Mutex mutex;
+  CondVar changed;
+  bool go_on = false;
+  std::atomic<size_t> running = 0;
+  auto http = Serve({{"/livez", [&](const HttpRequest&) {
+                        ++running;
+                        MutexLock lock(mutex);
+                        while (!go_on) changed.Wait(mutex);
+                        return HttpReply{.body = "late\n"};
+                      }}});
+  const int port = http->port();
+  const std::string request = "GET /livez HTTP/1.1\r\nHost: x\r\n\r\n";
+  // Connections are taken in turn: once the second's request runs, the first's is in, too.
+  const RawConnection waits(port), runs(port);
+  runs.Send(request);
+  ASSERT_TRUE(Until("it runs", [&] { return running == 1; }));
+  std::thread end([&] { http.reset(); });
+  EXPECT_TRUE(Until("nobody is let in", [&] { return !RawConnection(port).connected(); }));
+  waits.Send(request);
+  EXPECT_THAT(waits.ReadUntil("no such text"), HasSubstr("the server ends\n"));
+  {
+    MutexLock lock(mutex);
+    go_on = true;
+    changed.SignalAll();
+  }
+  end.join();
 }
 
 TEST(HttpEndpointTest, WhatCannotBeBoundIsSaid) {
