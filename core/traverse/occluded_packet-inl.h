@@ -23,7 +23,6 @@
 
 #include "core/base/cancel.h"
 #include "core/base/check.h"
-#include "core/base/compress-inl.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/lane_bounds.h"
 #include "core/traverse/origin_lanes-inl.h"
@@ -241,17 +240,14 @@ class OccludedPacketWalk {
   };
   HWY_INLINE void ListPairs(const LeafView& leaf, uint32_t groups, uint32_t relevant,
                             Pairs* list) const {
-    const hn::RebindToUnsigned<ShaftD> du;
+    const ShaftD d;
     for (; groups != 0; groups &= groups - 1) {
       const uint32_t g = std::countr_zero(groups);
       const uint32_t in = relevant & InRectangle(leaf, g);
       for (uint32_t first = 0; first < kMaxLeafTriangles; first += kLanes) {
         const uint32_t some[2] = {in >> first};  // LoadMaskBits may read as many.
-        const auto chosen = hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(some));
-        const auto pair =
-            hn::Add(hn::Load(du, kCountUp + first), hn::Set(du, g * kMaxLeafTriangles));
-        hn::StoreU(CompressLanes(du, pair, chosen), du, list->pairs + list->count);
-        list->count += hn::CountTrue(du, chosen);
+        const ShaftM chosen = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(some));
+        list->count += ListLanes(g * kMaxLeafTriangles + first, chosen, list->pairs + list->count);
       }
     }
   }

@@ -17,7 +17,6 @@
 #include <cstdint>
 #include <limits>
 
-#include "core/base/compress-inl.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_pair-inl.h"
@@ -41,7 +40,6 @@ class TriangleBlocks {
   // those that it may touch otherwise.
   HWY_INLINE uint32_t List(uint32_t i, BlockPairs* touched) const {
     const ShaftD d;
-    const hn::RebindToUnsigned<ShaftD> du;
     uint32_t covered = 0;
     for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
       const uint8_t* open = reinterpret_cast<const uint8_t*>(&bounds_.open_blocks) + first / 8;
@@ -108,12 +106,8 @@ class TriangleBlocks {
         }
       }
       covered |= MaskBits(d, hn::And(in, cover)) << first;
-      const M rest = hn::AndNot(cover, in);
-      const auto pair = hn::Add(hn::Load(du, kCountUp), hn::Set(du, pair_bits));
-      // Compressed in a register: a compressing store is microcode.
-      hn::StoreU(CompressLanes(du, pair, hn::RebindMask(du, rest)), du,
-                 touched->pairs + touched->count);
-      touched->count += hn::CountTrue(d, rest);
+      touched->count +=
+          ListLanes(pair_bits, hn::AndNot(cover, in), touched->pairs + touched->count);
     }
     return covered;
   }

@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <iterator>
 
+#include "core/base/compress-inl.h"
 #include "core/intersect/predicate-inl.h"
 #include "hwy/highway.h"
 
@@ -64,6 +65,16 @@ HWY_INLINE void BlockLanes(uint32_t bits, ShaftM (&lanes)[kVectors]) {
 // hn::Iota of a value known at run time goes through memory, a number at a time.
 alignas(64) constexpr uint32_t kCountUp[kShaftBlocks] = {0, 1, 2,  3,  4,  5,  6,  7,
                                                          8, 9, 10, 11, 12, 13, 14, 15};
+
+// Stores first + lane for each of the lanes `chosen`, in their order, and any numbers behind them,
+// a vector in all. Returns how many lanes those are.
+HWY_INLINE size_t ListLanes(uint32_t first, ShaftM chosen, uint32_t* to) {
+  const hn::RebindToUnsigned<ShaftD> du;
+  const auto numbers = hn::Add(hn::Load(du, kCountUp), hn::Set(du, first));
+  // Compressed in a register: a compressing store is microcode.
+  hn::StoreU(CompressLanes(du, numbers, hn::RebindMask(du, chosen)), du, to);
+  return hn::CountTrue(ShaftD(), chosen);
+}
 
 // Bit b of the result: block b has a ray. `rays` is aligned as a vector.
 HWY_INLINE uint32_t OpenBlocks(const uint16_t* rays) {

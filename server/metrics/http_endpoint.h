@@ -11,7 +11,8 @@
 //     the oldest one that is not being answered makes room: whoever asks at once is answered,
 //     however many others say nothing, or however slowly.
 //  3. A connection on which nothing moves for the endpoint's patience is closed. One request each.
-//  4. Anything but the paths is 404. More at once than a path takes (http_path.h) is 503.
+//  4. Anything but the paths is 404. More at once than a path takes (http_path.h) is 503, as is
+//     what still waits, or comes by a connection that is open, while the endpoint ends.
 //
 // Thread safety: handlers are called from the paths' threads, several at once. Stop once.
 //
