@@ -214,26 +214,26 @@ TEST_F(CliTest, MasksSayWhichObjectsAreSeen) {
                 {"0x80000000", {1, 0}, {0, 0}, 4, 1},
                 {"2", {0, 1}, {1, 0}, 5, 1},
                 {"5", {0, 0}, {1, 1}, std::numeric_limits<double>::infinity(), 0}};
-  for (const auto& [mask, hit, lit, depth, color] : kMasks) {
-    SCOPED_TRACE(mask);
+  for (const auto& row : kMasks) {
+    SCOPED_TRACE(row.mask);
     const auto ask = [&](std::vector<std::string> args, const char* out) {
-      Good(Join(std::move(args), {flag, "--mask", mask}));
+      Good(Join(std::move(args), {flag, "--mask", row.mask}));
       return ReadNpy(File(out)).value().values;
     };
     EXPECT_EQ(
         ask({"segments", "scenes/masked", "--segments", segments, "--out", File("h.npy")}, "h.npy"),
-        hit);
+        row.hit);
     EXPECT_EQ(ask({"shade", "scenes/masked", "--points", points, "--lights", lights, "--out",
                    File("l.npy")},
                   "l.npy"),
-              lit);
+              row.lit);
     const std::vector<std::string> camera = {"scenes/masked", "--size", "3x3",  "--eye", "0,0,5",
                                              "--at",          "0,0,0",  "--up", "0,1,0"};
-    EXPECT_EQ(ask(Join(Join({"view"}, camera), {"--depth", File("d.npy")}), "d.npy")[4], depth);
+    EXPECT_EQ(ask(Join(Join({"view"}, camera), {"--depth", File("d.npy")}), "d.npy")[4], row.depth);
     EXPECT_EQ(ask(Join(Join({"relight"}, camera), {"--light", "0,0,4", "--by", "1,0,0", "--frames",
                                                    "2", "--color", File("c.npy")}),
                   "c.npy")[4],
-              color);
+              row.color);
   }
 }
 
