@@ -27,11 +27,16 @@ namespace hn = hwy::HWY_NAMESPACE;
 class CutOpener {
  public:
   // The set is what `sides` leave, and `wedges`, which may be null; `margin` is that of a box
-  // (MeetsSides), and `along` the direction that children are ordered by. Sides and wedges must
-  // outlive the opener.
-  CutOpener(const ShaftSide* sides, int side_count, const ShaftWedges* wedges, float margin,
-            Vec3f along)
-      : sides_(sides), side_count_(side_count), wedges_(wedges), margin_(margin), along_(along) {}
+  // (MeetsSides), and `along` the direction that children are ordered by. What lies behind one of
+  // `caps` is left out. Sides, wedges and caps must outlive the opener.
+  CutOpener(const ShaftSide* sides, int side_count, const ShaftWedges* wedges, const AxisCaps& caps,
+            float margin, Vec3f along)
+      : sides_(sides),
+        side_count_(side_count),
+        wedges_(wedges),
+        caps_(caps),
+        margin_(margin),
+        along_(along) {}
 
   // Takes the node's children that the set may meet. REQUIRES: there is room for eight.
   void Open(const BvhNode& node) {
@@ -40,6 +45,7 @@ class CutOpener {
     if (wedges_ != nullptr) {
       met = hn::And(met, hn::Ge(WithinWedges(d8, *wedges_, node.bounds), hn::Zero(d8)));
     }
+    met = hn::And(met, BeyondCaps(d8, caps_, node.bounds));
     uint32_t bits = MaskBits(d8, met) & ((1u << node.child_count) - 1);
     for (; bits != 0; bits &= bits - 1) {
       const int i = std::countr_zero(bits);
@@ -118,6 +124,7 @@ class CutOpener {
   const ShaftSide* const sides_;
   const int side_count_;
   const ShaftWedges* const wedges_;
+  const AxisCaps& caps_;
   const float margin_;
   const Vec3f along_;
   uint32_t count_ = 0;

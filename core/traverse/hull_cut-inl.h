@@ -42,10 +42,11 @@ class HullCutMaker {
   bool Make(const ShaftCut* from, ShaftCut* cut) {
     if (!MakeFrame()) return false;
     MakeSides();
+    PlaceCaps();
     const float margin =
         kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(reference_) + spread_) +
         kFloatUnderflow;
-    CutOpener opener(sides_, kSides, nullptr, margin, frame_.w);
+    CutOpener opener(sides_, kSides, nullptr, caps_, margin, frame_.w);
     if (from == nullptr) {
       opener.Open(scene_.bvh.nodes[0]);
     } else {
@@ -163,6 +164,20 @@ class HullCutMaker {
     }
   }
 
+  void PlaceCaps() {
+    PointBox points;
+    for (const RayPacket& packet : packets_) {
+      points.Take(packet.target_x, packet.target_y, packet.target_z,
+                  static_cast<size_t>(packet.count));
+    }
+    for (int k = 0; k < 3; ++k) {
+      const auto [least, most] = std::minmax_element(origins_.begin(), origins_.end(),
+                                                     [k](Vec3f a, Vec3f b) { return a[k] < b[k]; });
+      const bool up = (*least)[k] >= reference_[k];
+      caps_.CapSegments(k, up, points.least(k, up), up ? (*least)[k] : -(*most)[k]);
+    }
+  }
+
   // Whether a triangle of the leaf may reach into the hull, by its vertices.
   bool MeetsLeaf(ChildRef ref) const {
     const ShaftD d;
@@ -220,6 +235,7 @@ class HullCutMaker {
   Vec3f reference_;   // One of the points: all is taken relative to it.
   float spread_ = 0;  // Bounds |x - reference|_1 over points and origins.
   ShaftSide sides_[kSides];
+  AxisCaps caps_;
 };
 
 // `packets` are segments; their own origins are not looked at. REQUIRES: origins and packets are

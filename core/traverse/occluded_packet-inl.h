@@ -23,10 +23,12 @@
 
 #include "core/base/cancel.h"
 #include "core/base/check.h"
+#include "core/shaft/axis_caps-inl.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/lane_bounds.h"
 #include "core/traverse/origin_lanes-inl.h"
 #include "core/traverse/parallel_lanes-inl.h"
+#include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_test-inl.h"
 #include "core/traverse/single-inl.h"
@@ -131,7 +133,9 @@ class OccludedPacketWalk {
   using Packet = typename Lanes::Packet;
 
   OccludedPacketWalk(const IndexedGeometry& scene, Packet& packet, WalkStats* stats)
-      : scene_(scene), packet_(packet), stats_(stats), lanes_(scene, packet, stats) {}
+      : scene_(scene), packet_(packet), stats_(stats), lanes_(scene, packet, stats) {
+    if constexpr (!Lanes::kParallel) PlaceCaps();
+  }
 
   // Returns false if `cancel` fired.
   bool Run(const CancelToken* cancel) {
@@ -163,7 +167,12 @@ class OccludedPacketWalk {
       ++stats_->nodes;
       const BvhNode& node = scene_.bvh.nodes[ref.node()];
       // The cheapest child is the last, and is taken first.
-      for (uint32_t bits = lanes_.MeetNode(node); bits != 0; bits &= bits - 1) {
+      uint32_t bits = lanes_.MeetNode(node);
+      if constexpr (!Lanes::kParallel) {
+        const hn::CappedTag<float, kBvhWidth> d8;
+        bits &= MaskBits(d8, BeyondCaps(d8, caps_, node.bounds));
+      }
+      for (; bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
         const LaneSlab slab = lanes_.SlabOf(node, i);
         uint32_t groups = lanes_.GroupsMeet(slab, pending.groups);
@@ -186,6 +195,19 @@ class OccludedPacketWalk {
   };
 
   static constexpr uint32_t kLanes = hn::MaxLanes(ShaftD());
+
+  // Along one direction they bring nothing: what lies behind all origins is passed by as it is.
+  void PlaceCaps() {
+    if (!lanes_.segments()) return;
+    PointBox points;
+    points.Take(packet_.target_x, packet_.target_y, packet_.target_z,
+                static_cast<size_t>(packet_.count));
+    for (int k = 0; k < 3; ++k) {
+      const float origin = packet_.origin[k];
+      const bool up = origin >= packet_.target(packet_.count / 2)[k];
+      caps_.CapSegments(k, up, points.least(k, up), up ? origin : -origin);
+    }
+  }
 
   // Returns true when no lane is left to answer.
   bool VisitLeaf(ChildRef ref, const Pending& pending) {
@@ -272,6 +294,7 @@ class OccludedPacketWalk {
   Packet& packet_;
   WalkStats* const stats_;
   Lanes lanes_;
+  AxisCaps caps_;
   LeafForms forms_;
 };
 

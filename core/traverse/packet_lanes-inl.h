@@ -84,9 +84,13 @@ class PacketLanes {
       limit_of_[i] = -std::numeric_limits<float>::infinity();  // Enters nothing.
     }
     if (packet.segments) {
-      for (int i = 0; i < packet.count; ++i) {
-        has_sources_ |= packet.target_source[i] != kNoTriangle;
+      static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
+      const hn::RebindToUnsigned<D> du;
+      auto all = hn::Set(du, kNoTriangle);
+      for (int i = 0; i < padded_; i += static_cast<int>(lanes)) {
+        all = hn::And(all, hn::Load(du, packet.target_source + i));
       }
+      has_sources_ = !hn::AllTrue(du, hn::Eq(all, hn::Set(du, kNoTriangle)));
     }
     for (uint32_t g = 0; g < groups_; ++g) {
       const int left = packet.count - static_cast<int>(g * lanes);
@@ -119,14 +123,20 @@ class PacketLanes {
     float least, most;
   };
   ReciprocalRange Reciprocals(int axis) const {
-    float least = std::numeric_limits<float>::infinity(), most = -least;
-    bool finite = true;
-    for (int i = 0; i < count(); ++i) {
-      const float inv = inv_[axis][i];
-      finite &= std::isfinite(inv);
-      least = std::min(least, inv);
-      most = std::max(most, inv);
+    // Lanes out of use copy one that is.
+    const D d;
+    const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+    V low = infinity, high = hn::Neg(infinity);
+    M all_finite = hn::FirstN(d, hn::Lanes(d));
+    for (size_t i = 0; i < static_cast<size_t>(padded_); i += hn::Lanes(d)) {
+      const V inv = hn::Load(d, inv_[axis] + i);
+      all_finite = hn::And(all_finite, hn::Lt(hn::Abs(inv), infinity));  // No NaN either.
+      low = hn::Min(low, inv);
+      high = hn::Max(high, inv);
     }
+    const float least = hn::GetLane(hn::MinOfLanes(d, low));
+    const float most = hn::GetLane(hn::MaxOfLanes(d, high));
+    const bool finite = hn::AllTrue(d, all_finite);
     return {finite && (least > 0 || most < 0), most < 0, least, most};
   }
 

@@ -4,7 +4,8 @@
 // walk of the tree answers them all (paper 002 for shafts and relevant triangles; paper 000 for
 // vertex culling). Unlike a packet's, a node's cost does not depend on the number of rays.
 //
-//  1. A node's eight boxes are put to the shaft's sides, its end and the receivers' cap.
+//  1. A node's eight boxes are put to the shaft's sides, its shadows, its end and the receivers'
+//     caps: one along their surface, one across each axis.
 //  2. A leaf's sixteen triangles are put to the same planes by their vertices, and their forms to
 //     the whole shaft (shaft_leaf-inl.h); those left are relevant.
 //  3. A relevant triangle is put to sixteen blocks of sixteen rays at once, each with its own
@@ -231,6 +232,7 @@ class ShaftWalk {
                           rays_.node_margin());
     met = hn::And(met, hn::Ge(WithinWedges(d8, bounds_.wedges, node.bounds), hn::Zero(d8)));
     if constexpr (kAny) {
+      met = hn::And(met, BeyondCaps(d8, rays_.axis_caps(), node.bounds));
       return depth + PushChildren(d8, node, met, stack + depth);
     } else {
       const Vec3f w = rays_.frame().w;

@@ -17,6 +17,7 @@
 #include <span>
 
 #include "core/traverse/cut_opener-inl.h"
+#include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_cut.h"
 #include "core/traverse/shaft_rays-inl.h"
 
@@ -36,7 +37,7 @@ class CutMaker {
   // False: the rays fit no frame together.
   bool Make(ShaftCut* cut) {
     if (!MakeFrame() || !Bound()) return false;
-    CutOpener opener(sides_, side_count_, &wedges_, margin_, frame_.w);
+    CutOpener opener(sides_, side_count_, &wedges_, caps_, margin_, frame_.w);
     opener.Open(scene_.bvh.nodes[0]);
     opener.OpenLargest(scene_.bvh);
     // Near before far; for any hit what is nearest to the light first, which blocks the most.
@@ -99,26 +100,19 @@ class CutMaker {
     V x0 = infinity, x1 = hn::Neg(infinity), y0 = x0, y1 = x1, z0 = x0, z1 = x1;
     V widest = hn::Zero(d);
     bool fits = true;
+    float least[3], most[3];  // Of all points.
+    std::fill_n(least, 3, std::numeric_limits<float>::infinity());
+    std::fill_n(most, 3, -std::numeric_limits<float>::infinity());
     // A packet's box stands for its points. Slopes and offsets are extreme at its corners, and
     // finding it takes a quarter of the operations; the outline becomes little wider.
     for (const Packet& packet : packets_) {
+      PointBox box;
+      box.Take(Row(packet, 0), Row(packet, 1), Row(packet, 2), static_cast<size_t>(packet.count));
       HWY_ALIGN float corners[3][hn::MaxLanes(d)];
       for (int k = 0; k < 3; ++k) {
-        const float* const row = Row(packet, k);
-        V least = infinity, most = hn::Neg(infinity);
-        const size_t count = static_cast<size_t>(packet.count);
-        size_t i = 0;
-        for (; i + hn::Lanes(d) <= count; i += hn::Lanes(d)) {
-          least = hn::Min(least, hn::Load(d, row + i));
-          most = hn::Max(most, hn::Load(d, row + i));
-        }
-        if (i < count) {
-          const ShaftM in = hn::FirstN(d, count - i);
-          least = hn::Min(least, hn::IfThenElse(in, hn::Load(d, row + i), infinity));
-          most = hn::Max(most, hn::IfThenElse(in, hn::Load(d, row + i), hn::Neg(infinity)));
-        }
-        const float lo = hn::GetLane(hn::MinOfLanes(d, least));
-        const float hi = hn::GetLane(hn::MaxOfLanes(d, most));
+        const float lo = box.least(k), hi = box.most(k);
+        least[k] = std::min(least[k], lo);
+        most[k] = std::max(most[k], hi);
         for (size_t c = 0; c < hn::Lanes(d); ++c) corners[k][c] = (c >> k & 1) != 0 ? hi : lo;
       }
       Vec3V<V> own = {hn::Load(d, corners[0]), hn::Load(d, corners[1]), hn::Load(d, corners[2])};
@@ -158,6 +152,15 @@ class CutMaker {
     } else {
       MakeApexWedges(frame_, apex_, held, margin_, &wedges_);
     }
+    for (int k = 0; k < 3; ++k) {
+      if constexpr (kParallel) {
+        const float direction = packets_[0].direction[k];
+        caps_.CapRays(k, direction > 0 ? least[k] : -most[k], direction);
+      } else if (Segments()) {
+        const bool up = apex_[k] - least[k] >= most[k] - apex_[k];
+        caps_.CapSegments(k, up, up ? least[k] : -most[k], up ? apex_[k] : -apex_[k]);
+      }
+    }
     return true;
   }
 
@@ -168,6 +171,7 @@ class CutMaker {
   ShaftSide sides_[6];
   int side_count_ = 0;
   ShaftWedges wedges_;
+  AxisCaps caps_;
   float margin_ = 0;
 };
 

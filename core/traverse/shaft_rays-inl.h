@@ -28,10 +28,12 @@
 #include "core/base/fill-inl.h"
 #include "core/geometry/box_ray.h"
 #include "core/intersect/predicate-inl.h"
+#include "core/shaft/axis_caps-inl.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
 #include "core/shaft/wedge-inl.h"
 #include "core/traverse/pixel_grid-inl.h"
+#include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/shaft_sides-inl.h"
 #include "core/traverse/trace_ray.h"
@@ -142,9 +144,11 @@ class ShaftRays {
     const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
     Vec3V<ShaftV> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     ShaftV widest = hn::Zero(d);
+    PointBox box;
     for (size_t i = 0; i < padded_; i += lanes) {
       Vec3V<ShaftV> own = {hn::Load(d, row(0) + i), hn::Load(d, row(1) + i),
                            hn::Load(d, row(2) + i)};
+      if constexpr (kAny) box.Take(own);
       if (kParallel || segments()) own = SubV(own, o);
       hn::Store(own.x, d, own_rows_[0] + i);
       hn::Store(own.y, d, own_rows_[1] + i);
@@ -197,6 +201,7 @@ class ShaftRays {
       farthest += Norm1(cap_at_);
     }
     node_margin_ = kBoxMargin * farthest + kFloatUnderflow;
+    if constexpr (kAny) PlaceAxisCaps(box);
     return true;
   }
 
@@ -224,6 +229,7 @@ class ShaftRays {
   bool has_cap() const { return has_cap_; }
   Vec3f cap_normal() const { return cap_normal_; }
   Vec3f cap_at() const { return cap_at_; }
+  const AxisCaps& axis_caps() const { return axis_caps_; }  // Any hit.
   bool has_sources() const { return has_sources_; }
   const uint32_t* sources() const {
     if constexpr (kParallel) {
@@ -465,6 +471,19 @@ class ShaftRays {
     return fits;
   }
 
+  void PlaceAxisCaps(const PointBox& points) {
+    if (!kParallel && !segments()) return;
+    for (int k = 0; k < 3; ++k) {
+      const float from = common()[k];
+      if constexpr (kParallel) {
+        axis_caps_.CapRays(k, points.least(k, from > 0), from);
+      } else {
+        const bool up = from >= row(k)[packet_.count / 2];
+        axis_caps_.CapSegments(k, up, points.least(k, up), up ? from : -from);
+      }
+    }
+  }
+
   // The receivers' cap: along the mean of some of their sources' normals, so that it lies on their
   // surface where that is flat; along the axis if no source is known.
   void MakeCap() {
@@ -537,6 +556,7 @@ class ShaftRays {
   bool has_cap_ = false, has_sources_ = false;
   Vec3f cap_normal_, cap_at_;
   float cap_of_apex_ = 0;
+  AxisCaps axis_caps_;
   RaySet all_;
   const float* own_[3];  // By axis: own_rows_, or the packet's, where those are what is wanted.
   alignas(64) float own_rows_[3][kMaxRays];

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The box around points that come a vector at a time.
+//
+// Thread safety: a box is one thread's own.
+
+#if defined(SIGHTLINE_CORE_TRAVERSE_POINT_BOX_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_TRAVERSE_POINT_BOX_INL_H_
+#undef SIGHTLINE_CORE_TRAVERSE_POINT_BOX_INL_H_
+#else
+#define SIGHTLINE_CORE_TRAVERSE_POINT_BOX_INL_H_
+#endif
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+
+#include "core/traverse/shaft_lanes-inl.h"
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+class PointBox {
+ public:
+  // Empty: inverted.
+  HWY_INLINE PointBox() {
+    const ShaftV infinity = hn::Set(ShaftD(), std::numeric_limits<float>::infinity());
+    for (int k = 0; k < 3; ++k) {
+      least_[k] = infinity;
+      most_[k] = hn::Neg(infinity);
+    }
+  }
+
+  HWY_INLINE void Take(const Vec3V<ShaftV>& p) {
+    const ShaftV* const axes[3] = {&p.x, &p.y, &p.z};
+    for (int k = 0; k < 3; ++k) {
+      least_[k] = hn::Min(least_[k], *axes[k]);
+      most_[k] = hn::Max(most_[k], *axes[k]);
+    }
+  }
+
+  // `count` points in three rows; whole vectors are read.
+  HWY_INLINE void Take(const float* x, const float* y, const float* z, size_t count) {
+    const ShaftD d;
+    size_t i = 0;
+    for (; i + hn::Lanes(d) <= count; i += hn::Lanes(d)) {
+      Take({hn::Load(d, x + i), hn::Load(d, y + i), hn::Load(d, z + i)});
+    }
+    if (i == count) return;
+    // The first one stands for those that are none.
+    const ShaftM in = hn::FirstN(d, count - i);
+    Take({hn::IfThenElse(in, hn::Load(d, x + i), hn::Set(d, x[0])),
+          hn::IfThenElse(in, hn::Load(d, y + i), hn::Set(d, y[0])),
+          hn::IfThenElse(in, hn::Load(d, z + i), hn::Set(d, z[0]))});
+  }
+
+  float least(int axis) const { return hn::GetLane(hn::MinOfLanes(ShaftD(), least_[axis])); }
+  float most(int axis) const { return hn::GetLane(hn::MaxOfLanes(ShaftD(), most_[axis])); }
+  // The least of x, or of -x.
+  float least(int axis, bool up) const { return up ? least(axis) : -most(axis); }
+
+ private:
+  ShaftV least_[3], most_[3];
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
