@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Caps across the axes: how far along x, y and z the points reach that a set's rays end at, or
-// begin at, on the side that the rays do not lead to. A triangle that stays behind such a cap blocks
-// none of the rays, and neither does one that touches it: so a level floor that points stand on is
-// left out whole, which lies in its own plane and is in doubt for every cull that carries a margin.
+// begin at, on the side that the rays do not lead to. A triangle that stays behind such a cap
+// blocks none of the rays, and neither does one that touches it: so a level floor that points stand
+// on is left out whole, which lies in its own plane and is in doubt for every cull that carries a
+// margin.
 //
 // Why touching does not count. A blocked segment has its ends strictly on opposite sides of the
 // triangle's plane (core/intersect/predicate.h), so it passes the triangle at a point X strictly
-// between them. If s·O > c and s·P >= c along an axis, for s = 1 or -1, then s·X > c, and no triangle
-// that has s·x <= c at its corners holds X. A ray that leads from P along D is blocked at P + t·D
-// with t > 0: the same where s·D > 0. Coordinates are compared as they are stored; nothing is
-// rounded, and there is no margin.
+// between them. If s·O > c and s·P >= c along an axis, for s = 1 or -1, then s·X > c, and no
+// triangle that has s·x <= c at its corners holds X. A ray that leads from P along D is blocked at
+// P + t·D with t > 0: the same where s·D > 0. Coordinates are compared as they are stored; nothing
+// is rounded, and there is no margin.
 //
 // Thread safety: pure functions and plain values.
 
