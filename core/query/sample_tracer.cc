@@ -25,6 +25,12 @@ constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 
 constexpr size_t kLineBytes = 64;
 
+// What a triangle covers is counted by as many rays (WalkStats).
+constexpr uint64_t kCoverRays = 16;
+
+// Stands for whatever triangle blocks a ray, where it is not told which.
+constexpr uint32_t kSomeTriangle = 0;
+
 // Samples of one light for which it pays to look at their common hull first.
 constexpr size_t kLeastHullSamples = 4;
 
@@ -140,49 +146,101 @@ absl::Status SampleTracer::Trace(size_t s) {
   return traced;
 }
 
+size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t leaf,
+                                 StatsScope* scope) {
+  const bool as_they_are = kind_ == HitKind::kAny && t_min_ == 0;
+  if (!as_they_are || leaf == RayPacket::kNoLeaf || !hints_.covered[s]) return 0;
+  const LightSample& sample = samples_[s];
+  const Kernels& kernels = run_.kernels();
+  const CoverPointsFn cover =
+      sample.directional ? kernels.cover_parallel_points : kernels.cover_points;
+  const auto answer = [&](size_t begin, size_t end) {
+    const size_t first = begin * kBlockRays;
+    const size_t count = std::min(end * kBlockRays, positions_.size()) - first;
+    if (!cover(scene_, ChildRef::FromBits(leaf), sample.value, sample.source_triangle, mask,
+               positions_.subspan(first, count),
+               sources_.empty() ? sources_ : sources_.subspan(first, count), scope->walk())) {
+      return false;
+    }
+    for (size_t k = begin; k < end; ++k) {
+      std::fill_n(sample.directional ? parallel_[k].triangle : packets_[k].triangle,
+                  static_cast<size_t>(kBlockRays), kSomeTriangle);
+    }
+    if (record_answered_by_) std::fill_n(AnsweredByOf(begin), count, AnsweredBy::kShaft);
+    scope->Took(Strategy::kShaft);
+    return true;
+  };
+  hints_.covered[s] = answer(b, b + 1);
+  if (!hints_.covered[s]) return 0;
+  return b == 0 && blocks() > 1 && answer(1, blocks()) ? blocks() : 1;
+}
+
+void SampleTracer::NoteCovers(size_t s, const WalkStats& before, const WalkStats& after) {
+  // As many as half of a packet's vectors of rays.
+  hints_.covered[s] = after.shaft.covers - before.shaft.covers >= kBlockRays / kCoverRays / 2;
+}
+
 absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,
                                          StatsScope* scope) {
   const LightSample& sample = samples_[s];
   parallel_traced_ = false;
   Reserve(blocks(), &packets_, &packets_size_);
-  for (size_t b = 0; b < blocks(); ++b) {
-    RayPacket& packet = packets_[b];
-    packet.origin = sample.value;
-    packet.segments = true;
-    packet.mask = mask;
-    packet.origin_source = sample.source_triangle;
-    packet.answered_by = AnsweredByOf(b);
-    if (!packets_ready_) {
-      packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
-                            packet.target_source);
-    }
-  }
-  packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
-  const std::span<const RayPacket> packets(packets_.get(), blocks());
   WalkChoice& choice = segments_choices_.Of(light_of_[s]);
+  const bool by_shafts = strategy == Strategy::kShaft;
+  const bool cuts = by_shafts && !choice.ShaftsAreRare();
+  if (cuts) FindHull(s);
+  const bool by_hulls = cuts && hull_end_ - hull_begin_ >= kLeastHullSamples;
   const ShaftCut* cut = nullptr;
-  bool by_hulls = false;
-  if (strategy == Strategy::kShaft && !choice.ShaftsAreRare()) {
-    if (s >= hull_end_ || s < hull_begin_) CutHulls(s);
-    by_hulls = hull_end_ - hull_begin_ >= kLeastHullSamples;
-    if (!by_hulls && blocks() > 1) cut = CutGroup(scene_, run_, packets, &cut_);
-  }
-  uint32_t* const first_leaf = &first_leaves_[s];
+  // Made for the first block that a walk has to answer.
+  bool prepared = false;
+  const auto prepare = [&] {
+    for (size_t b = 0; b < blocks(); ++b) {
+      RayPacket& packet = packets_[b];
+      packet.origin = sample.value;
+      packet.segments = true;
+      packet.mask = mask;
+      packet.origin_source = sample.source_triangle;
+      packet.answered_by = AnsweredByOf(b);
+      if (!packets_ready_) {
+        packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
+                              packet.target_source);
+      }
+    }
+    packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
+    if (by_hulls) {
+      CutHulls();
+    } else if (cuts && blocks() > 1) {
+      cut = CutGroup(scene_, run_, std::span<const RayPacket>(packets_.get(), blocks()), &cut_);
+    }
+  };
+  uint32_t* const first_leaf = &hints_.first_leaves[s];
   for (size_t b = 0; b < blocks(); ++b) {
     FetchSome(b);
     // What darkened the packet before this one, or this one before, for the light's last sample.
     if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
       packets_[b].first_leaf = *first_leaf;
     }
-    const Strategy walk = strategy == Strategy::kShaft ? choice.Next() : strategy;
+    *first_leaf = packets_[b].first_leaf;
+    if (by_shafts) {
+      if (const size_t covered = CoverBlocks(s, b, mask, *first_leaf, scope); covered > 0) {
+        for (const size_t last = b + covered - 1; b < last;) {
+          FetchSome(++b);
+          packets_[b].first_leaf = *first_leaf;
+        }
+        continue;
+      }
+    }
+    if (!std::exchange(prepared, true)) prepare();
+    const Strategy walk = by_shafts ? choice.Next() : strategy;
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, walk, &packets_[b],
                                         by_hulls ? hull_cut_of_[b] : cut, scope->walk()));
     scope->Took(walk);
-    if (strategy == Strategy::kShaft) {
+    if (by_shafts) {
       choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(packets_[b].count));
     }
     *first_leaf = packets_[b].first_leaf;
+    NoteCovers(s, before, *scope->walk());
   }
   return absl::OkStatus();
 }
@@ -257,7 +315,8 @@ absl::Status SampleTracer::TraceTiles(const LightSample& sample, uint32_t mask, 
   return absl::OkStatus();
 }
 
-void SampleTracer::CutHulls(size_t s) {
+void SampleTracer::FindHull(size_t s) {
+  if (s >= hull_begin_ && s < hull_end_) return;
   const auto belongs = [&](size_t i) {
     return samples_[i].valid && !samples_[i].directional && samples_[i].light == samples_[s].light;
   };
@@ -266,7 +325,11 @@ void SampleTracer::CutHulls(size_t s) {
   }
   // With t_min the points differ from sample to sample.
   if (t_min_ != 0) hull_end_ = s + 1;
-  if (hull_end_ - hull_begin_ < kLeastHullSamples) return;
+  hulls_cut_ = false;
+}
+
+void SampleTracer::CutHulls() {
+  if (std::exchange(hulls_cut_, true)) return;
   hull_origins_.clear();
   for (size_t i = hull_begin_; i < hull_end_; ++i) hull_origins_.push_back(samples_[i].value);
   const std::span<const RayPacket> packets(packets_.get(), blocks());
@@ -285,41 +348,53 @@ void SampleTracer::CutHulls(size_t s) {
 absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strategy,
                                          StatsScope* scope) {
   const LightSample& sample = samples_[s];
-  uint32_t* const first_leaf = &first_leaves_[s];
+  uint32_t* const first_leaf = &hints_.first_leaves[s];
   parallel_traced_ = true;
   Reserve(blocks(), &parallel_, &parallel_size_);
-  for (size_t b = 0; b < blocks(); ++b) {
-    ParallelPacket& packet = parallel_[b];
-    packet.direction = sample.value;
-    packet.mask = mask;
-    packet.direction_source = sample.source_triangle;
-    packet.answered_by = AnsweredByOf(b);
-    if (!parallel_ready_) {
-      packet.count = LayOut(sample, b, packet.origin_x, packet.origin_y, packet.origin_z,
-                            packet.origin_source);
-    }
-  }
-  parallel_ready_ = t_min_ == 0;
-  const std::span<const ParallelPacket> packets(parallel_.get(), blocks());
+  const bool by_shafts = strategy == Strategy::kShaft;
   WalkChoice& choice = parallel_choices_.Of(light_of_[s]);
+  bool laid_out = false;
+  const auto lay_out = [&] {
+    for (size_t b = 0; b < blocks(); ++b) {
+      ParallelPacket& packet = parallel_[b];
+      packet.direction = sample.value;
+      packet.mask = mask;
+      packet.direction_source = sample.source_triangle;
+      packet.answered_by = AnsweredByOf(b);
+      if (!parallel_ready_) {
+        packet.count = LayOut(sample, b, packet.origin_x, packet.origin_y, packet.origin_z,
+                              packet.origin_source);
+      }
+    }
+    parallel_ready_ = t_min_ == 0;
+  };
   // Made before the first shaft, however rare they are: one asked again without it would cost more
   // than any to come, and never be taken.
   const ShaftCut* cut = nullptr;
   bool prepared = blocks() == 1;
   for (size_t b = 0; b < blocks(); ++b) {
     FetchSome(b);
+    if (by_shafts) {
+      if (const size_t covered = CoverBlocks(s, b, mask, *first_leaf, scope); covered > 0) {
+        for (const size_t last = b + covered - 1; b < last;) FetchSome(++b);
+        continue;
+      }
+    }
+    if (!std::exchange(laid_out, true)) lay_out();
     parallel_[b].first_leaf = *first_leaf;
-    const Strategy walk = strategy == Strategy::kShaft ? choice.Next() : strategy;
+    const Strategy walk = by_shafts ? choice.Next() : strategy;
     if (walk == Strategy::kShaft && !std::exchange(prepared, true)) {
-      cut = CutGroup(scene_, run_, packets, &cut_);
+      cut =
+          CutGroup(scene_, run_, std::span<const ParallelPacket>(parallel_.get(), blocks()), &cut_);
     }
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, walk, &parallel_[b], cut, scope->walk()));
     scope->Took(walk);
-    if (strategy == Strategy::kShaft) {
+    if (by_shafts) {
       choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
     }
     *first_leaf = parallel_[b].first_leaf;
+    NoteCovers(s, before, *scope->walk());
   }
   return absl::OkStatus();
 }

@@ -23,6 +23,7 @@
 #include "core/light/light.h"
 #include "core/query/query_run.h"
 #include "core/query/ray_block.h"
+#include "core/query/shadows.h"
 #include "core/traverse/trace_ray.h"
 
 namespace sightline {
@@ -39,7 +40,8 @@ class SampleTracer {
         samples_(samples),
         stats_(stats),
         record_answered_by_(run.options().count_answers),
-        first_leaves_(samples.size(), RayPacket::kNoLeaf),
+        hints_{std::vector<uint32_t>(samples.size(), RayPacket::kNoLeaf),
+               std::vector<uint8_t>(samples.size(), false)},
         light_of_(samples.size()),
         segments_choices_(OtherWalks(run, RayForm::kOneOrigin, kind)),
         parallel_choices_(OtherWalks(run, RayForm::kParallel, kind)) {
@@ -68,20 +70,20 @@ class SampleTracer {
   }
 
   // Sample s. One that is a point starts the segments, one that is a direction is what rays from
-  // the points run toward. REQUIRES: it is valid. On success triangle(i) is the first or, for kAny,
-  // some blocker of point i. Samples of one light share work when they are asked about in turn.
+  // the points run toward. REQUIRES: it is valid. On success triangle(i) is the first blocker of
+  // point i or, for kAny, kNoTriangle where it has none. Samples of one light share work when they
+  // are asked about in turn.
   absl::Status Trace(size_t s);
 
   // From now on answered_by(i) says what answered point i of the last sample.
   void RecordAnsweredBy() { record_answered_by_ = true; }
   AnsweredBy answered_by(size_t i) const { return answered_by_[i]; }
 
-  // Where walks begin, by sample: what another tracer of the same scene and samples left, or
-  // nothing.
-  void TakeFirstLeaves(const std::vector<uint32_t>& leaves) {
-    if (!leaves.empty()) first_leaves_ = leaves;
+  // Where walks begin: what another tracer of the same scene and samples left, or nothing.
+  void TakeHints(const ShadowHints& hints) {
+    if (!hints.first_leaves.empty()) hints_ = hints;
   }
-  const std::vector<uint32_t>& first_leaves() const { return first_leaves_; }
+  const ShadowHints& hints() const { return hints_; }
 
   size_t count() const { return positions_.size(); }
   uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }
@@ -98,10 +100,17 @@ class SampleTracer {
   absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   // By tiles of kRtt, which need not divide blocks.
   absl::Status TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope);
+  // Answers blocks from b on, of sample s, all of whose points one triangle of `leaf` blocks: none,
+  // that one, or, if it is the first, all at once. Returns how many.
+  size_t CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t leaf, StatsScope* scope);
   // The share of the coming points that falls to a block.
   void FetchSome(size_t block) const;
-  // Cuts by the hull of sample s's light and each block's points, if it has samples enough.
-  void CutHulls(size_t s);
+  // Takes note of whether a block's walk met a triangle that blocks most of it.
+  void NoteCovers(size_t s, const WalkStats& before, const WalkStats& after);
+  // The samples from s on that are of its light, and share a hull.
+  void FindHull(size_t s);
+  // Cuts by the hull of these and each block's points, once.
+  void CutHulls();
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask, Strategy strategy,
                              WalkStats* stats);
@@ -139,11 +148,13 @@ class SampleTracer {
   std::unique_ptr<RayPacket[]> tile_packets_;
   std::vector<AnsweredBy> tile_answered_by_;  // By lane of these, where it is recorded.
   ShaftCut cut_;
-  std::vector<uint32_t> first_leaves_;  // By sample: RayPacket::first_leaf for its next packet.
-  std::vector<uint32_t> light_of_;      // By sample: how many lights came before its own.
+  ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
+  std::vector<uint32_t> light_of_;  // By sample: how many lights came before its own.
   WalkChoices segments_choices_, parallel_choices_;
-  // Samples hull_begin_ .. hull_end_ share these cuts, by block; null where there is none.
+  // Samples hull_begin_ .. hull_end_ share these cuts, by block; null where there is none. They are
+  // made once hulls_cut_.
   size_t hull_begin_ = 0, hull_end_ = 0;
+  bool hulls_cut_ = false;
   std::vector<Vec3f> hull_origins_;
   std::vector<ShaftCut> hull_cuts_;
   std::vector<const ShaftCut*> hull_cut_of_;

@@ -40,7 +40,8 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
                                                    weights.size()));
   }
   if (shadow.hints != nullptr && !shadow.hints->first_leaves.empty() &&
-      shadow.hints->first_leaves.size() != samples.size()) {
+      (shadow.hints->first_leaves.size() != samples.size() ||
+       shadow.hints->covered.size() != samples.size())) {
     return absl::InvalidArgumentError(absl::StrCat("hints of ", shadow.hints->first_leaves.size(),
                                                    " light samples for ", samples.size(),
                                                    "; they are good for one set of samples alone"));
@@ -88,7 +89,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::vector<size_t> index;
   SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
   if (outputs.answered_by) tracer.RecordAnsweredBy();
-  if (shadow.hints != nullptr) tracer.TakeFirstLeaves(shadow.hints->first_leaves);
+  if (shadow.hints != nullptr) tracer.TakeHints(*shadow.hints);
   std::vector<uint32_t> order;
   const bool ordered =
       !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size());
@@ -175,7 +176,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     }
   }
   if (ordered && outputs.bits) PointBits(order, n).PutBack(out.lit_bits);
-  if (shadow.hints != nullptr) shadow.hints->first_leaves = tracer.first_leaves();
+  if (shadow.hints != nullptr) *shadow.hints = tracer.hints();
   *result = std::move(out);
   return absl::OkStatus();
 }

@@ -45,7 +45,8 @@ struct PointRange {
 // Where walks toward each sample last found a blocker: tried first for the next points, which are
 // their neighbours. Of one scene and one set of samples; empty at first.
 struct ShadowHints {
-  std::vector<uint32_t> first_leaves;
+  std::vector<uint32_t> first_leaves;  // By sample.
+  std::vector<uint8_t> covered;        // Whether one triangle there blocked many points at once.
 };
 
 struct ShadowOptions {

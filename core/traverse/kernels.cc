@@ -17,6 +17,7 @@
 #include "core/traverse/hull_cut-inl.h"
 #include "core/traverse/kd_packet-inl.h"
 #include "core/traverse/kd_single-inl.h"
+#include "core/traverse/leaf_cover-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/rtt-inl.h"
@@ -50,6 +51,8 @@ const Kernels& TargetKernels() {
       .cut_shaft = &CutShaft<false>,
       .cut_parallel_shaft = &CutShaft<true>,
       .cut_hull = &CutHull,
+      .cover_points = &CoverPoints<false>,
+      .cover_parallel_points = &CoverPoints<true>,
   };
   return kKernels;
 }

@@ -49,6 +49,14 @@ using CutParallelFn = bool (*)(const IndexedGeometry& scene,
 using CutHullFn = bool (*)(const IndexedGeometry& scene, std::span<const Vec3f> origins,
                            std::span<const RayPacket> packets, const ShaftCut* from, ShaftCut* cut);
 
+// Whether all segments from `common` to the points, or all rays from them along it, are blocked by
+// a triangle of the leaf, or by two that share an edge, as far as the box around the points tells.
+// `sources` are the points' own triangles, or none; `common_source` and `mask` as in a packet.
+using CoverPointsFn = bool (*)(const IndexedGeometry& scene, ChildRef leaf, Vec3f common,
+                                   uint32_t common_source, uint32_t mask,
+                                   std::span<const Vec3f> points, std::span<const uint32_t> sources,
+                                   WalkStats* stats);
+
 // Relevant triangles tracing (rtt.h) over the kd-tree, which the scene must have: packets with one
 // origin and one kind of target.
 using TraceRttFn = bool (*)(const IndexedGeometry& scene, std::span<RayPacket> packets,
@@ -68,6 +76,7 @@ struct Kernels {
   CutShaftFn cut_shaft;
   CutParallelFn cut_parallel_shaft;
   CutHullFn cut_hull;
+  CoverPointsFn cover_points, cover_parallel_points;  // By segments; by rays.
 };
 
 // REQUIRES: SimdTargetAvailable(target).

@@ -15,6 +15,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "core/geometry/box3.h"
 #include "core/traverse/shaft_lanes-inl.h"
 #include "hwy/highway.h"
 
@@ -57,6 +58,9 @@ class PointBox {
           hn::IfThenElse(in, hn::Load(d, z + i), hn::Set(d, z[0]))});
   }
 
+  Box3f box() const {
+    return {{least(0), least(1), least(2)}, {most(0), most(1), most(2)}};
+  }
   float least(int axis) const { return hn::GetLane(hn::MinOfLanes(ShaftD(), least_[axis])); }
   float most(int axis) const { return hn::GetLane(hn::MaxOfLanes(ShaftD(), most_[axis])); }
   // The least of x, or of -x.
