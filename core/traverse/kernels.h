@@ -53,9 +53,8 @@ using CutHullFn = bool (*)(const IndexedGeometry& scene, std::span<const Vec3f> 
 // a triangle of the leaf, or by two that share an edge, as far as the box around the points tells.
 // `sources` are the points' own triangles, or none; `common_source` and `mask` as in a packet.
 using CoverPointsFn = bool (*)(const IndexedGeometry& scene, ChildRef leaf, Vec3f common,
-                                   uint32_t common_source, uint32_t mask,
-                                   std::span<const Vec3f> points, std::span<const uint32_t> sources,
-                                   WalkStats* stats);
+                               uint32_t common_source, uint32_t mask, std::span<const Vec3f> points,
+                               std::span<const uint32_t> sources, WalkStats* stats);
 
 // Relevant triangles tracing (rtt.h) over the kd-tree, which the scene must have: packets with one
 // origin and one kind of target.

@@ -58,9 +58,7 @@ class PointBox {
           hn::IfThenElse(in, hn::Load(d, z + i), hn::Set(d, z[0]))});
   }
 
-  Box3f box() const {
-    return {{least(0), least(1), least(2)}, {most(0), most(1), most(2)}};
-  }
+  Box3f box() const { return {{least(0), least(1), least(2)}, {most(0), most(1), most(2)}}; }
   float least(int axis) const { return hn::GetLane(hn::MinOfLanes(ShaftD(), least_[axis])); }
   float most(int axis) const { return hn::GetLane(hn::MaxOfLanes(ShaftD(), most_[axis])); }
   // The least of x, or of -x.

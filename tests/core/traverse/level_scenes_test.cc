@@ -57,6 +57,7 @@ class LevelScenesTest : public KernelsFixture {
     WalkStats stats;
     EXPECT_TRUE(kernels().occluded_brute(scene, queries, hits, nullptr, &stats));
     std::vector<bool> blocked;
+    blocked.reserve(hits.size());
     for (const Hit& hit : hits) blocked.push_back(hit.triangle != kNoTriangle);
     return blocked;
   }
