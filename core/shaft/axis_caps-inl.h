@@ -63,7 +63,8 @@ template <class D>
 HWY_INLINE hn::Mask<D> BeyondCaps(D d, const AxisCaps& caps,
                                   const float (*faces)[hn::MaxLanes(D())]) {
   const auto reach = [&](int k) HWY_ATTR {
-    // A difference of floats has the right sign however it is rounded.
+    // A difference of floats has the right sign however it is rounded, as subnormals are kept
+    // (core/base/float_environment.h).
     const D lanes;
     return hn::MulSub(hn::Load(lanes, faces[caps.face[k]]), hn::Set(lanes, caps.sign[k]),
                       hn::Set(lanes, caps.at[k]));
