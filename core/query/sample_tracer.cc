@@ -162,9 +162,13 @@ size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t lea
                sources_.empty() ? sources_ : sources_.subspan(first, count), scope->walk())) {
       return false;
     }
+    const auto answered = [leaf](auto& packet) {
+      std::fill_n(packet.triangle, static_cast<size_t>(kBlockRays), kSomeTriangle);
+      packet.first_leaf = leaf;
+    };
     for (size_t k = begin; k < end; ++k) {
-      std::fill_n(sample.directional ? parallel_[k].triangle : packets_[k].triangle,
-                  static_cast<size_t>(kBlockRays), kSomeTriangle);
+      if (k > b) FetchSome(k);  // Its turn will not come.
+      sample.directional ? answered(parallel_[k]) : answered(packets_[k]);
     }
     if (record_answered_by_) std::fill_n(AnsweredByOf(begin), count, AnsweredBy::kShaft);
     scope->Took(Strategy::kShaft);
@@ -223,10 +227,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     *first_leaf = packets_[b].first_leaf;
     if (by_shafts) {
       if (const size_t covered = CoverBlocks(s, b, mask, *first_leaf, scope); covered > 0) {
-        for (const size_t last = b + covered - 1; b < last;) {
-          FetchSome(++b);
-          packets_[b].first_leaf = *first_leaf;
-        }
+        b += covered - 1;
         continue;
       }
     }
@@ -376,7 +377,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
     FetchSome(b);
     if (by_shafts) {
       if (const size_t covered = CoverBlocks(s, b, mask, *first_leaf, scope); covered > 0) {
-        for (const size_t last = b + covered - 1; b < last;) FetchSome(++b);
+        b += covered - 1;
         continue;
       }
     }

@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -83,7 +84,7 @@ class SampleTracer {
   void TakeHints(const ShadowHints& hints) {
     if (!hints.first_leaves.empty()) hints_ = hints;
   }
-  const ShadowHints& hints() const { return hints_; }
+  ShadowHints ReleaseHints() { return std::move(hints_); }  // The last call.
 
   size_t count() const { return positions_.size(); }
   uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }

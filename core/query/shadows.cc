@@ -176,7 +176,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     }
   }
   if (ordered && outputs.bits) PointBits(order, n).PutBack(out.lit_bits);
-  if (shadow.hints != nullptr) *shadow.hints = tracer.hints();
+  if (shadow.hints != nullptr) *shadow.hints = tracer.ReleaseHints();
   *result = std::move(out);
   return absl::OkStatus();
 }

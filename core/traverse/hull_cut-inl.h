@@ -22,7 +22,9 @@
 #include <span>
 
 #include "core/traverse/cut_opener-inl.h"
+#include "core/traverse/leaf_corners-inl.h"
 #include "core/traverse/leaf_view.h"
+#include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_cut.h"
 #include "core/traverse/shaft_rays-inl.h"
 
@@ -187,10 +189,7 @@ class HullCutMaker {
       V3 corner[3];
       V margin = hn::Zero(d);
       for (int c = 0; c < 3; ++c) {
-        const float* rows = leaf.rows + 3 * c * leaf.stride + first;
-        corner[c] = SubV({hn::LoadU(d, rows), hn::LoadU(d, rows + leaf.stride),
-                          hn::LoadU(d, rows + 2 * leaf.stride)},
-                         r);
+        corner[c] = SubV(LeafCorner(leaf, c, first), r);
         margin = hn::Max(margin, Norm1V(corner[c]));
       }
       margin = hn::MulAdd(margin, hn::Set(d, kBoxMargin), hn::Set(d, kFloatUnderflow));

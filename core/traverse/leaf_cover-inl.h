@@ -29,6 +29,7 @@
 #include "core/base/check.h"
 #include "core/geometry/box3.h"
 #include "core/intersect/predicate-inl.h"
+#include "core/traverse/leaf_corners-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_lanes-inl.h"
@@ -70,12 +71,8 @@ HWY_INLINE LeafCovers CoversOf(const LeafView& leaf, Vec3f common, const Box3f& 
   const V3 hi = Broadcast(d, box.hi.x, box.hi.y, box.hi.z);
   LeafCovers all;
   for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
-    const auto load = [&](int corner) HWY_ATTR -> V3 {
-      const float* rows = leaf.rows + 3 * corner * leaf.stride + first;
-      return {hn::LoadU(d, rows), hn::LoadU(d, rows + leaf.stride),
-              hn::LoadU(d, rows + 2 * leaf.stride)};
-    };
-    const V3 corner[3] = {load(0), load(1), load(2)};
+    const V3 corner[3] = {LeafCorner(leaf, 0, first), LeafCorner(leaf, 1, first),
+                          LeafCorner(leaf, 2, first)};
     const V3 along[3] = {SubV(corner[1], corner[0]), SubV(corner[2], corner[1]),
                          SubV(corner[0], corner[2])};
     const V along1[3] = {Norm1V(along[0]), Norm1V(along[1]), Norm1V(along[2])};

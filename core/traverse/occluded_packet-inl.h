@@ -26,6 +26,7 @@
 #include "core/shaft/axis_caps-inl.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/lane_bounds.h"
+#include "core/traverse/leaf_corners-inl.h"
 #include "core/traverse/origin_lanes-inl.h"
 #include "core/traverse/parallel_lanes-inl.h"
 #include "core/traverse/point_box-inl.h"
@@ -56,12 +57,8 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
   const uint32_t mask = lanes.packet().mask;
   uint32_t all = 0;
   for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
-    const auto load = [&](int corner) HWY_ATTR -> V3 {
-      const float* rows = leaf.rows + 3 * corner * leaf.stride + first;
-      return {hn::LoadU(d, rows), hn::LoadU(d, rows + leaf.stride),
-              hn::LoadU(d, rows + 2 * leaf.stride)};
-    };
-    const V3 corner[3] = {load(0), load(1), load(2)};
+    const V3 corner[3] = {LeafCorner(leaf, 0, first), LeafCorner(leaf, 1, first),
+                          LeafCorner(leaf, 2, first)};
     const V3 along[3] = {SubV(corner[1], corner[0]), SubV(corner[2], corner[1]),
                          SubV(corner[0], corner[2])};
     const V along1[3] = {Norm1V(along[0]), Norm1V(along[1]), Norm1V(along[2])};

@@ -100,19 +100,18 @@ class CutMaker {
     V x0 = infinity, x1 = hn::Neg(infinity), y0 = x0, y1 = x1, z0 = x0, z1 = x1;
     V widest = hn::Zero(d);
     bool fits = true;
-    float least[3], most[3];  // Of all points.
-    std::fill_n(least, 3, std::numeric_limits<float>::infinity());
-    std::fill_n(most, 3, -std::numeric_limits<float>::infinity());
+    Box3f all;  // Around all points.
     // A packet's box stands for its points. Slopes and offsets are extreme at its corners, and
     // finding it takes a quarter of the operations; the outline becomes little wider.
     for (const Packet& packet : packets_) {
-      PointBox box;
-      box.Take(Row(packet, 0), Row(packet, 1), Row(packet, 2), static_cast<size_t>(packet.count));
+      PointBox points;
+      points.Take(Row(packet, 0), Row(packet, 1), Row(packet, 2),
+                  static_cast<size_t>(packet.count));
+      const Box3f box = points.box();
+      all.Extend(box);
       HWY_ALIGN float corners[3][hn::MaxLanes(d)];
       for (int k = 0; k < 3; ++k) {
-        const float lo = box.least(k), hi = box.most(k);
-        least[k] = std::min(least[k], lo);
-        most[k] = std::max(most[k], hi);
+        const float lo = box.lo[k], hi = box.hi[k];
         for (size_t c = 0; c < hn::Lanes(d); ++c) corners[k][c] = (c >> k & 1) != 0 ? hi : lo;
       }
       Vec3V<V> own = {hn::Load(d, corners[0]), hn::Load(d, corners[1]), hn::Load(d, corners[2])};
@@ -155,10 +154,10 @@ class CutMaker {
     for (int k = 0; k < 3; ++k) {
       if constexpr (kParallel) {
         const float direction = packets_[0].direction[k];
-        caps_.CapRays(k, direction > 0 ? least[k] : -most[k], direction);
+        caps_.CapRays(k, direction > 0 ? all.lo[k] : -all.hi[k], direction);
       } else if (Segments()) {
-        const bool up = apex_[k] - least[k] >= most[k] - apex_[k];
-        caps_.CapSegments(k, up, up ? least[k] : -most[k], up ? apex_[k] : -apex_[k]);
+        const bool up = apex_[k] - all.lo[k] >= all.hi[k] - apex_[k];
+        caps_.CapSegments(k, up, up ? all.lo[k] : -all.hi[k], up ? apex_[k] : -apex_[k]);
       }
     }
     return true;

@@ -13,6 +13,7 @@
 #define SIGHTLINE_CORE_TRAVERSE_SHAFT_LEAF_INL_H_
 #endif
 
+#include "core/traverse/leaf_corners-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/shaft_rays-inl.h"
 
@@ -165,12 +166,8 @@ class ShaftLeaf {
     const ShaftD d;
     const Vec3f apex = rays_.apex();
     const V3 o = Broadcast(d, apex.x, apex.y, apex.z);
-    const auto load = [&](int corner) HWY_ATTR -> V3 {
-      const float* rows = leaf.rows + 3 * corner * leaf.stride + first;
-      return {hn::LoadU(d, rows), hn::LoadU(d, rows + leaf.stride),
-              hn::LoadU(d, rows + 2 * leaf.stride)};
-    };
-    const V3 a = load(0), b = load(1), c = load(2);
+    const V3 a = LeafCorner(leaf, 0, first), b = LeafCorner(leaf, 1, first),
+             c = LeafCorner(leaf, 2, first);
     const V3 oa = SubV(a, o), ob = SubV(b, o), oc = SubV(c, o);
     const V3* corner_of[3] = {&oa, &ob, &oc};
     const FrameCorners frame_corners(rays_.frame(), corner_of);
