@@ -23,8 +23,6 @@ constexpr size_t kMostTilePackets =
     (RttTileRays(kMaxRttAntialiasing) + kBlockRays - 1) / kBlockRays;
 constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 
-constexpr size_t kLineBytes = 64;
-
 // What a triangle covers is counted by as many rays (WalkStats).
 constexpr uint64_t kCoverRays = 16;
 
@@ -41,16 +39,11 @@ void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
   *size = count;
 }
 
-// Asks for part k of n of a row. To the second level: the first one is what walks work in. By
-// assembly, since GCC takes a function that does nothing but prefetch for one without effect, and
-// drops it.
+// Part k of n of a row.
 template <typename T>
-void FetchPart(std::span<const T> row, size_t k, size_t n) {
-  const char* const bytes = reinterpret_cast<const char*>(row.data());
-  const size_t lines = (row.size_bytes() + kLineBytes - 1) / kLineBytes;
-  for (size_t i = lines * k / n; i < lines * (k + 1) / n; ++i) {
-    asm volatile("prefetcht1 %0" : : "m"(bytes[i * kLineBytes]));
-  }
+std::span<const T> PartOf(std::span<const T> row, size_t k, size_t n) {
+  const size_t begin = row.size() * k / n;
+  return row.subspan(begin, row.size() * (k + 1) / n - begin);
 }
 
 }  // namespace
@@ -116,10 +109,12 @@ void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count,
   }
 }
 
-void SampleTracer::FetchSome(size_t block) const {
-  FetchPart(coming_positions_, block, blocks());
-  FetchPart(coming_sources_, block, blocks());
-  FetchPart(coming_valid_, block, blocks());
+GradualFetch SampleTracer::ComingOf(size_t block) const {
+  GradualFetch fetch;
+  fetch.Add(PartOf(coming_positions_, block, blocks()));
+  fetch.Add(PartOf(coming_sources_, block, blocks()));
+  fetch.Add(PartOf(coming_valid_, block, blocks()));
+  return fetch;
 }
 
 absl::Status SampleTracer::Trace(size_t s) {
@@ -167,7 +162,7 @@ size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t lea
       packet.first_leaf = leaf;
     };
     for (size_t k = begin; k < end; ++k) {
-      if (k > b) FetchSome(k);  // Its turn will not come.
+      ComingOf(k).All();  // Its turn will not come.
       sample.directional ? answered(parallel_[k]) : answered(packets_[k]);
     }
     if (record_answered_by_) std::fill_n(AnsweredByOf(begin), count, AnsweredBy::kShaft);
@@ -219,7 +214,6 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   };
   uint32_t* const first_leaf = &hints_.first_leaves[s];
   for (size_t b = 0; b < blocks(); ++b) {
-    FetchSome(b);
     // What darkened the packet before this one, or this one before, for the light's last sample.
     if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
       packets_[b].first_leaf = *first_leaf;
@@ -234,8 +228,13 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     if (!std::exchange(prepared, true)) prepare();
     const Strategy walk = by_shafts ? choice.Next() : strategy;
     const WalkStats before = *scope->walk();
-    SL_RETURN_IF_ERROR(TracePacketBlock(scene_, run_, kind_, walk, &packets_[b],
-                                        by_hulls ? hull_cut_of_[b] : cut, scope->walk()));
+    GradualFetch coming = ComingOf(b);
+    packets_[b].meanwhile = &coming;
+    const absl::Status traced = TracePacketBlock(scene_, run_, kind_, walk, &packets_[b],
+                                                 by_hulls ? hull_cut_of_[b] : cut, scope->walk());
+    packets_[b].meanwhile = nullptr;
+    SL_RETURN_IF_ERROR(traced);
+    coming.All();
     scope->Took(walk);
     if (by_shafts) {
       choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(packets_[b].count));
@@ -374,7 +373,6 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
   const ShaftCut* cut = nullptr;
   bool prepared = blocks() == 1;
   for (size_t b = 0; b < blocks(); ++b) {
-    FetchSome(b);
     if (by_shafts) {
       if (const size_t covered = CoverBlocks(s, b, mask, *first_leaf, scope); covered > 0) {
         b += covered - 1;
@@ -389,7 +387,13 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
           CutGroup(scene_, run_, std::span<const ParallelPacket>(parallel_.get(), blocks()), &cut_);
     }
     const WalkStats before = *scope->walk();
-    SL_RETURN_IF_ERROR(TraceParallelBlock(scene_, run_, walk, &parallel_[b], cut, scope->walk()));
+    GradualFetch coming = ComingOf(b);
+    parallel_[b].meanwhile = &coming;
+    const absl::Status traced =
+        TraceParallelBlock(scene_, run_, walk, &parallel_[b], cut, scope->walk());
+    parallel_[b].meanwhile = nullptr;
+    SL_RETURN_IF_ERROR(traced);
+    coming.All();
     scope->Took(walk);
     if (by_shafts) {
       choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));

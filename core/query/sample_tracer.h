@@ -25,6 +25,7 @@
 #include "core/query/query_run.h"
 #include "core/query/ray_block.h"
 #include "core/query/shadows.h"
+#include "core/traverse/gradual_fetch.h"
 #include "core/traverse/trace_ray.h"
 
 namespace sightline {
@@ -104,8 +105,8 @@ class SampleTracer {
   // Answers blocks from b on, of sample s, all of whose points one triangle of `leaf` blocks: none,
   // that one, or, if it is the first, all at once. Returns how many.
   size_t CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t leaf, StatsScope* scope);
-  // The share of the coming points that falls to a block.
-  void FetchSome(size_t block) const;
+  // The share of the coming points that is asked for while a block is traced.
+  GradualFetch ComingOf(size_t block) const;
   // Takes note of whether a block's walk met a triangle that blocks most of it.
   void NoteCovers(size_t s, const WalkStats& before, const WalkStats& after);
   // The samples from s on that are of its light, and share a hull.

@@ -108,7 +108,7 @@ class ShaftWalk {
   static constexpr size_t kBlockVectors = kShaftBlockRays / kLanes;
   // Nodes visited together where any hit will do, as long as few are pending: beyond, a depth-first
   // walk adds no more than kBvhStackSize.
-  static constexpr int kNodesAtOnce = 4;
+  static constexpr uint32_t kNodesAtOnce = 4;
   static constexpr int kManyPending = static_cast<int>(kBvhStackSize + ShaftCut::kMaxChildren);
   // What a walk can have pending; a whole vector of children is stored at its end.
   static constexpr size_t kStackSize =
@@ -120,8 +120,10 @@ class ShaftWalk {
   // `depth` entries are on the stack; if there are none, begins at `cut` or the root. Returns false
   // if cancelled.
   bool Walk(const RaySet& set, const ShaftCut* cut, Pending* stack, int depth) {
+    FetchMeanwhile();
     const int rays = rays_.Bound(set, &bounds_);
     if (rays == 0) return true;
+    FetchMeanwhile();
     if constexpr (!kAny) UpdateFar();
     if (depth == 0) {
       if constexpr (kAny) {
@@ -133,18 +135,38 @@ class ShaftWalk {
           packet_.first_leaf = RayPacket::kNoLeaf;
         }
       }
-      if (cut == nullptr) depth = VisitNode(scene_.bvh.nodes[0], stack, depth);
-      for (uint32_t i = cut == nullptr ? 0 : cut->node_count; i > 0; --i) {
-        depth = VisitNode(cut->nodes[i - 1], stack, depth);
-      }
+    }
+    // Those to visit now, the last one first; several at a time, so that none waits for what the
+    // others push. Visited in one place: walks are as long as an instruction cache holds.
+    const BvhNode* nodes[std::max<uint32_t>(ShaftCut::kMaxChildren, kNodesAtOnce)];
+    uint32_t count = 0;
+    if (depth == 0) {
+      if (cut == nullptr) nodes[count++] = scene_.bvh.nodes.data();
+      for (uint32_t i = 0; cut != nullptr && i < cut->node_count; ++i)
+        nodes[count++] = &cut->nodes[i];
     }
     uint32_t work = 0, limit = kSplitBudget;
-    while (depth > 0) {
+    for (;;) {
+      while (count > 0) depth = VisitNode(*nodes[--count], stack, depth);
+      if (kAny && work > limit && depth > 0) {
+        RaySet halves[2];
+        // Where all are in one place, parting them gains nothing.
+        if (rays >= 2 * kLeastSplitRays && rays_.Split(bounds_, halves)) {
+          return WalkHalves(halves, stack, depth);
+        }
+        if (limit > kSplitBudget) {
+          PutOff();
+          return true;
+        }
+        limit = std::max<uint32_t>(kSplitBudget, kSingleWork * rays) + 1;
+      }
+      if (depth == 0) return true;
       const Pending pending = stack[--depth];
       if (pending.after(bounds_.all_far)) continue;
       if (++visited_ % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
         return false;
       if (depth > 0) fetcher_.FetchAll(stack[depth - 1].ref());
+      FetchMeanwhile();
       const ChildRef ref = pending.ref();
       if (ref.is_leaf()) {
         work += 2 + VisitLeaf(ref);
@@ -152,41 +174,33 @@ class ShaftWalk {
           if constexpr (kAny) packet_.first_leaf = ref.bits();
           return true;
         }
-      } else {
-        if constexpr (kAny) {
-          // Several nodes at a time: none waits for what the others push.
-          ChildRef more[kNodesAtOnce - 1];
-          int count = 0;
-          while (count < kNodesAtOnce - 1 && depth > 0 && depth < kManyPending &&
-                 stack[depth - 1].ref().is_inner()) {
-            more[count++] = stack[--depth].ref();
-          }
-          work += static_cast<uint32_t>(count);
-          while (count > 0) depth = VisitNode(scene_.bvh.nodes[more[--count].node()], stack, depth);
-        }
-        ++work;
-        depth = VisitNode(scene_.bvh.nodes[ref.node()], stack, depth);
+        continue;
       }
-      if (kAny && work > limit && depth > 0) {
-        RaySet halves[2];
-        // Where all are in one place, parting them gains nothing.
-        if (rays < 2 * kLeastSplitRays || !rays_.Split(bounds_, halves)) {
-          if (limit == kSplitBudget) {
-            limit = std::max<uint32_t>(kSplitBudget, kSingleWork * rays) + 1;
-            continue;
-          }
-          PutOff();
-          return true;
+      nodes[count++] = &scene_.bvh.nodes[ref.node()];
+      if constexpr (kAny) {
+        while (count < kNodesAtOnce && depth > 0 && depth < kManyPending &&
+               stack[depth - 1].ref().is_inner()) {
+          nodes[count++] = &scene_.bvh.nodes[stack[--depth].ref().node()];
         }
-        ++stats_->shaft.splits;
-        Pending copy[kStackSize];
-        std::copy_n(stack, depth, copy);
-        if (!Walk(halves[0], nullptr, copy, depth)) return false;
-        packet_.first_leaf = RayPacket::kNoLeaf;  // Only what ends the last set is left behind.
-        return Walk(halves[1], nullptr, stack, depth);
       }
+      work += count;
     }
-    return true;
+  }
+
+  HWY_INLINE void FetchMeanwhile() {
+    if constexpr (kAny) {
+      if (packet_.meanwhile != nullptr) packet_.meanwhile->Some();
+    }
+  }
+
+  // Both halves of a set, each with what is left on the stack.
+  HWY_NOINLINE bool WalkHalves(const RaySet (&halves)[2], Pending* stack, int depth) {
+    ++stats_->shaft.splits;
+    Pending copy[kStackSize];
+    std::copy_n(stack, depth, copy);
+    if (!Walk(halves[0], nullptr, copy, depth)) return false;
+    packet_.first_leaf = RayPacket::kNoLeaf;  // Only what ends the last set is left behind.
+    return Walk(halves[1], nullptr, stack, depth);
   }
 
   // Leaves the rays of the present set that are still asked about to TraceSingles.

@@ -15,6 +15,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
+#include <limits>
 
 #include "core/base/compress-inl.h"
 #include "core/intersect/predicate-inl.h"
@@ -82,28 +83,62 @@ HWY_INLINE uint32_t OpenBlocks(const uint16_t* rays) {
   return MaskBits(d, hn::Ne(hn::Load(d, rays), hn::Zero(d)));
 }
 
-// out[b] = op over the sixteen values of block b. fetch(i) gives values i .. i + Lanes(). A tree of
-// pairwise steps: each halves the vectors, and brings two of them together.
+// op over the values of each of kBlocks blocks, a power of two: lane b for block b, and then again.
+// fetch(i) gives values i .. i + Lanes(); `at` is the first block's first. A tree of pairwise steps:
+// each halves the values, and brings two vectors together. By recursion, not over an array: GCC
+// fills one by copying memory.
+template <size_t kBlocks, class Op, class Fetch>
+HWY_INLINE ShaftV ReduceTree(const Op& op, const Fetch& fetch, size_t at) {
+  const ShaftD d;
+  if constexpr (kBlocks == 1) {
+    ShaftV row = fetch(at);
+    for (size_t i = hn::Lanes(d); i < kShaftBlockRays; i += hn::Lanes(d)) {
+      row = op(row, fetch(at + i));
+    }
+    return row;
+  } else {
+    const ShaftV low = ReduceTree<kBlocks / 2>(op, fetch, at);
+    const ShaftV high = ReduceTree<kBlocks / 2>(op, fetch, at + kBlocks / 2 * kShaftBlockRays);
+    return op(hn::ConcatEven(d, high, low), hn::ConcatOdd(d, high, low));
+  }
+}
+
+// out[b] = op over the sixteen values of block b.
 template <class Op, class Fetch>
 HWY_INLINE void ReduceBlocks(const Op& op, const Fetch& fetch, float* out) {
   const ShaftD d;
   constexpr size_t kLanes = hn::MaxLanes(ShaftD());
   for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
-    ShaftV rows[kLanes];
-    for (size_t b = 0; b < kLanes; ++b) {
-      const size_t at = (first + b) * kShaftBlockRays;
-      rows[b] = fetch(at);
-      for (size_t i = kLanes; i < kShaftBlockRays; i += kLanes)
-        rows[b] = op(rows[b], fetch(at + i));
-    }
-    for (size_t n = kLanes / 2; n > 0; n /= 2) {
-      for (size_t i = 0; i < n; ++i) {
-        rows[i] = op(hn::ConcatEven(d, rows[2 * i + 1], rows[2 * i]),
-                     hn::ConcatOdd(d, rows[2 * i + 1], rows[2 * i]));
-      }
-    }
-    hn::Store(rows[0], d, out + first);
+    hn::Store(ReduceTree<kLanes>(op, fetch, first * kShaftBlockRays), d, out + first);
   }
+}
+
+// The range of each block's values, of those of `open` (null: all) alone: inverted where there are
+// none. No part of its callers: unrolled, it is a kilobyte, of which they would have a dozen.
+inline HWY_NOINLINE void BlockRanges(const float* values, const uint16_t* open, float* least,
+                                     float* most) {
+  const auto min = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); };
+  const auto max = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); };
+  if (open == nullptr) {
+    const auto all = [values](size_t at) HWY_ATTR { return hn::Load(ShaftD(), values + at); };
+    ReduceBlocks(min, all, least);
+    ReduceBlocks(max, all, most);
+    return;
+  }
+  const ShaftV infinity = hn::Set(ShaftD(), std::numeric_limits<float>::infinity());
+  const ShaftV minus_infinity = hn::Neg(infinity);
+  ReduceBlocks(
+      min,
+      [&](size_t at) HWY_ATTR {
+        return hn::IfThenElse(LanesOf(open, at), hn::Load(ShaftD(), values + at), infinity);
+      },
+      least);
+  ReduceBlocks(
+      max,
+      [&](size_t at) HWY_ATTR {
+        return hn::IfThenElse(LanesOf(open, at), hn::Load(ShaftD(), values + at), minus_infinity);
+      },
+      most);
 }
 
 }  // namespace HWY_NAMESPACE

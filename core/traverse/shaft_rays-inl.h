@@ -276,37 +276,14 @@ class ShaftRays {
     out->open_blocks = OpenBlocks(out->open);
     out->whole = count == kMaxRays;
     if (count == 0) return 0;
-    const auto least = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); };
-    const auto most = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); };
     const bool has_depths = kParallel || segments();
-    // `of`(values, other) gives the values of open lanes, `other` elsewhere.
-    const auto reduce = [&](const auto& of) HWY_ATTR {
-      ReduceBlocks(least, of(x_, infinity), out->x0);
-      ReduceBlocks(most, of(x_, minus_infinity), out->x1);
-      ReduceBlocks(least, of(y_, infinity), out->y0);
-      ReduceBlocks(most, of(y_, minus_infinity), out->y1);
-      if (!has_depths) return;
-      ReduceBlocks(least, of(z_, infinity), out->near);
-      ReduceBlocks(most, of(z_, minus_infinity), out->far);
-    };
     if (grid() != nullptr) {
       BoundGrid(out);
-    } else if (out->whole) {
-      reduce([](const float* values, ShaftV) HWY_ATTR {
-        return [values](size_t at) HWY_ATTR { return hn::Load(ShaftD(), values + at); };
-      });
     } else {
-      // Six times the same lanes.
-      ShaftM lanes[kMaxRays / hn::MaxLanes(ShaftD())];
-      for (size_t at = 0; at < kMaxRays; at += hn::Lanes(d)) {
-        lanes[at / hn::Lanes(d)] = LanesOf(out->open, at);
-      }
-      reduce([&lanes](const float* values, ShaftV other) HWY_ATTR {
-        return [&lanes, values, other](size_t at) HWY_ATTR {
-          const ShaftD d16;
-          return hn::IfThenElse(lanes[at / hn::Lanes(d16)], hn::Load(d16, values + at), other);
-        };
-      });
+      const uint16_t* const open = out->whole ? nullptr : out->open;
+      BlockRanges(x_, open, out->x0, out->x1);
+      BlockRanges(y_, open, out->y0, out->y1);
+      if (has_depths) BlockRanges(z_, open, out->near, out->far);
     }
     if (!has_depths) {
       FillRow(out->near, kShaftBlocks, 0.0f);

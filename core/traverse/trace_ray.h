@@ -14,6 +14,7 @@
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate.h"
 #include "core/traverse/answered_by.h"
+#include "core/traverse/gradual_fetch.h"
 #include "core/traverse/pixel_grid.h"
 #include "core/traverse/shaft_stats.h"
 
@@ -53,6 +54,8 @@ struct alignas(64) RayPacket {
   // the one behind that blocked the last ray, or kNoLeaf: what darkens one packet may darken the
   // next.
   uint32_t first_leaf = kNoLeaf;
+  // Any hit: asked for meanwhile, as far as a walk gets to it (shafts do); null: nothing.
+  GradualFetch* meanwhile = nullptr;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
   // As a TraceRay's: by lane, up to the end of a vector, or null; and for all lanes.
@@ -99,6 +102,7 @@ struct alignas(64) RayPacket {
     to->grid = nullptr;
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
+    to->meanwhile = nullptr;
     to->count = lanes;
     std::copy_n(target_x + first, lanes, to->target_x);
     std::copy_n(target_y + first, lanes, to->target_y);
@@ -117,6 +121,7 @@ struct alignas(64) ParallelPacket {
   uint32_t direction_source = kNoTriangle;  // What the light itself lies on; it does not block.
   int count = 0;
   uint32_t first_leaf = RayPacket::kNoLeaf;  // As in RayPacket.
+  GradualFetch* meanwhile = nullptr;         // As in RayPacket.
   AnsweredBy* answered_by = nullptr;         // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
@@ -129,6 +134,7 @@ struct alignas(64) ParallelPacket {
     to->mask = mask;
     to->direction_source = direction_source;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
+    to->meanwhile = nullptr;
     to->count = lanes;
     std::copy_n(origin_x + first, lanes, to->origin_x);
     std::copy_n(origin_y + first, lanes, to->origin_y);
