@@ -84,9 +84,9 @@ HWY_INLINE uint32_t OpenBlocks(const uint16_t* rays) {
 }
 
 // op over the values of each of kBlocks blocks, a power of two: lane b for block b, and then again.
-// fetch(i) gives values i .. i + Lanes(); `at` is the first block's first. A tree of pairwise steps:
-// each halves the values, and brings two vectors together. By recursion, not over an array: GCC
-// fills one by copying memory.
+// fetch(i) gives values i .. i + Lanes(); `at` is the first block's first. A tree of pairwise
+// steps, each of which halves the values and brings two vectors together. By recursion, not over an
+// array: GCC fills one by copying memory.
 template <size_t kBlocks, class Op, class Fetch>
 HWY_INLINE ShaftV ReduceTree(const Op& op, const Fetch& fetch, size_t at) {
   const ShaftD d;
