@@ -117,6 +117,16 @@ GradualFetch SampleTracer::ComingOf(size_t block) const {
   return fetch;
 }
 
+template <class Packet, class Walk>
+absl::Status SampleTracer::FetchWhile(size_t block, Packet* packet, const Walk& walk) {
+  GradualFetch coming = ComingOf(block);
+  packet->meanwhile = &coming;
+  absl::Status traced = walk(packet);
+  packet->meanwhile = nullptr;
+  coming.All();  // What the walk did not come to.
+  return traced;
+}
+
 absl::Status SampleTracer::Trace(size_t s) {
   const LightSample& sample = samples_[s];
   SIGHTLINE_CHECK(sample.valid);
@@ -228,13 +238,10 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     if (!std::exchange(prepared, true)) prepare();
     const Strategy walk = by_shafts ? choice.Next() : strategy;
     const WalkStats before = *scope->walk();
-    GradualFetch coming = ComingOf(b);
-    packets_[b].meanwhile = &coming;
-    const absl::Status traced = TracePacketBlock(scene_, run_, kind_, walk, &packets_[b],
-                                                 by_hulls ? hull_cut_of_[b] : cut, scope->walk());
-    packets_[b].meanwhile = nullptr;
-    SL_RETURN_IF_ERROR(traced);
-    coming.All();
+    SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
+      return TracePacketBlock(scene_, run_, kind_, walk, packet, by_hulls ? hull_cut_of_[b] : cut,
+                              scope->walk());
+    }));
     scope->Took(walk);
     if (by_shafts) {
       choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(packets_[b].count));
@@ -387,13 +394,9 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
           CutGroup(scene_, run_, std::span<const ParallelPacket>(parallel_.get(), blocks()), &cut_);
     }
     const WalkStats before = *scope->walk();
-    GradualFetch coming = ComingOf(b);
-    parallel_[b].meanwhile = &coming;
-    const absl::Status traced =
-        TraceParallelBlock(scene_, run_, walk, &parallel_[b], cut, scope->walk());
-    parallel_[b].meanwhile = nullptr;
-    SL_RETURN_IF_ERROR(traced);
-    coming.All();
+    SL_RETURN_IF_ERROR(FetchWhile(b, &parallel_[b], [&](ParallelPacket* packet) {
+      return TraceParallelBlock(scene_, run_, walk, packet, cut, scope->walk());
+    }));
     scope->Took(walk);
     if (by_shafts) {
       choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));

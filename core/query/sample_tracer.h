@@ -107,6 +107,9 @@ class SampleTracer {
   size_t CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t leaf, StatsScope* scope);
   // The share of the coming points that is asked for while a block is traced.
   GradualFetch ComingOf(size_t block) const;
+  // walk(packet) of a block, while that is asked for.
+  template <class Packet, class Walk>
+  absl::Status FetchWhile(size_t block, Packet* packet, const Walk& walk);
   // Takes note of whether a block's walk met a triangle that blocks most of it.
   void NoteCovers(size_t s, const WalkStats& before, const WalkStats& after);
   // The samples from s on that are of its light, and share a hull.

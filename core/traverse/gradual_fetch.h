@@ -14,6 +14,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 
 #include "core/base/check.h"
@@ -29,33 +30,37 @@ class GradualFetch {
   void Add(std::span<const T> row) {
     if (row.empty()) return;
     SIGHTLINE_DCHECK(count_ < kMostRows);
-    const char* const begin = reinterpret_cast<const char*>(row.data());
+    const uintptr_t begin = reinterpret_cast<uintptr_t>(row.data());
     rows_[count_++] = {begin, begin + row.size_bytes()};
   }
 
+  bool done() const { return next_ == count_; }
+
   // The next few lines. Those just behind a row may be among them.
   void Some() {
-    if (next_ == count_) return;
+    if (done()) return;
     Row& row = rows_[next_];
     for (size_t i = 0; i < kLinesAtOnce; ++i) Ask(row.at + i * kLineBytes);
     row.at += kLinesAtOnce * kLineBytes;
     next_ += row.at >= row.end ? 1 : 0;
   }
 
-  // Whatever is left, without delay.
+  // All that is left, at once.
   void All() {
-    while (next_ != count_) Some();
+    while (!done()) Some();
   }
 
  private:
   static constexpr size_t kLinesAtOnce = 4;
   struct Row {
-    const char *at, *end;
+    uintptr_t at, end;
   };
 
   // To the second level: the first one is what walks work in. By assembly, since GCC takes a
   // function that does nothing but prefetch for one without effect, and drops it.
-  static void Ask(const char* at) { asm volatile("prefetcht1 %0" : : "m"(*at)); }
+  static void Ask(uintptr_t at) {
+    asm volatile("prefetcht1 %0" : : "m"(*reinterpret_cast<const char*>(at)));
+  }
 
   std::array<Row, kMostRows> rows_;
   size_t next_ = 0, count_ = 0;

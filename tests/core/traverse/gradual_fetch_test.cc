@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/traverse/gradual_fetch.h"
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "gtest/gtest.h"
+#include "tests/core/traverse/kernels_fixture.h"
+#include "tests/core/traverse/nasty_scenes.h"
+#include "tests/support/random.h"
+
+namespace sightline::testing_support {
+namespace {
+
+// How often Some() has to be called.
+size_t Steps(GradualFetch fetch) {
+  size_t steps = 0;
+  for (; !fetch.done(); ++steps) fetch.Some();
+  return steps;
+}
+
+TEST(GradualFetchTest, AsksForEveryRowInTurn) {
+  const std::vector<uint8_t> bytes(1000);
+  const std::span<const uint8_t> row(bytes);
+  GradualFetch fetch;
+  EXPECT_TRUE(fetch.done());
+  EXPECT_EQ(Steps(fetch), 0u);
+  fetch.Add(row.first(0));
+  EXPECT_TRUE(fetch.done());
+  // Four lines of 64 bytes a step.
+  fetch.Add(row.first(1));
+  EXPECT_EQ(Steps(fetch), 1u);
+  fetch.Add(row.first(256));
+  EXPECT_EQ(Steps(fetch), 2u);
+  fetch.Add(row.first(257));
+  EXPECT_EQ(Steps(fetch), 4u);
+  fetch.Some();
+  EXPECT_EQ(Steps(fetch), 3u);
+  fetch.All();
+  EXPECT_TRUE(fetch.done());
+}
+
+class WalkThatFetchesTest : public KernelsFixture {};
+SIGHTLINE_FOR_EACH_TARGET(WalkThatFetchesTest);
+
+// Segments and parallel rays over random triangles, with something to fetch and without.
+TEST_P(WalkThatFetchesTest, AnswersAsOneThatDoesNot) {
+  TestRng rng;
+  ObjectInput object;
+  for (uint32_t i = 0; i < 3 * 200; ++i) {
+    object.indices.push_back(i);
+    object.vertices.push_back({rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-0.1, 0.1)});
+  }
+  const IndexedGeometry scene = IndexObjects({object}, Vec3d{}, 4);
+  const auto segments = std::make_unique<RayPacket>();
+  const auto rays = std::make_unique<ParallelPacket>();
+  segments->origin = {0, 0, 4};
+  rays->direction = {0, 0, 1};
+  segments->count = rays->count = RayPacket::kMaxRays;
+  for (int lane = 0; lane < RayPacket::kMaxRays; ++lane) {
+    const Vec3f p = {static_cast<float>(rng.Uniform(-1, 1)), static_cast<float>(rng.Uniform(-1, 1)),
+                     -0.5f};
+    segments->target_x[lane] = rays->origin_x[lane] = p.x;
+    segments->target_y[lane] = rays->origin_y[lane] = p.y;
+    segments->target_z[lane] = rays->origin_z[lane] = p.z;
+    segments->target_source[lane] = rays->origin_source[lane] = kNoTriangle;
+  }
+  const std::vector<float> row(1 << 16);
+  const auto check = [&](auto& packet, const auto& trace) {
+    packet.first_leaf = RayPacket::kNoLeaf;
+    trace();
+    const std::vector<uint32_t> without(packet.triangle, packet.triangle + packet.count);
+    GradualFetch fetch;
+    fetch.Add(std::span<const float>(row));
+    const size_t before = Steps(fetch);
+    packet.first_leaf = RayPacket::kNoLeaf;
+    packet.meanwhile = &fetch;
+    trace();
+    EXPECT_LT(Steps(fetch), before);
+    for (int lane = 0; lane < packet.count; ++lane) {
+      ASSERT_EQ(packet.triangle[lane] == kNoTriangle, without[lane] == kNoTriangle);
+    }
+  };
+  WalkStats stats;
+  check(*segments,
+        [&] { ASSERT_TRUE(kernels().occluded_shaft(scene, *segments, nullptr, nullptr, &stats)); });
+  check(*rays, [&] {
+    ASSERT_TRUE(kernels().occluded_parallel_shaft(scene, *rays, nullptr, nullptr, &stats));
+  });
+}
+
+}  // namespace
+}  // namespace sightline::testing_support
