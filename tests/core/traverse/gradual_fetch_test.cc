@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/traverse/gradual_fetch.h"
 
-#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -53,6 +52,10 @@ TEST_P(WalkThatFetchesTest, AnswersAsOneThatDoesNot) {
   for (uint32_t i = 0; i < 3 * 200; ++i) {
     object.indices.push_back(i);
     object.vertices.push_back({rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-0.1, 0.1)});
+    // Small ones, so that some rays pass.
+    const size_t first = i / 3 * 3;
+    object.vertices[i] =
+        object.vertices[first] + (object.vertices[i] - object.vertices[first]) * 0.1;
   }
   const IndexedGeometry scene = IndexObjects({object}, Vec3d{}, 4);
   const auto segments = std::make_unique<RayPacket>();
@@ -79,10 +82,15 @@ TEST_P(WalkThatFetchesTest, AnswersAsOneThatDoesNot) {
     packet.first_leaf = RayPacket::kNoLeaf;
     packet.meanwhile = &fetch;
     trace();
+    packet.meanwhile = nullptr;
     EXPECT_LT(Steps(fetch), before);
+    int lit = 0;
     for (int lane = 0; lane < packet.count; ++lane) {
       ASSERT_EQ(packet.triangle[lane] == kNoTriangle, without[lane] == kNoTriangle);
+      lit += without[lane] == kNoTriangle ? 1 : 0;
     }
+    EXPECT_GT(lit, packet.count / 10);
+    EXPECT_LT(lit, packet.count - packet.count / 10);
   };
   WalkStats stats;
   check(*segments,
