@@ -8,15 +8,9 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/traverse/rtt.h"
-#include "hwy/highway.h"
 
 namespace sightline {
 namespace {
-
-// AVX2, the floor, is enough to lay points out.
-namespace hn = hwy::HWY_NAMESPACE;
-using Eight = hn::CappedTag<float, 8>;
-static_assert(hn::MaxLanes(Eight()) == 8, "x86-64-v3 holds eight floats in a vector");
 
 // The packets that a tile takes, and the tiles that a packet holds, at most.
 constexpr size_t kMostTilePackets =
@@ -83,26 +77,12 @@ void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count,
   } else {
     std::copy_n(sources_.data() + first, count, sources);
   }
-  size_t i = 0;
-  if (t_min_ == 0) {
-    const Eight d;
-    static_assert(sizeof(Vec3f) == 3 * sizeof(float));
-    const float* from = &positions_.data()->x + 3 * first;
-    for (; i + hn::MaxLanes(d) <= count; i += hn::MaxLanes(d)) {
-      hn::Vec<Eight> px, py, pz;
-      hn::LoadInterleaved3(d, from + 3 * i, px, py, pz);
-      hn::Store(px, d, x + i);
-      hn::Store(py, d, y + i);
-      hn::Store(pz, d, z + i);
-    }
-  }
+  const std::span<const Vec3f> points = positions_.subspan(first, count);
+  if (t_min_ == 0) return rows_.split(points, x, y, z);
   const Vec3d toward = ToDouble(sample.value);
-  for (; i < count; ++i) {
-    Vec3f p = positions_[first + i];
-    if (t_min_ != 0) {
-      const Vec3d d = ToDouble(p);
-      p = ToFloat(d + (sample.directional ? toward : toward - d) * t_min_);
-    }
+  for (size_t i = 0; i < count; ++i) {
+    const Vec3d d = ToDouble(points[i]);
+    const Vec3f p = ToFloat(d + (sample.directional ? toward : toward - d) * t_min_);
     x[i] = p.x;
     y[i] = p.y;
     z[i] = p.z;
@@ -437,17 +417,9 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
 }
 
 uint64_t SampleTracer::LitBits(size_t word) const {
-  const hn::RebindToUnsigned<Eight> d;
   constexpr size_t kBlockWords = kBlockRays / 64;
-  const uint32_t* ids = triangles(word / kBlockWords) + 64 * (word % kBlockWords);
+  const uint64_t lit = rows_.free_bits(triangles(word / kBlockWords) + 64 * (word % kBlockWords));
   const size_t count = std::min<size_t>(64, positions_.size() - 64 * word);
-  uint64_t lit = 0;
-  for (size_t i = 0; i < count; i += 8) {
-    const auto none = hn::Eq(hn::Load(d, ids + i), hn::Set(d, kNoTriangle));
-    uint8_t bits[8];
-    hn::StoreMaskBits(d, none, bits);
-    lit |= uint64_t{bits[0]} << i;
-  }
   return count == 64 ? lit : lit & ((uint64_t{1} << count) - 1);
 }
 

@@ -22,6 +22,7 @@
 #include "absl/status/status.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/light/light.h"
+#include "core/query/point_rows.h"
 #include "core/query/query_run.h"
 #include "core/query/ray_block.h"
 #include "core/query/shadows.h"
@@ -37,6 +38,7 @@ class SampleTracer {
                std::span<const LightSample> samples, QueryStats* stats)
       : scene_(scene),
         run_(run),
+        rows_(PointRowKernelsFor(run.options().simd)),
         kind_(kind),
         t_min_(t_min),
         samples_(samples),
@@ -131,6 +133,7 @@ class SampleTracer {
 
   const IndexedGeometry& scene_;
   const QueryRun& run_;
+  const PointRowKernels& rows_;
   const HitKind kind_;
   const double t_min_;
   const std::span<const LightSample> samples_;

@@ -33,19 +33,25 @@ inline bool MakeShaftFrame(Vec3d axis, Vec3d sideways, ShaftFrame* frame) {
   const Vec3d w = axis * (1.0 / length);
   Vec3d u = sideways - w * Dot(w, sideways);
   // Cancellation leaves noise where `sideways` is nearly along the axis: then the coordinate axis
-  // farthest from w.
-  constexpr double kLeastShare = 0x1p-20;
-  if (!(Length(u) > kLeastShare * Length(sideways))) {
+  // farthest from w. What a projection leaves of w is as large as a double's rounding over the
+  // share of `sideways` that it keeps.
+  constexpr double kLeastShare = 0x1p-20, kCleanShare = 0x1p-10;
+  const double from = Dot(sideways, sideways);
+  double kept = Dot(u, u);
+  const bool clean = kept > kCleanShare * kCleanShare * from;
+  if (!(kept > kLeastShare * kLeastShare * from)) {
     const Vec3d a = {std::abs(w.x), std::abs(w.y), std::abs(w.z)};
     const Vec3d e = a.x <= a.y && a.x <= a.z ? Vec3d{1, 0, 0}
                     : a.y <= a.z             ? Vec3d{0, 1, 0}
                                              : Vec3d{0, 0, 1};
     u = e - w * Dot(w, e);
+    kept = Dot(u, u);
   }
-  u = u * (1.0 / Length(u));
-  // Once more: the first projection may leave a share of w as large as rounding over kLeastShare.
-  u = u - w * Dot(w, u);
-  u = u * (1.0 / Length(u));
+  u = u * (1.0 / std::sqrt(kept));
+  if (!clean) [[unlikely]] {
+    u = u - w * Dot(w, u);
+    u = u * (1.0 / Length(u));
+  }
   frame->w = ToFloat(w);
   frame->u = ToFloat(u);
   frame->v = ToFloat(Cross(w, u));

@@ -14,7 +14,7 @@
 #define SIGHTLINE_CORE_SHAFT_WEDGE_INL_H_
 #endif
 
-#include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "core/geometry/vec3.h"
@@ -26,16 +26,17 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// The shaft keeps to n[0]·x[axis 0] + n[1]·x[axis 1] >= world, for stored points x.
-struct WedgeLine {
-  float n[2];
-  float world;  // Margin included.
-  int face[2];  // Rows of a box (least x, y, z, largest x, y, z) where the sum is largest.
-};
-
-// Two lines for each plane. Those of a plane on which the shaft spreads too far let all pass.
+// Lines that the shaft keeps to the inner side of: n[0]·x[axis 0] + n[1]·x[axis 1] >= world, for
+// stored points x. Two for each plane, by lane: plane p's are p and p + 4, the other two lanes are
+// none. Those of a plane on which the shaft spreads too far let all pass.
 struct ShaftWedges {
-  WedgeLine line[6];
+  static constexpr int kLanes = 8;
+  static constexpr int kLines[] = {0, 1, 2, 4, 5, 6};
+
+  alignas(32) float n[2][kLanes];
+  alignas(32) float world[kLanes];  // Margin included.
+  // Rows of a box (least x, y, z, largest x, y, z) where the sum is largest.
+  alignas(32) int32_t face[2][kLanes];
 };
 
 // What slopes, or offsets, are held between, their margins included.
@@ -43,24 +44,22 @@ struct FrameRectangle {
   float left, right, below, above;
 };
 
-// The two axes of each coordinate plane.
-constexpr int kWedgeAxes[3][2] = {{1, 2}, {0, 2}, {0, 1}};
 // A corner's shadow that leads less along the axis' own leaves a wedge too wide to part anything.
 // From here on its direction, a quotient of doubles, is good to some 2^-40, far below a float's
 // rounding.
 constexpr double kLeastShadow = 0x1p-10;
 
 using WedgeD = hn::CappedTag<double, 4>;
-static_assert(hn::MaxLanes(WedgeD()) == 4, "a lane for each corner of a rectangle");
+static_assert(hn::MaxLanes(WedgeD()) == 4, "a lane for each corner of a rectangle, or each plane");
 using WedgeV = hn::Vec<WedgeD>;
 
 // The rectangle's corners at `depth`, from the apex (or the reference point), by axis.
 HWY_INLINE void WedgeCorners(const ShaftFrame& frame, const FrameRectangle& at, double depth,
                              WedgeV (&corners)[3]) {
   const WedgeD d;
-  HWY_ALIGN const double x[4] = {at.left, at.right, at.left, at.right};
-  HWY_ALIGN const double y[4] = {at.below, at.below, at.above, at.above};
-  const WedgeV xs = hn::Load(d, x), ys = hn::Load(d, y);
+  const WedgeV xs = hn::OddEven(hn::Set(d, double{at.right}), hn::Set(d, double{at.left}));
+  const WedgeV ys =
+      hn::ConcatUpperLower(d, hn::Set(d, double{at.above}), hn::Set(d, double{at.below}));
   for (int k = 0; k < 3; ++k) {
     corners[k] = hn::MulAdd(
         hn::Set(d, double{frame.u[k]}), xs,
@@ -68,21 +67,55 @@ HWY_INLINE void WedgeCorners(const ShaftFrame& frame, const FrameRectangle& at, 
   }
 }
 
-// n·(x - from) >= local - margin·|n|_1.
-HWY_INLINE WedgeLine MakeWedgeLine(const int (&axes)[2], double n0, double n1, double local,
-                                   Vec3f from, double margin) {
-  WedgeLine line;
-  line.n[0] = static_cast<float>(n0);
-  line.n[1] = static_cast<float>(n1);
-  line.world = static_cast<float>(local + n0 * from[axes[0]] + n1 * from[axes[1]] -
-                                  margin * (std::abs(n0) + std::abs(n1)));
-  line.face[0] = axes[0] + (n0 >= 0 ? 3 : 0);
-  line.face[1] = axes[1] + (n1 >= 0 ? 3 : 0);
-  return line;
+// A vector's component along the first, or the second, axis of each plane: those of (1, 2), (0, 2)
+// and (0, 1), by lane.
+HWY_INLINE WedgeV AlongFirst(Vec3f v) {
+  const WedgeD d;
+  return hn::IfThenElse(hn::FirstN(d, 1), hn::Set(d, double{v.y}), hn::Set(d, double{v.x}));
+}
+HWY_INLINE WedgeV AlongSecond(Vec3f v) {
+  const WedgeD d;
+  return hn::IfThenElse(hn::FirstN(d, 2), hn::Set(d, double{v.z}), hn::Set(d, double{v.y}));
 }
 
-HWY_INLINE void LetAllPass(WedgeLine* pair) {
-  pair[0] = pair[1] = {.n = {0, 0}, .world = -std::numeric_limits<float>::max(), .face = {0, 0}};
+// op over the lanes of each of three vectors, by vector.
+template <class Op>
+HWY_INLINE WedgeV OverLanes(const Op& op, const WedgeV (&v)[3]) {
+  const WedgeD d;
+  const WedgeV first = op(hn::InterleaveLower(d, v[0], v[1]), hn::InterleaveUpper(d, v[0], v[1]));
+  const WedgeV second = op(hn::InterleaveLower(d, v[2], v[2]), hn::InterleaveUpper(d, v[2], v[2]));
+  return op(hn::ConcatLowerLower(d, second, first), hn::ConcatUpperUpper(d, second, first));
+}
+HWY_INLINE WedgeV LeastOfLanes(const WedgeV (&v)[3]) {
+  return OverLanes([](WedgeV a, WedgeV b) HWY_ATTR { return hn::Min(a, b); }, v);
+}
+HWY_INLINE WedgeV MostOfLanes(const WedgeV (&v)[3]) {
+  return OverLanes([](WedgeV a, WedgeV b) HWY_ATTR { return hn::Max(a, b); }, v);
+}
+
+// One line of each plane, as lanes `first` .. of *wedges: n·(x - from) >= local - margin·|n|_1; of
+// planes that are not `held`, one that lets all pass.
+HWY_INLINE void PutWedgeLines(WedgeV n0, WedgeV n1, WedgeV local, Vec3f from, double margin,
+                              hn::Mask<WedgeD> held, int first, ShaftWedges* wedges) {
+  const WedgeD d;
+  const hn::Rebind<float, WedgeD> df;
+  const hn::RebindToSigned<decltype(df)> di;
+  n0 = hn::IfThenElseZero(held, n0);
+  n1 = hn::IfThenElseZero(held, n1);
+  WedgeV world = hn::MulAdd(n0, AlongFirst(from), local);
+  world = hn::MulAdd(n1, AlongSecond(from), world);
+  world = hn::NegMulAdd(hn::Set(d, margin), hn::Add(hn::Abs(n0), hn::Abs(n1)), world);
+  world = hn::IfThenElse(held, world, hn::Set(d, -double{std::numeric_limits<float>::max()}));
+  hn::Store(hn::DemoteTo(df, world), df, wedges->world + first);
+  alignas(16) static constexpr int32_t kAxes[2][4] = {{1, 0, 0, 0}, {2, 2, 1, 1}};
+  const WedgeV* const n[2] = {&n0, &n1};
+  for (int i = 0; i < 2; ++i) {
+    const auto along = hn::DemoteTo(df, *n[i]);
+    hn::Store(along, df, wedges->n[i] + first);
+    const auto rises = hn::RebindMask(di, hn::Ge(along, hn::Zero(df)));
+    hn::Store(hn::Add(hn::Load(di, kAxes[i]), hn::IfThenElseZero(rises, hn::Set(di, 3))), di,
+              wedges->face[i] + first);
+  }
 }
 
 // Of rays from `apex` with slopes within the rectangle. `margin`: kBoxMargin of the scene's
@@ -90,24 +123,24 @@ HWY_INLINE void LetAllPass(WedgeLine* pair) {
 HWY_INLINE void MakeApexWedges(const ShaftFrame& frame, Vec3f apex, const FrameRectangle& slopes,
                                float margin, ShaftWedges* wedges) {
   const WedgeD d;
-  WedgeV corners[3];
-  WedgeCorners(frame, slopes, 1, corners);
+  WedgeV c[3];
+  WedgeCorners(frame, slopes, 1, c);
+  const WedgeV axis[3] = {hn::Set(d, double{frame.w.x}), hn::Set(d, double{frame.w.y}),
+                          hn::Set(d, double{frame.w.z})};
+  // Each corner's shadow leads along (a, b) + t·(-b, a), where the axis' own leads along (a, b).
+  WedgeV along[3], t[3];
   for (int plane = 0; plane < 3; ++plane) {
-    const int(&axes)[2] = kWedgeAxes[plane];
-    WedgeLine* const pair = &wedges->line[2 * plane];
-    const double a = frame.w[axes[0]], b = frame.w[axes[1]];
-    const WedgeV c0 = corners[axes[0]], c1 = corners[axes[1]];
-    const WedgeV along = hn::MulAdd(hn::Set(d, a), c0, hn::Mul(hn::Set(d, b), c1));
-    if (!hn::AllTrue(d, hn::Gt(along, hn::Set(d, kLeastShadow)))) {
-      LetAllPass(pair);
-      continue;
-    }
-    // Each corner's shadow leads along (a, b) + t·(-b, a).
-    const WedgeV t = hn::Div(hn::MulSub(hn::Set(d, a), c1, hn::Mul(hn::Set(d, b), c0)), along);
-    const double t0 = hn::GetLane(hn::MinOfLanes(d, t)), t1 = hn::GetLane(hn::MaxOfLanes(d, t));
-    pair[0] = MakeWedgeLine(axes, -(b + a * t0), a - b * t0, 0, apex, margin);
-    pair[1] = MakeWedgeLine(axes, b + a * t1, b * t1 - a, 0, apex, margin);
+    const int i = plane == 0 ? 1 : 0, j = plane == 2 ? 1 : 2;
+    const WedgeV all = hn::MulAdd(axis[i], c[i], hn::Mul(axis[j], c[j]));
+    along[plane] = hn::IfThenElseZero(hn::Gt(all, hn::Set(d, kLeastShadow)), all);
+    t[plane] = hn::Div(hn::MulSub(axis[i], c[j], hn::Mul(axis[j], c[i])), all);
   }
+  const auto held = hn::Gt(LeastOfLanes(along), hn::Zero(d));
+  const WedgeV a = AlongFirst(frame.w), b = AlongSecond(frame.w);
+  const WedgeV t0 = LeastOfLanes(t), t1 = MostOfLanes(t), zero = hn::Zero(d);
+  PutWedgeLines(hn::NegMulSub(a, t0, b), hn::NegMulAdd(b, t0, a), zero, apex, margin, held, 0,
+                wedges);
+  PutWedgeLines(hn::MulAdd(a, t1, b), hn::MulSub(b, t1, a), zero, apex, margin, held, 4, wedges);
 }
 
 // Of rays along `direction` (frame.w, but for length and rounding) with offsets from `reference`
@@ -116,38 +149,36 @@ HWY_INLINE void MakeParallelWedges(const ShaftFrame& frame, Vec3f direction, Vec
                                    const FrameRectangle& offsets, float margin,
                                    ShaftWedges* wedges) {
   const WedgeD d;
-  WedgeV corners[3];
-  WedgeCorners(frame, offsets, 0, corners);
-  const double size = MaxAbs(direction);
+  WedgeV c[3];
+  WedgeCorners(frame, offsets, 0, c);
+  const WedgeV axis[3] = {hn::Set(d, double{direction.x}), hn::Set(d, double{direction.y}),
+                          hn::Set(d, double{direction.z})};
+  WedgeV across[3];  // Times |(a, b)|_1, where the direction's shadow leads along (a, b).
   for (int plane = 0; plane < 3; ++plane) {
-    const int(&axes)[2] = kWedgeAxes[plane];
-    WedgeLine* const pair = &wedges->line[2 * plane];
-    const double a = direction[axes[0]], b = direction[axes[1]];
-    const double length = std::abs(a) + std::abs(b);
-    if (!(length > kLeastShadow * size)) {
-      LetAllPass(pair);
-      continue;
-    }
-    const double n0 = -b / length, n1 = a / length;
-    const WedgeV at =
-        hn::MulAdd(hn::Set(d, n0), corners[axes[0]], hn::Mul(hn::Set(d, n1), corners[axes[1]]));
-    const double least = hn::GetLane(hn::MinOfLanes(d, at));
-    const double most = hn::GetLane(hn::MaxOfLanes(d, at));
-    pair[0] = MakeWedgeLine(axes, n0, n1, least, reference, margin);
-    pair[1] = MakeWedgeLine(axes, -n0, -n1, -most, reference, margin);
+    const int i = plane == 0 ? 1 : 0, j = plane == 2 ? 1 : 2;
+    across[plane] = hn::MulSub(axis[i], c[j], hn::Mul(axis[j], c[i]));
   }
+  const WedgeV a = AlongFirst(direction), b = AlongSecond(direction);
+  const WedgeV length = hn::Add(hn::Abs(a), hn::Abs(b));
+  const auto held = hn::Gt(length, hn::Set(d, kLeastShadow * MaxAbs(direction)));
+  const WedgeV inverse = hn::Div(hn::Set(d, 1.0), length);
+  const WedgeV n0 = hn::Neg(hn::Mul(b, inverse)), n1 = hn::Mul(a, inverse);
+  PutWedgeLines(n0, n1, hn::Mul(LeastOfLanes(across), inverse), reference, margin, held, 0, wedges);
+  PutWedgeLines(hn::Neg(n0), hn::Neg(n1), hn::Neg(hn::Mul(MostOfLanes(across), inverse)), reference,
+                margin, held, 4, wedges);
 }
 
 // How far boxes reach to the inner side of all lines, at least: negative where one is wholly beyond
-// a line. `faces` has a row for each face, as WedgeLine counts them, with a lane for each box.
+// a line. `faces` has a row for each face, as ShaftWedges counts them, with a lane for each box.
 template <class D>
 HWY_INLINE hn::Vec<D> WithinWedges(D d, const ShaftWedges& wedges,
                                    const float (*faces)[hn::MaxLanes(D())]) {
   auto least = hn::Set(d, std::numeric_limits<float>::infinity());
-  for (const WedgeLine& line : wedges.line) {
-    const auto sum = hn::MulAdd(hn::Set(d, line.n[0]), hn::Load(d, faces[line.face[0]]),
-                                hn::MulSub(hn::Set(d, line.n[1]), hn::Load(d, faces[line.face[1]]),
-                                           hn::Set(d, line.world)));
+  for (const int i : ShaftWedges::kLines) {
+    const auto sum =
+        hn::MulAdd(hn::Set(d, wedges.n[0][i]), hn::Load(d, faces[wedges.face[0][i]]),
+                   hn::MulSub(hn::Set(d, wedges.n[1][i]), hn::Load(d, faces[wedges.face[1][i]]),
+                              hn::Set(d, wedges.world[i])));
     least = hn::Min(least, sum);
   }
   return least;

@@ -48,7 +48,7 @@ class HullCutMaker {
     const float margin =
         kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(reference_) + spread_) +
         kFloatUnderflow;
-    CutOpener opener(sides_, kSides, nullptr, caps_, margin, frame_.w);
+    CutOpener opener(sides_, nullptr, caps_, margin, frame_.w);
     if (from == nullptr) {
       opener.Open(scene_.bvh.nodes[0]);
     } else {
@@ -162,8 +162,11 @@ class HullCutMaker {
     for (int i = 0; i < kSides; ++i) {
       float at = hn::GetLane(hn::MinOfLanes(d, local[i]));
       if (i != kCap) at -= kBoxMargin * spread_ + kFloatUnderflow;
-      SetSide(normals[i], at, reference_, &sides_[i]);
+      for (int k = 0; k < 3; ++k) sides_.n[k][i] = normals[i][k];
+      sides_.local[i] = at;
     }
+    sides_.count = kSides;
+    PlaceSides(reference_, &sides_);
   }
 
   void PlaceCaps() {
@@ -195,11 +198,11 @@ class HullCutMaker {
       margin = hn::MulAdd(margin, hn::Set(d, kBoxMargin), hn::Set(d, kFloatUnderflow));
       ShaftM in = hn::FirstN(d, leaf.count - first);
       for (int i = 0; i < kCap; ++i) {
-        const V3 n = Broadcast(d, sides_[i].n[0], sides_[i].n[1], sides_[i].n[2]);
+        const V3 n = BroadcastV(sides_.normal(i));
         const V most = hn::Max(hn::Max(DotV(n, corner[0]), DotV(n, corner[1])), DotV(n, corner[2]));
-        in = hn::And(in, hn::Ge(hn::Add(most, margin), hn::Set(d, sides_[i].local)));
+        in = hn::And(in, hn::Ge(hn::Add(most, margin), hn::Set(d, sides_.local[i])));
       }
-      const V3 n = Broadcast(d, sides_[kCap].n[0], sides_[kCap].n[1], sides_[kCap].n[2]);
+      const V3 n = BroadcastV(sides_.normal(kCap));
       const V3 n_abs = {hn::Abs(n.x), hn::Abs(n.y), hn::Abs(n.z)};
       V most = hn::Set(d, -std::numeric_limits<float>::infinity());
       for (const V3& p : corner) {
@@ -207,7 +210,7 @@ class HullCutMaker {
         most = hn::Max(most, hn::MulAdd(DotV(n_abs, p_abs), hn::Set(d, kCapMargin), DotV(n, p)));
       }
       in = hn::And(
-          in, hn::Ge(hn::Add(most, hn::Set(d, kFloatUnderflow)), hn::Set(d, sides_[kCap].local)));
+          in, hn::Ge(hn::Add(most, hn::Set(d, kFloatUnderflow)), hn::Set(d, sides_.local[kCap])));
       if (!hn::AllFalse(d, in)) return true;
     }
     return false;
@@ -233,7 +236,7 @@ class HullCutMaker {
   ShaftFrame frame_;
   Vec3f reference_;   // One of the points: all is taken relative to it.
   float spread_ = 0;  // Bounds |x - reference|_1 over points and origins.
-  ShaftSide sides_[kSides];
+  ShaftSides sides_{};
   AxisCaps caps_;
 };
 

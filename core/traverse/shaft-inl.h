@@ -242,8 +242,7 @@ class ShaftWalk {
     ++stats_->nodes;
     const hn::CappedTag<float, kBvhWidth> d8;
     using V8 = hn::Vec<decltype(d8)>;
-    auto met = MeetsSides(node, bounds_.sides, bounds_.side_count + (rays_.has_cap() ? 1 : 0),
-                          rays_.node_margin());
+    auto met = MeetsSides(node, bounds_.sides, rays_.node_margin());
     met = hn::And(met, hn::Ge(WithinWedges(d8, bounds_.wedges, node.bounds), hn::Zero(d8)));
     if constexpr (kAny) {
       met = hn::And(met, BeyondCaps(d8, rays_.axis_caps(), node.bounds));

@@ -37,7 +37,7 @@ class CutMaker {
   // False: the rays fit no frame together.
   bool Make(ShaftCut* cut) {
     if (!MakeFrame() || !Bound()) return false;
-    CutOpener opener(sides_, side_count_, &wedges_, caps_, margin_, frame_.w);
+    CutOpener opener(sides_, &wedges_, caps_, margin_, frame_.w);
     opener.Open(scene_.bvh.nodes[0]);
     opener.OpenLargest(scene_.bvh);
     // Near before far; for any hit what is nearest to the light first, which blocks the most.
@@ -68,6 +68,17 @@ class CutMaker {
     Vec3f own = {Row(packet, 0)[lane], Row(packet, 1)[lane], Row(packet, 2)[lane]};
     if (kParallel || Segments()) own = own - apex_;
     return ToDouble(own);
+  }
+
+  // A lane for each corner of a box, and again if there are more lanes.
+  static HWY_INLINE Vec3V<V> CornersOf(const Box3f& box) {
+    const ShaftD d;
+    const auto along = [&](uint8_t first, int k) HWY_ATTR {
+      const uint8_t high[8] = {first, first};
+      return hn::IfThenElse(hn::LoadMaskBits(ShaftD(), high), hn::Set(ShaftD(), box.hi[k]),
+                            hn::Set(ShaftD(), box.lo[k]));
+    };
+    return {along(0xAA, 0), along(0xCC, 1), along(0xF0, 2)};
   }
 
   bool MakeFrame() {
@@ -109,12 +120,7 @@ class CutMaker {
                   static_cast<size_t>(packet.count));
       const Box3f box = points.box();
       all.Extend(box);
-      HWY_ALIGN float corners[3][hn::MaxLanes(d)];
-      for (int k = 0; k < 3; ++k) {
-        const float lo = box.lo[k], hi = box.hi[k];
-        for (size_t c = 0; c < hn::Lanes(d); ++c) corners[k][c] = (c >> k & 1) != 0 ? hi : lo;
-      }
-      Vec3V<V> own = {hn::Load(d, corners[0]), hn::Load(d, corners[1]), hn::Load(d, corners[2])};
+      Vec3V<V> own = CornersOf(box);
       if (kParallel || Segments()) own = SubV(own, o);
       V x = DotV(u, own), y = DotV(v, own);
       const V z = DotV(w, own);
@@ -142,8 +148,8 @@ class CutMaker {
                                  .right = hn::GetLane(hn::MaxOfLanes(d, x1)) + widen,
                                  .below = hn::GetLane(hn::MinOfLanes(d, y0)) - widen,
                                  .above = hn::GetLane(hn::MaxOfLanes(d, y1)) + widen};
-    side_count_ =
-        MakeShaftSides<kParallel>(frame_, apex_, held, near, Segments() ? &far : nullptr, sides_);
+    MakeShaftSides<kParallel>(frame_, apex_, held, near, Segments() ? &far : nullptr, nullptr,
+                              &sides_);
     margin_ =
         kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread) + kFloatUnderflow;
     if constexpr (kParallel) {
@@ -167,8 +173,7 @@ class CutMaker {
   std::span<const Packet> packets_;
   ShaftFrame frame_;
   Vec3f apex_;
-  ShaftSide sides_[6];
-  int side_count_ = 0;
+  ShaftSides sides_;
   ShaftWedges wedges_;
   AxisCaps caps_;
   float margin_ = 0;

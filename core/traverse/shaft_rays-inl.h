@@ -103,9 +103,8 @@ struct ShaftBounds {
   float left, right, below, above;  // Of all: ends,
   float cx, cy, ex, ey;             // middle and half extent.
   float all_near, all_far;
-  ShaftSide sides[6];  // Left, right, below, above; for any hit: the end (the start, if parallel)
-                       // and the receivers' cap.
-  int side_count;
+  ShaftSides sides;  // Left, right, below, above; for any hit: the end (the start, if parallel)
+                     // and the receivers' cap.
   ShaftWedges wedges;
   float cap_most;  // Of the cap, margin included.
 };
@@ -140,52 +139,20 @@ class ShaftRays {
       apex_ = packet_.origin;
       has_cap_ = packet_.segments;
     }
-    for (int k = 0; k < 3; ++k) own_[k] = own_rows_[k];
-    const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
-    Vec3V<ShaftV> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
-    ShaftV widest = hn::Zero(d);
-    PointBox box;
-    for (size_t i = 0; i < padded_; i += lanes) {
-      Vec3V<ShaftV> own = {hn::Load(d, row(0) + i), hn::Load(d, row(1) + i),
-                           hn::Load(d, row(2) + i)};
-      if constexpr (kAny) box.Take(own);
-      if (kParallel || segments()) own = SubV(own, o);
-      hn::Store(own.x, d, own_rows_[0] + i);
-      hn::Store(own.y, d, own_rows_[1] + i);
-      hn::Store(own.z, d, own_rows_[2] + i);
-      if constexpr (kParallel) {
-        widest = hn::Max(widest, Norm1V(own));
-      } else {
-        const ShaftV inf = NormInfV(own);
-        hn::Store(inf, d, own_inf_ + i);
-        // Blocks 0, 5, 10 and 15, the diagonal of a square of them, stand for all.
-        if (i / kShaftBlockRays % 5 == 0) {
-          const ShaftV scale = hn::Div(hn::Set(d, 1.0f), inf);
-          sum.x = hn::MulAdd(own.x, scale, sum.x);
-          sum.y = hn::MulAdd(own.y, scale, sum.y);
-          sum.z = hn::MulAdd(own.z, scale, sum.z);
-        }
-      }
-    }
-    Vec3d axis;
-    if constexpr (kParallel) {
-      axis = ToDouble(packet_.direction);
-      spread_ = hn::GetLane(hn::MaxOfLanes(d, widest));
-    } else {
-      axis = {hn::GetLane(hn::SumOfLanes(d, sum.x)), hn::GetLane(hn::SumOfLanes(d, sum.y)),
-              hn::GetLane(hn::SumOfLanes(d, sum.z))};
-      spread_ = 0;
-    }
     // Lanes 0 and 3 are neighbours in a row of a tile; points come as they come.
-    const Vec3d sideways = ToDouble(own(std::min(3, count - 1))) - ToDouble(own(0));
-    if (!MakeShaftFrame(axis, sideways, &frame_)) return false;
-    if (!Project()) return false;
+    const Vec3d sideways = ToDouble(point(std::min(3, count - 1))) - ToDouble(point(0));
+    if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
+    if (has_cap_) TurnCap();
+    PointBox box;
+    if (!(has_cap_ ? Place<true>(&box) : Place<false>(&box))) return false;
     FillRow(packet_.triangle, padded_, kNoTriangle);
-    for (int b = 0; b < kShaftBlocks; ++b) {
-      const int left = count - b * kShaftBlockRays;
-      all_.rays[b] = left >= kShaftBlockRays ? 0xFFFF
-                     : left > 0              ? static_cast<uint16_t>((1u << left) - 1)
-                                             : 0;
+    if (count == kMaxRays) {
+      std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
+    } else {
+      for (int b = 0; b < kShaftBlocks; ++b) {
+        const int left = std::clamp(count - b * kShaftBlockRays, 0, kShaftBlockRays);
+        all_.rays[b] = static_cast<uint16_t>((1u << left) - 1);
+      }
     }
     has_sources_ = false;
     if (kParallel || segments()) {
@@ -196,10 +163,7 @@ class ShaftRays {
       has_sources_ = !hn::AllTrue(du, hn::Eq(all, hn::Set(du, kNoTriangle)));
     }
     float farthest = FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread_;
-    if (has_cap_) {
-      MakeCap();
-      farthest += Norm1(cap_at_);
-    }
+    if (has_cap_) farthest += Norm1(cap_at_);
     node_margin_ = kBoxMargin * farthest + kFloatUnderflow;
     if constexpr (kAny) PlaceAxisCaps(box);
     return true;
@@ -407,7 +371,10 @@ class ShaftRays {
     }
   }
   Vec3f point(int lane) const { return {row(0)[lane], row(1)[lane], row(2)[lane]}; }
-  Vec3f own(int lane) const { return {own_[0][lane], own_[1][lane], own_[2][lane]}; }
+  Vec3V<ShaftV> Rows(size_t at) const {
+    const ShaftD d;
+    return {hn::Load(d, row(0) + at), hn::Load(d, row(1) + at), hn::Load(d, row(2) + at)};
+  }
 
   // Lanes out of use copy the last one in use, and are never active.
   void PadLane(size_t lane, size_t last) {
@@ -424,28 +391,74 @@ class ShaftRays {
     }
   }
 
-  bool Project() {
+  // Where the rays lead.
+  Vec3d Axis() const {
+    if constexpr (kParallel) {
+      return ToDouble(packet_.direction);
+    } else {
+      const ShaftD d;
+      const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
+      Vec3V<ShaftV> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+      // Blocks 0, 5, 10 and 15, the diagonal of a square of them, stand for all.
+      for (size_t b = 0; b < kShaftBlocks; b += 5) {
+        const size_t end = std::min((b + 1) * kShaftBlockRays, padded_);
+        for (size_t i = b * kShaftBlockRays; i < end; i += hn::Lanes(d)) {
+          const Vec3V<ShaftV> own = segments() ? SubV(Rows(i), o) : Rows(i);
+          const ShaftV scale = hn::Div(hn::Set(d, 1.0f), NormInfV(own));
+          sum.x = hn::MulAdd(own.x, scale, sum.x);
+          sum.y = hn::MulAdd(own.y, scale, sum.y);
+          sum.z = hn::MulAdd(own.z, scale, sum.z);
+        }
+      }
+      return {hn::GetLane(hn::SumOfLanes(d, sum.x)), hn::GetLane(hn::SumOfLanes(d, sum.y)),
+              hn::GetLane(hn::SumOfLanes(d, sum.z))};
+    }
+  }
+
+  // Places the rays in the frame, and their points (any hit) in *box; kCap: along the cap, too.
+  // False: they do not fit the frame.
+  template <bool kCap>
+  bool Place(PointBox* box) {
     const ShaftD d;
+    for (int k = 0; k < 3; ++k) own_[k] = own_rows_[k];
+    const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
     const Vec3V<ShaftV> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
     const Vec3V<ShaftV> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
     const Vec3V<ShaftV> w = Broadcast(d, frame_.w.x, frame_.w.y, frame_.w.z);
-    bool fits = true;
+    const Vec3V<ShaftV> g = Broadcast(d, cap_normal_.x, cap_normal_.y, cap_normal_.z);
+    const Vec3V<ShaftV> g_abs = {hn::Abs(g.x), hn::Abs(g.y), hn::Abs(g.z)};
+    const Vec3V<ShaftV> cap_at = Broadcast(d, cap_at_.x, cap_at_.y, cap_at_.z);
+    ShaftV widest = hn::Zero(d);
+    ShaftM fits = hn::FirstN(d, hn::Lanes(d));
     for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
-      const Vec3V<ShaftV> own = Own(i);
+      const Vec3V<ShaftV> p = Rows(i);
+      if constexpr (kAny) box->Take(p);
+      if constexpr (kCap) {
+        const Vec3V<ShaftV> q = SubV(p, cap_at);
+        const Vec3V<ShaftV> q_abs = {hn::Abs(q.x), hn::Abs(q.y), hn::Abs(q.z)};
+        hn::Store(hn::MulAdd(DotV(g_abs, q_abs), hn::Set(d, kCapMargin), DotV(g, q)), d, cap_ + i);
+      }
+      const Vec3V<ShaftV> own = kParallel || segments() ? SubV(p, o) : p;
+      hn::Store(own.x, d, own_rows_[0] + i);
+      hn::Store(own.y, d, own_rows_[1] + i);
+      hn::Store(own.z, d, own_rows_[2] + i);
       const ShaftV x = DotV(u, own), y = DotV(v, own), z = DotV(w, own);
       hn::Store(z, d, z_ + i);
       if constexpr (kParallel) {
+        widest = hn::Max(widest, Norm1V(own));
         hn::Store(x, d, x_ + i);
         hn::Store(y, d, y_ + i);
       } else {
-        fits = fits && hn::AllTrue(d, FitsFrame(own, z));
+        hn::Store(NormInfV(own), d, own_inf_ + i);
+        fits = hn::And(fits, FitsFrame(own, z));
         const ShaftV inverse = hn::Div(hn::Set(d, 1.0f), z);
         hn::Store(inverse, d, inverse_z_ + i);
         hn::Store(hn::Mul(x, inverse), d, x_ + i);
         hn::Store(hn::Mul(y, inverse), d, y_ + i);
       }
     }
-    return fits;
+    spread_ = hn::GetLane(hn::MaxOfLanes(d, widest));
+    return hn::AllTrue(d, fits);
   }
 
   void PlaceAxisCaps(const PointBox& points) {
@@ -462,36 +475,21 @@ class ShaftRays {
   }
 
   // The receivers' cap: along the mean of some of their sources' normals, so that it lies on their
-  // surface where that is flat; along the axis if no source is known.
-  void MakeCap() {
+  // surface where that is flat; along the axis if no source is known. None for parallel rays that
+  // climb out of it.
+  void TurnCap() {
     cap_at_ = point(packet_.count / 2);
     const float* const rows[3] = {row(0), row(1), row(2)};
     const Vec3d sum = SumOfNormals(scene_.geometry, sources(), rows, packet_.count,
                                    ToDouble(kParallel ? -frame_.w : frame_.w));
     const double length = Length(sum);
     cap_normal_ = length > 0.125 ? ToFloat(sum * (1.0 / length)) : kParallel ? -frame_.w : frame_.w;
+    cap_of_apex_ = -std::numeric_limits<float>::infinity();
     if constexpr (kParallel) {
-      // Rays must not climb out of the cap.
       const Vec3d g = ToDouble(cap_normal_), d = ToDouble(common());
       const double size = MaxAbs(g) * MaxAbs(d);
-      if (!(Dot(g, d) < -0x1p-40 * size)) {
-        has_cap_ = false;
-        return;
-      }
-    }
-    const ShaftD d;
-    const Vec3V<ShaftV> g = Broadcast(d, cap_normal_.x, cap_normal_.y, cap_normal_.z);
-    const Vec3V<ShaftV> g_abs = {hn::Abs(g.x), hn::Abs(g.y), hn::Abs(g.z)};
-    const Vec3V<ShaftV> at = Broadcast(d, cap_at_.x, cap_at_.y, cap_at_.z);
-    const ShaftV margin = hn::Set(d, kCapMargin);
-    for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
-      const Vec3V<ShaftV> p =
-          SubV({hn::Load(d, row(0) + i), hn::Load(d, row(1) + i), hn::Load(d, row(2) + i)}, at);
-      const Vec3V<ShaftV> p_abs = {hn::Abs(p.x), hn::Abs(p.y), hn::Abs(p.z)};
-      hn::Store(hn::MulAdd(DotV(g_abs, p_abs), margin, DotV(g, p)), d, cap_ + i);
-    }
-    cap_of_apex_ = -std::numeric_limits<float>::infinity();
-    if constexpr (!kParallel) {
+      has_cap_ = Dot(g, d) < -0x1p-40 * size;
+    } else {
       const Vec3f p = apex_ - cap_at_;
       cap_of_apex_ = Dot(cap_normal_, p) +
                      kCapMargin * (std::abs(cap_normal_.x * p.x) + std::abs(cap_normal_.y * p.y) +
@@ -500,14 +498,7 @@ class ShaftRays {
   }
 
   void MakeSides(const FrameRectangle& held, ShaftBounds* out) const {
-    const bool ends = kAny && segments();
-    out->side_count = MakeShaftSides<kParallel>(frame_, apex_, held, out->all_near,
-                                                ends ? &out->all_far : nullptr, out->sides);
-    if constexpr (kParallel) {
-      MakeParallelWedges(frame_, common(), apex_, held, node_margin_, &out->wedges);
-    } else {
-      MakeApexWedges(frame_, apex_, held, node_margin_, &out->wedges);
-    }
+    ShaftEnd cap;
     out->cap_most = std::numeric_limits<float>::infinity();
     if (has_cap_) {
       const ShaftD d;
@@ -516,10 +507,16 @@ class ShaftRays {
         most = hn::IfThenElse(LanesOf(out->open, i), hn::Max(most, hn::Load(d, cap_ + i)), most);
       }
       out->cap_most = hn::GetLane(hn::MaxOfLanes(d, most));
-      const Vec3f from_apex = cap_at_ - apex_;
-      SetSide(-cap_normal_, -(out->cap_most + Dot(cap_normal_, from_apex)), apex_,
-              &out->sides[out->side_count]);
       // A node is put to it as to any other side; triangles by their own, narrower margin.
+      cap = {cap_normal_, out->cap_most + Dot(cap_normal_, cap_at_ - apex_)};
+    }
+    const bool ends = kAny && segments();
+    MakeShaftSides<kParallel>(frame_, apex_, held, out->all_near, ends ? &out->all_far : nullptr,
+                              has_cap_ ? &cap : nullptr, &out->sides);
+    if constexpr (kParallel) {
+      MakeParallelWedges(frame_, common(), apex_, held, node_margin_, &out->wedges);
+    } else {
+      MakeApexWedges(frame_, apex_, held, node_margin_, &out->wedges);
     }
   }
 

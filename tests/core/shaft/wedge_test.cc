@@ -57,10 +57,16 @@ double ReachWithinWedges(const WedgeCase& c, const Box3f& box) {
     hn::Store(hn::Set(d, box.hi[k]), d, faces[k + 3]);
   }
   double least = INFINITY;
-  for (const WedgeLine& line : wedges.line) {
+  for (const int line : ShaftWedges::kLines) {
     ShaftWedges alone;
-    for (WedgeLine& same : alone.line) same = line;
-    const float size = std::abs(line.n[0]) + std::abs(line.n[1]);
+    for (const int same : ShaftWedges::kLines) {
+      for (int i = 0; i < 2; ++i) {
+        alone.n[i][same] = wedges.n[i][line];
+        alone.face[i][same] = wedges.face[i][line];
+      }
+      alone.world[same] = wedges.world[line];
+    }
+    const float size = std::abs(wedges.n[0][line]) + std::abs(wedges.n[1][line]);
     if (size > 0)
       least = std::min(least, hn::GetLane(WithinWedges(d, alone, faces)) / double{size});
   }

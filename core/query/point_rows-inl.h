@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// point_rows.h, a vector at a time.
+//
+// Thread safety: pure functions.
+
+#if defined(SIGHTLINE_CORE_QUERY_POINT_ROWS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SIGHTLINE_CORE_QUERY_POINT_ROWS_INL_H_
+#undef SIGHTLINE_CORE_QUERY_POINT_ROWS_INL_H_
+#else
+#define SIGHTLINE_CORE_QUERY_POINT_ROWS_INL_H_
+#endif
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "core/intersect/hit.h"
+#include "core/intersect/predicate-inl.h"
+#include "core/query/point_rows.h"
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace sightline {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using PointRowD = hn::CappedTag<float, 16>;
+
+// Three vectors hold as many points as one has lanes: coordinate `axis` of point i is number
+// 3i + axis of their floats. As three and the number of lanes have no common factor, no two points
+// have theirs in the same lane, so that the vectors blend into one, whose lanes have then to be put
+// in order.
+struct CoordinateLanes {
+  static constexpr size_t kLanes = hn::MaxLanes(PointRowD());
+
+  constexpr CoordinateLanes() {
+    for (size_t axis = 0; axis < 3; ++axis) {
+      for (size_t i = 0; i < kLanes; ++i) {
+        const size_t number = 3 * i + axis, lane = number % kLanes;
+        vector_of[axis][lane] = static_cast<int32_t>(number / kLanes);
+        order[axis][i] = static_cast<int32_t>(lane);
+      }
+    }
+  }
+
+  alignas(64) int32_t vector_of[3][kLanes] = {};  // By lane of the three.
+  alignas(64) int32_t order[3][kLanes] = {};      // By point: the lane.
+};
+constexpr CoordinateLanes kCoordinateLanes;
+
+// One of the coordinates of such points.
+class Coordinate {
+ public:
+  explicit HWY_INLINE Coordinate(size_t axis)
+      : first_(LanesOf(axis, 0)),
+        second_(LanesOf(axis, 1)),
+        order_(hn::SetTableIndices(PointRowD(), kCoordinateLanes.order[axis])) {}
+
+  HWY_INLINE hn::Vec<PointRowD> Of(hn::Vec<PointRowD> a, hn::Vec<PointRowD> b,
+                                   hn::Vec<PointRowD> c) const {
+    return hn::TableLookupLanes(hn::IfThenElse(first_, a, hn::IfThenElse(second_, b, c)), order_);
+  }
+
+ private:
+  static HWY_INLINE hn::Mask<PointRowD> LanesOf(size_t axis, int32_t vector) {
+    const hn::RebindToSigned<PointRowD> di;
+    return hn::RebindMask(
+        PointRowD(), hn::Eq(hn::Load(di, kCoordinateLanes.vector_of[axis]), hn::Set(di, vector)));
+  }
+
+  const hn::Mask<PointRowD> first_, second_;
+  const decltype(hn::SetTableIndices(PointRowD(), kCoordinateLanes.order[0])) order_;
+};
+
+inline void SplitPoints(std::span<const Vec3f> points, float* x, float* y, float* z) {
+  const PointRowD d;
+  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
+  const Coordinate axes[3] = {Coordinate(0), Coordinate(1), Coordinate(2)};
+  float* const rows[3] = {x, y, z};
+  size_t i = 0;
+  for (; i + hn::Lanes(d) <= points.size(); i += hn::Lanes(d)) {
+    const float* const from = &points[i].x;
+    const auto a = hn::LoadU(d, from), b = hn::LoadU(d, from + hn::Lanes(d)),
+               c = hn::LoadU(d, from + 2 * hn::Lanes(d));
+    for (int k = 0; k < 3; ++k) hn::Store(axes[k].Of(a, b, c), d, rows[k] + i);
+  }
+  for (; i < points.size(); ++i) {
+    for (int k = 0; k < 3; ++k) rows[k][i] = points[i][k];
+  }
+}
+
+inline uint64_t FreeBits(const uint32_t* ids) {
+  const hn::RebindToUnsigned<PointRowD> d;
+  uint64_t bits = 0;
+  for (size_t i = 0; i < 64; i += hn::Lanes(d)) {
+    const auto is_free = hn::Eq(hn::Load(d, ids + i), hn::Set(d, kNoTriangle));
+    bits |= uint64_t{MaskBits(d, is_free)} << i;
+  }
+  return bits;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace sightline
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard
