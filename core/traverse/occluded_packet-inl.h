@@ -225,6 +225,7 @@ class OccludedPacketWalk {
     ListPairs(leaf, groups, relevant, &pairs);
     const ShaftD d;
     const ShaftTest<true, Lanes::kParallel, Lanes> test(lanes_, leaf, forms_);
+    PairInDoubt doubts[std::size(pairs.pairs)];
     size_t doubtful = 0;
     for (size_t k = 0; k < pairs.count; ++k) {
       const uint32_t pair = pairs.pairs[k], g = pair / kMaxLeafTriangles;
@@ -236,17 +237,18 @@ class OccludedPacketWalk {
       const auto said = test.InFloats(i, g * kLanes);
       const uint32_t hits = asked & MaskBits(d, said.hit);
       lanes_.Block(id, g, hits);
-      pairs.pairs[doubtful] = pair;
-      doubtful += (asked & ~hits & MaskBits(d, said.open)) != 0 ? 1 : 0;
+      const uint32_t open = asked & ~hits & MaskBits(d, said.open);
+      doubts[doubtful] = {static_cast<uint16_t>(pair), static_cast<uint16_t>(open)};
+      doubtful += open != 0 ? 1 : 0;
     }
     const auto ray = [this](int lane) { return packet_.ray(lane); };
     for (size_t k = 0; k < doubtful; ++k) {
-      const uint32_t g = pairs.pairs[k] / kMaxLeafTriangles;
-      const uint32_t i = pairs.pairs[k] % kMaxLeafTriangles, id = leaf.id(i);
+      const uint32_t g = doubts[k].pair / kMaxLeafTriangles;
+      const uint32_t i = doubts[k].pair % kMaxLeafTriangles;
       // LoadMaskBits may read as many.
-      const uint32_t asked[2] = {met[g] & lanes_.active(g) & ~lanes_.SourceLanes(g, id)};
-      const ShaftM lanes = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(asked));
-      lanes_.Block(id, g, MaskBits(d, test.Certain(i, g * kLanes, lanes, ray, stats_)));
+      const uint32_t open[2] = {doubts[k].rays & lanes_.active(g)};
+      const ShaftM lanes = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(open));
+      lanes_.Block(leaf.id(i), g, MaskBits(d, test.Settle(i, g * kLanes, lanes, ray, stats_)));
     }
     return lanes_.live() == 0;
   }

@@ -280,14 +280,14 @@ class ShaftWalk {
     }
     MarkTested(rays_, bounds_, leaf, touched, packet_.answered_by);
     // Those in doubt wait, so that no test has to know how the one before ended.
+    PairInDoubt doubts[std::size(touched.pairs)];
     size_t doubtful = 0;
     for (size_t k = 0; k < touched.count; ++k) {
-      const uint32_t pair = touched.pairs[k];
-      const bool settled = TestBlock(leaf, pair, &tests);
-      touched.pairs[doubtful] = pair;
-      doubtful += settled ? 0 : 1;
+      const uint32_t pair = touched.pairs[k], open = TestBlock(leaf, pair, &tests);
+      doubts[doubtful] = {static_cast<uint16_t>(pair), static_cast<uint16_t>(open)};
+      doubtful += open != 0 ? 1 : 0;
     }
-    for (size_t k = 0; k < doubtful; ++k) SettleBlock(leaf, touched.pairs[k]);
+    for (size_t k = 0; k < doubtful; ++k) SettleBlock(leaf, doubts[k]);
     if constexpr (kAny) {
       bounds_.open_blocks = OpenBlocks(bounds_.open);
     } else {
@@ -314,8 +314,8 @@ class ShaftWalk {
   }
 
   // The rays of one block that are still asked about, by floats, without a branch that depends on
-  // them: whether a ray is hit cannot be foretold. False: some are left in doubt.
-  HWY_INLINE bool TestBlock(const LeafView& leaf, uint32_t pair, uint64_t* tests) {
+  // them: whether a ray is hit cannot be foretold. Returns those left in doubt.
+  HWY_INLINE uint32_t TestBlock(const LeafView& leaf, uint32_t pair, uint64_t* tests) {
     const ShaftD d;
     const uint32_t b = BlockOf(pair), i = TriangleOf(pair);
     const size_t at = size_t{b} * kShaftBlockRays;
@@ -325,13 +325,13 @@ class ShaftWalk {
     BlockLanes(asked, hit);
     typename Test::Floats said[kBlockVectors];
     Test(rays_, leaf, leaf_->forms()).InFloats(i, at, said);
-    M open = hn::FirstN(d, 0);
+    uint32_t open = 0;
     for (size_t k = 0; k < kBlockVectors; ++k) {
-      open = hn::Or(open, hn::AndNot(said[k].hit, hn::And(hit[k], said[k].open)));
+      open |= MaskBits(d, hn::AndNot(said[k].hit, hn::And(hit[k], said[k].open))) << (k * kLanes);
       hit[k] = hn::And(hit[k], said[k].hit);
     }
     Take(leaf, i, b, hit);
-    return hn::AllFalse(d, open);
+    return open;
   }
 
   // Takes note of the rays of block b that triangle i hits.
@@ -350,17 +350,18 @@ class ShaftWalk {
     }
   }
 
-  // The same, for certain.
-  HWY_NOINLINE void SettleBlock(const LeafView& leaf, uint32_t pair) {
+  // The rays of a block that were left in doubt, for certain.
+  HWY_NOINLINE void SettleBlock(const LeafView& leaf, PairInDoubt doubt) {
     const Test test(rays_, leaf, leaf_->forms());
-    const uint32_t b = BlockOf(pair), i = TriangleOf(pair);
+    const uint32_t b = BlockOf(doubt.pair), i = TriangleOf(doubt.pair);
     const uint32_t id = leaf.id(i);
-    const uint16_t asked[8] = {static_cast<uint16_t>(Asked(b, id))};  // LanesOf may read as many.
+    // Those that another triangle has blocked by now are asked about no more.
+    M lanes[kBlockVectors];
+    BlockLanes(doubt.rays & bounds_.open[b], lanes);
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const size_t at = size_t{b} * kShaftBlockRays + k * kLanes;
-      const M hit[1] = {test.Certain(
-          i, at, LanesOf(asked, k * kLanes), [&](int lane) HWY_ATTR { return packet_.ray(lane); },
-          stats_)};
+      const M hit[1] = {test.Settle(
+          i, at, lanes[k], [&](int lane) HWY_ATTR { return packet_.ray(lane); }, stats_)};
       if constexpr (kAny) {
         bounds_.open[b] &= static_cast<uint16_t>(~(Block(id, at, hit[0]) << (k * kLanes)));
       } else {

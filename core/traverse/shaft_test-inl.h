@@ -29,6 +29,12 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
+// A pair of a triangle and some rays, numbered as its list has it: those that floats leave in doubt,
+// a bit each.
+struct PairInDoubt {
+  uint16_t pair, rays;
+};
+
 // Rays: a shaft's, or what has their Own, OwnInf, Point, common and segments
 // (occluded_packet-inl.h).
 template <bool kAny, bool kParallel, class Rays = ShaftRays<kAny, kParallel>>
@@ -97,35 +103,27 @@ class ShaftTest {
     return said[0];
   }
 
-  // Which of the rays `asked` triangle i blocks, by floats where those tell. `ray(lane)` is that of
-  // a lane, for the predicate.
+  // Which of the rays `open`, which floats leave in doubt, triangle i blocks. `ray(lane)` is that
+  // of a lane, for the predicate.
   template <class Ray>
-  HWY_INLINE M Blocked(uint32_t i, size_t at, M asked, const Ray& ray, WalkStats* stats) const {
+  HWY_NOINLINE M Settle(uint32_t i, size_t at, M open, const Ray& ray, WalkStats* stats) const {
     const ShaftD d;
-    const Floats said = InFloats(i, at);
-    const M hit = hn::And(asked, said.hit);
-    if (hn::AllFalse(d, hn::AndNot(hit, hn::And(asked, said.open)))) return hit;
-    return Certain(i, at, asked, ray, stats);
-  }
-
-  // The same, whatever floats say.
-  template <class Ray>
-  HWY_NOINLINE M Certain(uint32_t i, size_t at, M asked, const Ray& ray, WalkStats* stats) const {
-    const ShaftD d;
-    const Floats said = InFloats(i, at);
-    M open = hn::And(asked, said.open), hit = hn::And(open, said.hit), beyond = open;
-    stats->doubt_double += hn::CountTrue(d, hn::AndNot(hit, open));
-    if (HasPlane() && !hn::AllFalse(d, hn::AndNot(hit, open))) {
+    M beyond = open;
+    stats->doubt_double += hn::CountTrue(d, open);
+    if (HasPlane()) {
       const V plane = PlaneInDoubles(i, at);
       open = hn::And(open, hn::Ge(plane, hn::Zero(d)));
+      // Mostly the points lie on the triangle itself, and all is said.
+      if (hn::AllFalse(d, open)) return open;
       beyond = hn::Gt(plane, hn::Zero(d));
-      hit = hn::And(open, hn::And(said.inside, beyond));
     }
+    const M inside = InFloats(i, at).inside;
+    M hit = hn::And(open, hn::And(inside, beyond));
     M in_doubt = hn::AndNot(hit, open);
-    if (!hn::AllFalse(d, hn::AndNot(said.inside, in_doubt))) {
+    if (!hn::AllFalse(d, hn::AndNot(inside, in_doubt))) {
       const V inner = EdgesInDoubles(i, at);
-      open = hn::And(open, hn::Or(said.inside, hn::Ge(inner, hn::Zero(d))));
-      hit = hn::And(open, hn::And(beyond, hn::Or(said.inside, hn::Gt(inner, hn::Zero(d)))));
+      open = hn::And(open, hn::Or(inside, hn::Ge(inner, hn::Zero(d))));
+      hit = hn::And(open, hn::And(beyond, hn::Or(inside, hn::Gt(inner, hn::Zero(d)))));
       in_doubt = hn::AndNot(hit, open);
     }
     uint32_t bits[2] = {MaskBits(d, hit)};
