@@ -13,6 +13,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 
 #include "core/intersect/hit.h"
@@ -73,21 +74,35 @@ class Coordinate {
   const decltype(hn::SetTableIndices(PointRowD(), kCoordinateLanes.order[0])) order_;
 };
 
-inline void SplitPoints(std::span<const Vec3f> points, float* x, float* y, float* z) {
+inline Box3f SplitPoints(std::span<const Vec3f> points, float* x, float* y, float* z) {
   const PointRowD d;
   static_assert(sizeof(Vec3f) == 3 * sizeof(float));
   const Coordinate axes[3] = {Coordinate(0), Coordinate(1), Coordinate(2)};
   float* const rows[3] = {x, y, z};
+  const auto least = hn::Set(d, std::numeric_limits<float>::infinity()), most = hn::Neg(least);
+  hn::Vec<PointRowD> lo[3] = {least, least, least}, hi[3] = {most, most, most};
   size_t i = 0;
   for (; i + hn::Lanes(d) <= points.size(); i += hn::Lanes(d)) {
     const float* const from = &points[i].x;
     const auto a = hn::LoadU(d, from), b = hn::LoadU(d, from + hn::Lanes(d)),
                c = hn::LoadU(d, from + 2 * hn::Lanes(d));
-    for (int k = 0; k < 3; ++k) hn::Store(axes[k].Of(a, b, c), d, rows[k] + i);
+    for (int k = 0; k < 3; ++k) {
+      const auto row = axes[k].Of(a, b, c);
+      hn::Store(row, d, rows[k] + i);
+      lo[k] = hn::Min(lo[k], row);
+      hi[k] = hn::Max(hi[k], row);
+    }
+  }
+  Box3f box;
+  for (int k = 0; k < 3; ++k) {
+    box.lo[k] = hn::GetLane(hn::MinOfLanes(d, lo[k]));
+    box.hi[k] = hn::GetLane(hn::MaxOfLanes(d, hi[k]));
   }
   for (; i < points.size(); ++i) {
     for (int k = 0; k < 3; ++k) rows[k][i] = points[i][k];
+    box.Extend(points[i]);
   }
+  return box;
 }
 
 inline uint64_t FreeBits(const uint32_t* ids) {

@@ -13,14 +13,16 @@
 #include <cstdint>
 #include <span>
 
+#include "core/geometry/box3.h"
 #include "core/geometry/vec3.h"
 #include "core/traverse/simd_target.h"
 
 namespace sightline {
 
 struct PointRowKernels {
-  // x[i], y[i] and z[i] are the coordinates of points[i]. Rows are aligned to 64 bytes.
-  void (*split)(std::span<const Vec3f> points, float* x, float* y, float* z);
+  // x[i], y[i] and z[i] are the coordinates of points[i]. Rows are aligned to 64 bytes. Returns the
+  // box around the points.
+  Box3f (*split)(std::span<const Vec3f> points, float* x, float* y, float* z);
   // Bit i: ids[i] is kNoTriangle, of 64 ids. Aligned to 64 bytes.
   uint64_t (*free_bits)(const uint32_t* ids);
 };

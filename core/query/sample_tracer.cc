@@ -62,16 +62,16 @@ void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const u
 }
 
 int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
-                         uint32_t* sources) const {
+                         uint32_t* sources, Box3f* box) const {
   const size_t first = block * kBlockRays;
   const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
-  LayOut(sample, first, count, x, y, z, sources);
+  *box = LayOut(sample, first, count, x, y, z, sources);
   return static_cast<int>(count);
 }
 
 // A segment's point end is moved toward the light by t_min, in double, rounded once.
-void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y,
-                          float* z, uint32_t* sources) const {
+Box3f SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count, float* x,
+                           float* y, float* z, uint32_t* sources) const {
   if (sources_.empty()) {
     std::fill_n(sources, count, kNoTriangle);
   } else {
@@ -80,13 +80,16 @@ void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count,
   const std::span<const Vec3f> points = positions_.subspan(first, count);
   if (t_min_ == 0) return rows_.split(points, x, y, z);
   const Vec3d toward = ToDouble(sample.value);
+  Box3f box;
   for (size_t i = 0; i < count; ++i) {
     const Vec3d d = ToDouble(points[i]);
     const Vec3f p = ToFloat(d + (sample.directional ? toward : toward - d) * t_min_);
     x[i] = p.x;
     y[i] = p.y;
     z[i] = p.z;
+    box.Extend(p);
   }
+  return box;
 }
 
 GradualFetch SampleTracer::ComingOf(size_t block) const {
@@ -192,8 +195,9 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       packet.answered_by = AnsweredByOf(b);
       if (!packets_ready_) {
         packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
-                              packet.target_source);
+                              packet.target_source, &boxes_[b]);
       }
+      packet.point_box = &boxes_[b];
     }
     packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
     if (by_hulls) {
@@ -350,8 +354,9 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
       packet.answered_by = AnsweredByOf(b);
       if (!parallel_ready_) {
         packet.count = LayOut(sample, b, packet.origin_x, packet.origin_y, packet.origin_z,
-                              packet.origin_source);
+                              packet.origin_source, &boxes_[b]);
       }
+      packet.point_box = &boxes_[b];
     }
     parallel_ready_ = t_min_ == 0;
   };
@@ -397,8 +402,8 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
   std::array<Hit, kBlockRays> hits;
   for (size_t b = 0; b < blocks(); ++b) {
     RayPacket& packet = packets_[b];
-    packet.count =
-        LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z, packet.target_source);
+    packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
+                          packet.target_source, &boxes_[b]);
     for (int i = 0; i < packet.count; ++i) {
       rays[i] = {.ray = PredicateRay::Ray(packet.target(i), sample.value),
                  .mask = mask,

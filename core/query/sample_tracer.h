@@ -13,6 +13,7 @@
 #ifndef SIGHTLINE_CORE_QUERY_SAMPLE_TRACER_H_
 #define SIGHTLINE_CORE_QUERY_SAMPLE_TRACER_H_
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -125,11 +126,12 @@ class SampleTracer {
   AnsweredBy* AnsweredByOf(size_t block) {
     return record_answered_by_ ? answered_by_.data() + block * kBlockRays : nullptr;
   }
-  // The points of a block, or some, as the ends of segments, or origins of rays, of `sample`.
+  // The points of a block, or some, as the ends of segments, or origins of rays, of `sample`. The
+  // box around them is left in *box, or returned.
   int LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
-             uint32_t* sources) const;
-  void LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y, float* z,
-              uint32_t* sources) const;
+             uint32_t* sources, Box3f* box) const;
+  Box3f LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y, float* z,
+               uint32_t* sources) const;
 
   const IndexedGeometry& scene_;
   const QueryRun& run_;
@@ -152,6 +154,7 @@ class SampleTracer {
   size_t packets_size_ = 0, parallel_size_ = 0;
   std::unique_ptr<RayPacket[]> packets_;
   std::unique_ptr<ParallelPacket[]> parallel_;
+  std::array<Box3f, kGroupBlocks> boxes_;  // Around the points of either.
   // One for several small tiles, or those of a large one; made when first needed.
   std::unique_ptr<RayPacket[]> tile_packets_;
   std::vector<AnsweredBy> tile_answered_by_;  // By lane of these, where it is recorded.

@@ -170,16 +170,13 @@ class HullCutMaker {
   }
 
   void PlaceCaps() {
-    PointBox points;
-    for (const RayPacket& packet : packets_) {
-      points.Take(packet.target_x, packet.target_y, packet.target_z,
-                  static_cast<size_t>(packet.count));
-    }
+    Box3f box;
+    for (const RayPacket& packet : packets_) box.Extend(BoxAround(packet));
     for (int k = 0; k < 3; ++k) {
       const auto [least, most] = std::minmax_element(origins_.begin(), origins_.end(),
                                                      [k](Vec3f a, Vec3f b) { return a[k] < b[k]; });
       const bool up = (*least)[k] >= reference_[k];
-      caps_.CapSegments(k, up, points.least(k, up), up ? (*least)[k] : -(*most)[k]);
+      caps_.CapSegments(k, up, LeastIn(box, k, up), up ? (*least)[k] : -(*most)[k]);
     }
   }
 

@@ -196,13 +196,11 @@ class OccludedPacketWalk {
   // Along one direction they bring nothing: what lies behind all origins is passed by as it is.
   void PlaceCaps() {
     if (!lanes_.segments()) return;
-    PointBox points;
-    points.Take(packet_.target_x, packet_.target_y, packet_.target_z,
-                static_cast<size_t>(packet_.count));
+    const Box3f box = BoxAround(packet_);
     for (int k = 0; k < 3; ++k) {
       const float origin = packet_.origin[k];
       const bool up = origin >= packet_.target(packet_.count / 2)[k];
-      caps_.CapSegments(k, up, points.least(k, up), up ? origin : -origin);
+      caps_.CapSegments(k, up, LeastIn(box, k, up), up ? origin : -origin);
     }
   }
 

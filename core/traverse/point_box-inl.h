@@ -17,6 +17,7 @@
 
 #include "core/geometry/box3.h"
 #include "core/traverse/shaft_lanes-inl.h"
+#include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -61,12 +62,31 @@ class PointBox {
   Box3f box() const { return {{least(0), least(1), least(2)}, {most(0), most(1), most(2)}}; }
   float least(int axis) const { return hn::GetLane(hn::MinOfLanes(ShaftD(), least_[axis])); }
   float most(int axis) const { return hn::GetLane(hn::MaxOfLanes(ShaftD(), most_[axis])); }
-  // The least of x, or of -x.
-  float least(int axis, bool up) const { return up ? least(axis) : -most(axis); }
 
  private:
   ShaftV least_[3], most_[3];
 };
+
+inline HWY_NOINLINE Box3f BoxAround(const float* x, const float* y, const float* z, int count) {
+  PointBox box;
+  box.Take(x, y, z, static_cast<size_t>(count));
+  return box.box();
+}
+
+// The box around a packet's points: ends of segments, origins of parallel rays.
+inline Box3f BoxAround(const RayPacket& packet) {
+  if (packet.point_box != nullptr) return *packet.point_box;
+  return BoxAround(packet.target_x, packet.target_y, packet.target_z, packet.count);
+}
+inline Box3f BoxAround(const ParallelPacket& packet) {
+  if (packet.point_box != nullptr) return *packet.point_box;
+  return BoxAround(packet.origin_x, packet.origin_y, packet.origin_z, packet.count);
+}
+
+// The least coordinate in a box along an axis, or against it.
+inline float LeastIn(const Box3f& box, int axis, bool up) {
+  return up ? box.lo[axis] : -box.hi[axis];
+}
 
 }  // namespace HWY_NAMESPACE
 }  // namespace sightline

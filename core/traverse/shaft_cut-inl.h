@@ -115,10 +115,7 @@ class CutMaker {
     // A packet's box stands for its points. Slopes and offsets are extreme at its corners, and
     // finding it takes a quarter of the operations; the outline becomes little wider.
     for (const Packet& packet : packets_) {
-      PointBox points;
-      points.Take(Row(packet, 0), Row(packet, 1), Row(packet, 2),
-                  static_cast<size_t>(packet.count));
-      const Box3f box = points.box();
+      const Box3f box = BoxAround(packet);
       all.Extend(box);
       Vec3V<V> own = CornersOf(box);
       if (kParallel || Segments()) own = SubV(own, o);
@@ -160,10 +157,10 @@ class CutMaker {
     for (int k = 0; k < 3; ++k) {
       if constexpr (kParallel) {
         const float direction = packets_[0].direction[k];
-        caps_.CapRays(k, direction > 0 ? all.lo[k] : -all.hi[k], direction);
+        caps_.CapRays(k, LeastIn(all, k, direction > 0), direction);
       } else if (Segments()) {
         const bool up = apex_[k] - all.lo[k] >= all.hi[k] - apex_[k];
-        caps_.CapSegments(k, up, up ? all.lo[k] : -all.hi[k], up ? apex_[k] : -apex_[k]);
+        caps_.CapSegments(k, up, LeastIn(all, k, up), up ? apex_[k] : -apex_[k]);
       }
     }
     return true;

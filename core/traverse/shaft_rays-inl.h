@@ -143,8 +143,7 @@ class ShaftRays {
     const Vec3d sideways = ToDouble(point(std::min(3, count - 1))) - ToDouble(point(0));
     if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
     if (has_cap_) TurnCap();
-    PointBox box;
-    if (!(has_cap_ ? Place<true>(&box) : Place<false>(&box))) return false;
+    if (!(has_cap_ ? Place<true>() : Place<false>())) return false;
     FillRow(packet_.triangle, padded_, kNoTriangle);
     if (count == kMaxRays) {
       std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
@@ -165,7 +164,7 @@ class ShaftRays {
     float farthest = FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread_;
     if (has_cap_) farthest += Norm1(cap_at_);
     node_margin_ = kBoxMargin * farthest + kFloatUnderflow;
-    if constexpr (kAny) PlaceAxisCaps(box);
+    if constexpr (kAny) PlaceAxisCaps();
     return true;
   }
 
@@ -415,10 +414,9 @@ class ShaftRays {
     }
   }
 
-  // Places the rays in the frame, and their points (any hit) in *box; kCap: along the cap, too.
-  // False: they do not fit the frame.
+  // Places the rays in the frame; kCap: along the cap, too. False: they do not fit the frame.
   template <bool kCap>
-  bool Place(PointBox* box) {
+  bool Place() {
     const ShaftD d;
     for (int k = 0; k < 3; ++k) own_[k] = own_rows_[k];
     const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
@@ -432,7 +430,6 @@ class ShaftRays {
     ShaftM fits = hn::FirstN(d, hn::Lanes(d));
     for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
       const Vec3V<ShaftV> p = Rows(i);
-      if constexpr (kAny) box->Take(p);
       if constexpr (kCap) {
         const Vec3V<ShaftV> q = SubV(p, cap_at);
         const Vec3V<ShaftV> q_abs = {hn::Abs(q.x), hn::Abs(q.y), hn::Abs(q.z)};
@@ -461,15 +458,16 @@ class ShaftRays {
     return hn::AllTrue(d, fits);
   }
 
-  void PlaceAxisCaps(const PointBox& points) {
+  void PlaceAxisCaps() {
     if (!kParallel && !segments()) return;
+    const Box3f box = BoxAround(packet_);
     for (int k = 0; k < 3; ++k) {
       const float from = common()[k];
       if constexpr (kParallel) {
-        axis_caps_.CapRays(k, points.least(k, from > 0), from);
+        axis_caps_.CapRays(k, LeastIn(box, k, from > 0), from);
       } else {
         const bool up = from >= row(k)[packet_.count / 2];
-        axis_caps_.CapSegments(k, up, points.least(k, up), up ? from : -from);
+        axis_caps_.CapSegments(k, up, LeastIn(box, k, up), up ? from : -from);
       }
     }
   }

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "core/geometry/box3.h"
 #include "core/geometry/vec3.h"
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate.h"
@@ -56,6 +57,9 @@ struct alignas(64) RayPacket {
   uint32_t first_leaf = kNoLeaf;
   // Any hit: asked for meanwhile, as far as a walk gets to it (shafts do); null: nothing.
   GradualFetch* meanwhile = nullptr;
+  // Any hit: the least box around the points (targets, or a ParallelPacket's origins) of the lanes
+  // in use, where it is known; null: whoever wants it finds it.
+  const Box3f* point_box = nullptr;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
   // As a TraceRay's: by lane, up to the end of a vector, or null; and for all lanes.
@@ -103,6 +107,7 @@ struct alignas(64) RayPacket {
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->meanwhile = nullptr;
+    to->point_box = nullptr;
     to->count = lanes;
     std::copy_n(target_x + first, lanes, to->target_x);
     std::copy_n(target_y + first, lanes, to->target_y);
@@ -122,6 +127,7 @@ struct alignas(64) ParallelPacket {
   int count = 0;
   uint32_t first_leaf = RayPacket::kNoLeaf;  // As in RayPacket.
   GradualFetch* meanwhile = nullptr;         // As in RayPacket.
+  const Box3f* point_box = nullptr;          // As in RayPacket.
   AnsweredBy* answered_by = nullptr;         // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
@@ -135,6 +141,7 @@ struct alignas(64) ParallelPacket {
     to->direction_source = direction_source;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->meanwhile = nullptr;
+    to->point_box = nullptr;
     to->count = lanes;
     std::copy_n(origin_x + first, lanes, to->origin_x);
     std::copy_n(origin_y + first, lanes, to->origin_y);
