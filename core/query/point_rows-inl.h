@@ -13,6 +13,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <span>
 
@@ -105,14 +106,21 @@ inline Box3f SplitPoints(std::span<const Vec3f> points, float* x, float* y, floa
   return box;
 }
 
-inline uint64_t FreeBits(const uint32_t* ids) {
+inline void FreeBits(std::span<const uint32_t> ids, uint8_t* bits) {
   const hn::RebindToUnsigned<PointRowD> d;
-  uint64_t bits = 0;
-  for (size_t i = 0; i < 64; i += hn::Lanes(d)) {
-    const auto is_free = hn::Eq(hn::Load(d, ids + i), hn::Set(d, kNoTriangle));
-    bits |= uint64_t{MaskBits(d, is_free)} << i;
+  constexpr size_t kBytes = hn::MaxLanes(PointRowD()) / 8;
+  const auto of = [&](size_t i) HWY_ATTR {
+    const hn::RebindToUnsigned<PointRowD> lanes;
+    return MaskBits(lanes, hn::Eq(hn::Load(lanes, ids.data() + i), hn::Set(lanes, kNoTriangle)));
+  };
+  size_t i = 0;
+  for (; i + hn::Lanes(d) <= ids.size(); i += hn::Lanes(d)) {
+    const uint32_t lanes = of(i);
+    std::memcpy(bits + i / 8, &lanes, kBytes);  // Little-endian, as all that is compiled for.
   }
-  return bits;
+  if (i == ids.size()) return;
+  const uint32_t lanes = of(i) & ((1u << (ids.size() - i)) - 1);
+  std::memcpy(bits + i / 8, &lanes, (ids.size() - i + 7) / 8);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -6,7 +6,7 @@
 //
 //   const PointRowKernels& kernels = PointRowKernelsFor(SimdTarget::kBest);
 //   kernels.split(positions, x, y, z);
-//   uint64_t lit = kernels.free_bits(ids);
+//   kernels.free_bits(ids, lit_bits);
 #ifndef SIGHTLINE_CORE_QUERY_POINT_ROWS_H_
 #define SIGHTLINE_CORE_QUERY_POINT_ROWS_H_
 
@@ -23,8 +23,9 @@ struct PointRowKernels {
   // x[i], y[i] and z[i] are the coordinates of points[i]. Rows are aligned to 64 bytes. Returns the
   // box around the points.
   Box3f (*split)(std::span<const Vec3f> points, float* x, float* y, float* z);
-  // Bit i: ids[i] is kNoTriangle, of 64 ids. Aligned to 64 bytes.
-  uint64_t (*free_bits)(const uint32_t* ids);
+  // Bit i % 8 of bits[i / 8]: ids[i] is kNoTriangle; 0 past the last one, in (ids.size() + 7) / 8
+  // bytes. Ids are aligned to 64 bytes, and read up to the next 64.
+  void (*free_bits)(std::span<const uint32_t> ids, uint8_t* bits);
 };
 
 const PointRowKernels& PointRowKernelsFor(SimdTarget target);

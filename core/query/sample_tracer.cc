@@ -421,11 +421,12 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
   return absl::OkStatus();
 }
 
-uint64_t SampleTracer::LitBits(size_t word) const {
-  constexpr size_t kBlockWords = kBlockRays / 64;
-  const uint64_t lit = rows_.free_bits(triangles(word / kBlockWords) + 64 * (word % kBlockWords));
-  const size_t count = std::min<size_t>(64, positions_.size() - 64 * word);
-  return count == 64 ? lit : lit & ((uint64_t{1} << count) - 1);
+void SampleTracer::CopyLit(uint8_t* bits) const {
+  for (size_t b = 0; b < blocks(); ++b) {
+    const size_t first = b * kBlockRays;
+    const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
+    rows_.free_bits({triangles(b), count}, bits + first / 8);
+  }
 }
 
 }  // namespace sightline

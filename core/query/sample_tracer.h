@@ -94,8 +94,9 @@ class SampleTracer {
   uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }
   // kClosest only.
   float t(size_t i) const { return packets_[i / kBlockRays].t[i % kBlockRays]; }
-  // 64 points from 64·word: bit i set where point i is lit. Bits past the last point are 0.
-  uint64_t LitBits(size_t word) const;
+  // Bit i % 8 of bits[i / 8] is set where point i is lit; bits past the last point are 0.
+  // (count() + 7) / 8 bytes.
+  void CopyLit(uint8_t* bits) const;
 
  private:
   size_t blocks() const { return (positions_.size() + kBlockRays - 1) / kBlockRays; }

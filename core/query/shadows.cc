@@ -142,17 +142,16 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       SL_RETURN_IF_ERROR(tracer.Trace(s));
       if (outputs.bits) {
         uint8_t* row = out.lit_bits.data() + s * row_bytes;
-        for (size_t w = 0; 64 * w < count; ++w) {
-          uint64_t lit = tracer.LitBits(w);
-          if (dense || ordered) {
-            // Whole bytes of bits: groups of points hold whole vectors of them.
-            std::memcpy(row + first / 8 + 8 * w, &lit,
-                        std::min<size_t>(8, (count - 64 * w + 7) / 8));
-            continue;
-          }
-          for (; lit != 0; lit &= lit - 1) {
-            const size_t p = index[64 * w + static_cast<size_t>(std::countr_zero(lit))];
-            row[p / 8] |= uint8_t(1u << (p % 8));
+        if (dense || ordered) {
+          tracer.CopyLit(row + first / 8);  // Groups of points hold whole bytes of them.
+        } else {
+          uint64_t words[kGroupRays / 64] = {};
+          tracer.CopyLit(reinterpret_cast<uint8_t*>(words));
+          for (size_t w = 0; 64 * w < count; ++w) {
+            for (uint64_t lit = words[w]; lit != 0; lit &= lit - 1) {
+              const size_t p = index[64 * w + static_cast<size_t>(std::countr_zero(lit))];
+              row[p / 8] |= uint8_t(1u << (p % 8));
+            }
           }
         }
       }

@@ -45,17 +45,44 @@ TEST(PointRowsTest, SplitPointsAreThePointsBits) {
   }
 }
 
+TEST(PointRowsTest, TheBoxIsThePoints) {
+  TestRng rng;
+  const auto rows = std::make_unique<Rows>();
+  for (const SimdTarget target : AvailableTargets()) {
+    for (size_t count = 0; count <= kMost; ++count) {
+      std::vector<Vec3f> points(count);
+      Box3f truth;
+      for (Vec3f& p : points) {
+        for (int k = 0; k < 3; ++k) p[k] = static_cast<float>(rng.Uniform(-1, 1));
+        truth.Extend(p);
+      }
+      ASSERT_EQ(PointRowKernelsFor(target).split(points, rows->at[0], rows->at[1], rows->at[2]),
+                truth)
+          << count << " points";
+    }
+  }
+}
+
 TEST(PointRowsTest, FreeIsWhatNoTriangleBlocks) {
   TestRng rng;
-  alignas(64) uint32_t ids[64];
+  alignas(64) uint32_t ids[kMost];
   for (const SimdTarget target : AvailableTargets()) {
-    for (int i = 0; i < 1000; ++i) {
-      const uint64_t free = rng();
-      for (int bit = 0; bit < 64; ++bit) {
-        const uint32_t kIds[] = {0, kNoTriangle - 1, static_cast<uint32_t>(rng.Below(1 << 20))};
-        ids[bit] = (free >> bit & 1) != 0 ? kNoTriangle : kIds[rng.Below(3)];
+    for (size_t count = 0; count <= kMost; ++count) {
+      for (uint32_t& id : ids) {
+        const uint32_t kIds[] = {0, kNoTriangle - 1, kNoTriangle, kNoTriangle,
+                                 static_cast<uint32_t>(rng.Below(1 << 20))};
+        id = kIds[rng.Below(std::size(kIds))];
       }
-      ASSERT_EQ(PointRowKernelsFor(target).free_bits(ids), free);
+      constexpr uint8_t kUntouched = 0x5A;
+      uint8_t bits[kMost / 8 + 1];
+      std::fill(std::begin(bits), std::end(bits), kUntouched);
+      PointRowKernelsFor(target).free_bits({ids, count}, bits);
+      const size_t bytes = (count + 7) / 8;
+      for (size_t i = 0; i < 8 * bytes; ++i) {
+        ASSERT_EQ(bits[i / 8] >> (i % 8) & 1, i < count && ids[i] == kNoTriangle)
+            << "id " << i << " of " << count;
+      }
+      ASSERT_EQ(bits[bytes], kUntouched) << count << " ids";
     }
   }
 }
