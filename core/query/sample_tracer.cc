@@ -198,6 +198,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
                               packet.target_source, &boxes_[b]);
       }
       packet.point_box = &boxes_[b];
+      packet.sourceless = sources_.empty();
     }
     packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
     if (by_hulls) {
@@ -357,6 +358,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
                               packet.origin_source, &boxes_[b]);
       }
       packet.point_box = &boxes_[b];
+      packet.sourceless = sources_.empty();
     }
     parallel_ready_ = t_min_ == 0;
   };

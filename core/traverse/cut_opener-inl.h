@@ -25,14 +25,19 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
+// Children enough for rays of one direction, and for the hull of an area light and its points: more
+// of them cost each packet more than they spare it.
+constexpr uint32_t kFewCutChildren = 4 * kBvhWidth;
+
 class CutOpener {
  public:
   // The set is what `sides` leave, and `wedges`, which may be null; `margin` is that of a box
   // (MeetsSides), and `along` the direction that children are ordered by. What lies behind one of
   // `caps` is left out. Sides, wedges and caps must outlive the opener.
-  CutOpener(const ShaftSides& sides, const ShaftWedges* wedges, const AxisCaps& caps, float margin,
-            Vec3f along)
-      : sides_(sides), wedges_(wedges), caps_(caps), margin_(margin), along_(along) {}
+  // There will be `most` children, a whole number of nodes' worth, at most.
+  CutOpener(uint32_t most, const ShaftSides& sides, const ShaftWedges* wedges, const AxisCaps& caps,
+            float margin, Vec3f along)
+      : most_(most), sides_(sides), wedges_(wedges), caps_(caps), margin_(margin), along_(along) {}
 
   // Takes the node's children that the set may meet. REQUIRES: there is room for eight.
   void Open(const BvhNode& node) {
@@ -64,14 +69,14 @@ class CutOpener {
 
   void OpenLargest(const Bvh& bvh) {
     const D d;
-    while (count_ + kBvhWidth <= ShaftCut::kMaxChildren) {
+    while (count_ + kBvhWidth <= most_) {
       auto largest = hn::Set(d, kNotOpened);
       ForEachVector([&](size_t at, auto in) HWY_ATTR {
         largest = hn::Max(largest, hn::IfThenElse(in, hn::Load(D(), area_ + at), largest));
       });
       largest = hn::MaxOfLanes(d, largest);
       if (hn::GetLane(largest) < 0) break;
-      const uint32_t i = std::countr_zero(LanesWhere(
+      const int i = std::countr_zero(LanesWhere(
           [&](size_t at) HWY_ATTR { return hn::Eq(hn::Load(D(), area_ + at), largest); }));
       const uint32_t node = ChildRef::FromBits(refs_[i]).node();
       Move(--count_, i);
@@ -100,11 +105,11 @@ class CutOpener {
     });
     for (uint32_t i = 0; i < count_; ++i) {
       const auto own = hn::Set(d, depth_[i]);
-      const uint32_t before =
+      const uint64_t before =
           LanesWhere([&](size_t at) HWY_ATTR { return hn::Lt(hn::Load(D(), depth_ + at), own); });
-      const uint32_t equal =
+      const uint64_t equal =
           LanesWhere([&](size_t at) HWY_ATTR { return hn::Eq(hn::Load(D(), depth_ + at), own); });
-      order_[std::popcount(before | (equal & ((1u << i) - 1)))] = i;
+      order_[std::popcount(before | (equal & ((uint64_t{1} << i) - 1)))] = i;
     }
   }
 
@@ -134,7 +139,7 @@ class CutOpener {
   // A whole vector is stored at the end of a row.
   static constexpr size_t kRow = ShaftCut::kMaxChildren + kBvhWidth;
   static constexpr float kNotOpened = -1;  // A leaf's area.
-  static_assert(ShaftCut::kMaxChildren <= 32, "a bit for each");
+  static_assert(ShaftCut::kMaxChildren <= 64, "a bit for each");
 
   HWY_INLINE void Append(hn::Vec<D> v, hn::Mask<D> chosen, float* row) const {
     hn::StoreU(CompressLanes(D(), v, chosen), D(), row + count_);
@@ -152,13 +157,14 @@ class CutOpener {
   }
   // Bit i: child i is where `where` says.
   template <class Where>
-  HWY_INLINE uint32_t LanesWhere(const Where& where) const {
-    uint32_t bits = 0;
+  HWY_INLINE uint64_t LanesWhere(const Where& where) const {
+    uint64_t bits = 0;
     ForEachVector([&](size_t at, auto in)
-                      HWY_ATTR { bits |= MaskBits(D(), hn::And(in, where(at))) << at; });
+                      HWY_ATTR { bits |= uint64_t{MaskBits(D(), hn::And(in, where(at)))} << at; });
     return bits;
   }
 
+  const uint32_t most_;
   const ShaftSides& sides_;
   const ShaftWedges* const wedges_;
   const AxisCaps& caps_;

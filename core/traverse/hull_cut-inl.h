@@ -48,7 +48,7 @@ class HullCutMaker {
     const float margin =
         kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(reference_) + spread_) +
         kFloatUnderflow;
-    CutOpener opener(sides_, nullptr, caps_, margin, frame_.w);
+    CutOpener opener(kFewCutChildren, sides_, nullptr, caps_, margin, frame_.w);
     if (from == nullptr) {
       opener.Open(scene_.bvh.nodes[0]);
     } else {

@@ -138,7 +138,7 @@ class ShaftWalk {
     }
     // Those to visit now, the last one first; several at a time, so that none waits for what the
     // others push. Visited in one place: walks are as long as an instruction cache holds.
-    const BvhNode* nodes[std::max<uint32_t>(ShaftCut::kMaxChildren, kNodesAtOnce)];
+    const BvhNode* nodes[std::max(ShaftCut::kMaxNodes, kNodesAtOnce)];
     uint32_t count = 0;
     if (depth == 0) {
       if (cut == nullptr) nodes[count++] = scene_.bvh.nodes.data();

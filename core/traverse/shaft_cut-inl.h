@@ -37,7 +37,8 @@ class CutMaker {
   // False: the rays fit no frame together.
   bool Make(ShaftCut* cut) {
     if (!MakeFrame() || !Bound()) return false;
-    CutOpener opener(sides_, &wedges_, caps_, margin_, frame_.w);
+    CutOpener opener(kParallel ? kFewCutChildren : ShaftCut::kMaxChildren, sides_, &wedges_, caps_,
+                     margin_, frame_.w);
     opener.Open(scene_.bvh.nodes[0]);
     opener.OpenLargest(scene_.bvh);
     // Near before far; for any hit what is nearest to the light first, which blocks the most.

@@ -15,7 +15,7 @@
 namespace sightline {
 
 struct ShaftCut {
-  static constexpr uint32_t kMaxNodes = 4;
+  static constexpr uint32_t kMaxNodes = 6;
   static constexpr uint32_t kMaxChildren = kMaxNodes * kBvhWidth;
 
   uint32_t node_count = 0;

@@ -154,7 +154,7 @@ class ShaftRays {
       }
     }
     has_sources_ = false;
-    if (kParallel || segments()) {
+    if ((kParallel || segments()) && !packet_.sourceless) {
       static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
       const hn::RebindToUnsigned<ShaftD> du;
       auto all = hn::Set(du, kNoTriangle);

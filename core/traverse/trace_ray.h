@@ -55,6 +55,9 @@ struct alignas(64) RayPacket {
   // the one behind that blocked the last ray, or kNoLeaf: what darkens one packet may darken the
   // next.
   uint32_t first_leaf = kNoLeaf;
+  // No lane in use has a target_source (a ParallelPacket's: origin_source). Where it is not said,
+  // whoever wants to know looks.
+  bool sourceless = false;
   // Any hit: asked for meanwhile, as far as a walk gets to it (shafts do); null: nothing.
   GradualFetch* meanwhile = nullptr;
   // Any hit: the least box around the points (targets, or a ParallelPacket's origins) of the lanes
@@ -106,6 +109,7 @@ struct alignas(64) RayPacket {
     to->grid = nullptr;
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
+    to->sourceless = sourceless;
     to->meanwhile = nullptr;
     to->point_box = nullptr;
     to->count = lanes;
@@ -126,6 +130,7 @@ struct alignas(64) ParallelPacket {
   uint32_t direction_source = kNoTriangle;  // What the light itself lies on; it does not block.
   int count = 0;
   uint32_t first_leaf = RayPacket::kNoLeaf;  // As in RayPacket.
+  bool sourceless = false;                   // As in RayPacket.
   GradualFetch* meanwhile = nullptr;         // As in RayPacket.
   const Box3f* point_box = nullptr;          // As in RayPacket.
   AnsweredBy* answered_by = nullptr;         // As in RayPacket.
@@ -140,6 +145,7 @@ struct alignas(64) ParallelPacket {
     to->mask = mask;
     to->direction_source = direction_source;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
+    to->sourceless = sourceless;
     to->meanwhile = nullptr;
     to->point_box = nullptr;
     to->count = lanes;
