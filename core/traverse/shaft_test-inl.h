@@ -29,8 +29,8 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// A pair of a triangle and some rays, numbered as its list has it: those that floats leave in doubt,
-// a bit each.
+// A pair of a triangle and some rays, numbered as its list has it: those that floats leave in
+// doubt, a bit each.
 struct PairInDoubt {
   uint16_t pair, rays;
 };
