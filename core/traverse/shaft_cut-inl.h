@@ -73,7 +73,6 @@ class CutMaker {
 
   // A lane for each corner of a box, and again if there are more lanes.
   static HWY_INLINE Vec3V<V> CornersOf(const Box3f& box) {
-    const ShaftD d;
     const auto along = [&](uint8_t first, int k) HWY_ATTR {
       const uint8_t high[8] = {first, first};
       return hn::IfThenElse(hn::LoadMaskBits(ShaftD(), high), hn::Set(ShaftD(), box.hi[k]),
