@@ -62,10 +62,10 @@ void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const u
 }
 
 int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
-                         uint32_t* sources, Box3f* box) const {
+                         uint32_t* sources) {
   const size_t first = block * kBlockRays;
   const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
-  *box = LayOut(sample, first, count, x, y, z, sources);
+  boxes_[block] = LayOut(sample, first, count, x, y, z, sources);
   return static_cast<int>(count);
 }
 
@@ -195,7 +195,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       packet.answered_by = AnsweredByOf(b);
       if (!packets_ready_) {
         packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
-                              packet.target_source, &boxes_[b]);
+                              packet.target_source);
       }
       packet.point_box = &boxes_[b];
       packet.sourceless = sources_.empty();
@@ -355,7 +355,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
       packet.answered_by = AnsweredByOf(b);
       if (!parallel_ready_) {
         packet.count = LayOut(sample, b, packet.origin_x, packet.origin_y, packet.origin_z,
-                              packet.origin_source, &boxes_[b]);
+                              packet.origin_source);
       }
       packet.point_box = &boxes_[b];
       packet.sourceless = sources_.empty();
@@ -404,8 +404,8 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
   std::array<Hit, kBlockRays> hits;
   for (size_t b = 0; b < blocks(); ++b) {
     RayPacket& packet = packets_[b];
-    packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
-                          packet.target_source, &boxes_[b]);
+    packet.count =
+        LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z, packet.target_source);
     for (int i = 0; i < packet.count; ++i) {
       rays[i] = {.ray = PredicateRay::Ray(packet.target(i), sample.value),
                  .mask = mask,

@@ -127,10 +127,10 @@ class SampleTracer {
   AnsweredBy* AnsweredByOf(size_t block) {
     return record_answered_by_ ? answered_by_.data() + block * kBlockRays : nullptr;
   }
-  // The points of a block, or some, as the ends of segments, or origins of rays, of `sample`. The
-  // box around them is left in *box, or returned.
+  // The points of a block, or some, as the ends of segments, or origins of rays, of `sample`: of a
+  // block how many, with the box around them in boxes_; of some that box.
   int LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
-             uint32_t* sources, Box3f* box) const;
+             uint32_t* sources);
   Box3f LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y, float* z,
                uint32_t* sources) const;
 

@@ -33,13 +33,11 @@ inline bool MakeShaftFrame(Vec3d axis, Vec3d sideways, ShaftFrame* frame) {
   const Vec3d w = axis * (1.0 / length);
   Vec3d u = sideways - w * Dot(w, sideways);
   // Cancellation leaves noise where `sideways` is nearly along the axis: then the coordinate axis
-  // farthest from w. What a projection leaves of w is as large as a double's rounding over the
-  // share of `sideways` that it keeps.
-  constexpr double kLeastShare = 0x1p-20, kCleanShare = 0x1p-10;
-  const double from = Dot(sideways, sideways);
+  // farthest from w. From kLeastShare on what is left of w in u is some 2^-32, a double's rounding
+  // over that share: far below what floats hold of a frame.
+  constexpr double kLeastShare = 0x1p-20;
   double kept = Dot(u, u);
-  const bool clean = kept > kCleanShare * kCleanShare * from;
-  if (!(kept > kLeastShare * kLeastShare * from)) {
+  if (!(kept > kLeastShare * kLeastShare * Dot(sideways, sideways))) {
     const Vec3d a = {std::abs(w.x), std::abs(w.y), std::abs(w.z)};
     const Vec3d e = a.x <= a.y && a.x <= a.z ? Vec3d{1, 0, 0}
                     : a.y <= a.z             ? Vec3d{0, 1, 0}
@@ -48,10 +46,6 @@ inline bool MakeShaftFrame(Vec3d axis, Vec3d sideways, ShaftFrame* frame) {
     kept = Dot(u, u);
   }
   u = u * (1.0 / std::sqrt(kept));
-  if (!clean) [[unlikely]] {
-    u = u - w * Dot(w, u);
-    u = u * (1.0 / Length(u));
-  }
   frame->w = ToFloat(w);
   frame->u = ToFloat(u);
   frame->v = ToFloat(Cross(w, u));

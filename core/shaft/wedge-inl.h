@@ -44,6 +44,8 @@ struct FrameRectangle {
   float left, right, below, above;
 };
 
+// The two axes of each coordinate plane.
+constexpr int kWedgeAxes[3][2] = {{1, 2}, {0, 2}, {0, 1}};
 // A corner's shadow that leads less along the axis' own leaves a wedge too wide to part anything.
 // From here on its direction, a quotient of doubles, is good to some 2^-40, far below a float's
 // rounding.
@@ -67,8 +69,7 @@ HWY_INLINE void WedgeCorners(const ShaftFrame& frame, const FrameRectangle& at, 
   }
 }
 
-// A vector's component along the first, or the second, axis of each plane: those of (1, 2), (0, 2)
-// and (0, 1), by lane.
+// A vector's component along the first, or the second, axis of each plane (kWedgeAxes), by lane.
 HWY_INLINE WedgeV AlongFirst(Vec3f v) {
   const WedgeD d;
   return hn::IfThenElse(hn::FirstN(d, 1), hn::Set(d, double{v.y}), hn::Set(d, double{v.x}));
@@ -107,7 +108,9 @@ HWY_INLINE void PutWedgeLines(WedgeV n0, WedgeV n1, WedgeV local, Vec3f from, do
   world = hn::NegMulAdd(hn::Set(d, margin), hn::Add(hn::Abs(n0), hn::Abs(n1)), world);
   world = hn::IfThenElse(held, world, hn::Set(d, -double{std::numeric_limits<float>::max()}));
   hn::Store(hn::DemoteTo(df, world), df, wedges->world + first);
-  alignas(16) static constexpr int32_t kAxes[2][4] = {{1, 0, 0, 0}, {2, 2, 1, 1}};
+  alignas(16) static constexpr int32_t kAxes[2][4] = {
+      {kWedgeAxes[0][0], kWedgeAxes[1][0], kWedgeAxes[2][0]},
+      {kWedgeAxes[0][1], kWedgeAxes[1][1], kWedgeAxes[2][1]}};
   const WedgeV* const n[2] = {&n0, &n1};
   for (int i = 0; i < 2; ++i) {
     const auto along = hn::DemoteTo(df, *n[i]);
@@ -130,7 +133,7 @@ HWY_INLINE void MakeApexWedges(const ShaftFrame& frame, Vec3f apex, const FrameR
   // Each corner's shadow leads along (a, b) + t·(-b, a), where the axis' own leads along (a, b).
   WedgeV along[3], t[3];
   for (int plane = 0; plane < 3; ++plane) {
-    const int i = plane == 0 ? 1 : 0, j = plane == 2 ? 1 : 2;
+    const auto [i, j] = kWedgeAxes[plane];
     const WedgeV all = hn::MulAdd(axis[i], c[i], hn::Mul(axis[j], c[j]));
     along[plane] = hn::IfThenElseZero(hn::Gt(all, hn::Set(d, kLeastShadow)), all);
     t[plane] = hn::Div(hn::MulSub(axis[i], c[j], hn::Mul(axis[j], c[i])), all);
@@ -155,7 +158,7 @@ HWY_INLINE void MakeParallelWedges(const ShaftFrame& frame, Vec3f direction, Vec
                           hn::Set(d, double{direction.z})};
   WedgeV across[3];  // Times |(a, b)|_1, where the direction's shadow leads along (a, b).
   for (int plane = 0; plane < 3; ++plane) {
-    const int i = plane == 0 ? 1 : 0, j = plane == 2 ? 1 : 2;
+    const auto [i, j] = kWedgeAxes[plane];
     across[plane] = hn::MulSub(axis[i], c[j], hn::Mul(axis[j], c[i]));
   }
   const WedgeV a = AlongFirst(direction), b = AlongSecond(direction);

@@ -15,6 +15,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "core/base/check.h"
 #include "core/geometry/box3.h"
 #include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/trace_ray.h"
@@ -67,20 +68,26 @@ class PointBox {
   ShaftV least_[3], most_[3];
 };
 
-inline HWY_NOINLINE Box3f BoxAround(const float* x, const float* y, const float* z, int count) {
+inline HWY_NOINLINE Box3f FindBox(const float* x, const float* y, const float* z, int count) {
   PointBox box;
   box.Take(x, y, z, static_cast<size_t>(count));
   return box.box();
 }
 
-// The box around a packet's points: ends of segments, origins of parallel rays.
+// The box around a packet's points: ends of segments, origins of parallel rays. `known`: what the
+// packet says it is, or null.
+inline Box3f BoxAround(const Box3f* known, const float* x, const float* y, const float* z,
+                       int count) {
+  SIGHTLINE_DCHECK(known == nullptr || *known == FindBox(x, y, z, count));
+  return known != nullptr ? *known : FindBox(x, y, z, count);
+}
 inline Box3f BoxAround(const RayPacket& packet) {
-  if (packet.point_box != nullptr) return *packet.point_box;
-  return BoxAround(packet.target_x, packet.target_y, packet.target_z, packet.count);
+  return BoxAround(packet.point_box, packet.target_x, packet.target_y, packet.target_z,
+                   packet.count);
 }
 inline Box3f BoxAround(const ParallelPacket& packet) {
-  if (packet.point_box != nullptr) return *packet.point_box;
-  return BoxAround(packet.origin_x, packet.origin_y, packet.origin_z, packet.count);
+  return BoxAround(packet.point_box, packet.origin_x, packet.origin_y, packet.origin_z,
+                   packet.count);
 }
 
 // The least coordinate in a box along an axis, or against it.

@@ -153,14 +153,8 @@ class ShaftRays {
         all_.rays[b] = static_cast<uint16_t>((1u << left) - 1);
       }
     }
-    has_sources_ = false;
-    if ((kParallel || segments()) && !packet_.sourceless) {
-      static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
-      const hn::RebindToUnsigned<ShaftD> du;
-      auto all = hn::Set(du, kNoTriangle);
-      for (size_t i = 0; i < padded_; i += lanes) all = hn::And(all, hn::Load(du, sources() + i));
-      has_sources_ = !hn::AllTrue(du, hn::Eq(all, hn::Set(du, kNoTriangle)));
-    }
+    SIGHTLINE_DCHECK(!packet_.sourceless || !FindSources());
+    has_sources_ = (kParallel || segments()) && !packet_.sourceless && FindSources();
     float farthest = FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread_;
     if (has_cap_) farthest += Norm1(cap_at_);
     node_margin_ = kBoxMargin * farthest + kFloatUnderflow;
@@ -390,6 +384,17 @@ class ShaftRays {
     }
   }
 
+  // Whether some lane has a source.
+  bool FindSources() const {
+    static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
+    const hn::RebindToUnsigned<ShaftD> du;
+    auto all = hn::Set(du, kNoTriangle);
+    for (size_t i = 0; i < padded_; i += hn::Lanes(du)) {
+      all = hn::And(all, hn::Load(du, sources() + i));
+    }
+    return !hn::AllTrue(du, hn::Eq(all, hn::Set(du, kNoTriangle)));
+  }
+
   // Where the rays lead.
   Vec3d Axis() const {
     if constexpr (kParallel) {
@@ -496,7 +501,7 @@ class ShaftRays {
   }
 
   void MakeSides(const FrameRectangle& held, ShaftBounds* out) const {
-    ShaftEnd cap;
+    ReceiversCap cap;
     out->cap_most = std::numeric_limits<float>::infinity();
     if (has_cap_) {
       const ShaftD d;

@@ -66,8 +66,8 @@ HWY_INLINE void PlaceSides(Vec3f apex, ShaftSides* sides) {
   }
 }
 
-// The receivers' cap, where there is one: -normal·p >= -most.
-struct ShaftEnd {
+// What receivers lie on the inner side of: normal·p <= most.
+struct ReceiversCap {
   Vec3f normal;
   float most;
 };
@@ -76,7 +76,7 @@ struct ShaftEnd {
 // segments at `far`, and the receivers' cap, where they are given.
 template <bool kParallel>
 HWY_INLINE void MakeShaftSides(const ShaftFrame& frame, Vec3f apex, const FrameRectangle& held,
-                               float near, const float* far, const ShaftEnd* cap,
+                               float near, const float* far, const ReceiversCap* cap,
                                ShaftSides* sides) {
   const hn::CappedTag<float, 4> d;
   const auto minus = hn::OddEven(hn::SignBit(d), hn::Zero(d));
