@@ -17,6 +17,7 @@
 #include <limits>
 #include <span>
 
+#include "core/base/masked_store-inl.h"
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate-inl.h"
 #include "core/query/point_rows.h"
@@ -121,6 +122,28 @@ inline void FreeBits(std::span<const uint32_t> ids, uint8_t* bits) {
   if (i == ids.size()) return;
   const uint32_t lanes = of(i) & ((1u << (ids.size() - i)) - 1);
   std::memcpy(bits + i / 8, &lanes, (ids.size() - i + 7) / 8);
+}
+
+inline size_t FlagBits(std::span<const uint16_t> flags, uint32_t bit, uint16_t* bits) {
+  const hn::CappedTag<uint16_t, 16> d;
+  const auto own = hn::Set(d, static_cast<uint16_t>(1u << bit));
+  size_t count = 0;
+  for (size_t i = 0; i < flags.size(); i += 16) {
+    const auto set = hn::And(hn::FirstN(d, flags.size() - i),
+                             hn::Eq(hn::And(hn::Load(d, flags.data() + i), own), own));
+    bits[i / 16] = static_cast<uint16_t>(MaskBits(d, set));
+    count += hn::CountTrue(d, set);
+  }
+  return count;
+}
+
+inline void SetWhere(std::span<const uint16_t> bits, uint32_t id, uint32_t* ids) {
+  const hn::RebindToUnsigned<PointRowD> d;
+  for (size_t i = 0; i < bits.size() * 16; i += hn::Lanes(d)) {
+    const uint8_t* const own = reinterpret_cast<const uint8_t*>(bits.data()) + i / 8;
+    const uint8_t lanes[8] = {own[0], hn::Lanes(d) > 8 ? own[1] : uint8_t{0}};
+    StoreWhere(hn::LoadMaskBits(d, lanes), hn::Set(d, id), d, ids + i);
+  }
 }
 
 }  // namespace HWY_NAMESPACE

@@ -21,6 +21,8 @@ const PointRowKernels& TargetPointRowKernels() {
   static constexpr PointRowKernels kKernels = {
       .split = &SplitPoints,
       .free_bits = &FreeBits,
+      .flag_bits = &FlagBits,
+      .set_where = &SetWhere,
   };
   return kKernels;
 }

@@ -26,6 +26,12 @@ struct PointRowKernels {
   // Bit i % 8 of bits[i / 8]: ids[i] is kNoTriangle; 0 past the last one, in (ids.size() + 7) / 8
   // bytes. Ids are aligned to 64 bytes, and read up to the end of the last 64.
   void (*free_bits)(std::span<const uint32_t> ids, uint8_t* bits);
+  // bits[i / 16], bit i % 16: bit `bit` of flags[i]; 0 past the last one. Flags are aligned to 64
+  // bytes; whole vectors of them are read. Returns how many are set.
+  size_t (*flag_bits)(std::span<const uint16_t> flags, uint32_t bit, uint16_t* bits);
+  // ids[i] = `id` where bit i % 16 of bits[i / 16] is set. Ids are aligned to 64 bytes; whole
+  // vectors of them are written.
+  void (*set_where)(std::span<const uint16_t> bits, uint32_t id, uint32_t* ids);
 };
 
 const PointRowKernels& PointRowKernelsFor(SimdTarget target);

@@ -26,6 +26,10 @@ constexpr uint32_t kSomeTriangle = 0;
 // Samples of one light for which it pays to look at their common hull first.
 constexpr size_t kLeastHullSamples = 4;
 
+// What a walk for all of them may cost, a packet (TraceHullFn): as much as sixteen walks sample by
+// sample through dense foliage.
+constexpr uint32_t kMostHullWork = 40'000;
+
 template <typename Packet>
 void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
   if (*size >= count) return;
@@ -202,13 +206,17 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
     if (by_hulls) {
-      CutHulls();
+      BeginHulls();
     } else if (cuts && blocks() > 1) {
       cut = CutGroup(scene_, run_, std::span<const RayPacket>(packets_.get(), blocks()), &cut_);
     }
   };
   uint32_t* const first_leaf = &hints_.first_leaves[s];
   for (size_t b = 0; b < blocks(); ++b) {
+    if (by_hulls && hull_states_[b] == HullState::kAnswered) {
+      TakeHull(s, b, scope);
+      continue;
+    }
     // What darkened the packet before this one, or this one before, for the light's last sample.
     if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
       packets_[b].first_leaf = *first_leaf;
@@ -222,14 +230,36 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     if (!std::exchange(prepared, true)) prepare();
     const Strategy walk = by_shafts ? choice.Next() : strategy;
+    BlockBits known = {};
+    size_t known_points = 0;
+    if (by_hulls) {
+      if (hull_states_[b] == HullState::kNew) {
+        SL_RETURN_IF_ERROR(TraceHull(s, b, walk == Strategy::kShaft, scope));
+      }
+      known_points = HullBits(s, b, &known);
+      if (hull_states_[b] == HullState::kAnswered ||
+          known_points == static_cast<size_t>(packets_[b].count)) {
+        TakeHull(s, b, scope);
+        continue;
+      }
+      cut = hull_states_[b] == HullState::kRoot ? nullptr : &hull_cuts_[b];
+    }
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
-      return TracePacketBlock(scene_, run_, kind_, walk, packet, by_hulls ? hull_cut_of_[b] : cut,
-                              scope->walk());
+      packet->unasked = known_points > 0 ? known.data() : nullptr;
+      const absl::Status traced =
+          TracePacketBlock(scene_, run_, kind_, walk, packet, cut, scope->walk());
+      packet->unasked = nullptr;
+      return traced;
     }));
+    if (known_points > 0) {
+      rows_.set_where(known, kSomeTriangle, packets_[b].triangle);
+      if (record_answered_by_) MarkKnown(b, known);
+    }
     scope->Took(walk);
     if (by_shafts) {
-      choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(packets_[b].count));
+      choice.Learn(walk, before, *scope->walk(),
+                   static_cast<size_t>(packets_[b].count) - known_points);
     }
     *first_leaf = packets_[b].first_leaf;
     NoteCovers(s, before, *scope->walk());
@@ -309,31 +339,92 @@ absl::Status SampleTracer::TraceTiles(const LightSample& sample, uint32_t mask, 
 
 void SampleTracer::FindHull(size_t s) {
   if (s >= hull_begin_ && s < hull_end_) return;
+  const LightSample& first = samples_[s];
   const auto belongs = [&](size_t i) {
-    return samples_[i].valid && !samples_[i].directional && samples_[i].light == samples_[s].light;
+    const LightSample& own = samples_[i];
+    return own.valid && !own.directional && own.light == first.light && own.mask == first.mask &&
+           own.source_triangle == first.source_triangle;
   };
   hull_begin_ = s;
-  for (hull_end_ = s; hull_end_ < samples_.size() && belongs(hull_end_); ++hull_end_) {
+  const size_t end = std::min(samples_.size(), s + LightHull::kMostSamples);
+  for (hull_end_ = s; hull_end_ < end && belongs(hull_end_); ++hull_end_) {
   }
   // With t_min the points differ from sample to sample.
   if (t_min_ != 0) hull_end_ = s + 1;
-  hulls_cut_ = false;
+  hull_states_.assign(blocks(), HullState::kNew);
+  hull_begun_ = false;
 }
 
-void SampleTracer::CutHulls() {
-  if (std::exchange(hulls_cut_, true)) return;
-  hull_origins_.clear();
-  for (size_t i = hull_begin_; i < hull_end_; ++i) hull_origins_.push_back(samples_[i].value);
+void SampleTracer::BeginHulls() {
+  if (std::exchange(hull_begun_, true)) return;
+  if (fitted_begin_ != hull_begin_ || fitted_end_ != hull_end_) {
+    Vec3f values[LightHull::kMostSamples];
+    for (size_t i = hull_begin_; i < hull_end_; ++i) values[i - hull_begin_] = samples_[i].value;
+    hull_light_ = FitLightHull({values, hull_end_ - hull_begin_});
+    fitted_begin_ = hull_begin_;
+    fitted_end_ = hull_end_;
+  }
+  const std::span<const Vec3f> origins(hull_light_.samples, hull_light_.count);
   const std::span<const RayPacket> packets(packets_.get(), blocks());
-  const CutHullFn cut_hull = run_.kernels().cut_hull;
-  const ShaftCut* from =
-      blocks() > 1 && cut_hull(scene_, hull_origins_, packets, nullptr, &cut_) ? &cut_ : nullptr;
+  const bool has_cut =
+      blocks() > 1 && run_.kernels().cut_hull(scene_, origins, packets, nullptr, &hull_cut_);
+  hull_group_cut_ = has_cut ? &hull_cut_ : nullptr;
   hull_cuts_.resize(blocks());
-  hull_cut_of_.resize(blocks());
-  for (size_t b = 0; b < blocks(); ++b) {
-    hull_cut_of_[b] = cut_hull(scene_, hull_origins_, packets.subspan(b, 1), from, &hull_cuts_[b])
-                          ? &hull_cuts_[b]
-                          : nullptr;
+  hull_blocked_.resize(blocks() * kBlockRays);
+  if (record_answered_by_) hull_answered_by_.resize(blocks() * kBlockRays);
+}
+
+absl::Status SampleTracer::TraceHull(size_t s, size_t b, bool by_shaft, StatsScope* scope) {
+  const uint32_t budget = by_shaft && kind_ == HitKind::kAny ? kMostHullWork : 0;
+  const WalkStats before = *scope->walk();
+  bool has_cut = false;
+  SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
+    if (packet->answered_by != nullptr) {
+      std::fill_n(packet->answered_by, packet->count, AnsweredBy::kShaft);
+    }
+    has_cut = run_.kernels().trace_hull(scene_, hull_light_, *packet, hull_group_cut_, budget,
+                                        &hull_cuts_[b], hull_blocked_.data() + b * kBlockRays,
+                                        run_.cancel(), scope->walk());
+    packet->origin = samples_[s].value;
+    return run_.Poll();
+  }));
+  hull_states_[b] = !has_cut                        ? HullState::kRoot
+                    : hull_cuts_[b].node_count == 0 ? HullState::kAnswered
+                                                    : HullState::kCut;
+  if (record_answered_by_) {
+    std::copy_n(AnsweredByOf(b), packets_[b].count, hull_answered_by_.data() + b * kBlockRays);
+  }
+  if (!has_cut || budget == 0) return absl::OkStatus();
+  for (size_t i = hull_begin_; i < hull_end_; ++i) {
+    hints_.first_leaves[i] = packets_[b].first_leaf;
+    NoteCovers(i, before, *scope->walk());
+  }
+  return absl::OkStatus();
+}
+
+size_t SampleTracer::HullBits(size_t s, size_t b, BlockBits* bits) const {
+  const size_t first = b * kBlockRays;
+  const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
+  return rows_.flag_bits({hull_blocked_.data() + first, count},
+                         static_cast<uint32_t>(s - hull_begin_), bits->data());
+}
+
+void SampleTracer::TakeHull(size_t s, size_t b, StatsScope* scope) {
+  BlockBits blocked = {};
+  HullBits(s, b, &blocked);
+  std::fill_n(packets_[b].triangle, static_cast<size_t>(kBlockRays), kNoTriangle);
+  rows_.set_where(blocked, kSomeTriangle, packets_[b].triangle);
+  ComingOf(b).All();  // Its turn will not come.
+  scope->Took(Strategy::kShaft);
+  if (record_answered_by_) {
+    std::copy_n(hull_answered_by_.data() + b * kBlockRays, packets_[b].count, AnsweredByOf(b));
+  }
+}
+
+void SampleTracer::MarkKnown(size_t b, const BlockBits& known) {
+  for (size_t i = 0; i < kBlockRays; ++i) {
+    if ((known[i / 16] >> (i % 16) & 1) == 0) continue;
+    answered_by_[b * kBlockRays + i] = hull_answered_by_[b * kBlockRays + i];
   }
 }
 

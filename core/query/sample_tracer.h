@@ -22,12 +22,15 @@
 
 #include "absl/status/status.h"
 #include "core/accel/indexed_geometry.h"
+#include "core/base/aligned_vector.h"
 #include "core/light/light.h"
 #include "core/query/point_rows.h"
 #include "core/query/query_run.h"
 #include "core/query/ray_block.h"
 #include "core/query/shadows.h"
 #include "core/traverse/gradual_fetch.h"
+#include "core/traverse/light_hull.h"
+#include "core/traverse/shaft_cut.h"
 #include "core/traverse/trace_ray.h"
 
 namespace sightline {
@@ -118,8 +121,18 @@ class SampleTracer {
   void NoteCovers(size_t s, const WalkStats& before, const WalkStats& after);
   // The samples from s on that are of its light, and share a hull.
   void FindHull(size_t s);
-  // Cuts by the hull of these and each block's points, once.
-  void CutHulls();
+  // Begins on the hull of these and the group's points, whose packets are laid out.
+  void BeginHulls();
+  // Puts all of them to block b at once, if its walk is to be a shaft's; else cuts by the hull of
+  // them and the block's points alone.
+  absl::Status TraceHull(size_t s, size_t b, bool by_shaft, StatsScope* scope);
+  // The points of block b that it found sample s not to see. Returns how many.
+  using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
+  size_t HullBits(size_t s, size_t b, BlockBits* bits) const;
+  // Answers block b for sample s by that alone.
+  void TakeHull(size_t s, size_t b, StatsScope* scope);
+  // What answered such points of a block, where it is recorded.
+  void MarkKnown(size_t b, const BlockBits& known);
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask, Strategy strategy,
                              WalkStats* stats);
@@ -163,13 +176,20 @@ class SampleTracer {
   ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
   std::vector<uint32_t> light_of_;  // By sample: how many lights came before its own.
   WalkChoices segments_choices_, parallel_choices_;
-  // Samples hull_begin_ .. hull_end_ share these cuts, by block; null where there is none. They are
-  // made once hulls_cut_.
-  size_t hull_begin_ = 0, hull_end_ = 0;
-  bool hulls_cut_ = false;
-  std::vector<Vec3f> hull_origins_;
+  // Samples hull_begin_ .. hull_end_ are asked about together: hull_light_, if fitted_begin_ and
+  // fitted_end_ are the same. hull_cut_ is that of all blocks, or hull_group_cut_ null.
+  size_t hull_begin_ = 0, hull_end_ = 0, fitted_begin_ = 0, fitted_end_ = 0;
+  bool hull_begun_ = false;
+  LightHull hull_light_;
+  ShaftCut hull_cut_;
+  const ShaftCut* hull_group_cut_ = nullptr;
+  // By block. kCut: hull_cuts_ has what is left to walk; kAnswered: nothing is.
+  enum class HullState : uint8_t { kNew, kRoot, kCut, kAnswered };
+  std::vector<HullState> hull_states_;
   std::vector<ShaftCut> hull_cuts_;
-  std::vector<const ShaftCut*> hull_cut_of_;
+  // By point: bit k says that it is not seen by sample hull_begin_ + k; and what answered it.
+  AlignedVector<uint16_t> hull_blocked_;
+  std::vector<AnsweredBy> hull_answered_by_;
 };
 
 }  // namespace sightline

@@ -67,6 +67,18 @@ class CutOpener {
     count_ += static_cast<uint32_t>(hn::CountTrue(d, met));
   }
 
+  // Takes a child, with the box around it, whatever the set meets. REQUIRES: there is room for it.
+  void Take(ChildRef ref, const Box3f& box) {
+    depth_[count_] = 0;
+    for (int k = 0; k < 3; ++k) {
+      bounds_[k][count_] = box.lo[k];
+      bounds_[k + 3][count_] = box.hi[k];
+      depth_[count_] += along_[k] * (along_[k] >= 0 ? box.lo[k] : box.hi[k]);
+    }
+    area_[count_] = kNotOpened;
+    refs_[count_++] = ref.bits();
+  }
+
   void OpenLargest(const Bvh& bvh) {
     const D d;
     while (count_ + kBvhWidth <= most_) {

@@ -45,10 +45,9 @@ class HullCutMaker {
     if (!MakeFrame()) return false;
     MakeSides();
     PlaceCaps();
-    const float margin =
-        kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(reference_) + spread_) +
-        kFloatUnderflow;
-    CutOpener opener(kFewCutChildren, sides_, nullptr, caps_, margin, frame_.w);
+    margin_ = kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(reference_) + spread_) +
+              kFloatUnderflow;
+    CutOpener opener(kFewCutChildren, sides_, nullptr, caps_, margin_, frame_.w);
     if (from == nullptr) {
       opener.Open(scene_.bvh.nodes[0]);
     } else {
@@ -59,6 +58,48 @@ class HullCutMaker {
     opener.Sort(/*descending=*/false);
     opener.Pack(cut);
     return true;
+  }
+
+  // A cut of these nodes and leaves, which the hull meets, once it was made. REQUIRES: there are no
+  // more than a ShaftCut holds.
+  void Pack(std::span<const ChildRef> children, ShaftCut* cut) const {
+    CutOpener opener(ShaftCut::kMaxChildren, sides_, nullptr, caps_, margin_, frame_.w);
+    for (const ChildRef child : children) opener.Take(child, BoxOf(child));
+    opener.Sort(/*descending=*/false);
+    opener.Pack(cut);
+  }
+
+  // What may reach into the hull, once it was made: a node's boxes,
+  HWY_INLINE hn::Mask<hn::CappedTag<float, kBvhWidth>> Meeting(const BvhNode& node) const {
+    return hn::And(MeetsSides(node, sides_, margin_),
+                   BeyondCaps(hn::CappedTag<float, kBvhWidth>(), caps_, node.bounds));
+  }
+  // and of a leaf's triangles from `first` on, as many as a vector has lanes, by their vertices.
+  HWY_INLINE ShaftM Meeting(const LeafView& leaf, uint32_t first) const {
+    const ShaftD d;
+    const V3 r = BroadcastV(reference_);
+    V3 corner[3];
+    V margin = hn::Zero(d);
+    for (int c = 0; c < 3; ++c) {
+      corner[c] = SubV(LeafCorner(leaf, c, first), r);
+      margin = hn::Max(margin, Norm1V(corner[c]));
+    }
+    margin = hn::MulAdd(margin, hn::Set(d, kBoxMargin), hn::Set(d, kFloatUnderflow));
+    ShaftM in = hn::FirstN(d, leaf.count - first);
+    for (int i = 0; i < kCap; ++i) {
+      const V3 n = BroadcastV(sides_.normal(i));
+      const V most = hn::Max(hn::Max(DotV(n, corner[0]), DotV(n, corner[1])), DotV(n, corner[2]));
+      in = hn::And(in, hn::Ge(hn::Add(most, margin), hn::Set(d, sides_.local[i])));
+    }
+    const V3 n = BroadcastV(sides_.normal(kCap));
+    const V3 n_abs = {hn::Abs(n.x), hn::Abs(n.y), hn::Abs(n.z)};
+    V most = hn::Set(d, -std::numeric_limits<float>::infinity());
+    for (const V3& p : corner) {
+      const V3 p_abs = {hn::Abs(p.x), hn::Abs(p.y), hn::Abs(p.z)};
+      most = hn::Max(most, hn::MulAdd(DotV(n_abs, p_abs), hn::Set(d, kCapMargin), DotV(n, p)));
+    }
+    return hn::And(
+        in, hn::Ge(hn::Add(most, hn::Set(d, kFloatUnderflow)), hn::Set(d, sides_.local[kCap])));
   }
 
  private:
@@ -180,35 +221,31 @@ class HullCutMaker {
     }
   }
 
-  // Whether a triangle of the leaf may reach into the hull, by its vertices.
-  bool MeetsLeaf(ChildRef ref) const {
-    const ShaftD d;
+  // Around a node's children, or a leaf's triangles.
+  Box3f BoxOf(ChildRef ref) const {
+    Box3f box;
+    if (ref.is_inner()) {
+      const hn::CappedTag<float, kBvhWidth> d8;
+      const BvhNode& node = scene_.bvh.nodes[ref.node()];
+      for (int k = 0; k < 3; ++k) {
+        box.lo[k] = hn::GetLane(hn::MinOfLanes(d8, hn::Load(d8, node.bounds[k])));
+        box.hi[k] = hn::GetLane(hn::MaxOfLanes(d8, hn::Load(d8, node.bounds[k + 3])));
+      }
+      return box;
+    }
     const LeafView leaf(scene_, ref);
-    const V3 r = BroadcastV(reference_);
-    for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
-      V3 corner[3];
-      V margin = hn::Zero(d);
-      for (int c = 0; c < 3; ++c) {
-        corner[c] = SubV(LeafCorner(leaf, c, first), r);
-        margin = hn::Max(margin, Norm1V(corner[c]));
-      }
-      margin = hn::MulAdd(margin, hn::Set(d, kBoxMargin), hn::Set(d, kFloatUnderflow));
-      ShaftM in = hn::FirstN(d, leaf.count - first);
-      for (int i = 0; i < kCap; ++i) {
-        const V3 n = BroadcastV(sides_.normal(i));
-        const V most = hn::Max(hn::Max(DotV(n, corner[0]), DotV(n, corner[1])), DotV(n, corner[2]));
-        in = hn::And(in, hn::Ge(hn::Add(most, margin), hn::Set(d, sides_.local[i])));
-      }
-      const V3 n = BroadcastV(sides_.normal(kCap));
-      const V3 n_abs = {hn::Abs(n.x), hn::Abs(n.y), hn::Abs(n.z)};
-      V most = hn::Set(d, -std::numeric_limits<float>::infinity());
-      for (const V3& p : corner) {
-        const V3 p_abs = {hn::Abs(p.x), hn::Abs(p.y), hn::Abs(p.z)};
-        most = hn::Max(most, hn::MulAdd(DotV(n_abs, p_abs), hn::Set(d, kCapMargin), DotV(n, p)));
-      }
-      in = hn::And(
-          in, hn::Ge(hn::Add(most, hn::Set(d, kFloatUnderflow)), hn::Set(d, sides_.local[kCap])));
-      if (!hn::AllFalse(d, in)) return true;
+    for (uint32_t i = 0; i < leaf.count; ++i) {
+      for (int c = 0; c < 3; ++c) box.Extend(leaf.corner(c, i));
+    }
+    return box;
+  }
+
+  // Whether a triangle of the leaf may reach into the hull.
+  bool MeetsLeaf(ChildRef ref) const {
+    const LeafView leaf(scene_, ref);
+    for (uint32_t first = 0; first < leaf.count;
+         first += static_cast<uint32_t>(hn::Lanes(ShaftD()))) {
+      if (!hn::AllFalse(ShaftD(), Meeting(leaf, first))) return true;
     }
     return false;
   }
@@ -233,6 +270,7 @@ class HullCutMaker {
   ShaftFrame frame_;
   Vec3f reference_;   // One of the points: all is taken relative to it.
   float spread_ = 0;  // Bounds |x - reference|_1 over points and origins.
+  float margin_ = 0;  // Of a node's boxes.
   ShaftSides sides_{};
   AxisCaps caps_;
 };

@@ -15,6 +15,7 @@
 // clang-format on
 
 #include "core/traverse/hull_cut-inl.h"
+#include "core/traverse/hull_walk-inl.h"
 #include "core/traverse/kd_packet-inl.h"
 #include "core/traverse/kd_single-inl.h"
 #include "core/traverse/leaf_cover-inl.h"
@@ -51,6 +52,7 @@ const Kernels& TargetKernels() {
       .cut_shaft = &CutShaft<false>,
       .cut_parallel_shaft = &CutShaft<true>,
       .cut_hull = &CutHull,
+      .trace_hull = &TraceHull,
       .cover_points = &CoverPoints<false>,
       .cover_parallel_points = &CoverPoints<true>,
   };

@@ -12,10 +12,12 @@
 #ifndef SIGHTLINE_CORE_TRAVERSE_KERNELS_H_
 #define SIGHTLINE_CORE_TRAVERSE_KERNELS_H_
 
+#include <cstdint>
 #include <span>
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
+#include "core/traverse/light_hull.h"
 #include "core/traverse/rtt.h"
 #include "core/traverse/shaft_cut.h"
 #include "core/traverse/simd_target.h"
@@ -49,6 +51,17 @@ using CutParallelFn = bool (*)(const IndexedGeometry& scene,
 using CutHullFn = bool (*)(const IndexedGeometry& scene, std::span<const Vec3f> origins,
                            std::span<const RayPacket> packets, const ShaftCut* from, ShaftCut* cut);
 
+// One walk for all samples of an area light: bit k of blocked[lane] says that something stands
+// between sample k and the packet's point `lane`. `blocked` is as long as a packet, at 64 bytes. It
+// need not find all: what is left to be walked sample by sample, for those that are not blocked
+// yet, is the cut; one without nodes says that nothing is left. It leaves more the less `budget` is
+// (nothing is walked for 0), or if `cancel` fires. False: there is no cut, and nothing was found.
+// `from` as in CutHullFn. The packet's origin is lost.
+using TraceHullFn = bool (*)(const IndexedGeometry& scene, const LightHull& light,
+                             RayPacket& packet, const ShaftCut* from, uint32_t budget,
+                             ShaftCut* cut, uint16_t* blocked, const CancelToken* cancel,
+                             WalkStats* stats);
+
 // Whether all segments from `common` to the points, or all rays from them along it, are blocked by
 // a triangle of the leaf, or by two that share an edge, as far as the box around the points tells.
 // `sources` are the points' own triangles, or none; `common_source` and `mask` as in a packet.
@@ -75,6 +88,7 @@ struct Kernels {
   CutShaftFn cut_shaft;
   CutParallelFn cut_parallel_shaft;
   CutHullFn cut_hull;
+  TraceHullFn trace_hull;
   CoverPointsFn cover_points, cover_parallel_points;  // By segments; by rays.
 };
 

@@ -153,6 +153,11 @@ class ShaftRays {
         all_.rays[b] = static_cast<uint16_t>((1u << left) - 1);
       }
     }
+    if constexpr (kAny && !kParallel) {
+      for (int b = 0; packet_.unasked != nullptr && b < kShaftBlocks; ++b) {
+        all_.rays[b] &= static_cast<uint16_t>(~packet_.unasked[b]);
+      }
+    }
     SIGHTLINE_DCHECK(!packet_.sourceless || !FindSources());
     has_sources_ = (kParallel || segments()) && !packet_.sourceless && FindSources();
     float farthest = FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread_;

@@ -63,6 +63,9 @@ struct alignas(64) RayPacket {
   // Any hit: the least box around the points (targets, or a ParallelPacket's origins) of the lanes
   // in use, where it is known; null: whoever wants it finds it.
   const Box3f* point_box = nullptr;
+  // Any hit, shafts alone: lanes whose answer is not wanted, a bit each, sixteen to a number; null:
+  // all are wanted.
+  const uint16_t* unasked = nullptr;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
   // As a TraceRay's: by lane, up to the end of a vector, or null; and for all lanes.
@@ -107,6 +110,7 @@ struct alignas(64) RayPacket {
     to->near = near == nullptr ? nullptr : near + first;
     to->unseen = unseen;
     to->grid = nullptr;
+    to->unasked = nullptr;
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;

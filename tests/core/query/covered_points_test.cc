@@ -82,8 +82,17 @@ std::vector<LightSample> Lights(int kind) {
     add(Light::Point({2, 5, 9}), 0);
   } else if (kind == 1) {
     add(Light::Directional({0.2, -0.1, 1}), 0);
-  } else {  // As an area light's samples: all of one light.
+  } else if (kind == 2) {  // As an area light's samples: all of one light.
     for (int i = 0; i < 6; ++i) add(Light::Point({2 + 0.1 * i, 5, 9}), 0);
+  } else {  // More samples than one walk takes together; behind them a sun, and a light of three.
+    Light area{.kind = Light::Kind::kRectangle, .position = {2, 5, 9}};
+    area.half_u = {0.8, 0, 0};
+    area.half_v = {0, 0.8, 0.1};
+    area.sample_count = 23;
+    add(area, 0);
+    add(Light::Directional({0.2, -0.1, 1}), 1);
+    area.sample_count = 3;
+    add(area, 2);
   }
   return samples;
 }
@@ -91,7 +100,7 @@ std::vector<LightSample> Lights(int kind) {
 TEST(CoveredPointsTest, AllWaysOfAskingGiveTheBitsOfSingleRays) {
   TestRng rng;
   const IndexedGeometry scene = MakeScene(Room(rng));
-  for (int kind = 0; kind < 3; ++kind) {
+  for (int kind = 0; kind < 4; ++kind) {
     const std::vector<LightSample> samples = Lights(kind);
     for (const bool with_sources : {true, false}) {
       SCOPED_TRACE(testing::Message() << "lights " << kind << ", sources " << with_sources);

@@ -87,5 +87,45 @@ TEST(PointRowsTest, FreeIsWhatNoTriangleBlocks) {
   }
 }
 
+TEST(PointRowsTest, ABitOfEachFlag) {
+  TestRng rng;
+  alignas(64) uint16_t flags[kMost];
+  for (const SimdTarget target : AvailableTargets()) {
+    for (size_t count = 0; count <= kMost; ++count) {
+      for (uint16_t& flag : flags) flag = static_cast<uint16_t>(rng());
+      constexpr uint16_t kUntouched = 0x5AA5;
+      uint16_t bits[kMost / 16 + 1];
+      std::fill(std::begin(bits), std::end(bits), kUntouched);
+      const auto bit = static_cast<uint32_t>(rng.Below(16));
+      size_t set = 0;
+      for (size_t i = 0; i < count; ++i) set += flags[i] >> bit & 1;
+      ASSERT_EQ(PointRowKernelsFor(target).flag_bits({flags, count}, bit, bits), set);
+      const size_t words = (count + 15) / 16;
+      for (size_t i = 0; i < 16 * words; ++i) {
+        ASSERT_EQ(bits[i / 16] >> (i % 16) & 1, i < count ? flags[i] >> bit & 1 : 0)
+            << "bit " << bit << " of flag " << i << " of " << count;
+      }
+      ASSERT_EQ(bits[words], kUntouched) << count << " flags";
+    }
+  }
+}
+
+TEST(PointRowsTest, IdsAreSetWhereBitsAre) {
+  TestRng rng;
+  alignas(64) uint32_t ids[kMost];
+  for (const SimdTarget target : AvailableTargets()) {
+    for (size_t words = 0; words <= kMost / 16; ++words) {
+      std::fill(std::begin(ids), std::end(ids), kNoTriangle);
+      uint16_t bits[kMost / 16];
+      for (uint16_t& word : bits) word = static_cast<uint16_t>(rng());
+      PointRowKernelsFor(target).set_where({bits, words}, 7, ids);
+      for (size_t i = 0; i < kMost; ++i) {
+        const bool set = i < 16 * words && (bits[i / 16] >> (i % 16) & 1) != 0;
+        ASSERT_EQ(ids[i], set ? 7u : kNoTriangle) << "id " << i << ", " << words << " words";
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace sightline::testing_support
