@@ -28,7 +28,7 @@ constexpr size_t kLeastHullSamples = 4;
 
 // What a walk for all of them may cost, a packet (TraceHullFn): as much as sixteen walks sample by
 // sample through dense foliage.
-constexpr uint32_t kMostHullWork = 40'000;
+constexpr uint32_t kMostHullWork = 100'000;
 
 template <typename Packet>
 void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
