@@ -29,6 +29,8 @@ constexpr size_t kLeastHullSamples = 4;
 // What a walk for all of them may cost, a packet (TraceHullFn): as much as sixteen walks sample by
 // sample through dense foliage.
 constexpr uint32_t kMostHullWork = 100'000;
+// Its tests of a triangle, a point and a sample that cost as much as a shaft's one.
+constexpr uint64_t kHullTests = 8;
 
 template <typename Packet>
 void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
@@ -214,7 +216,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   uint32_t* const first_leaf = &hints_.first_leaves[s];
   for (size_t b = 0; b < blocks(); ++b) {
     if (by_hulls && hull_states_[b] == HullState::kAnswered) {
-      TakeHull(s, b, scope);
+      TakeHull(s, b, &choice, scope);
       continue;
     }
     // What darkened the packet before this one, or this one before, for the light's last sample.
@@ -239,7 +241,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       known_points = HullBits(s, b, &known);
       if (hull_states_[b] == HullState::kAnswered ||
           known_points == static_cast<size_t>(packets_[b].count)) {
-        TakeHull(s, b, scope);
+        TakeHull(s, b, &choice, scope);
         continue;
       }
       cut = hull_states_[b] == HullState::kRoot ? nullptr : &hull_cuts_[b];
@@ -258,8 +260,9 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     scope->Took(walk);
     if (by_shafts) {
-      choice.Learn(walk, before, *scope->walk(),
-                   static_cast<size_t>(packets_[b].count) - known_points);
+      WalkStats after = *scope->walk();
+      if (by_hulls && walk == Strategy::kShaft) AddHullShare(b, &after);
+      choice.Learn(walk, before, after, static_cast<size_t>(packets_[b].count));
     }
     *first_leaf = packets_[b].first_leaf;
     NoteCovers(s, before, *scope->walk());
@@ -371,6 +374,7 @@ void SampleTracer::BeginHulls() {
   hull_group_cut_ = has_cut ? &hull_cut_ : nullptr;
   hull_cuts_.resize(blocks());
   hull_blocked_.resize(blocks() * kBlockRays);
+  hull_shares_.resize(blocks());
   if (record_answered_by_) hull_answered_by_.resize(blocks() * kBlockRays);
 }
 
@@ -391,15 +395,26 @@ absl::Status SampleTracer::TraceHull(size_t s, size_t b, bool by_shaft, StatsSco
   hull_states_[b] = !has_cut                        ? HullState::kRoot
                     : hull_cuts_[b].node_count == 0 ? HullState::kAnswered
                                                     : HullState::kCut;
+  const WalkStats& after = *scope->walk();
+  hull_shares_[b] = {.nodes = after.nodes - before.nodes,
+                     .leaves = after.leaves - before.leaves,
+                     .triangle_tests = (after.triangle_tests - before.triangle_tests) / kHullTests};
   if (record_answered_by_) {
     std::copy_n(AnsweredByOf(b), packets_[b].count, hull_answered_by_.data() + b * kBlockRays);
   }
   if (!has_cut || budget == 0) return absl::OkStatus();
   for (size_t i = hull_begin_; i < hull_end_; ++i) {
     hints_.first_leaves[i] = packets_[b].first_leaf;
-    NoteCovers(i, before, *scope->walk());
+    NoteCovers(i, before, after);
   }
   return absl::OkStatus();
+}
+
+void SampleTracer::AddHullShare(size_t b, WalkStats* stats) const {
+  const uint64_t samples = hull_end_ - hull_begin_;
+  stats->nodes += hull_shares_[b].nodes / samples;
+  stats->leaves += hull_shares_[b].leaves / samples;
+  stats->triangle_tests += hull_shares_[b].triangle_tests / samples;
 }
 
 size_t SampleTracer::HullBits(size_t s, size_t b, BlockBits* bits) const {
@@ -409,13 +424,16 @@ size_t SampleTracer::HullBits(size_t s, size_t b, BlockBits* bits) const {
                          static_cast<uint32_t>(s - hull_begin_), bits->data());
 }
 
-void SampleTracer::TakeHull(size_t s, size_t b, StatsScope* scope) {
+void SampleTracer::TakeHull(size_t s, size_t b, WalkChoice* choice, StatsScope* scope) {
   BlockBits blocked = {};
   HullBits(s, b, &blocked);
   std::fill_n(packets_[b].triangle, static_cast<size_t>(kBlockRays), kNoTriangle);
   rows_.set_where(blocked, kSomeTriangle, packets_[b].triangle);
   ComingOf(b).All();  // Its turn will not come.
   scope->Took(Strategy::kShaft);
+  WalkStats share;
+  AddHullShare(b, &share);
+  choice->Learn(Strategy::kShaft, {}, share, static_cast<size_t>(packets_[b].count));
   if (record_answered_by_) {
     std::copy_n(hull_answered_by_.data() + b * kBlockRays, packets_[b].count, AnsweredByOf(b));
   }

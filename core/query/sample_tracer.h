@@ -130,7 +130,9 @@ class SampleTracer {
   using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
   size_t HullBits(size_t s, size_t b, BlockBits* bits) const;
   // Answers block b for sample s by that alone.
-  void TakeHull(size_t s, size_t b, StatsScope* scope);
+  void TakeHull(size_t s, size_t b, WalkChoice* choice, StatsScope* scope);
+  // Adds a sample's share of what it cost.
+  void AddHullShare(size_t b, WalkStats* stats) const;
   // What answered such points of a block, where it is recorded.
   void MarkKnown(size_t b, const BlockBits& known);
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
@@ -187,6 +189,7 @@ class SampleTracer {
   enum class HullState : uint8_t { kNew, kRoot, kCut, kAnswered };
   std::vector<HullState> hull_states_;
   std::vector<ShaftCut> hull_cuts_;
+  std::vector<WalkStats> hull_shares_;  // What they cost, for all samples.
   // By point: bit k says that it is not seen by sample hull_begin_ + k; and what answered it.
   AlignedVector<uint16_t> hull_blocked_;
   std::vector<AnsweredBy> hull_answered_by_;

@@ -46,6 +46,7 @@
 #include "core/traverse/leaf_corners-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/light_hull.h"
+#include "core/traverse/plane_side-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -258,10 +259,21 @@ class HullLeaf {
   // Puts triangle i, which floats do not see on one side of all samples, into one row or two, or
   // takes it off *rows.
   HWY_NOINLINE void Part(const LeafView& leaf, uint32_t i, uint32_t* rows) {
+    const Vec3f a = leaf.corner(0, i), b = leaf.corner(1, i), c = leaf.corner(2, i);
+    const ShaftD d;
+    const uint32_t all = (1u << light_.count) - 1;
     uint32_t behind = 0, before = 0;  // Samples that the triangle, as it is, is in front of.
-    for (uint32_t k = 0; k < light_.count; ++k) {
-      const int side =
-          SideOfPlane(leaf.corner(0, i), leaf.corner(1, i), leaf.corner(2, i), light_.samples[k]);
+    for (size_t k = 0; k < LightHull::kMostSamples; k += hn::Lanes(d)) {
+      const V3 samples = {hn::Load(d, light_.rows[0] + k), hn::Load(d, light_.rows[1] + k),
+                          hn::Load(d, light_.rows[2] + k)};
+      const V side = SideInDoubles(ToDouble(b) - ToDouble(a), ToDouble(c) - ToDouble(a),
+                                   /*sign=*/1, &a, samples);
+      behind |= (MaskBits(d, hn::Lt(side, hn::Zero(d))) << k) & all;
+      before |= (MaskBits(d, hn::Gt(side, hn::Zero(d))) << k) & all;
+    }
+    for (uint32_t left = all & ~(behind | before); left != 0; left &= left - 1) {
+      const uint32_t k = std::countr_zero(left);
+      const int side = SideOfPlane(a, b, c, light_.samples[k]);
       behind |= side < 0 ? 1u << k : 0;
       before |= side > 0 ? 1u << k : 0;
     }

@@ -55,6 +55,9 @@ LightHull FitLightHull(std::span<const Vec3f> samples) {
   LightHull light;
   light.count = static_cast<uint32_t>(samples.size());
   std::copy(samples.begin(), samples.end(), light.samples);
+  for (size_t i = 0; i < LightHull::kMostSamples; ++i) {
+    for (int k = 0; k < 3; ++k) light.rows[k][i] = samples[i < samples.size() ? i : 0][k];
+  }
   const Vec3d from = ToDouble(samples[0]);
   const Vec3d normal = NormalOf(samples, from);
   double least = std::numeric_limits<double>::infinity();

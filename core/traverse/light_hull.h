@@ -29,6 +29,7 @@ struct LightHull {
   Vec3f half[2];
   float rest = 0;
   alignas(64) float along[2][kMostSamples] = {};  // 0 beyond the last sample.
+  alignas(64) float rows[3][kMostSamples];        // The samples by axis, and the first one again.
 
   // Whether what the parallelogram leaves over is next to nothing, as for samples of a rectangle
   // that were rounded.

@@ -33,6 +33,10 @@ void ExpectHolds(const LightHull& light, const std::vector<Vec3f>& samples) {
     EXPECT_EQ(light.along[0][k], 0.0f);
     EXPECT_EQ(light.along[1][k], 0.0f);
   }
+  for (size_t k = 0; k < LightHull::kMostSamples; ++k) {
+    const Vec3f at = {light.rows[0][k], light.rows[1][k], light.rows[2][k]};
+    EXPECT_EQ(at, samples[k < samples.size() ? k : 0]);
+  }
 }
 
 TEST(LightHullTest, HoldsItsSamples) {
