@@ -100,6 +100,28 @@
 // among the points it is a margin of the neighbourhood's size, so that a surface's own triangles,
 // which lie just behind points placed in front of it, are culled by their vertices.
 //
+// An area light's samples together (core/traverse/hull_leaf-inl.h)
+//
+// With q = P-C and m = B-A an edge's form is e(C, P) at the light's centre C; for a sample C + s·a
+// + t·b + r it is e(C, P) + s·λa + t·λb + (m × r)·(P-A), λh = (m × h)·(P-A), |s|, |t| <= 1.
+//
+// Per sample. e(C, P) is the float stage's: off by at most 9u·K|q|_inf, K = |A-C|_1|m|_1. λh is
+// taken as n·q - n·(A-C), n = m × h: n errs by 3u of its permanent, q and A-C by u, products by
+// 3u, and the chain of fused multiply-adds rounds four times more: below 12u·|m|_1|h|_1(|q|_inf +
+// |A-C|_inf). Two fused multiply-adds, or as many sums, add both up: 2.1u of all three. And (m ×
+// r)·(P-A) is at most |r|_inf|m|_1|P-A|_1, |P-A|_1 <= 3|q|_inf + |A-C|_1. Together
+//     12u·K|q|_inf + |m|_1(15u(|a|_1 + |b|_1) + |r|_inf)(3|q|_inf + |A-C|_1),
+// norms as computed: kCentreUnits is 12u, kLeanUnits 32u, and kRestScale covers the norms'
+// rounding.
+//
+// Over a block of rays, divided by the depth w·q: e(C, P) has an edge form's margin, and so has
+// n·q, with |m|_1|h|_1 for K. n·(A-C) is multiplied by the inverse depth, which is within
+// kDepthScale of what is computed of it, twice, as the block's nearest point is taken for the
+// nearest there is; with its own roundings that is below 96u·|m|_1|h|_1|A-C|_inf over the depth.
+// |q|_1 is at most sqrt(3)·2.5 of the depth, so that r costs |r|_inf|m|_1(4.4 + |A-C|_1 / depth).
+// With S = |m|_1 (kEdgeMargin(|a|_1 + |b|_1) + 2|r|_inf), kRestPerDepth·S + S|A-C|_1 / depth
+// covers all but e's own.
+//
 // Thread safety: constants only.
 #ifndef SIGHTLINE_CORE_SHAFT_MARGINS_H_
 #define SIGHTLINE_CORE_SHAFT_MARGINS_H_
@@ -118,6 +140,10 @@ inline constexpr float kLeastDepth = 0x1p-60f;
 inline constexpr float kInverseMargin = 16 * 0x1p-24f;
 inline constexpr float kParallelUnits = 12 * 0x1p-24f;
 inline constexpr float kCapMargin = 5 * 0x1p-24f;
+inline constexpr float kCentreUnits = 12 * 0x1p-24f;
+inline constexpr float kLeanUnits = 32 * 0x1p-24f;
+inline constexpr float kRestScale = 1 + 32 * 0x1p-24f;
+inline constexpr float kRestPerDepth = 8;
 
 }  // namespace sightline
 

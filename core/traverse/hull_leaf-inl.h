@@ -10,21 +10,7 @@
 // and how it leans along the light's two axes. As |s|, |t| <= 1, e lies within |λa| + |λb| of
 // e(C, P) for all of them. The side of the triangle's plane that P is on does not depend on L.
 //
-// Error bounds, with u = 2^-24 and q = P-C. e(C, P) is the float stage's (predicate-inl.h): off by
-// at most 9u·K|q|_inf with K = |A-C|_1|m|_1. λh is taken as n·q - n·(A-C), n = m × h. n errs by 3u
-// of its permanent, q and A-C by u, products by 3u, and the chain of fused multiply-adds adds four
-// roundings more: below 12u·|m|_1|h|_1(|q|_inf + |A-C|_inf). Both are added up by two fused
-// multiply-adds, or as many sums: 2.1u of all three. And (m × r)·(P-A) is at most
-// rest·|m|_1|P-A|_1 <= rest·|m|_1(3|q|_inf + |A-C|_1). Together
-//     12u·K|q|_inf + |m|_1(15u·(|a|_1 + |b|_1) + rest)(3|q|_inf + |A-C|_1)
-// bounds what e as computed is off by; kLeanUnits is 32u, kRestScale covers the rounding of norms.
-//
-// Over a block of rays, forms are divided by the depth w·q, which makes them linear in the slopes
-// (core/shaft/margins.h), but for n·(A-C), which the inverse depth multiplies. That is within
-// kDepthScale of what is computed of it, twice, as the block's nearest point is taken for the
-// nearest there is; products and sums add a few roundings: below 64u·|m|_1|h|_1|A-C|_inf over the
-// least depth. What is left is as an edge form's own, with |m|_1|h|_1 in place of K: kEdgeMargin.
-// |q|_1 is at most sqrt(3)·2.5 of the depth, so that r costs rest·|m|_1(4.4 + |A-C|_1 / depth).
+// Error bounds: core/shaft/margins.h, "an area light's samples together".
 //
 // Thread safety: a leaf's forms are one thread's own.
 
@@ -41,6 +27,7 @@
 #include <limits>
 
 #include "core/intersect/predicate.h"
+#include "core/shaft/margins.h"
 #include "core/traverse/hull_blocks-inl.h"
 #include "core/traverse/hull_cut-inl.h"
 #include "core/traverse/leaf_corners-inl.h"
@@ -83,9 +70,6 @@ struct HullForms {
   alignas(64) float corner[3][3][kHullRows], reach[kHullRows];
 };
 
-constexpr float kLeanUnits = 32 * 0x1p-24f;
-constexpr float kCentreUnits = 12 * 0x1p-24f;
-constexpr float kRestScale = 1 + 32 * 0x1p-24f;
 // A triangle whose edges lean by so many times their forms' sum is small before the light: of
 // sixteen samples next to none is behind it.
 constexpr float kSmallTriangle = 3;
@@ -167,7 +151,7 @@ class HullLeaf {
     const V slack = hn::Mul(longest, hn::Set(d, kEdgeMargin * size + 2 * rest));
     const V margin =
         hn::MulAdd(hn::Set(d, kEdgeMargin), edge_k,
-                   hn::MulAdd(slack, hn::Set(d, kMostPerDepth), hn::Set(d, kEdgeUnderflow)));
+                   hn::MulAdd(slack, hn::Set(d, kRestPerDepth), hn::Set(d, kEdgeUnderflow)));
     const V margin_inverse = hn::Mul(slack, reach);
     const V margin_all = hn::MulAdd(margin_inverse, hn::Set(d, blocks.all_most), margin);
     const Vec3f axes[3] = {rays_.frame().u, rays_.frame().v, rays_.frame().w};
@@ -330,9 +314,6 @@ class HullLeaf {
     Put(v.y, flip, first, rows[1]);
     Put(v.z, flip, first, rows[2]);
   }
-
-  // Bounds |q|_1 over the depth, with room (see above).
-  static constexpr float kMostPerDepth = 8;
 
   const LightHull& light_;
   const HullCutMaker& hull_;
