@@ -8,8 +8,10 @@
 // where points lie on that very surface, are found once for all samples.
 //
 // The walk is a shaft's (shaft-inl.h) with the light's centre for origin, but what nodes and
-// triangles are put to is the hull of light and points (hull_cut-inl.h), and there is no splitting:
-// where it costs more than walks sample by sample would, it gives up.
+// triangles are put to is the hull of light and points (hull_cut-inl.h), as paper 002's shafts
+// between two boxes are; and it begins at the points. Leaves whose triangles are small before the
+// light, as the points see both, are left to shafts from one sample at a time, which meet few of
+// them: they make a cut for those, as does all that is left where the walk costs too much.
 //
 // Thread safety: a walk is one thread's own.
 
@@ -30,7 +32,6 @@
 #include "core/intersect/predicate.h"
 #include "core/traverse/hull_cut-inl.h"
 #include "core/traverse/hull_leaf-inl.h"
-#include "core/traverse/kernels.h"
 #include "core/traverse/light_hull.h"
 #include "core/traverse/plane_side-inl.h"
 #include "core/traverse/shaft_pair-inl.h"
