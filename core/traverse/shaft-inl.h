@@ -372,16 +372,7 @@ class ShaftWalk {
 
   // The rays of block b that triangle `id` may answer.
   HWY_INLINE uint32_t Asked(uint32_t b, uint32_t id) const {
-    uint32_t bits = bounds_.open[b];
-    if (rays_.has_sources()) {
-      const hn::RebindToUnsigned<ShaftD> du;
-      const uint32_t* sources = rays_.sources() + size_t{b} * kShaftBlockRays;
-      for (size_t k = 0; k < kBlockVectors; ++k) {
-        const auto own = hn::Eq(hn::Load(du, sources + k * kLanes), hn::Set(du, id));
-        bits &= ~(MaskBits(du, own) << (k * kLanes));
-      }
-    }
-    return bits;
+    return AskedOf(rays_, bounds_, b, id);
   }
 
   // Takes note of what triangle `id` blocks; returns their bits.

@@ -20,10 +20,12 @@
 #include "core/traverse/answered_by.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/shaft_rays-inl.h"
+#include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
 namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
 
 // Each pair is block | triangle << kTriangleShift.
 constexpr uint32_t kTriangleShift = 4;
@@ -35,6 +37,22 @@ struct BlockPairs {
 };
 HWY_INLINE uint32_t BlockOf(uint32_t pair) { return pair % kShaftBlocks; }
 HWY_INLINE uint32_t TriangleOf(uint32_t pair) { return pair >> kTriangleShift; }
+
+// The rays of block b that triangle `id` may answer.
+template <bool kAny, bool kParallel>
+HWY_INLINE uint32_t AskedOf(const ShaftRays<kAny, kParallel>& rays, const ShaftBounds& bounds,
+                            uint32_t b, uint32_t id) {
+  uint32_t bits = bounds.open[b];
+  if (rays.has_sources()) {
+    const hn::RebindToUnsigned<ShaftD> d;
+    const uint32_t* sources = rays.sources() + size_t{b} * kShaftBlockRays;
+    for (size_t i = 0; i < kShaftBlockRays; i += hn::Lanes(d)) {
+      const auto own = hn::Eq(hn::Load(d, sources + i), hn::Set(d, id));
+      bits &= ~(MaskBits(d, own) << i);
+    }
+  }
+  return bits;
+}
 
 // All of a packet's rays; nothing if nobody wants to know.
 template <class Packet>
