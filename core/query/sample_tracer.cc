@@ -215,8 +215,10 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   };
   uint32_t* const first_leaf = &hints_.first_leaves[s];
   for (size_t b = 0; b < blocks(); ++b) {
+    BlockBits known = {};
     if (by_hulls && hull_states_[b] == HullState::kAnswered) {
-      TakeHull(s, b, &choice, scope);
+      HullBits(s, b, &known);
+      TakeHull(b, known, &choice, scope);
       continue;
     }
     // What darkened the packet before this one, or this one before, for the light's last sample.
@@ -232,7 +234,6 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     if (!std::exchange(prepared, true)) prepare();
     const Strategy walk = by_shafts ? choice.Next() : strategy;
-    BlockBits known = {};
     size_t known_points = 0;
     if (by_hulls) {
       if (hull_states_[b] == HullState::kNew) {
@@ -241,7 +242,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       known_points = HullBits(s, b, &known);
       if (hull_states_[b] == HullState::kAnswered ||
           known_points == static_cast<size_t>(packets_[b].count)) {
-        TakeHull(s, b, &choice, scope);
+        TakeHull(b, known, &choice, scope);
         continue;
       }
       cut = hull_states_[b] == HullState::kRoot ? nullptr : &hull_cuts_[b];
@@ -424,9 +425,8 @@ size_t SampleTracer::HullBits(size_t s, size_t b, BlockBits* bits) const {
                          static_cast<uint32_t>(s - hull_begin_), bits->data());
 }
 
-void SampleTracer::TakeHull(size_t s, size_t b, WalkChoice* choice, StatsScope* scope) {
-  BlockBits blocked = {};
-  HullBits(s, b, &blocked);
+void SampleTracer::TakeHull(size_t b, const BlockBits& blocked, WalkChoice* choice,
+                            StatsScope* scope) {
   std::fill_n(packets_[b].triangle, static_cast<size_t>(kBlockRays), kNoTriangle);
   rows_.set_where(blocked, kSomeTriangle, packets_[b].triangle);
   ComingOf(b).All();  // Its turn will not come.

@@ -129,8 +129,8 @@ class SampleTracer {
   // The points of block b that it found sample s not to see. Returns how many.
   using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
   size_t HullBits(size_t s, size_t b, BlockBits* bits) const;
-  // Answers block b for sample s by that alone.
-  void TakeHull(size_t s, size_t b, WalkChoice* choice, StatsScope* scope);
+  // Answers block b for a sample by these alone.
+  void TakeHull(size_t b, const BlockBits& blocked, WalkChoice* choice, StatsScope* scope);
   // Adds a sample's share of what it cost.
   void AddHullShare(size_t b, WalkStats* stats) const;
   // What answered such points of a block, where it is recorded.

@@ -4,12 +4,12 @@
 // have the light and the block's points on their inner side, and the range of the points' inverse
 // depths.
 //
-// A triangle that is small before the light is told by its own edges to miss the block only where
-// it lies beside the points' view of the light in their direction; these planes are the light's own
-// edges. Along a frame at the light's centre, they lean as the light's and the block's extents do:
-// x - lean·z <= most. With p a corner relative to the centre, x and z err by 4.1u|p|_1 each, the
-// product and difference by 3.3u: at |lean| <= kMaxSlope below 17u|p|_1 (core/shaft/margins.h), for
-// corners, points and samples alike. kBoxMargin of each is added.
+// A triangle's edges part it from a block's view of the light where the light is beside the
+// triangle; where the triangle is beside the light, and smaller, edges of the light do: these
+// planes. Along a frame at the light's centre, they lean as the light's and the block's extents
+// do: x - lean·z <= side. With p a corner relative to the centre, x and z err by 4.1u|p|_1 each,
+// the product and difference by 3.3u: at |lean| <= kMaxSlope below 17u|p|_1
+// (core/shaft/margins.h), for corners, points and samples alike. kBoxMargin of each is added.
 //
 // Thread safety: plain values.
 
@@ -37,7 +37,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 using HullRays = ShaftRays</*kAny=*/true, /*kParallel=*/false>;
 
 struct HullBlocks {
-  // By block. Sides: x - lean·z <= most, -x - lean·z <= most, and the same of y.
+  // By block. Sides: x - lean·z <= side, -x - lean·z <= side, and the same of y.
   alignas(64) float lean[4][kShaftBlocks], side[4][kShaftBlocks];
   // Inverse depths: middle, half extent and the largest; and of all points.
   alignas(64) float middle[kShaftBlocks], extent[kShaftBlocks], most[kShaftBlocks];
@@ -76,13 +76,16 @@ struct HullBlocks {
 
   void PlaceSides(const LightHull& light, const HullRays& rays, const ShaftBounds& bounds) {
     const ShaftD d;
-    // The light along an axis of the frame: what its parallelogram reaches to either side of its
-    // centre, or more.
+    // The light along an axis of the frame: what its samples reach to either side of its centre. An
+    // axis is a unit vector, up to rounding, so that no |r|_inf comes to more than sqrt(3) of it
+    // there; sums are rounded to floats thrice.
+    constexpr float kNormShare = 1.75f;
+    constexpr double kRoundUp = 1 + 0x1p-20;
     const ShaftFrame& frame = rays.frame();
     const auto reach = [&](Vec3f axis) {
       double sum = 0;
       for (const Vec3f& half : light.half) sum += std::abs(Dot(ToDouble(axis), ToDouble(half)));
-      return static_cast<float>(sum * (1 + 0x1p-20)) + light.rest * (1.75f + 0x1p-10f);
+      return static_cast<float>(sum * kRoundUp) + light.rest * kNormShare;
     };
     const float depth = reach(frame.w);
     // Points lie within kMostNorm1 times their depth.

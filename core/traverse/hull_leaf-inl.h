@@ -34,6 +34,7 @@
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/light_hull.h"
 #include "core/traverse/plane_side-inl.h"
+#include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -54,11 +55,10 @@ struct HullForm {
 // are blocked.
 struct HullForms {
   uint16_t samples[kHullRows];  // Those behind the triangle, a bit each: the others do not see it.
-  // Against a point's q: e(C, P) = edge·q, λ = lean·q + lean_offset, and the bound of what is added
-  // up of them, bound + bound_scale·|q|_inf.
+  // Against a point's q: e(C, P) = edge·q, λ = lean·q + lean_form.f[3], and the bound of what is
+  // added up of them, bound + bound_scale·|q|_inf.
   alignas(64) float edge[3][3][kHullRows];
   alignas(64) float lean[3][2][3][kHullRows];
-  alignas(64) float lean_offset[3][2][kHullRows];
   alignas(64) float bound[kHullRows], bound_scale[kHullRows];
   // Against P-A, as LeafForms'.
   alignas(64) float normal[3][kHullRows], normal_bound[kHullRows], turn[kHullRows];
@@ -202,7 +202,6 @@ class HullLeaf {
       for (int k = 0; k < 3; ++k) Put(edge_frame[e][k], flip, first, forms_.edge_form[e].f[k]);
       for (int h = 0; h < 2; ++h) {
         Put(lean[e][h], flip, first, forms_.lean[e][h]);
-        Put(lean_offset[e][h], flip, first, forms_.lean_offset[e][h]);
         for (int k = 0; k < 3; ++k) {
           Put(lean_frame[e][h][k], flip, first, forms_.lean_form[e][h].f[k]);
         }
@@ -223,11 +222,9 @@ class HullLeaf {
     for (int k = 0; k < 3; ++k) Put(DotV(axis[k], normal), flip, first, forms_.plane_form.f[k]);
     Put(hn::MulAdd(hn::Set(d, kEdgeMargin), normal_k, hn::Set(d, kEdgeUnderflow)), zero, first,
         forms_.plane_margin);
-    for (int c = 0; c < 3; ++c) {
-      for (int k = 0; k < 3; ++k) {
-        Put(DotV(axis[k], corner[c]), zero, first, forms_.corner[c][k]);
-      }
-    }
+    const V3* const corner_of[3] = {&corner[0], &corner[1], &corner[2]};
+    const FrameCorners along_frame(rays_.frame(), corner_of);
+    for (int c = 0; c < 3; ++c) Put(along_frame.at[c], zero, first, forms_.corner[c]);
     Put(reach, zero, first, forms_.reach);
     Put(depth, flip, first, forms_.depth);
     Put(depth_bound, zero, first, forms_.depth_bound);
@@ -286,7 +283,6 @@ class HullLeaf {
         turned(forms_.edge_form[e].f[k]);
       }
       for (int h = 0; h < 2; ++h) {
-        turned(forms_.lean_offset[e][h]);
         for (int k = 0; k < 3; ++k) turned(forms_.lean[e][h][k]);
         for (int k = 0; k < 4; ++k) turned(forms_.lean_form[e][h].f[k]);
       }

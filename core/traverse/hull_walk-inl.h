@@ -111,12 +111,13 @@ class HullWalk {
     int depth = 0;
     // What is nearest to the points comes off the stack first: the light is small behind it.
     for (uint32_t i = 0; i < cut.node_count; ++i) depth = VisitNode(cut.nodes[i], stack, depth);
+    bool cancelled = false;
     for (uint64_t visited = 1; depth > 0; ++visited) {
+      cancelled |= visited % kPollInterval == 0 && cancel != nullptr && cancel->cancelled();
       // Left to others while a cut can hold it all: those that would leave much more gain nothing.
       const uint32_t left = rest_count_ + static_cast<uint32_t>(depth);
       const bool is_full = rest_count_ > 0 && left > ShaftCut::kMaxChildren - kBvhWidth;
-      const bool stops = is_full || work_ > budget_ ||
-                         (visited % kPollInterval == 0 && cancel != nullptr && cancel->cancelled());
+      const bool stops = is_full || work_ > budget_ || cancelled;
       if (stops && left <= ShaftCut::kMaxChildren) {
         while (depth > 0) rest_[rest_count_++] = stack[--depth].ref();
         return;
@@ -186,7 +187,7 @@ class HullWalk {
     uint32_t covered = 0;
     for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
       const uint8_t* open = reinterpret_cast<const uint8_t*>(&bounds_.open_blocks) + first / 8;
-      const M met = hn::And(hn::LoadMaskBits(d, open), MeetsSides(row, first));
+      const M met = hn::And(hn::LoadMaskBits(d, open), ReachedBlocks(row, first));
       if (hn::AllFalse(d, met)) continue;
       const V mx = hn::Load(d, bounds_.mx + first), my = hn::Load(d, bounds_.my + first);
       const V hx = hn::Load(d, bounds_.hx + first), hy = hn::Load(d, bounds_.hy + first);
@@ -239,7 +240,7 @@ class HullWalk {
   }
 
   // The blocks first .. whose hulls with the light the row's triangle may reach into.
-  HWY_INLINE M MeetsSides(uint32_t row, size_t first) const {
+  HWY_INLINE M ReachedBlocks(uint32_t row, size_t first) const {
     const ShaftD d;
     const HullForms& forms = leaf_->forms();
     const V margin = hn::Set(d, kBoxMargin * forms.reach[row] + kFloatUnderflow);
@@ -343,7 +344,8 @@ class HullWalk {
           const Vec3V<V> n = Row(forms.lean[e][h], row);
           lean[h] = hn::MulAdd(
               n.x, q.x,
-              hn::MulAdd(n.y, q.y, hn::MulAdd(n.z, q.z, hn::Set(d, forms.lean_offset[e][h][row]))));
+              hn::MulAdd(n.y, q.y,
+                         hn::MulAdd(n.z, q.z, hn::Set(d, forms.lean_form[e][h].f[3][row]))));
           hn::Store(lean[h], d, edges.lean[e][h] + to);
         }
         hn::Store(centre, d, edges.centre[e] + to);
@@ -391,7 +393,6 @@ class HullWalk {
       }
       uint16_t& blocked = blocked_[at + lane];
       hit &= samples;
-
       const uint32_t doubt = open & samples & ~hit & ~blocked;
       blocked = static_cast<uint16_t>(blocked | hit);
       if (doubt != 0) [[unlikely]] {
@@ -451,7 +452,7 @@ class HullWalk {
     return Broadcast(ShaftD(), rows[0][row], rows[1][row], rows[2][row]);
   }
 
-  // Work, in what a node costs: roughly by their instructions.
+  // Work, some ten instructions each.
   static constexpr uint32_t kNodeWork = 4, kLeafWork = 40, kRowWork = 8, kPairWork = 8,
                             kPointWork = 2, kDoubtWork = 8;
   static constexpr size_t kStackSize = kBvhStackSize + ShaftCut::kMaxChildren + kBvhWidth;

@@ -10,7 +10,9 @@
 namespace sightline {
 namespace {
 
-// Shares of the light's size, and of how far out it lies.
+// Shares of the light's size, and of how far out it lies, that the rest may have. Rounded samples
+// of a rectangle are far below either. Beyond, bounds that carry the rest would leave most in
+// doubt; and with coordinates up to 2^41 they might overflow (core/shaft/margins.h).
 constexpr double kFlatShare = 0x1p-8, kRoundingShare = 0x1p-20;
 
 // Where the samples lie along an axis.
@@ -30,9 +32,9 @@ struct Extent {
 // Across the plane that the samples spread in most; null if they lie in a line.
 Vec3d NormalOf(std::span<const Vec3f> samples, Vec3d from) {
   Vec3d normal;
-  for (const Vec3f& p : samples) {
-    for (const Vec3f& q : samples) {
-      const Vec3d n = Cross(ToDouble(p) - from, ToDouble(q) - from);
+  for (size_t i = 0; i < samples.size(); ++i) {
+    for (size_t j = i + 1; j < samples.size(); ++j) {
+      const Vec3d n = Cross(ToDouble(samples[i]) - from, ToDouble(samples[j]) - from);
       if (Dot(n, n) > Dot(normal, normal)) normal = n;
     }
   }
