@@ -12,7 +12,7 @@
 namespace sightline {
 namespace {
 
-constexpr size_t kSmallBlock = PointParter::kSmallestBlock;
+constexpr size_t kSmallBlock = kSmallestPart;
 // What shares a shaft (RayPacket::kMaxRays). A picture's rows come as narrow blocks of the one kind
 // and as long ones of the other: hits in rows of 512 are answered for four lights at two to three
 // times the rate once they are ordered.
@@ -136,12 +136,10 @@ class Excess {
       }
       if (2 * (sample.size() - before) >= kSmallBlock) given_.Add(block);
     }
-    PointParter parter(sample, std::vector<uint8_t>(sample.size(), 1));
-    parter.Part();
-    const std::vector<uint32_t> order = parter.Order();
-    for (size_t first = 0; first + kSmallBlock <= order.size(); first += kSmallBlock) {
+    const PartedPoints parted = InSpatialOrder(sample, std::vector<uint8_t>(sample.size(), 1));
+    for (size_t first = 0; first + kSmallBlock <= parted.positions.size(); first += kSmallBlock) {
       Box3f block;
-      for (size_t k = 0; k < kSmallBlock; ++k) block.Extend(sample[order[first + k]]);
+      for (size_t k = 0; k < kSmallBlock; ++k) block.Extend(parted.positions[first + k]);
       parted_.Add(block);
     }
   }
@@ -183,9 +181,15 @@ bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> val
 
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
                                    std::span<const uint8_t> valid) {
-  PointParter points(positions, valid);
-  points.Part();
-  return points.Order();
+  const PartedPoints parted = InSpatialOrder(positions, valid);
+  return {parted.numbers.begin(), parted.numbers.end()};
+}
+
+PartedPoints InSpatialOrder(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
+                            SimdTarget simd) {
+  PartedPoints parted;
+  PointParterFor(simd)(positions, valid, &parted);
+  return parted;
 }
 
 PointOrders::PointOrders(std::span<const Vec3f> positions, std::span<const uint8_t> valid,

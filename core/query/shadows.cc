@@ -90,10 +90,10 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
   if (outputs.answered_by) tracer.RecordAnsweredBy();
   if (shadow.hints != nullptr) tracer.TakeHints(*shadow.hints);
-  std::vector<uint32_t> order;
+  PartedPoints order;
   const bool ordered =
       !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size());
-  if (ordered) order = SpatialOrder(points.positions, points.valid);
+  if (ordered) order = InSpatialOrder(points.positions, points.valid, options.simd);
   const size_t group = tracer.GroupPoints();
   // What comes next is fetched while a group's last walks are under way: fetched earlier, it would
   // be gone again.
@@ -101,43 +101,55 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   for (size_t s = 0; s < samples.size(); ++s) {
     if (samples[s].valid) last_sample = s;
   }
-  const size_t end = ordered ? order.size() : n;
+  const size_t end = ordered ? order.numbers.size() : n;
   for (size_t next = 0; next < end;) {
     // A group of valid points, put to every sample in turn, so that sums run in sample order.
     const size_t first = next;
     size_t count = 0;
-    if (!ordered) {
-      const size_t most = std::min(group, end - first);
+    const size_t most = std::min(group, end - first);
+    if (ordered) {
+      count = most;
+      next += count;
+    } else {
       const uint8_t* valid = points.valid.data() + first;
       const void* not_valid = std::memchr(valid, 0, most);
       count = not_valid == nullptr ? most : static_cast<const uint8_t*>(not_valid) - valid;
       next += count;
     }
     // Mostly they follow one another and are taken where they are.
-    const bool dense = count > 0 && (next == end || count == group) && first % 8 == 0;
+    const bool dense = !ordered && count > 0 && (next == end || count == group) && first % 8 == 0;
     if (dense) {
       tracer.SetPoints(
           points.positions.subspan(first, count),
           points.sources.empty() ? points.sources : points.sources.subspan(first, count));
+    } else if (ordered) {
+      if (!points.sources.empty()) {
+        sources.resize(count);
+        for (size_t i = 0; i < count; ++i) sources[i] = points.sources[order.numbers[first + i]];
+      }
+      tracer.SetPoints({order.positions.data() + first, count}, sources);
     } else {
       positions.resize(std::min(group, n));
       if (!points.sources.empty()) sources.resize(positions.size());
       index.resize(positions.size());
       next = first;
       for (count = 0; next < end && count < group; ++next) {
-        const size_t p = ordered ? order[next] : next;
-        if (!points.valid[p]) continue;
-        positions[count] = points.positions[p];
-        if (!points.sources.empty()) sources[count] = points.sources[p];
-        index[count++] = p;
+        if (!points.valid[next]) continue;
+        positions[count] = points.positions[next];
+        if (!points.sources.empty()) sources[count] = points.sources[next];
+        index[count++] = next;
       }
       tracer.SetPoints(std::span<const Vec3f>(positions.data(), count),
                        std::span<const uint32_t>(sources.data(), sources.empty() ? 0 : count));
     }
+    const auto point = [&](size_t i) {
+      return dense ? first + i : ordered ? size_t{order.numbers[first + i]} : index[i];
+    };
     for (size_t s = 0; s < samples.size(); ++s) {
       if (!samples[s].valid) continue;
-      if (s == last_sample && !ordered) {
-        FetchMeanwhile(next < n ? points : shadow.next, next < n ? next : 0, group, &tracer);
+      if (s == last_sample && (!ordered || next == end)) {
+        const bool last = next == end;
+        FetchMeanwhile(last ? shadow.next : points, last ? 0 : next, group, &tracer);
       }
       SL_RETURN_IF_ERROR(tracer.Trace(s));
       if (outputs.bits) {
@@ -156,11 +168,11 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
         }
       }
       for (size_t i = 0; i < count && outputs.answered_by; ++i) {
-        out.answered_by[s * n + (dense ? first + i : index[i])] = tracer.answered_by(i);
+        out.answered_by[s * n + point(i)] = tracer.answered_by(i);
       }
       if (!(outputs.counts || outputs.weighted_sums || outputs.blockers)) continue;
       for (size_t i = 0; i < count; ++i) {
-        const size_t p = dense ? first + i : index[i];
+        const size_t p = point(i);
         if (tracer.triangle(i) != kNoTriangle) {
           if (outputs.blockers) {
             out.blocker[s * n + p] = tracer.triangle(i);
@@ -174,7 +186,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       }
     }
   }
-  if (ordered && outputs.bits) PointBits(order, n).PutBack(out.lit_bits);
+  if (ordered && outputs.bits) PointBits(order.numbers, n).PutBack(out.lit_bits);
   if (shadow.hints != nullptr) *shadow.hints = tracer.ReleaseHints();
   *result = std::move(out);
   return absl::OkStatus();

@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <functional>
 #include <iterator>
+#include <limits>
 #include <numeric>
 #include <span>
 #include <vector>
@@ -16,6 +18,7 @@
 #include "core/base/parallel.h"
 #include "core/geometry/box3.h"
 #include "core/query/shadows.h"
+#include "core/traverse/simd_target.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
@@ -186,7 +189,27 @@ TEST(PointOrderTest, PointsArePartedHoweverTheyAreSpread) {
                      any_magnitude()};
         if (kind < 3) points[i].z = -1;
       }
-      ExpectParted(points, SpatialOrder(points, std::vector<uint8_t>(n, 1)));
+      // A few are not valid; what else they are does not matter.
+      std::vector<Vec3f> all = points;
+      std::vector<uint8_t> valid(n, 1);
+      for (size_t i = 0; i < n % 3; ++i) {
+        const auto at = static_cast<ptrdiff_t>(rng.Below(all.size() + 1));
+        all.insert(all.begin() + at, Vec3f{std::numeric_limits<float>::quiet_NaN(), 1, 2});
+        valid.insert(valid.begin() + at, 0);
+      }
+      for (const SimdTarget simd : {SimdTarget::kAvx2, SimdTarget::kAvx512}) {
+        if (!SimdTargetAvailable(simd)) continue;
+        const PartedPoints parted = InSpatialOrder(all, valid, simd);
+        std::vector<uint32_t> order;
+        for (size_t i = 0; i < parted.numbers.size(); ++i) {
+          const uint32_t number = parted.numbers[i];
+          ASSERT_TRUE(valid[number]);
+          EXPECT_EQ(std::memcmp(&parted.positions[i], &all[number], sizeof(Vec3f)), 0) << number;
+          order.push_back(number - static_cast<uint32_t>(std::count(
+                                       valid.begin(), valid.begin() + number, uint8_t{0})));
+        }
+        ExpectParted(points, order);
+      }
     }
   }
 }
