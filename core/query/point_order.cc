@@ -21,14 +21,17 @@ constexpr size_t kLargeBlock = 256;
 constexpr size_t kWindowBlocks = 64, kMostWindows = 4;
 // Fewer samples pay for fewer blocks.
 constexpr size_t kThoroughSamples = 4;
-// Ordering a point costs about what one light does. What an order saves grows with how many times
-// as wide the blocks are that it would make narrow: for two lights it pays from 3.7 times on, for
-// four from 2.5 times on (the pictures of seven scenes in rows, in tiles and in strips).
+// Ordering a point costs about what one light does whose rays take so many cycles. What an order
+// saves grows with how many times as wide the blocks are that it would make narrow: for two such
+// lights it pays from 3.7 times on, for four from 2.5 times on (the pictures of seven scenes in
+// rows, in tiles and in strips).
+constexpr float kOrderCost = 45;
 constexpr double kWorthwhile = 5;
 constexpr double kLeastExcess = 1.25;
-// One light alone pays for no such look: there only shuffled points, which any block gives away,
-// are worth ordering. Theirs are 18 to 27 times as wide as pieces of the surface that all lie
+// Less than two such lights pay for no such look: there only shuffled points, which any block gives
+// away, are worth ordering. Theirs are 18 to 27 times as wide as pieces of the surface that all lie
 // on, those of a picture 1 to 5 times.
+constexpr double kLeastLights = 2;
 constexpr size_t kFewBlocks = 8;
 constexpr double kShuffled = 9;
 
@@ -170,13 +173,14 @@ double ExcessWidth(std::span<const Vec3f> positions, std::span<const uint8_t> va
 
 }  // namespace
 
-bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
-                  size_t samples) {
+bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid, size_t samples,
+                  float ray_cost) {
   if (positions.size() < kLeastOrderedPoints || samples == 0) return false;
   if (WidthOnSurface(positions, valid) >= kShuffled) return true;
-  if (samples == 1) return false;
-  return static_cast<double>(samples) * (ExcessWidth(positions, valid, samples) - kLeastExcess) >=
-         kWorthwhile;
+  const double lights =
+      static_cast<double>(samples) * (ray_cost > 0 ? double{ray_cost / kOrderCost} : 1.0);
+  if (lights < kLeastLights) return false;
+  return lights * (ExcessWidth(positions, valid, samples) - kLeastExcess) >= kWorthwhile;
 }
 
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,

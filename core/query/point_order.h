@@ -27,7 +27,9 @@ inline constexpr size_t kLeastOrderedPoints = 1024;
 
 // Whether an order of one's own pays: for many samples where blocks of neighbours in the given
 // order are wider than they need to be, for few where they are far wider. Looks at a part of them.
-bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid, size_t samples);
+// `ray_cost`: cycles that a ray took of late, in the order given; 0: not known.
+bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid, size_t samples,
+                  float ray_cost = 0);
 
 // The valid points, ordered so that every 2^k from a multiple of 2^k on, k >= 4, were parted from
 // the others by planes: neighbours all. Coincident points and equal coordinates come in any order,

@@ -120,6 +120,7 @@ absl::Status SampleTracer::Trace(size_t s) {
   const LightSample& sample = samples_[s];
   SIGHTLINE_CHECK(sample.valid);
   SL_RETURN_IF_ERROR(run_.Poll());
+  rays_ += positions_.size();
   const uint32_t mask = run_.options().mask & sample.mask;
   const Strategy strategy =
       ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
@@ -263,7 +264,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     if (by_shafts) {
       WalkStats after = *scope->walk();
       if (by_hulls && walk == Strategy::kShaft) AddHullShare(b, &after);
-      choice.Learn(walk, before, after, static_cast<size_t>(packets_[b].count));
+      cycles_ += choice.Learn(walk, before, after, static_cast<size_t>(packets_[b].count));
     }
     *first_leaf = packets_[b].first_leaf;
     NoteCovers(s, before, *scope->walk());
@@ -433,7 +434,7 @@ void SampleTracer::TakeHull(size_t b, const BlockBits& blocked, WalkChoice* choi
   scope->Took(Strategy::kShaft);
   WalkStats share;
   AddHullShare(b, &share);
-  choice->Learn(Strategy::kShaft, {}, share, static_cast<size_t>(packets_[b].count));
+  cycles_ += choice->Learn(Strategy::kShaft, {}, share, static_cast<size_t>(packets_[b].count));
   if (record_answered_by_) {
     std::copy_n(hull_answered_by_.data() + b * kBlockRays, packets_[b].count, AnsweredByOf(b));
   }
@@ -495,7 +496,8 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
     }));
     scope->Took(walk);
     if (by_shafts) {
-      choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
+      cycles_ +=
+          choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
     }
     *first_leaf = parallel_[b].first_leaf;
     NoteCovers(s, before, *scope->walk());

@@ -93,6 +93,9 @@ class SampleTracer {
   }
   ShadowHints ReleaseHints() { return std::move(hints_); }  // The last call.
 
+  // About how many cycles a ray has taken, of all that were traced; 0 where none were counted.
+  float RayCost() const { return rays_ > 0 ? cycles_ / static_cast<float>(rays_) : 0; }
+
   size_t count() const { return positions_.size(); }
   uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }
   // kClosest only.
@@ -176,6 +179,8 @@ class SampleTracer {
   std::vector<AnsweredBy> tile_answered_by_;  // By lane of these, where it is recorded.
   ShaftCut cut_;
   ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
+  float cycles_ = 0;   // What WalkChoice has learned.
+  uint64_t rays_ = 0;
   std::vector<uint32_t> light_of_;  // By sample: how many lights came before its own.
   WalkChoices segments_choices_, parallel_choices_;
   // Samples hull_begin_ .. hull_end_ are asked about together: hull_light_, if fitted_begin_ and

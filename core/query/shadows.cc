@@ -52,6 +52,10 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
   return absl::OkStatus();
 }
 
+// How many times as much rays would have taken without an order that paid, about: 1.4 to 1.6 times
+// over foliage, where it matters most.
+constexpr float kOrderedGain = 1.5f;
+
 // Has the tracer fetch at most `most` of the points from `first` on while it asks about others.
 void FetchMeanwhile(const PointRange& points, size_t first, size_t most, SampleTracer* tracer) {
   const size_t count = std::min(most, points.positions.size() - first);
@@ -92,7 +96,8 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   if (shadow.hints != nullptr) tracer.TakeHints(*shadow.hints);
   PartedPoints order;
   const bool ordered =
-      !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size());
+      !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size(),
+                                      shadow.hints != nullptr ? shadow.hints->ray_cost : 0);
   if (ordered) order = InSpatialOrder(points.positions, points.valid, options.simd);
   const size_t group = tracer.GroupPoints();
   // What comes next is fetched while a group's last walks are under way: fetched earlier, it would
@@ -187,7 +192,12 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     }
   }
   if (ordered && outputs.bits) PointBits(order.numbers, n).PutBack(out.lit_bits);
-  if (shadow.hints != nullptr) *shadow.hints = tracer.ReleaseHints();
+  if (shadow.hints != nullptr) {
+    const float cost = tracer.RayCost() * (ordered ? kOrderedGain : 1);
+    const float before = shadow.hints->ray_cost;
+    *shadow.hints = tracer.ReleaseHints();
+    shadow.hints->ray_cost = before > 0 ? (before + cost) / 2 : cost;
+  }
   *result = std::move(out);
   return absl::OkStatus();
 }

@@ -43,10 +43,12 @@ struct PointRange {
 };
 
 // Where walks toward each sample last found a blocker: tried first for the next points, which are
-// their neighbours. Of one scene and one set of samples; empty at first.
+// their neighbours. And what these cost, which says whether it pays to bring those into an order of
+// their own. Of one scene and one set of samples; empty at first.
 struct ShadowHints {
   std::vector<uint32_t> first_leaves;  // By sample.
   std::vector<uint8_t> covered;        // Whether one triangle there blocked many points at once.
+  float ray_cost = 0;                  // Cycles a ray, about, in the order given; 0: not known.
 };
 
 struct ShadowOptions {

@@ -107,9 +107,9 @@ Strategy WalkChoice::Next() const {
                             : Strategy::kShaft;
 }
 
-void WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkStats& after,
-                       size_t rays) {
-  if (others_ == Others::kNone || rays < kLeastRays) return;
+float WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkStats& after,
+                        size_t rays) {
+  if (others_ == Others::kNone || rays < kLeastRays) return 0;
   const Walk walk = strategy == Strategy::kPacket   ? kPackets
                     : strategy == Strategy::kSingle ? kSingles
                                                     : kShafts;
@@ -141,6 +141,7 @@ void WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkSta
   } else {
     record.next_wait = 0;
   }
+  return cost * static_cast<float>(rays);
 }
 
 WalkChoice& WalkChoices::Of(uint32_t light) {

@@ -52,8 +52,9 @@ class WalkChoice {
   // Whether shafts have lost so often that, for rays of one origin, it does not pay to prepare a
   // cut for the next.
   bool ShaftsAreRare() const;
-  // What `rays` rays cost by the walk of `strategy`: the difference of the statistics.
-  void Learn(Strategy strategy, const WalkStats& before, const WalkStats& after, size_t rays);
+  // What `rays` rays cost by the walk of `strategy`: the difference of the statistics. Returns that
+  // in cycles, about; 0 where there is no choice.
+  float Learn(Strategy strategy, const WalkStats& before, const WalkStats& after, size_t rays);
 
  private:
   enum Walk : uint8_t { kShafts, kPackets, kSingles };

@@ -96,6 +96,10 @@ TEST(PointOrderTest, PaysForWideBlocksAndManySamples) {
   EXPECT_FALSE(OrderingPays(rows.positions, rows.valid, 1));
   EXPECT_TRUE(OrderingPays(rows.positions, rows.valid, 100));
   EXPECT_FALSE(OrderingPays(squares.positions, squares.valid, 1000));
+  // One light pays where its rays are dear, and a hundred do not where theirs cost nothing.
+  EXPECT_TRUE(OrderingPays(rows.positions, rows.valid, 1, /*ray_cost=*/1000));
+  EXPECT_FALSE(OrderingPays(rows.positions, rows.valid, 100, /*ray_cost=*/0.5f));
+  EXPECT_FALSE(OrderingPays(squares.positions, squares.valid, 1000, /*ray_cost=*/1000));
   // A line in order is in order.
   std::vector<Vec3f> line(5000);
   for (size_t i = 0; i < line.size(); ++i) line[i].x = static_cast<float>(i);
@@ -377,6 +381,19 @@ TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
         EXPECT_EQ(hinted.lit_bits, plain.lit_bits) << count;
       }
     }
+  }
+  // Rays that were dear have the next points ordered, whose own costs are told again.
+  const PointRange in_rows{rows.positions, rows.sources, rows.valid};
+  const std::span<const LightSample> light(samples.data(), 1);
+  ASSERT_TRUE(ComputeShadows(scene, in_rows, light, {}, {}, {.bits = true}, {}, &plain).ok());
+  for (const float cost : {0.0f, 1e6f}) {
+    ShadowHints dear = {.ray_cost = cost};
+    ASSERT_TRUE(
+        ComputeShadows(scene, in_rows, light, {}, {.hints = &dear}, {.bits = true}, {}, &hinted)
+            .ok());
+    EXPECT_EQ(hinted.lit_bits, plain.lit_bits) << cost;
+    EXPECT_GT(dear.ray_cost, cost / 2);
+    EXPECT_LT(dear.ray_cost, cost / 2 + 10'000);
   }
   ShadowOptions unequal;
   unequal.next = {rows.positions, std::span(rows.sources).first(3), rows.valid};
