@@ -122,6 +122,12 @@
 // With S = |m|_1 (kEdgeMargin(|a|_1 + |b|_1) + 2|r|_inf), kRestPerDepth·S + S|A-C|_1 / depth
 // covers all but e's own.
 //
+// Over a block, of one sample. Its form's coefficients are those of C's and of the leans, two fused
+// multiply-adds each: 2u of the three's absolute sum, over the block's slopes 2u(1 + 2·2.3) < 12u
+// of K and of |m|_1|h|_1, and 2u of the latter's |A-C|_inf over the depth. The evaluation is as
+// long as before. An edge form's own 93u (above) and 12u are within kEdgeMargin; the leans' parts
+// have several times as much room.
+//
 // Thread safety: constants only.
 #ifndef SIGHTLINE_CORE_SHAFT_MARGINS_H_
 #define SIGHTLINE_CORE_SHAFT_MARGINS_H_

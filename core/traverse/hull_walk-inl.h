@@ -3,8 +3,9 @@
 // One walk of the tree for all samples of an area light and all points of a packet: what a point
 // and a triangle say of each other, they say for all samples together, mostly. A triangle misses a
 // point for every sample, or blocks it for every one, by the range of its forms over the light
-// (hull_leaf-inl.h); what lies between is told sample by sample, sixteen in a vector, from the same
-// forms, for two multiply-adds an edge. The points' sides of a triangle's plane, which take doubles
+// (hull_leaf-inl.h); what lies between is told by two multiply-adds an edge from the same forms: for
+// sixteen points and each sample that some of a block is seen from past all edges, or for sixteen
+// samples and each point, whichever are fewer. The points' sides of a triangle's plane, which take doubles
 // where points lie on that very surface, are found once for all samples.
 //
 // The walk is a shaft's (shaft-inl.h) with the light's centre for origin, but what nodes and
@@ -360,22 +361,107 @@ class HullWalk {
     if ((asked & ~beyond) != 0) beyond |= SettlePlane(leaf, row, at, asked & ~beyond);
     asked &= beyond;
     if (asked == 0) return;
-    const uint16_t samples = forms.samples[row];
-    if ((asked & all) != 0) Block(b, asked & all, samples);
+    if ((asked & all) != 0) Block(b, asked & all, forms.samples[row]);
     const uint32_t parted = asked & ~all;
-    if (parted != 0) TestSamples(leaf, row, at, parted, edges);
+    if (parted == 0) return;
+    const int points = std::popcount(parted);
+    const uint32_t samples =
+        points < kFewPoints ? uint32_t{forms.samples[row]} : ReachingSamples(row, b);
+    const int origins = std::popcount(samples);
+    stats_->triangle_tests += static_cast<uint64_t>(points) * static_cast<uint64_t>(origins);
+    work_ += static_cast<uint32_t>(std::min(points, origins)) * kPointWork;
+    if (points < origins) {
+      TestPoints(leaf, row, at, parted, samples, edges);
+    } else {
+      TestSamples(leaf, row, at, parted, samples, edges);
+    }
+    CloseSeen(b);
   }
 
-  // Which of the points `parted` each of the row's samples does not see.
-  HWY_INLINE void TestSamples(const LeafView& leaf, uint32_t row, size_t at, uint32_t parted,
-                              const Edges& edges) {
+  // Those of the row's samples from which some point of block b may be seen through the triangle:
+  // the forms of a sample are the centre's and their leanings, added up.
+  HWY_INLINE uint32_t ReachingSamples(uint32_t row, uint32_t b) const {
     const ShaftD d;
-    const uint32_t samples = leaf_->forms().samples[row];
-    stats_->triangle_tests += static_cast<uint64_t>(std::popcount(parted)) *
-                              static_cast<uint64_t>(std::popcount(samples));
-    work_ += static_cast<uint32_t>(std::popcount(parted)) * kPointWork;
-    for (uint32_t left = parted; left != 0; left &= left - 1) {
-      const uint32_t lane = std::countr_zero(left);
+    const HullForms& forms = leaf_->forms();
+    const V mx = hn::Set(d, bounds_.mx[b]), my = hn::Set(d, bounds_.my[b]);
+    const V hx = hn::Set(d, bounds_.hx[b]), hy = hn::Set(d, bounds_.hy[b]);
+    const V iz = hn::Set(d, blocks_->middle[b]), ez = hn::Set(d, blocks_->extent[b]);
+    const V margin = hn::Set(d, forms.margin_inverse[row] * blocks_->most[b] + forms.margin[row]);
+    uint32_t reaching = 0;
+    for (size_t k = 0; k < kBlockVectors; ++k) {
+      const V s = hn::Load(d, light_.along[0] + k * kLanes);
+      const V t = hn::Load(d, light_.along[1] + k * kLanes);
+      V most = hn::Set(d, kInfinity);
+      for (int e = 0; e < 3; ++e) {
+        const auto of = [&](int n, V centre) HWY_ATTR {
+          return hn::MulAdd(s, hn::Set(d, forms.lean_form[e][0].f[n][row]),
+                            hn::MulAdd(t, hn::Set(d, forms.lean_form[e][1].f[n][row]), centre));
+        };
+        const auto& f = forms.edge_form[e].f;
+        const V f0 = of(0, hn::Set(d, f[0][row])), f1 = of(1, hn::Set(d, f[1][row]));
+        const V f2 = of(2, hn::Set(d, f[2][row])), f3 = of(3, hn::Zero(d));
+        const V middle = hn::MulAdd(f0, mx, hn::MulAdd(f1, my, hn::MulAdd(f3, iz, f2)));
+        const V radius = hn::MulAdd(
+            hn::Abs(f0), hx, hn::MulAdd(hn::Abs(f1), hy, hn::MulAdd(hn::Abs(f3), ez, margin)));
+        most = hn::Min(most, hn::Add(middle, radius));
+      }
+      reaching |= MaskBits(d, hn::Ge(most, hn::Zero(d))) << (k * kLanes);
+    }
+    return reaching & forms.samples[row];
+  }
+
+  // Which of the points `parted` each of the `samples` does not see: a vector of points at a time.
+  HWY_INLINE void TestSamples(const LeafView& leaf, uint32_t row, size_t at, uint32_t parted,
+                              uint32_t samples, const Edges& edges) {
+    const ShaftD d;
+    const hn::CappedTag<uint16_t, kShaftBlockRays> d16;
+    auto blocked = hn::Load(d16, blocked_ + at);
+    uint16_t doubts[LightHull::kMostSamples];
+    uint32_t some_doubt = 0;
+    for (uint32_t left = samples; left != 0; left &= left - 1) {
+      const uint32_t k = std::countr_zero(left);
+      const V s = hn::Set(d, light_.along[0][k]), t = hn::Set(d, light_.along[1][k]);
+      uint32_t hit = 0, open = 0;
+      for (size_t v = 0; v < kBlockVectors; ++v) {
+        const size_t to = v * kLanes;
+        const V bound = hn::Load(d, edges.bound + to);
+        V inner = hn::Set(d, kInfinity);
+        for (int e = 0; e < 3; ++e) {
+          const V value = hn::MulAdd(
+              s, hn::Load(d, edges.lean[e][0] + to),
+              hn::MulAdd(t, hn::Load(d, edges.lean[e][1] + to), hn::Load(d, edges.centre[e] + to)));
+          inner = hn::Min(inner, value);
+        }
+        hit |= MaskBits(d, hn::Gt(inner, bound)) << to;
+        open |= MaskBits(d, hn::Ge(inner, hn::Neg(bound))) << to;
+      }
+      hit &= parted;
+      doubts[k] = static_cast<uint16_t>(open & parted & ~hit);
+      some_doubt |= doubts[k];
+      const uint8_t bits[8] = {static_cast<uint8_t>(hit), static_cast<uint8_t>(hit >> 8)};
+      const auto own = hn::Set(d16, static_cast<uint16_t>(1u << k));
+      blocked = hn::IfThenElse(hn::LoadMaskBits(d16, bits), hn::Or(blocked, own), blocked);
+    }
+    hn::Store(blocked, d16, blocked_ + at);
+    if (some_doubt == 0) [[likely]]
+      return;
+    for (uint32_t left = samples; left != 0; left &= left - 1) {
+      const uint32_t k = std::countr_zero(left);
+      for (uint32_t doubt = doubts[k]; doubt != 0; doubt &= doubt - 1) {
+        uint16_t& seen = blocked_[at + std::countr_zero(doubt)];
+        if ((seen >> k & 1) != 0) continue;
+        seen = static_cast<uint16_t>(
+            seen | SettleSamples(leaf, row, at + std::countr_zero(doubt), 1u << k));
+      }
+    }
+  }
+
+  // The same, a vector of samples at a time.
+  HWY_INLINE void TestPoints(const LeafView& leaf, uint32_t row, size_t at, uint32_t parted,
+                             uint32_t samples, const Edges& edges) {
+    const ShaftD d;
+    for (; parted != 0; parted &= parted - 1) {
+      const uint32_t lane = std::countr_zero(parted);
       const V bound = hn::Set(d, edges.bound[lane]);
       uint32_t hit = 0, open = 0;
       for (size_t k = 0; k < kBlockVectors; ++k) {
@@ -399,7 +485,6 @@ class HullWalk {
         blocked = static_cast<uint16_t>(blocked | SettleSamples(leaf, row, at + lane, doubt));
       }
     }
-    CloseSeen(static_cast<uint32_t>(at / kShaftBlockRays));
   }
 
   // Which of the samples `doubt` do not see a point, for certain.
@@ -452,6 +537,8 @@ class HullWalk {
     return Broadcast(ShaftD(), rows[0][row], rows[1][row], rows[2][row]);
   }
 
+  // So many points are put to all samples, without a look at which they are seen from.
+  static constexpr int kFewPoints = 5;
   // Work, some ten instructions each.
   static constexpr uint32_t kNodeWork = 4, kLeafWork = 40, kRowWork = 8, kPairWork = 8,
                             kPointWork = 2, kDoubtWork = 8;
