@@ -29,8 +29,9 @@ constexpr size_t kLeastHullSamples = 4;
 // What a walk for all of them may cost, a packet (TraceHullFn): as much as sixteen walks sample by
 // sample through dense foliage.
 constexpr uint32_t kMostHullWork = 100'000;
-// Its tests of a triangle, a point and a sample that cost as much as a shaft's one.
-constexpr uint64_t kHullTests = 8;
+// Its tests of a triangle, a point and a sample that cost as much as a shaft's one: a vector of
+// these is a test, but a few of its lanes are counted.
+constexpr uint64_t kHullTests = 3;
 
 template <typename Packet>
 void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
@@ -217,7 +218,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   uint32_t* const first_leaf = &hints_.first_leaves[s];
   for (size_t b = 0; b < blocks(); ++b) {
     BlockBits known = {};
-    if (by_hulls && hull_states_[b] == HullState::kAnswered) {
+    if (by_hulls && HullAnswers(s, b)) {
       HullBits(s, b, &known);
       TakeHull(b, known, &choice, scope);
       continue;
@@ -241,12 +242,11 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
         SL_RETURN_IF_ERROR(TraceHull(s, b, walk == Strategy::kShaft, scope));
       }
       known_points = HullBits(s, b, &known);
-      if (hull_states_[b] == HullState::kAnswered ||
-          known_points == static_cast<size_t>(packets_[b].count)) {
+      if (HullAnswers(s, b) || known_points == static_cast<size_t>(packets_[b].count)) {
         TakeHull(b, known, &choice, scope);
         continue;
       }
-      cut = hull_states_[b] == HullState::kRoot ? nullptr : &hull_cuts_[b];
+      cut = hull_states_[b] == HullState::kRoot ? nullptr : &hull_rests_[b].cut;
     }
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
@@ -374,7 +374,7 @@ void SampleTracer::BeginHulls() {
   const bool has_cut =
       blocks() > 1 && run_.kernels().cut_hull(scene_, origins, packets, nullptr, &hull_cut_);
   hull_group_cut_ = has_cut ? &hull_cut_ : nullptr;
-  hull_cuts_.resize(blocks());
+  hull_rests_.resize(blocks());
   hull_blocked_.resize(blocks() * kBlockRays);
   hull_shares_.resize(blocks());
   if (record_answered_by_) hull_answered_by_.resize(blocks() * kBlockRays);
@@ -389,14 +389,14 @@ absl::Status SampleTracer::TraceHull(size_t s, size_t b, bool by_shaft, StatsSco
       std::fill_n(packet->answered_by, packet->count, AnsweredBy::kShaft);
     }
     has_cut = run_.kernels().trace_hull(scene_, hull_light_, *packet, hull_group_cut_, budget,
-                                        &hull_cuts_[b], hull_blocked_.data() + b * kBlockRays,
+                                        &hull_rests_[b], hull_blocked_.data() + b * kBlockRays,
                                         run_.cancel(), scope->walk());
     packet->origin = samples_[s].value;
     return run_.Poll();
   }));
-  hull_states_[b] = !has_cut                        ? HullState::kRoot
-                    : hull_cuts_[b].node_count == 0 ? HullState::kAnswered
-                                                    : HullState::kCut;
+  hull_states_[b] = !has_cut                      ? HullState::kRoot
+                    : hull_rests_[b].samples == 0 ? HullState::kAnswered
+                                                  : HullState::kCut;
   const WalkStats& after = *scope->walk();
   hull_shares_[b] = {.nodes = after.nodes - before.nodes,
                      .leaves = after.leaves - before.leaves,
@@ -417,6 +417,12 @@ void SampleTracer::AddHullShare(size_t b, WalkStats* stats) const {
   stats->nodes += hull_shares_[b].nodes / samples;
   stats->leaves += hull_shares_[b].leaves / samples;
   stats->triangle_tests += hull_shares_[b].triangle_tests / samples;
+}
+
+bool SampleTracer::HullAnswers(size_t s, size_t b) const {
+  if (hull_states_[b] == HullState::kAnswered) return true;
+  return hull_states_[b] == HullState::kCut &&
+         (hull_rests_[b].samples >> (s - hull_begin_) & 1) == 0;
 }
 
 size_t SampleTracer::HullBits(size_t s, size_t b, BlockBits* bits) const {

@@ -132,6 +132,8 @@ class SampleTracer {
   // The points of block b that it found sample s not to see. Returns how many.
   using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
   size_t HullBits(size_t s, size_t b, BlockBits* bits) const;
+  // Whether nothing of block b is left to be walked for sample s.
+  bool HullAnswers(size_t s, size_t b) const;
   // Answers block b for a sample by these alone.
   void TakeHull(size_t b, const BlockBits& blocked, WalkChoice* choice, StatsScope* scope);
   // Adds a sample's share of what it cost.
@@ -190,10 +192,10 @@ class SampleTracer {
   LightHull hull_light_;
   ShaftCut hull_cut_;
   const ShaftCut* hull_group_cut_ = nullptr;
-  // By block. kCut: hull_cuts_ has what is left to walk; kAnswered: nothing is.
+  // By block. kCut: hull_rests_ has what is left to walk; kAnswered: nothing is.
   enum class HullState : uint8_t { kNew, kRoot, kCut, kAnswered };
   std::vector<HullState> hull_states_;
-  std::vector<ShaftCut> hull_cuts_;
+  std::vector<HullRest> hull_rests_;
   std::vector<WalkStats> hull_shares_;  // What they cost, for all samples.
   // By point: bit k says that it is not seen by sample hull_begin_ + k; and what answered it.
   AlignedVector<uint16_t> hull_blocked_;

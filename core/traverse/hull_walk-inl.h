@@ -3,10 +3,10 @@
 // One walk of the tree for all samples of an area light and all points of a packet: what a point
 // and a triangle say of each other, they say for all samples together, mostly. A triangle misses a
 // point for every sample, or blocks it for every one, by the range of its forms over the light
-// (hull_leaf-inl.h); what lies between is told by two multiply-adds an edge from the same forms: for
-// sixteen points and each sample that some of a block is seen from past all edges, or for sixteen
-// samples and each point, whichever are fewer. The points' sides of a triangle's plane, which take doubles
-// where points lie on that very surface, are found once for all samples.
+// (hull_leaf-inl.h); what lies between is told by two multiply-adds an edge from the same forms:
+// for sixteen points and each sample that sees some of a block past all edges, or for sixteen
+// samples and each point, whichever are fewer. The points' sides of a triangle's plane, which take
+// doubles where points lie on that very surface, are found once for all samples.
 //
 // The walk is a shaft's (shaft-inl.h) with the light's centre for origin, but what nodes and
 // triangles are put to is the hull of light and points (hull_cut-inl.h), as paper 002's shafts
@@ -63,21 +63,22 @@ class HullWalk {
   // False: the rays fit no frame.
   bool Prepare() { return rays_.Prepare(); }
 
-  // From `cut`. What is left to be walked sample by sample, for points that are not blocked, comes
-  // to *rest, which may be `cut`. REQUIRES: Prepare() was true.
-  void Run(const ShaftCut& cut, ShaftCut* rest, const CancelToken* cancel) {
+  // From rest->cut, where what is left to be walked sample by sample comes. REQUIRES: Prepare() was
+  // true.
+  void Run(HullRest* rest, const CancelToken* cancel) {
     rays_.Bound(rays_.all(), &bounds_);
     const HullBlocks blocks(light_, rays_, bounds_);
     blocks_ = &blocks;
-    const auto none = static_cast<uint16_t>(~((1u << light_.count) - 1));  // Those there are not.
+    const auto none = static_cast<uint16_t>(~AllSamples());  // Those there are not.
     std::fill_n(blocked_, RayPacket::kMaxRays, none);
     HullLeaf leaf(light_, hull_, rays_);
     leaf_ = &leaf;
-    Walk(cut, cancel);
+    Walk(rest->cut, cancel);
     for (int lane = 0; none != 0 && lane < packet_.count; ++lane) {
       blocked_[lane] &= static_cast<uint16_t>(~none);
     }
-    hull_.Pack({rest_, rest_count_}, rest);
+    hull_.Pack({rest_, rest_count_}, &rest->cut);
+    rest->samples = rest_count_ > 0 ? rest_samples_ : uint16_t{0};
   }
 
  private:
@@ -100,6 +101,8 @@ class HullWalk {
     alignas(64) float bound[kShaftBlockRays];
   };
 
+  uint16_t AllSamples() const { return static_cast<uint16_t>((1u << light_.count) - 1); }
+
   void Walk(const ShaftCut& cut, const CancelToken* cancel) {
     if (packet_.first_leaf != RayPacket::kNoLeaf) {
       const ChildRef first = ChildRef::FromBits(packet_.first_leaf);
@@ -121,6 +124,7 @@ class HullWalk {
       const bool stops = is_full || work_ > budget_ || cancelled;
       if (stops && left <= ShaftCut::kMaxChildren) {
         while (depth > 0) rest_[rest_count_++] = stack[--depth].ref();
+        rest_samples_ = AllSamples();
         return;
       }
       const ChildRef ref = stack[--depth].ref();
@@ -148,15 +152,29 @@ class HullWalk {
     return depth + PushChildren(d8, node, hull_.Meeting(node), stack + depth);
   }
 
-  // False: most of its triangles are small, and it is better visited sample by sample; unless it
-  // has to be visited `now`.
+  // False: most of its triangles are small, and seen by few samples, and it is better visited
+  // sample by sample; unless it has to be visited `now`.
   bool VisitLeaf(ChildRef ref, bool now) {
     ++stats_->leaves;
     const LeafView leaf(scene_, ref);
-    const uint32_t rows = leaf_->Prepare(leaf, bounds_, *blocks_, packet_.origin_source);
+    uint32_t rows = leaf_->Prepare(leaf, bounds_, *blocks_, packet_.origin_source);
     if (!now && std::popcount(leaf_->small() & rows) * 2 > std::popcount(rows)) {
       work_ += kLeafWork;
-      return false;
+      // A row's samples, and rows with any.
+      uint32_t samples = 0, pairs = 0, reached = 0;
+      for (uint32_t left = rows; left != 0; left &= left - 1) {
+        const uint32_t own = ReachingSamples(std::countr_zero(left));
+        samples |= own;
+        pairs += static_cast<uint32_t>(std::popcount(own));
+        reached |= own != 0 ? left & (0 - left) : 0;
+      }
+      if (reached == 0) return true;
+      const auto all = static_cast<float>(light_.count) * static_cast<float>(std::popcount(rows));
+      if (static_cast<float>(pairs) < kMostReach * all) {
+        rest_samples_ |= static_cast<uint16_t>(samples);
+        return false;
+      }
+      rows = reached;
     }
     Pairs touched;
     uint64_t covers = 0;
@@ -381,12 +399,25 @@ class HullWalk {
   // Those of the row's samples from which some point of block b may be seen through the triangle:
   // the forms of a sample are the centre's and their leanings, added up.
   HWY_INLINE uint32_t ReachingSamples(uint32_t row, uint32_t b) const {
+    return ReachingSamples(row, {bounds_.mx[b], bounds_.my[b], bounds_.hx[b], bounds_.hy[b],
+                                 blocks_->middle[b], blocks_->extent[b], blocks_->most[b]});
+  }
+  // The same of all points.
+  HWY_INLINE uint32_t ReachingSamples(uint32_t row) const {
+    return ReachingSamples(row, {bounds_.cx, bounds_.cy, bounds_.ex, bounds_.ey,
+                                 blocks_->all_middle, blocks_->all_extent, blocks_->all_most});
+  }
+  // A range of slopes and of inverse depths.
+  struct Extent {
+    float mx, my, hx, hy, middle, half, most;
+  };
+  HWY_INLINE uint32_t ReachingSamples(uint32_t row, const Extent& of_points) const {
     const ShaftD d;
     const HullForms& forms = leaf_->forms();
-    const V mx = hn::Set(d, bounds_.mx[b]), my = hn::Set(d, bounds_.my[b]);
-    const V hx = hn::Set(d, bounds_.hx[b]), hy = hn::Set(d, bounds_.hy[b]);
-    const V iz = hn::Set(d, blocks_->middle[b]), ez = hn::Set(d, blocks_->extent[b]);
-    const V margin = hn::Set(d, forms.margin_inverse[row] * blocks_->most[b] + forms.margin[row]);
+    const V mx = hn::Set(d, of_points.mx), my = hn::Set(d, of_points.my);
+    const V hx = hn::Set(d, of_points.hx), hy = hn::Set(d, of_points.hy);
+    const V iz = hn::Set(d, of_points.middle), ez = hn::Set(d, of_points.half);
+    const V margin = hn::Set(d, forms.margin_inverse[row] * of_points.most + forms.margin[row]);
     uint32_t reaching = 0;
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const V s = hn::Load(d, light_.along[0] + k * kLanes);
@@ -537,6 +568,9 @@ class HullWalk {
     return Broadcast(ShaftD(), rows[0][row], rows[1][row], rows[2][row]);
   }
 
+  // So much of a leaf's triangles and samples, if the points see most of them together, is put to
+  // the points at once, though they are small.
+  static constexpr float kMostReach = 0.9f;
   // So many points are put to all samples, without a look at which they are seen from.
   static constexpr int kFewPoints = 5;
   // Work, some ten instructions each.
@@ -557,27 +591,29 @@ class HullWalk {
   uint32_t work_ = 0;
   ChildRef rest_[ShaftCut::kMaxChildren];
   uint32_t rest_count_ = 0;
+  uint16_t rest_samples_ = 0;
   ShaftBounds bounds_;
   const HullBlocks* blocks_ = nullptr;
 };
 
 // As TraceHullFn says.
 inline bool TraceHull(const IndexedGeometry& scene, const LightHull& light, RayPacket& packet,
-                      const ShaftCut* from, uint32_t budget, ShaftCut* cut, uint16_t* blocked,
+                      const ShaftCut* from, uint32_t budget, HullRest* rest, uint16_t* blocked,
                       const CancelToken* cancel, WalkStats* stats) {
   SIGHTLINE_DCHECK(packet.segments && packet.count > 0);
   std::fill_n(blocked, packet.count, uint16_t{0});
   if (scene.bvh.empty()) return false;
   const std::span<const Vec3f> origins(light.samples, light.count);
   HullCutMaker hull(scene, origins, {&packet, 1});
-  if (!hull.Make(from, cut)) return false;
-  if (budget == 0 || cut->node_count == 0 || !light.flat() ||
+  if (!hull.Make(from, &rest->cut)) return false;
+  rest->samples = rest->cut.node_count > 0 ? 0xFFFF : 0;
+  if (budget == 0 || rest->samples == 0 || !light.flat() ||
       MustAskObjects(scene.geometry, packet.mask)) {
     return true;
   }
   packet.origin = light.centre;
   HullWalk walk(scene, light, hull, packet, budget, blocked, stats);
-  if (walk.Prepare()) walk.Run(*cut, cut, cancel);
+  if (walk.Prepare()) walk.Run(rest, cancel);
   return true;
 }
 

@@ -53,13 +53,13 @@ using CutHullFn = bool (*)(const IndexedGeometry& scene, std::span<const Vec3f> 
 
 // One walk for all samples of an area light: bit k of blocked[lane] says that something stands
 // between sample k and the packet's point `lane`. `blocked` is as long as a packet, at 64 bytes. It
-// need not find all: what is left to be walked sample by sample, for those that are not blocked
-// yet, is the cut; one without nodes says that nothing is left. It leaves more the less `budget` is
-// (nothing is walked for 0), or if `cancel` fires. False: there is no cut, and nothing was found.
+// need not find all: the rest is to be walked sample by sample, for those that are not blocked yet.
+// It leaves more the less `budget` is (nothing is walked for 0), or if `cancel` fires. False: there
+// is no cut, and nothing was found.
 // `from` as in CutHullFn. The packet's origin is lost.
 using TraceHullFn = bool (*)(const IndexedGeometry& scene, const LightHull& light,
                              RayPacket& packet, const ShaftCut* from, uint32_t budget,
-                             ShaftCut* cut, uint16_t* blocked, const CancelToken* cancel,
+                             HullRest* rest, uint16_t* blocked, const CancelToken* cancel,
                              WalkStats* stats);
 
 // Whether all segments from `common` to the points, or all rays from them along it, are blocked by

@@ -41,6 +41,20 @@ Vec3d NormalOf(std::span<const Vec3f> samples, Vec3d from) {
   return normal;
 }
 
+// Whether all samples lie on one side of a line, or next to it: `across` it, within their plane. A
+// rectangle that has no side along such a line is not the least one.
+bool IsOuterLine(std::span<const Vec3f> samples, Vec3d from, Vec3d across) {
+  constexpr double kNextTo = 0x1p-20;  // Of the largest product, for samples that were rounded.
+  double least = 0, most = 0;
+  for (const Vec3f& sample : samples) {
+    const double at = Dot(ToDouble(sample) - from, across);
+    least = std::min(least, at);
+    most = std::max(most, at);
+    if (most > kNextTo * -least && -least > kNextTo * most) return false;
+  }
+  return true;
+}
+
 double Size(Vec3f v) {
   return std::abs(double{v.x}) + std::abs(double{v.y}) + std::abs(double{v.z});
 }
@@ -70,6 +84,7 @@ LightHull FitLightHull(std::span<const Vec3f> samples) {
       const Vec3d across = Cross(normal, side);
       const double lengths[2] = {Length(side), Length(across)};
       if (!(lengths[0] > 0)) continue;
+      if (lengths[1] > 0 && !IsOuterLine(samples, ToDouble(samples[i]), across)) continue;
       const Vec3d axes[2] = {side * (1.0 / lengths[0]),
                              lengths[1] > 0 ? across * (1.0 / lengths[1]) : Vec3d{0, 0, 0}};
       const Extent extents[2] = {Extent(samples, from, axes[0]), Extent(samples, from, axes[1])};

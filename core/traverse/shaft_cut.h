@@ -23,6 +23,12 @@ struct ShaftCut {
   BvhNode nodes[kMaxNodes];
 };
 
+// What a walk for all samples of an area light leaves to walks sample by sample.
+struct HullRest {
+  ShaftCut cut;
+  uint16_t samples = 0;  // Bit k: sample k may meet something there; 0 if the cut has no node.
+};
+
 }  // namespace sightline
 
 #endif  // SIGHTLINE_CORE_TRAVERSE_SHAFT_CUT_H_

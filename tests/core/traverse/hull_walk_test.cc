@@ -28,7 +28,7 @@ class HullWalkTest : public KernelsFixture {
  protected:
   bool Trace(const IndexedGeometry& scene, const LightHull& light, uint32_t budget,
              const CancelToken* cancel = nullptr) {
-    return kernels().trace_hull(scene, light, *packet_, nullptr, budget, &cut_, blocked_.data(),
+    return kernels().trace_hull(scene, light, *packet_, nullptr, budget, &rest_, blocked_.data(),
                                 cancel, &stats_);
   }
 
@@ -49,10 +49,11 @@ class HullWalkTest : public KernelsFixture {
       ASSERT_TRUE(kernels().occluded_brute(scene, queries, truth, nullptr, &stats_));
       packet_->origin = light.samples[k];
       packet_->unasked = unasked.data();
-      if (cut_.node_count > 0) {
-        ASSERT_TRUE(kernels().occluded_shaft(scene, *packet_, &cut_, nullptr, &stats_));
+      if ((rest_.samples >> k & 1) != 0) {
+        ASSERT_TRUE(kernels().occluded_shaft(scene, *packet_, &rest_.cut, nullptr, &stats_));
       } else {
         std::fill_n(packet_->triangle, packet_->count, kNoTriangle);
+        spared_ += rest_.cut.node_count > 0;
       }
       packet_->unasked = nullptr;
       for (int lane = 0; lane < packet_->count; ++lane) {
@@ -73,9 +74,10 @@ class HullWalkTest : public KernelsFixture {
 
   const std::unique_ptr<RayPacket> packet_ = std::make_unique<RayPacket>();
   alignas(64) std::array<uint16_t, RayPacket::kMaxRays> blocked_;
-  ShaftCut cut_;
+  HullRest rest_;
   WalkStats stats_;
   int64_t segments_ = 0, known_segments_ = 0, blocked_segments_ = 0;
+  int64_t spared_ = 0;  // Samples that what is left does not concern.
 };
 
 SIGHTLINE_FOR_EACH_TARGET(HullWalkTest);
@@ -140,10 +142,10 @@ TEST_P(HullWalkTest, SaysWhatTheDefinitionSaysOfEachSample) {
         ++asked;
         const uint32_t budget = rng.Chance(0.5) ? kUnbounded : rng.Below(3000);
         if (!Trace(scene.indexed, light, budget)) continue;
-        answered += cut_.node_count == 0;
-        begun +=
-            cut_.node_count > 0 && std::any_of(blocked_.begin(), blocked_.begin() + packet_->count,
-                                               [](uint16_t b) { return b != 0; });
+        answered += rest_.cut.node_count == 0;
+        begun += rest_.cut.node_count > 0 &&
+                 std::any_of(blocked_.begin(), blocked_.begin() + packet_->count,
+                             [](uint16_t b) { return b != 0; });
         const uint32_t first_leaf = packet_->first_leaf;
         Compare(scene.indexed, light);
         packet_->first_leaf = first_leaf;
@@ -156,6 +158,7 @@ TEST_P(HullWalkTest, SaysWhatTheDefinitionSaysOfEachSample) {
   EXPECT_GT(known_segments_, blocked_segments_ / 4);
   EXPECT_GT(blocked_segments_, segments_ / 20);
   EXPECT_LT(blocked_segments_, segments_ * 19 / 20);
+  EXPECT_GT(spared_, 0);
   EXPECT_GT(stats_.shaft.covers, 0u);
   EXPECT_GT(stats_.triangle_tests, 0u);
   EXPECT_GT(stats_.doubt_exact, 0u);
@@ -200,7 +203,7 @@ TEST_P(LampTest, LeavesSmallTrianglesToOthers) {
     const IndexedGeometry scene = Sheet(small ? 200 : 12);
     packet_->first_leaf = RayPacket::kNoLeaf;
     ASSERT_TRUE(Trace(scene, light_, kUnbounded));
-    EXPECT_EQ(cut_.node_count > 0, small);
+    EXPECT_EQ(rest_.cut.node_count > 0, small);
     Compare(scene, light_);
   }
 }
@@ -215,8 +218,8 @@ TEST_P(LampTest, LeavesMoreToOthersTheLessItsBudgetIs) {
     EXPECT_GE(known, known_before) << budget;
     known_before = known;
     if (budget == 0) EXPECT_EQ(known, 0u);
-    if (budget < 500) EXPECT_GT(cut_.node_count, 0u);
-    if (budget == kUnbounded) EXPECT_EQ(cut_.node_count, 0u);
+    if (budget < 500) EXPECT_GT(rest_.cut.node_count, 0u);
+    if (budget == kUnbounded) EXPECT_EQ(rest_.cut.node_count, 0u);
     Compare(scene_, light_);
   }
 }
@@ -233,7 +236,7 @@ TEST_P(LampTest, FindsNothingForSamplesThatFillSpace) {
   samples[5].y += 0.2f;
   const LightHull light = FitLightHull(samples);
   ASSERT_TRUE(Trace(scene_, light, kUnbounded));
-  EXPECT_GT(cut_.node_count, 0u);
+  EXPECT_GT(rest_.cut.node_count, 0u);
   EXPECT_TRUE(std::all_of(blocked_.begin(), blocked_.end(), [](uint16_t b) { return b == 0; }));
   Compare(scene_, light);
 }
@@ -241,14 +244,14 @@ TEST_P(LampTest, FindsNothingForSamplesThatFillSpace) {
 TEST_P(LampTest, FindsNothingWhereObjectsMustBeAsked) {
   packet_->mask = 0;
   ASSERT_TRUE(Trace(scene_, light_, kUnbounded));
-  EXPECT_GT(cut_.node_count, 0u);
+  EXPECT_GT(rest_.cut.node_count, 0u);
   EXPECT_TRUE(std::all_of(blocked_.begin(), blocked_.end(), [](uint16_t b) { return b == 0; }));
 }
 
 TEST_P(LampTest, SeesAllWhereNothingIsBetween) {
   for (int lane = 0; lane < 256; ++lane) packet_->target_y[lane] = 1.5f;
   ASSERT_TRUE(Trace(scene_, light_, kUnbounded));
-  EXPECT_EQ(cut_.node_count, 0u);
+  EXPECT_EQ(rest_.cut.node_count, 0u);
   EXPECT_TRUE(std::all_of(blocked_.begin(), blocked_.end(), [](uint16_t b) { return b == 0; }));
 }
 
