@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <utility>
 
 #include "core/base/check.h"
@@ -19,9 +20,6 @@ constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 
 // What a triangle covers is counted by as many rays (WalkStats).
 constexpr uint64_t kCoverRays = 16;
-
-// Stands for whatever triangle blocks a ray, where it is not told which.
-constexpr uint32_t kSomeTriangle = 0;
 
 // Samples of one light for which it pays to look at their common hull first.
 constexpr size_t kLeastHullSamples = 4;
@@ -122,6 +120,7 @@ absl::Status SampleTracer::Trace(size_t s) {
   SIGHTLINE_CHECK(sample.valid);
   SL_RETURN_IF_ERROR(run_.Poll());
   rays_ += positions_.size();
+  by_bits_.fill(false);
   const uint32_t mask = run_.options().mask & sample.mask;
   const Strategy strategy =
       ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
@@ -217,10 +216,10 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   };
   uint32_t* const first_leaf = &hints_.first_leaves[s];
   for (size_t b = 0; b < blocks(); ++b) {
-    BlockBits known = {};
+    BlockBits& known = bits_[b];
     if (by_hulls && HullAnswers(s, b)) {
       HullBits(s, b, &known);
-      TakeHull(b, known, &choice, scope);
+      TakeHull(b, &choice, scope);
       continue;
     }
     // What darkened the packet before this one, or this one before, for the light's last sample.
@@ -243,7 +242,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       }
       known_points = HullBits(s, b, &known);
       if (HullAnswers(s, b) || known_points == static_cast<size_t>(packets_[b].count)) {
-        TakeHull(b, known, &choice, scope);
+        TakeHull(b, &choice, scope);
         continue;
       }
       cut = hull_states_[b] == HullState::kRoot ? nullptr : &hull_rests_[b].cut;
@@ -398,9 +397,11 @@ absl::Status SampleTracer::TraceHull(size_t s, size_t b, bool by_shaft, StatsSco
                     : hull_rests_[b].samples == 0 ? HullState::kAnswered
                                                   : HullState::kCut;
   const WalkStats& after = *scope->walk();
-  hull_shares_[b] = {.nodes = after.nodes - before.nodes,
-                     .leaves = after.leaves - before.leaves,
-                     .triangle_tests = (after.triangle_tests - before.triangle_tests) / kHullTests};
+  const uint64_t samples = hull_end_ - hull_begin_;
+  hull_shares_[b] = {
+      .nodes = (after.nodes - before.nodes) / samples,
+      .leaves = (after.leaves - before.leaves) / samples,
+      .triangle_tests = (after.triangle_tests - before.triangle_tests) / (kHullTests * samples)};
   if (record_answered_by_) {
     std::copy_n(AnsweredByOf(b), packets_[b].count, hull_answered_by_.data() + b * kBlockRays);
   }
@@ -413,10 +414,9 @@ absl::Status SampleTracer::TraceHull(size_t s, size_t b, bool by_shaft, StatsSco
 }
 
 void SampleTracer::AddHullShare(size_t b, WalkStats* stats) const {
-  const uint64_t samples = hull_end_ - hull_begin_;
-  stats->nodes += hull_shares_[b].nodes / samples;
-  stats->leaves += hull_shares_[b].leaves / samples;
-  stats->triangle_tests += hull_shares_[b].triangle_tests / samples;
+  stats->nodes += hull_shares_[b].nodes;
+  stats->leaves += hull_shares_[b].leaves;
+  stats->triangle_tests += hull_shares_[b].triangle_tests;
 }
 
 bool SampleTracer::HullAnswers(size_t s, size_t b) const {
@@ -428,15 +428,14 @@ bool SampleTracer::HullAnswers(size_t s, size_t b) const {
 size_t SampleTracer::HullBits(size_t s, size_t b, BlockBits* bits) const {
   const size_t first = b * kBlockRays;
   const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
+  if (count < kBlockRays) bits->fill(0);
   return rows_.flag_bits({hull_blocked_.data() + first, count},
                          static_cast<uint32_t>(s - hull_begin_), bits->data());
 }
 
-void SampleTracer::TakeHull(size_t b, const BlockBits& blocked, WalkChoice* choice,
-                            StatsScope* scope) {
-  std::fill_n(packets_[b].triangle, static_cast<size_t>(kBlockRays), kNoTriangle);
-  rows_.set_where(blocked, kSomeTriangle, packets_[b].triangle);
-  ComingOf(b).All();  // Its turn will not come.
+void SampleTracer::TakeHull(size_t b, WalkChoice* choice, StatsScope* scope) {
+  by_bits_[b] = true;
+  if (!coming_positions_.empty()) ComingOf(b).All();  // Its turn will not come.
   scope->Took(Strategy::kShaft);
   WalkStats share;
   AddHullShare(b, &share);
@@ -544,7 +543,14 @@ void SampleTracer::CopyLit(uint8_t* bits) const {
   for (size_t b = 0; b < blocks(); ++b) {
     const size_t first = b * kBlockRays;
     const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
-    rows_.free_bits({triangles(b), count}, bits + first / 8);
+    if (!by_bits_[b]) {
+      rows_.free_bits({triangles(b), count}, bits + first / 8);
+      continue;
+    }
+    BlockBits lit;
+    for (size_t i = 0; i < lit.size(); ++i) lit[i] = static_cast<uint16_t>(~bits_[b][i]);
+    if (count < kBlockRays) lit[count / 16] &= static_cast<uint16_t>((1u << (count % 16)) - 1);
+    std::memcpy(bits + first / 8, lit.data(), (count + 7) / 8);  // Little-endian.
   }
 }
 

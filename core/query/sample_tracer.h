@@ -97,7 +97,11 @@ class SampleTracer {
   float RayCost() const { return rays_ > 0 ? cycles_ / static_cast<float>(rays_) : 0; }
 
   size_t count() const { return positions_.size(); }
-  uint32_t triangle(size_t i) const { return triangles(i / kBlockRays)[i % kBlockRays]; }
+  uint32_t triangle(size_t i) const {
+    const size_t b = i / kBlockRays, lane = i % kBlockRays;
+    if (!by_bits_[b]) return triangles(b)[lane];
+    return (bits_[b][lane / 16] >> (lane % 16) & 1) != 0 ? kSomeTriangle : kNoTriangle;
+  }
   // kClosest only.
   float t(size_t i) const { return packets_[i / kBlockRays].t[i % kBlockRays]; }
   // Bit i % 8 of bits[i / 8] is set where point i is lit; bits past the last point are 0.
@@ -105,6 +109,10 @@ class SampleTracer {
   void CopyLit(uint8_t* bits) const;
 
  private:
+  // Stands for whatever triangle blocks a ray, where it is not told which.
+  static constexpr uint32_t kSomeTriangle = 0;
+  using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
+
   size_t blocks() const { return (positions_.size() + kBlockRays - 1) / kBlockRays; }
   const uint32_t* triangles(size_t block) const {
     return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
@@ -130,12 +138,11 @@ class SampleTracer {
   // them and the block's points alone.
   absl::Status TraceHull(size_t s, size_t b, bool by_shaft, StatsScope* scope);
   // The points of block b that it found sample s not to see. Returns how many.
-  using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
   size_t HullBits(size_t s, size_t b, BlockBits* bits) const;
   // Whether nothing of block b is left to be walked for sample s.
   bool HullAnswers(size_t s, size_t b) const;
-  // Answers block b for a sample by these alone.
-  void TakeHull(size_t b, const BlockBits& blocked, WalkChoice* choice, StatsScope* scope);
+  // Answers block b for a sample by these, which are in bits_, alone.
+  void TakeHull(size_t b, WalkChoice* choice, StatsScope* scope);
   // Adds a sample's share of what it cost.
   void AddHullShare(size_t b, WalkStats* stats) const;
   // What answered such points of a block, where it is recorded.
@@ -168,7 +175,10 @@ class SampleTracer {
   std::span<const uint8_t> coming_valid_;
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
-  bool parallel_traced_ = false;  // Where the last results are.
+  // Where the last results are: a block's in its packet, or in bits alone, of the points blocked.
+  bool parallel_traced_ = false;
+  std::array<bool, kGroupBlocks> by_bits_ = {};
+  std::array<BlockBits, kGroupBlocks> bits_;
   bool record_answered_by_;
   std::vector<AnsweredBy> answered_by_;  // By point, where it is recorded.
   // By block; made when first needed, and not initialized.
@@ -196,7 +206,7 @@ class SampleTracer {
   enum class HullState : uint8_t { kNew, kRoot, kCut, kAnswered };
   std::vector<HullState> hull_states_;
   std::vector<HullRest> hull_rests_;
-  std::vector<WalkStats> hull_shares_;  // What they cost, for all samples.
+  std::vector<WalkStats> hull_shares_;  // What they cost, by sample.
   // By point: bit k says that it is not seen by sample hull_begin_ + k; and what answered it.
   AlignedVector<uint16_t> hull_blocked_;
   std::vector<AnsweredBy> hull_answered_by_;
