@@ -522,15 +522,34 @@ class HullWalk {
   HWY_NOINLINE uint32_t SettleSamples(const LeafView& leaf, uint32_t row, size_t lane,
                                       uint32_t doubt) {
     const uint32_t i = row % kMaxLeafTriangles;
-    const Vec3f a = leaf.corner(0, i), b = leaf.corner(1, i), c = leaf.corner(2, i);
-    uint32_t hit = 0;
-    for (; doubt != 0; doubt &= doubt - 1) {
-      const uint32_t k = std::countr_zero(doubt);
+    const Vec3f corners[3] = {leaf.corner(0, i), leaf.corner(1, i), leaf.corner(2, i)};
+    const Vec3f p = packet_.target(static_cast<int>(lane));
+    stats_->doubt_double += static_cast<uint64_t>(std::popcount(doubt));
+    work_ += kDoubtWork;
+    // e(L, P) is (P-A)×(B-A)·(L-A): an edge's side is that of the plane through it and the point.
+    const ShaftD d;
+    uint32_t inside = doubt, outside = 0;
+    for (int e = 0; e < 3; ++e) {
+      const Vec3f from = corners[e];
+      const Vec3d to_point = ToDouble(p) - ToDouble(from);
+      const Vec3d edge = ToDouble(corners[(e + 1) % 3]) - ToDouble(from);
+      uint32_t in = 0;
+      for (size_t k = 0; k < kBlockVectors; ++k) {
+        const Vec3V<V> samples = {hn::Load(d, light_.rows[0] + k * kLanes),
+                                  hn::Load(d, light_.rows[1] + k * kLanes),
+                                  hn::Load(d, light_.rows[2] + k * kLanes)};
+        const V side = SideInDoubles(to_point, edge, leaf_->forms().turn[row], &from, samples);
+        in |= MaskBits(d, hn::Gt(side, hn::Zero(d))) << (k * kLanes);
+        outside |= MaskBits(d, hn::Lt(side, hn::Zero(d))) << (k * kLanes);
+      }
+      inside &= in;
+    }
+    uint32_t hit = inside;
+    for (uint32_t left = doubt & ~(inside | outside); left != 0; left &= left - 1) {
+      const uint32_t k = std::countr_zero(left);
       PredicateStage stage;
-      const PredicateRay ray =
-          PredicateRay::Segment(light_.samples[k], packet_.target(static_cast<int>(lane)));
-      if (Blocks(ray, a, b, c, &stage)) hit |= 1u << k;
-      ++stats_->doubt_double;
+      const PredicateRay ray = PredicateRay::Segment(light_.samples[k], p);
+      if (Blocks(ray, corners[0], corners[1], corners[2], &stage)) hit |= 1u << k;
       stats_->doubt_exact += stage == PredicateStage::kExact;
       work_ += kDoubtWork;
     }
