@@ -11,8 +11,9 @@
 // The walk is a shaft's (shaft-inl.h) with the light's centre for origin, but what nodes and
 // triangles are put to is the hull of light and points (hull_cut-inl.h), as paper 002's shafts
 // between two boxes are; and it begins at the points. Leaves whose triangles are small before the
-// light, as the points see both, are left to shafts from one sample at a time, which meet few of
-// them: they make a cut for those, as does all that is left where the walk costs too much.
+// light, as the points see both, are left to shafts from one sample at a time, where these meet few
+// of them: they make a cut for those samples that meet any, as does all that is left where the walk
+// costs too much.
 //
 // Thread safety: a walk is one thread's own.
 
