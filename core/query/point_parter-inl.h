@@ -38,7 +38,7 @@ class PointParter {
   // Parts the points into *parted.
   PointParter(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
               PartedPoints* parted)
-      : room_((positions.size() + 2 * kLanes) / kLanes * kLanes), parted_(*parted) {
+      : room_((positions.size() + kSmallestPart + kLanes) / kLanes * kLanes), parted_(*parted) {
     keys_.ResizeUninitialized(2 * kRows * room_);
     for (size_t side = 0; side < 2; ++side) {
       for (size_t k = 0; k < kRows; ++k) rows_[side][k] = keys_.data() + (side * kRows + k) * room_;
@@ -85,7 +85,7 @@ class PointParter {
     const D d;
     int32_t* const* rows = rows_[0];
     size_t count = 0;
-    if (std::memchr(valid.data(), 0, valid.size()) == nullptr) {
+    if (!valid.empty() && std::memchr(valid.data(), 0, valid.size()) == nullptr) {
       count = positions.size();
       const auto row = [&](size_t k) { return reinterpret_cast<float*>(rows[k]); };
       SplitPoints(positions, row(0), row(1), row(2));
@@ -318,7 +318,7 @@ class PointParter {
     });
   }
 
-  const size_t room_;  // Of each row.
+  const size_t room_;  // Of each row: a smallest part is read whole, wherever it begins.
   AlignedVector<int32_t> keys_;
   int32_t* rows_[2][kRows];  // On two sides: points stay on theirs, or go to the other.
   PartedPoints& parted_;
