@@ -48,8 +48,8 @@ class PointOrders {
 
   // None.
   PointOrders() = default;
-  // REQUIRES: as many flags as positions. Runs in `pool`, some 30 ns a point; once `cancel` has fired it
-  // ends soon, with none.
+  // REQUIRES: as many flags as positions. Runs in `pool`, some 30 ns a point; once `cancel` has
+  // fired it ends soon, with none.
   PointOrders(std::span<const Vec3f> positions, std::span<const uint8_t> valid, ThreadPool& pool,
               const CancelToken* cancel = nullptr);
   // What they take at most, and while they are made.
