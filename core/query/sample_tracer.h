@@ -16,6 +16,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -93,8 +94,12 @@ class SampleTracer {
   }
   ShadowHints ReleaseHints() { return std::move(hints_); }  // The last call.
 
-  // About how many cycles a ray has taken, of all that were traced; 0 where none were counted.
-  float RayCost() const { return rays_ > 0 ? cycles_ / static_cast<float>(rays_) : 0; }
+  // About how many cycles a ray has taken, of all that were traced: 0 where a strategy was asked
+  // for, nothing where there was no ray.
+  std::optional<float> RayCost() const {
+    if (rays_ == 0) return std::nullopt;
+    return static_cast<float>(cycles_ / static_cast<double>(rays_));
+  }
 
   size_t count() const { return positions_.size(); }
   uint32_t triangle(size_t i) const {
@@ -191,7 +196,7 @@ class SampleTracer {
   std::vector<AnsweredBy> tile_answered_by_;  // By lane of these, where it is recorded.
   ShaftCut cut_;
   ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
-  float cycles_ = 0;   // What WalkChoice has learned.
+  double cycles_ = 0;  // What WalkChoice has learned.
   uint64_t rays_ = 0;
   std::vector<uint32_t> light_of_;  // By sample: how many lights came before its own.
   WalkChoices segments_choices_, parallel_choices_;

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstring>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -193,10 +194,14 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   }
   if (ordered && outputs.bits) PointBits(order.numbers, n).PutBack(out.lit_bits);
   if (shadow.hints != nullptr) {
-    const float cost = tracer.RayCost() * (ordered ? kOrderedGain : 1);
     const float before = shadow.hints->ray_cost;
+    float after = before;
+    if (const std::optional<float> took = tracer.RayCost(); took.has_value()) {
+      const float cost = *took * (ordered ? kOrderedGain : 1);
+      after = before > 0 ? (before + cost) / 2 : cost;
+    }
     *shadow.hints = tracer.ReleaseHints();
-    shadow.hints->ray_cost = before > 0 ? (before + cost) / 2 : cost;
+    shadow.hints->ray_cost = after;
   }
   *result = std::move(out);
   return absl::OkStatus();

@@ -61,10 +61,10 @@ class HullTest {
     hn::Store(all, d, row);
     CloseSeen(b);
   }
+
   // The row of a triangle of `leaf`, whose forms are in place, and block b.
   HWY_INLINE void Test(const LeafView& leaf, uint32_t row, uint32_t b) {
     const ShaftD d;
-    const HullForms& forms = forms_;
     const uint32_t i = row % kMaxLeafTriangles;
     const size_t at = size_t{b} * kShaftBlockRays;
     uint32_t asked = Asked(b, leaf.id(i));
@@ -72,8 +72,8 @@ class HullTest {
     // The side of the plane, from the triangle's own corner: as ShaftTest's.
     const Vec3f corner = leaf.corner(0, i);
     const Vec3V<V> a = Broadcast(d, corner.x, corner.y, corner.z);
-    const Vec3V<V> normal = Row(forms.normal, row);
-    const V normal_bound = hn::Set(d, forms.normal_bound[row]);
+    const Vec3V<V> normal = Row(forms_.normal, row);
+    const V normal_bound = hn::Set(d, forms_.normal_bound[row]);
     uint32_t beyond = 0, before = 0;
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const Vec3V<V> p = SubV(Points(at + k * kLanes), a);
@@ -91,19 +91,19 @@ class HullTest {
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const size_t to = k * kLanes;
       const Vec3V<V> q = rays_.Own(at + to);
-      const V bound = hn::MulAdd(hn::Set(d, forms.bound_scale[row]), rays_.OwnInf(at + to),
-                                 hn::Set(d, forms.bound[row]));
+      const V bound = hn::MulAdd(hn::Set(d, forms_.bound_scale[row]), rays_.OwnInf(at + to),
+                                 hn::Set(d, forms_.bound[row]));
       hn::Store(bound, d, edges.bound + to);
       V most = hn::Set(d, kInfinity), least = most;
       for (int e = 0; e < 3; ++e) {
-        const V centre = DotV(Row(forms.edge[e], row), q);
+        const V centre = DotV(Row(forms_.edge[e], row), q);
         V lean[2];
         for (int h = 0; h < 2; ++h) {
-          const Vec3V<V> n = Row(forms.lean[e][h], row);
+          const Vec3V<V> n = Row(forms_.lean[e][h], row);
           lean[h] = hn::MulAdd(
               n.x, q.x,
               hn::MulAdd(n.y, q.y,
-                         hn::MulAdd(n.z, q.z, hn::Set(d, forms.lean_form[e][h].f[3][row]))));
+                         hn::MulAdd(n.z, q.z, hn::Set(d, forms_.lean_form[e][h].f[3][row]))));
           hn::Store(lean[h], d, edges.lean[e][h] + to);
         }
         hn::Store(centre, d, edges.centre[e] + to);
@@ -118,12 +118,12 @@ class HullTest {
     if ((asked & ~beyond) != 0) beyond |= SettlePlane(leaf, row, at, asked & ~beyond);
     asked &= beyond;
     if (asked == 0) return;
-    if ((asked & all) != 0) Block(b, asked & all, forms.samples[row]);
+    if ((asked & all) != 0) Block(b, asked & all, forms_.samples[row]);
     const uint32_t parted = asked & ~all;
     if (parted == 0) return;
     const int points = std::popcount(parted);
     const uint32_t samples =
-        points < kFewPoints ? uint32_t{forms.samples[row]} : ReachingSamples(row, b);
+        points < kFewPoints ? uint32_t{forms_.samples[row]} : ReachingSamples(row, b);
     const int origins = std::popcount(samples);
     stats_->triangle_tests += static_cast<uint64_t>(points) * static_cast<uint64_t>(origins);
     work_ += static_cast<uint32_t>(std::min(points, origins)) * kPointWork;
@@ -140,6 +140,7 @@ class HullTest {
     return ReachingSamples(row, {bounds_.cx, bounds_.cy, bounds_.ex, bounds_.ey, blocks_.all_middle,
                                  blocks_.all_extent, blocks_.all_most});
   }
+
   // What all of it has cost, in HullWalk's units.
   uint32_t work() const { return work_; }
 
@@ -168,11 +169,10 @@ class HullTest {
   };
   HWY_INLINE uint32_t ReachingSamples(uint32_t row, const Extent& of_points) const {
     const ShaftD d;
-    const HullForms& forms = forms_;
     const V mx = hn::Set(d, of_points.mx), my = hn::Set(d, of_points.my);
     const V hx = hn::Set(d, of_points.hx), hy = hn::Set(d, of_points.hy);
     const V iz = hn::Set(d, of_points.middle), ez = hn::Set(d, of_points.half);
-    const V margin = hn::Set(d, forms.margin_inverse[row] * of_points.most + forms.margin[row]);
+    const V margin = hn::Set(d, forms_.margin_inverse[row] * of_points.most + forms_.margin[row]);
     uint32_t reaching = 0;
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const V s = hn::Load(d, light_.along[0] + k * kLanes);
@@ -180,10 +180,10 @@ class HullTest {
       V most = hn::Set(d, kInfinity);
       for (int e = 0; e < 3; ++e) {
         const auto of = [&](int n, V centre) HWY_ATTR {
-          return hn::MulAdd(s, hn::Set(d, forms.lean_form[e][0].f[n][row]),
-                            hn::MulAdd(t, hn::Set(d, forms.lean_form[e][1].f[n][row]), centre));
+          return hn::MulAdd(s, hn::Set(d, forms_.lean_form[e][0].f[n][row]),
+                            hn::MulAdd(t, hn::Set(d, forms_.lean_form[e][1].f[n][row]), centre));
         };
-        const auto& f = forms.edge_form[e].f;
+        const auto& f = forms_.edge_form[e].f;
         const V f0 = of(0, hn::Set(d, f[0][row])), f1 = of(1, hn::Set(d, f[1][row]));
         const V f2 = of(2, hn::Set(d, f[2][row])), f3 = of(3, hn::Zero(d));
         const V middle = hn::MulAdd(f0, mx, hn::MulAdd(f1, my, hn::MulAdd(f3, iz, f2)));
@@ -193,7 +193,7 @@ class HullTest {
       }
       reaching |= MaskBits(d, hn::Ge(most, hn::Zero(d))) << (k * kLanes);
     }
-    return reaching & forms.samples[row];
+    return reaching & forms_.samples[row];
   }
 
   // Which of the points `parted` each of the `samples` does not see: a vector of points at a time.
@@ -229,8 +229,7 @@ class HullTest {
       blocked = hn::IfThenElse(hn::LoadMaskBits(d16, bits), hn::Or(blocked, own), blocked);
     }
     hn::Store(blocked, d16, blocked_ + at);
-    if (some_doubt == 0) [[likely]]
-      return;
+    if (some_doubt == 0) return;
     for (uint32_t left = samples; left != 0; left &= left - 1) {
       const uint32_t k = std::countr_zero(left);
       for (uint32_t doubt = doubts[k]; doubt != 0; doubt &= doubt - 1) {

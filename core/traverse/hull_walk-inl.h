@@ -31,7 +31,6 @@
 
 #include "core/base/cancel.h"
 #include "core/base/check.h"
-#include "core/intersect/predicate.h"
 #include "core/traverse/hull_cut-inl.h"
 #include "core/traverse/hull_leaf-inl.h"
 #include "core/traverse/hull_test-inl.h"
@@ -88,9 +87,7 @@ class HullWalk {
   using V = ShaftV;
   using M = ShaftM;
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-  static constexpr size_t kBlockVectors = kShaftBlockRays / kLanes;
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  static_assert(LightHull::kMostSamples == kShaftBlockRays, "as many vectors");
 
   // A row of the leaf's and a block: block | row << kTriangleShift.
   struct Pairs {
@@ -98,6 +95,7 @@ class HullWalk {
     // A whole vector is stored at its end.
     alignas(64) uint32_t pairs[kHullRows * kShaftBlocks + kShaftBlocks];
   };
+
   uint16_t AllSamples() const { return static_cast<uint16_t>((1u << light_.count) - 1); }
 
   void Walk(const ShaftCut& cut, const CancelToken* cancel) {

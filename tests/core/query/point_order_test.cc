@@ -18,10 +18,10 @@
 #include "core/base/parallel.h"
 #include "core/geometry/box3.h"
 #include "core/query/shadows.h"
-#include "core/traverse/simd_target.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
+#include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/support/random.h"
 
@@ -201,8 +201,8 @@ TEST(PointOrderTest, PointsArePartedHoweverTheyAreSpread) {
         all.insert(all.begin() + at, Vec3f{std::numeric_limits<float>::quiet_NaN(), 1, 2});
         valid.insert(valid.begin() + at, 0);
       }
-      for (const SimdTarget simd : {SimdTarget::kAvx2, SimdTarget::kAvx512}) {
-        if (!SimdTargetAvailable(simd)) continue;
+      std::vector<uint32_t> first;
+      for (const SimdTarget simd : AvailableTargets()) {
         const PartedPoints parted = InSpatialOrder(all, valid, simd);
         std::vector<uint32_t> order;
         for (size_t i = 0; i < parted.numbers.size(); ++i) {
@@ -213,6 +213,9 @@ TEST(PointOrderTest, PointsArePartedHoweverTheyAreSpread) {
                                        valid.begin(), valid.begin() + number, uint8_t{0})));
         }
         ExpectParted(points, order);
+        // The same whatever the vectors' length.
+        EXPECT_EQ(order, first.empty() ? order : first);
+        first = order;
       }
     }
   }
@@ -395,6 +398,11 @@ TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
     EXPECT_GT(dear.ray_cost, cost / 2);
     EXPECT_LT(dear.ray_cost, cost / 2 + 10'000);
   }
+  // No points say nothing of what rays cost.
+  ShadowHints known = {.ray_cost = 300};
+  ASSERT_TRUE(
+      ComputeShadows(scene, {}, light, {}, {.hints = &known}, {.bits = true}, {}, &hinted).ok());
+  EXPECT_EQ(known.ray_cost, 300);
   ShadowOptions unequal;
   unequal.next = {rows.positions, std::span(rows.sources).first(3), rows.valid};
   const absl::Status not_as_many =
