@@ -22,6 +22,8 @@ const PointRowKernels& TargetPointRowKernels() {
       .split = &SplitPoints,
       .free_bits = &FreeBits,
       .flag_bits = &FlagBits,
+      .gather = &GatherPoints,
+      .spread = &SpreadBits,
       .set_where = &SetWhere,
   };
   return kKernels;

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <cstdlib>
 #include <cstring>
 #include <utility>
 
@@ -23,6 +25,10 @@ constexpr uint64_t kCoverRays = 16;
 
 // Samples of one light for which it pays to look at their common hull first.
 constexpr size_t kLeastHullSamples = 4;
+
+// One of so many points, at least, must lie below its horizon as a sample sees it, for the others to
+// be gathered for it.
+constexpr size_t kLeastKnownShare = 16;
 
 // What a walk for all of them may cost, a packet (TraceHullFn): as much as sixteen walks sample by
 // sample through dense foliage.
@@ -62,6 +68,7 @@ void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const u
   sources_ = sources;
   tile_ends_ = tile_ends;
   packets_ready_ = parallel_ready_ = false;
+  grounds_.SetPoints(positions, sources);
   hull_begin_ = hull_end_ = 0;
   if (record_answered_by_) answered_by_.resize(positions.size());
 }
@@ -126,18 +133,89 @@ absl::Status SampleTracer::Trace(size_t s) {
       ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
                      positions_.size());
   StatsScope scope(stats_, strategy, positions_.size());
-  absl::Status traced;
-  if (strategy == Strategy::kRtt) {
-    traced = TraceTiles(sample, mask, &scope);
-  } else if (!sample.directional) {
-    traced = TraceSegments(s, mask, strategy, &scope);
-  } else if (strategy == Strategy::kShaft || strategy == Strategy::kPacket) {
-    traced = TraceParallel(s, mask, strategy, &scope);
-  } else {
-    traced = TraceOneByOne(sample, mask, strategy, scope.walk());
-  }
+  const absl::Status traced = strategy == Strategy::kShaft && GroundsHelp(s, mask, &scope)
+                                  ? TraceAboveGround(s, mask, &scope)
+                                  : TraceAll(s, mask, strategy, &scope);
   FetchMeanwhile({}, {}, {});
   if (traced.ok() && run_.options().count_answers) CountAnswers(answered_by_, stats_);
+  return traced;
+}
+
+absl::Status SampleTracer::TraceAll(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope) {
+  const LightSample& sample = samples_[s];
+  if (strategy == Strategy::kRtt) return TraceTiles(sample, mask, scope);
+  if (!sample.directional) return TraceSegments(s, mask, strategy, scope);
+  if (strategy == Strategy::kShaft || strategy == Strategy::kPacket) {
+    return TraceParallel(s, mask, strategy, scope);
+  }
+  return TraceOneByOne(sample, mask, strategy, scope->walk());
+}
+
+bool SampleTracer::GroundsHelp(size_t s, uint32_t mask, StatsScope* scope) {
+  // Those of an area light have a walk for all of them.
+  const bool by_hull = !samples_[s].directional && samples_of_[light_of_[s]] >= kLeastHullSamples;
+  const bool as_they_are = kind_ == HitKind::kAny && t_min_ == 0;
+  return as_they_are && !by_hull && grounds_.Help(samples_[s], mask, scope->walk());
+}
+
+void SampleTracer::ReservePackets(size_t s) {
+  parallel_traced_ = samples_[s].directional;
+  if (parallel_traced_) {
+    Reserve(blocks(), &parallel_, &parallel_size_);
+  } else {
+    Reserve(blocks(), &packets_, &packets_size_);
+  }
+}
+
+absl::Status SampleTracer::TraceAboveGround(size_t s, uint32_t mask, StatsScope* scope) {
+  // One triangle before all of them is looked for first: it takes no look at any point.
+  ReservePackets(s);
+  if (CoverBlocks(s, 0, mask, hints_.first_leaves[s], scope) == blocks()) return absl::OkStatus();
+  alignas(8) std::array<BlockBits, kGroupBlocks> blocked;
+  size_t known = 0;
+  for (size_t b = 0; b < blocks(); ++b) {
+    known += grounds_.Bits(samples_[s], b, blocked[b].data());
+  }
+  static const double share = getenv("KS") ? atof(getenv("KS")) : 16;
+  if (known * share < positions_.size()) return TraceAll(s, mask, Strategy::kShaft, scope);
+  asked_positions_.resize(kGroupRays + kBlockRays);
+  asked_.resize(kGroupRays + kBlockRays);
+  size_t count = 0;
+  for (size_t b = 0; b < blocks(); ++b) {
+    count += grounds_.Gather(b, blocked[b].data(), asked_positions_.data() + count,
+                             asked_.data() + count);
+  }
+  asked_sources_.resize(sources_.empty() ? 0 : count);
+  for (size_t k = 0; k < asked_sources_.size(); ++k) asked_sources_[k] = sources_[asked_[k]];
+  // Walks see these alone.
+  const size_t all_blocks = blocks();
+  const std::span<const Vec3f> all =
+      std::exchange(positions_, std::span<const Vec3f>(asked_positions_.data(), count));
+  const std::span<const uint32_t> all_sources = std::exchange(sources_, asked_sources_);
+  asked_answered_by_.resize(record_answered_by_ ? all.size() : 0);
+  std::swap(answered_by_, asked_answered_by_);
+  packets_ready_ = parallel_ready_ = false;
+  absl::Status traced;
+  if (count == 0) {
+    scope->Took(Strategy::kShaft);
+  } else {
+    traced = TraceAll(s, mask, Strategy::kShaft, scope);
+  }
+  if (traced.ok() && count > 0) {
+    uint8_t lit[kGroupRays / 8 + 9] = {};
+    CopyLit(lit);
+    rows_.spread(lit, {blocked[0].data(), all_blocks * blocked[0].size()});
+  }
+  std::swap(answered_by_, asked_answered_by_);
+  if (record_answered_by_) {
+    std::fill(answered_by_.begin(), answered_by_.end(), AnsweredBy::kShaft);
+    for (size_t k = 0; k < count; ++k) answered_by_[asked_[k]] = asked_answered_by_[k];
+  }
+  positions_ = all;
+  sources_ = all_sources;
+  packets_ready_ = parallel_ready_ = false;
+  bits_ = blocked;
+  by_bits_.fill(true);
   return traced;
 }
 
@@ -182,8 +260,7 @@ void SampleTracer::NoteCovers(size_t s, const WalkStats& before, const WalkStats
 absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,
                                          StatsScope* scope) {
   const LightSample& sample = samples_[s];
-  parallel_traced_ = false;
-  Reserve(blocks(), &packets_, &packets_size_);
+  ReservePackets(s);
   WalkChoice& choice = segments_choices_.Of(light_of_[s]);
   const bool by_shafts = strategy == Strategy::kShaft;
   const bool cuts = by_shafts && !choice.ShaftsAreRare();
@@ -456,8 +533,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
                                          StatsScope* scope) {
   const LightSample& sample = samples_[s];
   uint32_t* const first_leaf = &hints_.first_leaves[s];
-  parallel_traced_ = true;
-  Reserve(blocks(), &parallel_, &parallel_size_);
+  ReservePackets(s);
   const bool by_shafts = strategy == Strategy::kShaft;
   WalkChoice& choice = parallel_choices_.Of(light_of_[s]);
   bool laid_out = false;

@@ -25,6 +25,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/base/aligned_vector.h"
 #include "core/light/light.h"
+#include "core/query/group_grounds.h"
 #include "core/query/point_rows.h"
 #include "core/query/query_run.h"
 #include "core/query/ray_block.h"
@@ -44,6 +45,7 @@ class SampleTracer {
       : scene_(scene),
         run_(run),
         rows_(PointRowKernelsFor(run.options().simd)),
+        grounds_(scene, run, samples.size()),
         kind_(kind),
         t_min_(t_min),
         samples_(samples),
@@ -57,6 +59,8 @@ class SampleTracer {
     for (size_t s = 1; s < samples.size(); ++s) {
       light_of_[s] = light_of_[s - 1] + (samples[s].light != samples[s - 1].light);
     }
+    samples_of_.resize(samples.empty() ? 0 : size_t{light_of_.back()} + 1);
+    for (const uint32_t light : light_of_) ++samples_of_[light];
   }
 
   // As many points as are best given together: kGroupRays, or for kRtt as many as whole tiles are.
@@ -122,6 +126,14 @@ class SampleTracer {
   const uint32_t* triangles(size_t block) const {
     return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
   }
+  // By walks, of all points.
+  absl::Status TraceAll(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
+  // Whether what the points lie on may answer for a sample.
+  bool GroundsHelp(size_t s, uint32_t mask, StatsScope* scope);
+  // Has packets for all blocks, of segments or of rays, and results in them.
+  void ReservePackets(size_t s);
+  // Walks for the points alone that their grounds do not hide from the sample.
+  absl::Status TraceAboveGround(size_t s, uint32_t mask, StatsScope* scope);
   absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   // By tiles of kRtt, which need not divide blocks.
   absl::Status TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope);
@@ -169,6 +181,7 @@ class SampleTracer {
   const IndexedGeometry& scene_;
   const QueryRun& run_;
   const PointRowKernels& rows_;
+  GroupGrounds grounds_;
   const HitKind kind_;
   const double t_min_;
   const std::span<const LightSample> samples_;
@@ -198,7 +211,13 @@ class SampleTracer {
   ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
   double cycles_ = 0;  // What WalkChoice has learned.
   uint64_t rays_ = 0;
-  std::vector<uint32_t> light_of_;  // By sample: how many lights came before its own.
+  // Points above their grounds, and their answers, while these are walked for.
+  std::vector<Vec3f> asked_positions_;
+  std::vector<uint32_t> asked_sources_;
+  std::vector<uint32_t> asked_;  // Their numbers within the group.
+  std::vector<AnsweredBy> asked_answered_by_;
+  std::vector<uint32_t> light_of_;    // By sample: how many lights came before its own.
+  std::vector<uint32_t> samples_of_;  // By that.
   WalkChoices segments_choices_, parallel_choices_;
   // Samples hull_begin_ .. hull_end_ are asked about together: hull_light_, if fitted_begin_ and
   // fitted_end_ are the same. hull_cut_ is that of all blocks, or hull_group_cut_ null.

@@ -21,6 +21,7 @@
 #include "core/traverse/leaf_cover-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
 #include "core/traverse/packet-inl.h"
+#include "core/traverse/point_ground-inl.h"
 #include "core/traverse/rtt-inl.h"
 #include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
@@ -55,6 +56,9 @@ const Kernels& TargetKernels() {
       .trace_hull = &TraceHull,
       .cover_points = &CoverPoints<false>,
       .cover_parallel_points = &CoverPoints<true>,
+      .find_grounds = &FindGrounds,
+      .ground_bits = &GroundBits<false>,
+      .parallel_ground_bits = &GroundBits<true>,
   };
   return kKernels;
 }

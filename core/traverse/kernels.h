@@ -18,6 +18,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
 #include "core/traverse/light_hull.h"
+#include "core/traverse/point_ground.h"
 #include "core/traverse/rtt.h"
 #include "core/traverse/shaft_cut.h"
 #include "core/traverse/simd_target.h"
@@ -69,6 +70,15 @@ using CoverPointsFn = bool (*)(const IndexedGeometry& scene, ChildRef leaf, Vec3
                                uint32_t common_source, uint32_t mask, std::span<const Vec3f> points,
                                std::span<const uint32_t> sources, WalkStats* stats);
 
+// The grounds of grounds->count points, whose x, y and z are given, none of them a triangle of
+// `sources` (by point, or null). Returns how many points have one.
+using FindGroundsFn = uint32_t (*)(const IndexedGeometry& scene, const uint32_t* sources,
+                                   PointGrounds* grounds, WalkStats* stats);
+// Which points their grounds block from `common`, a segment's other end, or a direction that rays
+// run along: bit i % 16 of bits[i / 16] for point i, as many as a packet has. Returns how many.
+// Objects are not asked (MustAskObjects).
+using GroundBitsFn = size_t (*)(const PointGrounds& grounds, Vec3f common, uint16_t* bits);
+
 // Relevant triangles tracing (rtt.h) over the kd-tree, which the scene must have: packets with one
 // origin and one kind of target.
 using TraceRttFn = bool (*)(const IndexedGeometry& scene, std::span<RayPacket> packets,
@@ -90,6 +100,8 @@ struct Kernels {
   CutHullFn cut_hull;
   TraceHullFn trace_hull;
   CoverPointsFn cover_points, cover_parallel_points;  // By segments; by rays.
+  FindGroundsFn find_grounds;
+  GroundBitsFn ground_bits, parallel_ground_bits;  // Of segments; of rays.
 };
 
 // REQUIRES: SimdTargetAvailable(target).

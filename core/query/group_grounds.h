@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The grounds of a group of points (core/traverse/point_ground.h): found once, and put to one light
+// sample after another. Points that lie on no surface cost a search now and then. Internal to
+// core/query.
+//
+// Thread safety: belongs to one thread.
+//
+//   GroupGrounds grounds(scene, run, samples);
+//   grounds.SetPoints(positions, sources);
+//   if (grounds.Help(sample, mask, &stats)) dark = grounds.Bits(sample, block, bits);
+#ifndef SIGHTLINE_CORE_QUERY_GROUP_GROUNDS_H_
+#define SIGHTLINE_CORE_QUERY_GROUP_GROUNDS_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "core/accel/indexed_geometry.h"
+#include "core/geometry/vec3.h"
+#include "core/light/light.h"
+#include "core/query/point_rows.h"
+#include "core/query/query_run.h"
+#include "core/traverse/point_ground.h"
+#include "core/traverse/trace_ray.h"
+
+namespace sightline {
+
+class GroupGrounds {
+ public:
+  // For points that are asked about `samples` times. What is referred to must outlive this.
+  GroupGrounds(const IndexedGeometry& scene, const QueryRun& run, size_t samples);
+
+  // As SampleTracer::SetPoints.
+  void SetPoints(std::span<const Vec3f> positions, std::span<const uint32_t> sources) {
+    positions_ = positions;
+    sources_ = sources;
+    state_ = State::kNew;
+  }
+
+  // Whether Bits may be asked about this sample; finds the grounds if need be.
+  bool Help(const LightSample& sample, uint32_t mask, WalkStats* stats);
+
+  // Which points of a block their grounds hide from the sample: bit i % 16 of bits[i / 16] for point
+  // i, as many bits as a block has. Returns how many. REQUIRES: Help().
+  size_t Bits(const LightSample& sample, size_t block, uint16_t* bits) const;
+
+  // The points of a block whose bits are not set, and their numbers within the group. There is room
+  // for a block. Returns how many.
+  size_t Gather(size_t block, const uint16_t* bits, Vec3f* positions, uint32_t* numbers) const;
+
+ private:
+  enum class State : uint8_t { kNew, kFound, kUseless };
+
+  // Whether enough of the points have one.
+  bool Find(WalkStats* stats);
+
+  const IndexedGeometry& scene_;
+  const QueryRun& run_;
+  const PointRowKernels& rows_;
+  const bool wanted_;
+  std::span<const Vec3f> positions_;
+  std::span<const uint32_t> sources_;
+  State state_ = State::kNew;
+  // Groups that are passed by before another search, and how many after the next that fails.
+  uint32_t wait_ = 0, next_wait_ = 1;
+  std::unique_ptr<PointGrounds[]> grounds_;  // By block; made when first needed.
+};
+
+}  // namespace sightline
+
+#endif  // SIGHTLINE_CORE_QUERY_GROUP_GROUNDS_H_
