@@ -2,7 +2,6 @@
 #include "core/query/group_grounds.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <utility>
 
 #include "core/base/check.h"
@@ -24,7 +23,7 @@ GroupGrounds::GroupGrounds(const IndexedGeometry& scene, const QueryRun& run, si
     : scene_(scene),
       run_(run),
       rows_(PointRowKernelsFor(run.options().simd)),
-      wanted_(samples >= kLeastSamples && !getenv("NOG")) {}
+      wanted_(samples >= kLeastSamples) {}
 
 bool GroupGrounds::Help(const LightSample& sample, uint32_t mask, WalkStats* stats) {
   if (!wanted_ || state_ == State::kUseless || MustAskObjects(scene_.geometry, mask) ||
@@ -66,13 +65,6 @@ size_t GroupGrounds::Bits(const LightSample& sample, size_t block, uint16_t* bit
   const Kernels& kernels = run_.kernels();
   return (sample.directional ? kernels.parallel_ground_bits : kernels.ground_bits)(
       grounds_[block], sample.value, bits);
-}
-
-size_t GroupGrounds::Gather(size_t block, const uint16_t* bits, Vec3f* positions,
-                            uint32_t* numbers) const {
-  const PointGrounds& own = grounds_[block];
-  return rows_.gather(own.x, own.y, own.z, static_cast<size_t>(own.count), bits,
-                      static_cast<uint32_t>(block * kBlockRays), positions, numbers);
 }
 
 }  // namespace sightline

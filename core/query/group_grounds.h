@@ -46,10 +46,6 @@ class GroupGrounds {
   // i, as many bits as a block has. Returns how many. REQUIRES: Help().
   size_t Bits(const LightSample& sample, size_t block, uint16_t* bits) const;
 
-  // The points of a block whose bits are not set, and their numbers within the group. There is room
-  // for a block. Returns how many.
-  size_t Gather(size_t block, const uint16_t* bits, Vec3f* positions, uint32_t* numbers) const;
-
  private:
   enum class State : uint8_t { kNew, kFound, kUseless };
 

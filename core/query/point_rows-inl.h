@@ -11,16 +11,12 @@
 #define SIGHTLINE_CORE_QUERY_POINT_ROWS_INL_H_
 #endif
 
-#include <immintrin.h>
-
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <limits>
 #include <span>
 
-#include "core/base/compress-inl.h"
 #include "core/base/masked_store-inl.h"
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate-inl.h"
@@ -139,43 +135,6 @@ inline size_t FlagBits(std::span<const uint16_t> flags, uint32_t bit, uint16_t* 
     count += hn::CountTrue(d, set);
   }
   return count;
-}
-
-inline size_t GatherPoints(const float* x, const float* y, const float* z, size_t count,
-                           const uint16_t* left_out, uint32_t first, Vec3f* to, uint32_t* numbers) {
-  const PointRowD d;
-  const hn::RebindToUnsigned<PointRowD> du;
-  const auto step = hn::Set(du, static_cast<uint32_t>(hn::Lanes(d)));
-  auto number = hn::Iota(du, first);
-  size_t size = 0;
-  for (size_t i = 0; i < count; i += hn::Lanes(d)) {
-    const uint8_t* const own = reinterpret_cast<const uint8_t*>(left_out) + i / 8;
-    const uint8_t lanes[8] = {own[0], hn::Lanes(d) > 8 ? own[1] : uint8_t{0}};
-    const auto chosen = hn::AndNot(hn::LoadMaskBits(d, lanes), hn::FirstN(d, count - i));
-    const auto row = [&](const float* values) HWY_ATTR {
-      return CompressLanes(PointRowD(), hn::Load(PointRowD(), values + i), chosen);
-    };
-    hn::StoreInterleaved3(row(x), row(y), row(z), d, &to[size].x);
-    hn::StoreU(CompressLanes(du, number, hn::RebindMask(du, chosen)), du, numbers + size);
-    size += hn::CountTrue(d, chosen);
-    number = hn::Add(number, step);
-  }
-  return size;
-}
-
-inline void SpreadBits(const uint8_t* lit, std::span<uint16_t> bits) {
-  size_t next = 0;
-  for (size_t i = 0; i < bits.size(); i += 4) {
-    uint64_t own, from, beyond;
-    std::memcpy(&own, &bits[i], sizeof(own));
-    std::memcpy(&from, lit + next / 8, sizeof(from));
-    beyond = lit[next / 8 + 8];
-    const size_t shift = next % 8;
-    from = from >> shift | (beyond << 8) << (56 - shift);
-    const uint64_t set = own | _pdep_u64(~from, ~own);
-    next += static_cast<size_t>(std::popcount(~own));
-    std::memcpy(&bits[i], &set, sizeof(set));
-  }
 }
 
 inline void SetWhere(std::span<const uint16_t> bits, uint32_t id, uint32_t* ids) {

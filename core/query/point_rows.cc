@@ -22,8 +22,6 @@ const PointRowKernels& TargetPointRowKernels() {
       .split = &SplitPoints,
       .free_bits = &FreeBits,
       .flag_bits = &FlagBits,
-      .gather = &GatherPoints,
-      .spread = &SpreadBits,
       .set_where = &SetWhere,
   };
   return kKernels;

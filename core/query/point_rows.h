@@ -29,15 +29,6 @@ struct PointRowKernels {
   // bits[i / 16], bit i % 16: bit `bit` of flags[i]; 0 past the last one. Flags are aligned to 64
   // bytes; whole vectors of them are read. Returns how many are set.
   size_t (*flag_bits)(std::span<const uint16_t> flags, uint32_t bit, uint16_t* bits);
-  // The points of which bit i % 16 of left_out[i / 16] is not set, as positions, and their numbers,
-  // counted from `first` on. `count` points in rows that are aligned to 64 bytes and read to the end
-  // of a vector; `to` and `numbers` have room for as many, and for a vector. Returns how many.
-  size_t (*gather)(const float* x, const float* y, const float* z, size_t count,
-                   const uint16_t* left_out, uint32_t first, Vec3f* to, uint32_t* numbers);
-  // The other way: bit i % 16 of bits[i / 16], of those that are not set, becomes the opposite of the
-  // next bit of `lit`, which has as many, bit k % 8 of lit[k / 8], and eight bytes more. Bits come in
-  // whole numbers of 64, aligned to 8 bytes.
-  void (*spread)(const uint8_t* lit, std::span<uint16_t> bits);
   // ids[i] = `id` where bit i % 16 of bits[i / 16] is set. Ids are aligned to 64 bytes; whole
   // vectors of them are written.
   void (*set_where)(std::span<const uint16_t> bits, uint32_t id, uint32_t* ids);

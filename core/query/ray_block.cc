@@ -22,6 +22,22 @@ AnsweredBy AnsweredByWalk(Strategy strategy) {
                                          : AnsweredBy::kRay;
 }
 
+// The lanes of a packet whose answers are wanted (RayPacket::unasked), in their order.
+class AskedLanes {
+ public:
+  AskedLanes(int count, const uint16_t* unasked) {
+    for (int lane = 0; lane < count; ++lane) {
+      if (LaneBits(unasked, static_cast<size_t>(lane), 1) == 0) lanes_[size_++] = lane;
+    }
+  }
+  size_t size() const { return size_; }
+  int operator[](size_t k) const { return lanes_[k]; }
+
+ private:
+  size_t size_ = 0;
+  std::array<int, kBlockRays> lanes_;
+};
+
 bool TraceOnePacket(const IndexedGeometry& scene, const QueryRun& run, bool any, RayPacket& packet,
                     WalkStats* stats) {
   if (run.culling() != nullptr) {
@@ -189,16 +205,17 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
   }
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
-  for (int i = 0; i < packet->count; ++i) rays[i] = packet->trace_ray(i);
-  SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, kind, strategy,
-                                   std::span<const TraceRay>(rays.data(), packet->count), hits,
-                                   stats));
-  for (int i = 0; i < packet->count; ++i) {
-    packet->t[i] = hits[i].t;
-    packet->triangle[i] = hits[i].triangle;
+  const AskedLanes asked(packet->count, packet->unasked);
+  for (size_t k = 0; k < asked.size(); ++k) rays[k] = packet->trace_ray(asked[k]);
+  SL_RETURN_IF_ERROR(
+      TraceRayBlock(scene, run, kind, strategy, {rays.data(), asked.size()}, hits, stats));
+  for (size_t k = 0; k < asked.size(); ++k) {
+    const int i = asked[k];
+    packet->t[i] = hits[k].t;
+    packet->triangle[i] = hits[k].triangle;
     packet->u[i] = packet->v[i] = 0;
-    if (packet->want_barycentrics && kind == HitKind::kClosest && hits[i].triangle != kNoTriangle) {
-      const auto [a, b, c] = scene.geometry.Corners(hits[i].triangle);
+    if (packet->want_barycentrics && kind == HitKind::kClosest && hits[k].triangle != kNoTriangle) {
+      const auto [a, b, c] = scene.geometry.Corners(hits[k].triangle);
       if (run.options().intersector == Intersector::kExact) {
         HitBarycentrics(packet->ray(i), a, b, c, &packet->u[i], &packet->v[i]);
         continue;
@@ -230,16 +247,16 @@ absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& ru
   if (strategy == Strategy::kSingle) {
     std::array<TraceRay, kBlockRays> rays;
     std::array<Hit, kBlockRays> hits;
-    for (int i = 0; i < packet->count; ++i) {
-      rays[i] = {.ray = packet->ray(i),
+    const AskedLanes asked(packet->count, packet->unasked);
+    for (size_t k = 0; k < asked.size(); ++k) {
+      rays[k] = {.ray = packet->ray(asked[k]),
                  .mask = packet->mask,
-                 .from_source = packet->origin_source[i],
+                 .from_source = packet->origin_source[asked[k]],
                  .to_source = packet->direction_source};
     }
     SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, HitKind::kAny, strategy,
-                                     std::span<const TraceRay>(rays.data(), packet->count), hits,
-                                     stats));
-    for (int i = 0; i < packet->count; ++i) packet->triangle[i] = hits[i].triangle;
+                                     {rays.data(), asked.size()}, hits, stats));
+    for (size_t k = 0; k < asked.size(); ++k) packet->triangle[asked[k]] = hits[k].triangle;
     return absl::OkStatus();
   }
   if (strategy == Strategy::kPacket) {

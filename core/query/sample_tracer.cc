@@ -3,8 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
-#include <cstdlib>
 #include <cstring>
 #include <utility>
 
@@ -25,10 +23,6 @@ constexpr uint64_t kCoverRays = 16;
 
 // Samples of one light for which it pays to look at their common hull first.
 constexpr size_t kLeastHullSamples = 4;
-
-// One of so many points, at least, must lie below its horizon as a sample sees it, for the others to
-// be gathered for it.
-constexpr size_t kLeastKnownShare = 16;
 
 // What a walk for all of them may cost, a packet (TraceHullFn): as much as sixteen walks sample by
 // sample through dense foliage.
@@ -133,15 +127,16 @@ absl::Status SampleTracer::Trace(size_t s) {
       ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
                      positions_.size());
   StatsScope scope(stats_, strategy, positions_.size());
-  const absl::Status traced = strategy == Strategy::kShaft && GroundsHelp(s, mask, &scope)
-                                  ? TraceAboveGround(s, mask, &scope)
-                                  : TraceAll(s, mask, strategy, &scope);
+  const bool answered = strategy == Strategy::kShaft && AskGrounds(s, mask, &scope);
+  const absl::Status traced = answered ? absl::OkStatus() : TraceByWalks(s, mask, strategy, &scope);
+  known_points_.fill(0);
   FetchMeanwhile({}, {}, {});
   if (traced.ok() && run_.options().count_answers) CountAnswers(answered_by_, stats_);
   return traced;
 }
 
-absl::Status SampleTracer::TraceAll(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope) {
+absl::Status SampleTracer::TraceByWalks(size_t s, uint32_t mask, Strategy strategy,
+                                        StatsScope* scope) {
   const LightSample& sample = samples_[s];
   if (strategy == Strategy::kRtt) return TraceTiles(sample, mask, scope);
   if (!sample.directional) return TraceSegments(s, mask, strategy, scope);
@@ -151,11 +146,27 @@ absl::Status SampleTracer::TraceAll(size_t s, uint32_t mask, Strategy strategy, 
   return TraceOneByOne(sample, mask, strategy, scope->walk());
 }
 
-bool SampleTracer::GroundsHelp(size_t s, uint32_t mask, StatsScope* scope) {
-  // Those of an area light have a walk for all of them.
+bool SampleTracer::AskGrounds(size_t s, uint32_t mask, StatsScope* scope) {
+  // The samples of an area light have a walk for all of them.
   const bool by_hull = !samples_[s].directional && samples_of_[light_of_[s]] >= kLeastHullSamples;
   const bool as_they_are = kind_ == HitKind::kAny && t_min_ == 0;
-  return as_they_are && !by_hull && grounds_.Help(samples_[s], mask, scope->walk());
+  if (!as_they_are || by_hull || !grounds_.Help(samples_[s], mask, scope->walk())) return false;
+  // One triangle before all points is looked for first: that takes no look at any of them.
+  ReservePackets(s);
+  if (CoverBlocks(s, 0, mask, hints_.first_leaves[s], scope) == blocks()) return true;
+  for (size_t b = 0; b < blocks(); ++b) {
+    known_points_[b] = grounds_.Bits(samples_[s], b, bits_[b].data());
+  }
+  return false;
+}
+
+bool SampleTracer::GroundsAnswer(size_t b, StatsScope* scope) {
+  if (known_points_[b] < PointsOf(b)) return false;
+  by_bits_[b] = true;
+  if (!coming_positions_.empty()) ComingOf(b).All();  // Its turn will not come.
+  scope->Took(Strategy::kShaft);
+  if (record_answered_by_) std::fill_n(AnsweredByOf(b), PointsOf(b), AnsweredBy::kShaft);
+  return true;
 }
 
 void SampleTracer::ReservePackets(size_t s) {
@@ -165,58 +176,6 @@ void SampleTracer::ReservePackets(size_t s) {
   } else {
     Reserve(blocks(), &packets_, &packets_size_);
   }
-}
-
-absl::Status SampleTracer::TraceAboveGround(size_t s, uint32_t mask, StatsScope* scope) {
-  // One triangle before all of them is looked for first: it takes no look at any point.
-  ReservePackets(s);
-  if (CoverBlocks(s, 0, mask, hints_.first_leaves[s], scope) == blocks()) return absl::OkStatus();
-  alignas(8) std::array<BlockBits, kGroupBlocks> blocked;
-  size_t known = 0;
-  for (size_t b = 0; b < blocks(); ++b) {
-    known += grounds_.Bits(samples_[s], b, blocked[b].data());
-  }
-  static const double share = getenv("KS") ? atof(getenv("KS")) : 16;
-  if (known * share < positions_.size()) return TraceAll(s, mask, Strategy::kShaft, scope);
-  asked_positions_.resize(kGroupRays + kBlockRays);
-  asked_.resize(kGroupRays + kBlockRays);
-  size_t count = 0;
-  for (size_t b = 0; b < blocks(); ++b) {
-    count += grounds_.Gather(b, blocked[b].data(), asked_positions_.data() + count,
-                             asked_.data() + count);
-  }
-  asked_sources_.resize(sources_.empty() ? 0 : count);
-  for (size_t k = 0; k < asked_sources_.size(); ++k) asked_sources_[k] = sources_[asked_[k]];
-  // Walks see these alone.
-  const size_t all_blocks = blocks();
-  const std::span<const Vec3f> all =
-      std::exchange(positions_, std::span<const Vec3f>(asked_positions_.data(), count));
-  const std::span<const uint32_t> all_sources = std::exchange(sources_, asked_sources_);
-  asked_answered_by_.resize(record_answered_by_ ? all.size() : 0);
-  std::swap(answered_by_, asked_answered_by_);
-  packets_ready_ = parallel_ready_ = false;
-  absl::Status traced;
-  if (count == 0) {
-    scope->Took(Strategy::kShaft);
-  } else {
-    traced = TraceAll(s, mask, Strategy::kShaft, scope);
-  }
-  if (traced.ok() && count > 0) {
-    uint8_t lit[kGroupRays / 8 + 9] = {};
-    CopyLit(lit);
-    rows_.spread(lit, {blocked[0].data(), all_blocks * blocked[0].size()});
-  }
-  std::swap(answered_by_, asked_answered_by_);
-  if (record_answered_by_) {
-    std::fill(answered_by_.begin(), answered_by_.end(), AnsweredBy::kShaft);
-    for (size_t k = 0; k < count; ++k) answered_by_[asked_[k]] = asked_answered_by_[k];
-  }
-  positions_ = all;
-  sources_ = all_sources;
-  packets_ready_ = parallel_ready_ = false;
-  bits_ = blocked;
-  by_bits_.fill(true);
-  return traced;
 }
 
 size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t leaf,
@@ -281,7 +240,8 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
         packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
                               packet.target_source);
       }
-      packet.point_box = &boxes_[b];
+      packet.unasked = KnownOf(b);
+      packet.point_box = packet.unasked == nullptr ? &boxes_[b] : nullptr;
       packet.sourceless = sources_.empty();
     }
     packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
@@ -293,7 +253,9 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   };
   uint32_t* const first_leaf = &hints_.first_leaves[s];
   for (size_t b = 0; b < blocks(); ++b) {
+    if (GroundsAnswer(b, scope)) continue;
     BlockBits& known = bits_[b];
+    size_t known_points = known_points_[b];
     if (by_hulls && HullAnswers(s, b)) {
       HullBits(s, b, &known);
       TakeHull(b, &choice, scope);
@@ -312,7 +274,6 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     if (!std::exchange(prepared, true)) prepare();
     const Strategy walk = by_shafts ? choice.Next() : strategy;
-    size_t known_points = 0;
     if (by_hulls) {
       if (hull_states_[b] == HullState::kNew) {
         SL_RETURN_IF_ERROR(TraceHull(s, b, walk == Strategy::kShaft, scope));
@@ -326,7 +287,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
-      packet->unasked = known_points > 0 ? known.data() : nullptr;
+      if (by_hulls) packet->unasked = known_points > 0 ? known.data() : nullptr;
       const absl::Status traced =
           TracePacketBlock(scene_, run_, kind_, walk, packet, cut, scope->walk());
       packet->unasked = nullptr;
@@ -334,13 +295,13 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }));
     if (known_points > 0) {
       rows_.set_where(known, kSomeTriangle, packets_[b].triangle);
-      if (record_answered_by_) MarkKnown(b, known);
+      if (record_answered_by_) MarkKnown(b, known, by_hulls);
     }
     scope->Took(walk);
     if (by_shafts) {
       WalkStats after = *scope->walk();
       if (by_hulls && walk == Strategy::kShaft) AddHullShare(b, &after);
-      cycles_ += choice.Learn(walk, before, after, static_cast<size_t>(packets_[b].count));
+      cycles_ += choice.Learn(walk, before, after, PointsOf(b) - known_points_[b]);
     }
     *first_leaf = packets_[b].first_leaf;
     NoteCovers(s, before, *scope->walk());
@@ -522,10 +483,11 @@ void SampleTracer::TakeHull(size_t b, WalkChoice* choice, StatsScope* scope) {
   }
 }
 
-void SampleTracer::MarkKnown(size_t b, const BlockBits& known) {
+void SampleTracer::MarkKnown(size_t b, const BlockBits& known, bool by_hull) {
   for (size_t i = 0; i < kBlockRays; ++i) {
     if ((known[i / 16] >> (i % 16) & 1) == 0) continue;
-    answered_by_[b * kBlockRays + i] = hull_answered_by_[b * kBlockRays + i];
+    answered_by_[b * kBlockRays + i] =
+        by_hull ? hull_answered_by_[b * kBlockRays + i] : AnsweredBy::kShaft;
   }
 }
 
@@ -548,7 +510,8 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
         packet.count = LayOut(sample, b, packet.origin_x, packet.origin_y, packet.origin_z,
                               packet.origin_source);
       }
-      packet.point_box = &boxes_[b];
+      packet.unasked = KnownOf(b);
+      packet.point_box = packet.unasked == nullptr ? &boxes_[b] : nullptr;
       packet.sourceless = sources_.empty();
     }
     parallel_ready_ = t_min_ == 0;
@@ -558,6 +521,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
   const ShaftCut* cut = nullptr;
   bool prepared = blocks() == 1;
   for (size_t b = 0; b < blocks(); ++b) {
+    if (GroundsAnswer(b, scope)) continue;
     if (by_shafts) {
       if (const size_t covered = CoverBlocks(s, b, mask, *first_leaf, scope); covered > 0) {
         b += covered - 1;
@@ -575,10 +539,13 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
     SL_RETURN_IF_ERROR(FetchWhile(b, &parallel_[b], [&](ParallelPacket* packet) {
       return TraceParallelBlock(scene_, run_, walk, packet, cut, scope->walk());
     }));
+    if (known_points_[b] > 0) {
+      rows_.set_where(bits_[b], kSomeTriangle, parallel_[b].triangle);
+      if (record_answered_by_) MarkKnown(b, bits_[b], /*by_hull=*/false);
+    }
     scope->Took(walk);
     if (by_shafts) {
-      cycles_ +=
-          choice.Learn(walk, before, *scope->walk(), static_cast<size_t>(parallel_[b].count));
+      cycles_ += choice.Learn(walk, before, *scope->walk(), PointsOf(b) - known_points_[b]);
     }
     *first_leaf = parallel_[b].first_leaf;
     NoteCovers(s, before, *scope->walk());

@@ -13,6 +13,7 @@
 #ifndef SIGHTLINE_CORE_QUERY_SAMPLE_TRACER_H_
 #define SIGHTLINE_CORE_QUERY_SAMPLE_TRACER_H_
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -123,17 +124,24 @@ class SampleTracer {
   using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
 
   size_t blocks() const { return (positions_.size() + kBlockRays - 1) / kBlockRays; }
+  size_t PointsOf(size_t block) const {
+    return std::min<size_t>(kBlockRays, positions_.size() - block * kBlockRays);
+  }
+  // RayPacket::unasked of a block.
+  const uint16_t* KnownOf(size_t block) const {
+    return known_points_[block] > 0 ? bits_[block].data() : nullptr;
+  }
   const uint32_t* triangles(size_t block) const {
     return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
   }
-  // By walks, of all points.
-  absl::Status TraceAll(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
-  // Whether what the points lie on may answer for a sample.
-  bool GroundsHelp(size_t s, uint32_t mask, StatsScope* scope);
   // Has packets for all blocks, of segments or of rays, and results in them.
   void ReservePackets(size_t s);
-  // Walks for the points alone that their grounds do not hide from the sample.
-  absl::Status TraceAboveGround(size_t s, uint32_t mask, StatsScope* scope);
+  // Finds which points their grounds hide from the sample, as far as grounds help; or that it is
+  // answered without: returns true.
+  bool AskGrounds(size_t s, uint32_t mask, StatsScope* scope);
+  // Answers block b if they hide all of its points.
+  bool GroundsAnswer(size_t b, StatsScope* scope);
+  absl::Status TraceByWalks(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   // By tiles of kRtt, which need not divide blocks.
   absl::Status TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope);
@@ -163,7 +171,7 @@ class SampleTracer {
   // Adds a sample's share of what it cost.
   void AddHullShare(size_t b, WalkStats* stats) const;
   // What answered such points of a block, where it is recorded.
-  void MarkKnown(size_t b, const BlockBits& known);
+  void MarkKnown(size_t b, const BlockBits& known, bool by_hull);
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   absl::Status TraceOneByOne(const LightSample& sample, uint32_t mask, Strategy strategy,
                              WalkStats* stats);
@@ -197,6 +205,9 @@ class SampleTracer {
   bool parallel_traced_ = false;
   std::array<bool, kGroupBlocks> by_bits_ = {};
   std::array<BlockBits, kGroupBlocks> bits_;
+  // How many of a block's points the grounds hide from the sample that is being asked about: bits_
+  // has them before its walk.
+  std::array<size_t, kGroupBlocks> known_points_ = {};
   bool record_answered_by_;
   std::vector<AnsweredBy> answered_by_;  // By point, where it is recorded.
   // By block; made when first needed, and not initialized.
@@ -211,11 +222,6 @@ class SampleTracer {
   ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
   double cycles_ = 0;  // What WalkChoice has learned.
   uint64_t rays_ = 0;
-  // Points above their grounds, and their answers, while these are walked for.
-  std::vector<Vec3f> asked_positions_;
-  std::vector<uint32_t> asked_sources_;
-  std::vector<uint32_t> asked_;  // Their numbers within the group.
-  std::vector<AnsweredBy> asked_answered_by_;
   std::vector<uint32_t> light_of_;    // By sample: how many lights came before its own.
   std::vector<uint32_t> samples_of_;  // By that.
   WalkChoices segments_choices_, parallel_choices_;

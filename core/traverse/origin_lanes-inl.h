@@ -48,7 +48,8 @@ class OriginLanes {
     // Any hit knows neither (TraceRay).
     SIGHTLINE_DCHECK(packet.near == nullptr && packet.unseen.count == 0);
     for (int axis = 0; axis < 3; ++axis) ranges_[axis] = lanes_.Reciprocals(axis);
-    open_groups_ = groups() < 32 ? (1u << groups()) - 1 : ~0u;
+    open_groups_ = 0;
+    for (uint32_t g = 0; g < groups(); ++g) open_groups_ |= (active(g) != 0 ? 1u : 0u) << g;
     PlaceGroups();
   }
 

@@ -95,8 +95,9 @@ class PacketLanes {
     for (uint32_t g = 0; g < groups_; ++g) {
       const int left = packet.count - static_cast<int>(g * lanes);
       active_[g] = left >= static_cast<int>(lanes) ? (1u << lanes) - 1 : (1u << left) - 1;
+      if constexpr (kAny) active_[g] &= ~LaneBits(packet.unasked, g * lanes, lanes);
+      live_ += std::popcount(active_[g]);
     }
-    live_ = packet.count;
   }
 
   uint32_t groups() const { return groups_; }                       // Vectors of lanes.

@@ -77,6 +77,8 @@ class ParallelLanes {
       sources = hn::And(sources, hn::Load(du, packet.origin_source + at));
       const size_t left = count - at;
       active_[g] = left >= lanes ? (1u << lanes) - 1 : (1u << left) - 1;
+      active_[g] &= ~LaneBits(packet.unasked, at, lanes);
+      live_ += std::popcount(active_[g]);
       hn::Store(hn::Set(du, kNoTriangle), du, packet.triangle + at);
     }
     static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
@@ -90,8 +92,8 @@ class ParallelLanes {
       first_[k] = backward_[k] ? lo : hi;
       last_[k] = backward_[k] ? hi : lo;
     }
-    live_ = packet.count;
-    open_groups_ = groups_ < 32 ? (1u << groups_) - 1 : ~0u;
+    open_groups_ = 0;
+    for (uint32_t g = 0; g < groups_; ++g) open_groups_ |= (active_[g] != 0 ? 1u : 0u) << g;
     for (int k = 0; k < 3; ++k) {
       for (uint32_t g = 0; g < groups_; ++g) {
         const V p = Point(k, g * lanes);

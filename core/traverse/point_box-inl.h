@@ -45,19 +45,24 @@ class PointBox {
     }
   }
 
-  // `count` points in three rows; whole vectors are read.
-  HWY_INLINE void Take(const float* x, const float* y, const float* z, size_t count) {
+  // `count` points in three rows, but for those `unasked` (RayPacket); whole vectors are read.
+  HWY_INLINE void Take(const float* x, const float* y, const float* z, size_t count,
+                       const uint16_t* unasked) {
     const ShaftD d;
-    size_t i = 0;
-    for (; i + hn::Lanes(d) <= count; i += hn::Lanes(d)) {
-      Take({hn::Load(d, x + i), hn::Load(d, y + i), hn::Load(d, z + i)});
+    for (size_t i = 0; i < count; i += hn::Lanes(d)) {
+      const Vec3V<ShaftV> p = {hn::Load(d, x + i), hn::Load(d, y + i), hn::Load(d, z + i)};
+      if (unasked == nullptr && i + hn::Lanes(d) <= count) {
+        Take(p);
+        continue;
+      }
+      ShaftM in = hn::FirstN(d, count - i);
+      if (unasked != nullptr) in = hn::AndNot(LanesOf(unasked, i), in);
+      const ShaftV* const axes[3] = {&p.x, &p.y, &p.z};
+      for (int k = 0; k < 3; ++k) {
+        least_[k] = hn::Min(least_[k], hn::IfThenElse(in, *axes[k], least_[k]));
+        most_[k] = hn::Max(most_[k], hn::IfThenElse(in, *axes[k], most_[k]));
+      }
     }
-    if (i == count) return;
-    // The first one stands for those that are none.
-    const ShaftM in = hn::FirstN(d, count - i);
-    Take({hn::IfThenElse(in, hn::Load(d, x + i), hn::Set(d, x[0])),
-          hn::IfThenElse(in, hn::Load(d, y + i), hn::Set(d, y[0])),
-          hn::IfThenElse(in, hn::Load(d, z + i), hn::Set(d, z[0]))});
   }
 
   Box3f box() const { return {{least(0), least(1), least(2)}, {most(0), most(1), most(2)}}; }
@@ -68,26 +73,26 @@ class PointBox {
   ShaftV least_[3], most_[3];
 };
 
-inline HWY_NOINLINE Box3f FindBox(const float* x, const float* y, const float* z, int count) {
+inline HWY_NOINLINE Box3f FindBox(const float* x, const float* y, const float* z, int count,
+                                  const uint16_t* unasked) {
   PointBox box;
-  box.Take(x, y, z, static_cast<size_t>(count));
+  box.Take(x, y, z, static_cast<size_t>(count), unasked);
   return box.box();
 }
 
-// The box around a packet's points: ends of segments, origins of parallel rays. `known`: what the
-// packet says it is, or null.
-inline Box3f BoxAround(const Box3f* known, const float* x, const float* y, const float* z,
-                       int count) {
-  SIGHTLINE_DCHECK(known == nullptr || *known == FindBox(x, y, z, count));
-  return known != nullptr ? *known : FindBox(x, y, z, count);
+// The box around a packet's points that are asked about, inverted if none is: ends of segments,
+// origins of parallel rays.
+template <class Packet>
+Box3f BoxAround(const Packet& packet, const float* x, const float* y, const float* z) {
+  const Box3f* const known = packet.point_box;
+  SIGHTLINE_DCHECK(known == nullptr || *known == FindBox(x, y, z, packet.count, nullptr));
+  return known != nullptr ? *known : FindBox(x, y, z, packet.count, packet.unasked);
 }
 inline Box3f BoxAround(const RayPacket& packet) {
-  return BoxAround(packet.point_box, packet.target_x, packet.target_y, packet.target_z,
-                   packet.count);
+  return BoxAround(packet, packet.target_x, packet.target_y, packet.target_z);
 }
 inline Box3f BoxAround(const ParallelPacket& packet) {
-  return BoxAround(packet.point_box, packet.origin_x, packet.origin_y, packet.origin_z,
-                   packet.count);
+  return BoxAround(packet, packet.origin_x, packet.origin_y, packet.origin_z);
 }
 
 // The least coordinate in a box along an axis, or against it.

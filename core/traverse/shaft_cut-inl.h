@@ -116,6 +116,7 @@ class CutMaker {
     // finding it takes a quarter of the operations; the outline becomes little wider.
     for (const Packet& packet : packets_) {
       const Box3f box = BoxAround(packet);
+      if (box.empty()) continue;  // Nothing of it is asked about.
       all.Extend(box);
       Vec3V<V> own = CornersOf(box);
       if (kParallel || Segments()) own = SubV(own, o);

@@ -153,7 +153,7 @@ class ShaftRays {
         all_.rays[b] = static_cast<uint16_t>((1u << left) - 1);
       }
     }
-    if constexpr (kAny && !kParallel) {
+    if constexpr (kAny) {
       for (int b = 0; packet_.unasked != nullptr && b < kShaftBlocks; ++b) {
         all_.rays[b] &= static_cast<uint16_t>(~packet_.unasked[b]);
       }

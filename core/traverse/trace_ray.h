@@ -7,6 +7,7 @@
 #define SIGHTLINE_CORE_TRAVERSE_TRACE_RAY_H_
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 
@@ -39,6 +40,12 @@ struct TraceRay {
   TriangleRange unseen;
 };
 
+// `lanes` bits from number `first` on of a row with sixteen to a number, all in one number; 0 where
+// the row is null.
+inline uint32_t LaneBits(const uint16_t* row, size_t first, size_t lanes) {
+  return row == nullptr ? 0 : uint32_t{row[first / 16]} >> (first % 16) & ((1u << lanes) - 1);
+}
+
 // Rays with one origin (an eye's, or a light's toward its points) that walk together.
 // Invariants: lanes 0 .. count-1 are in use; all run from `origin`; `segments` says what targets
 // are.
@@ -61,9 +68,9 @@ struct alignas(64) RayPacket {
   // Any hit: asked for meanwhile, as far as a walk gets to it (shafts do); null: nothing.
   GradualFetch* meanwhile = nullptr;
   // Any hit: the least box around the points (targets, or a ParallelPacket's origins) of the lanes
-  // in use, where it is known; null: whoever wants it finds it.
+  // in use, where it is known; null: whoever wants it finds that of those that are not `unasked`.
   const Box3f* point_box = nullptr;
-  // Any hit, shafts alone: lanes whose answer is not wanted, a bit each, sixteen to a number; null:
+  // Any hit, over the BVH: lanes whose answer is not wanted, a bit each, sixteen to a number; null:
   // all are wanted.
   const uint16_t* unasked = nullptr;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
@@ -138,6 +145,7 @@ struct alignas(64) ParallelPacket {
   GradualFetch* meanwhile = nullptr;         // As in RayPacket.
   const Box3f* point_box = nullptr;          // As in RayPacket.
   AnsweredBy* answered_by = nullptr;         // As in RayPacket.
+  const uint16_t* unasked = nullptr;         // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
   alignas(64) uint32_t triangle[kMaxRays];       // Result: some blocker's id, or kNoTriangle.
@@ -148,6 +156,7 @@ struct alignas(64) ParallelPacket {
     to->direction = direction;
     to->mask = mask;
     to->direction_source = direction_source;
+    to->unasked = nullptr;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
     to->meanwhile = nullptr;

@@ -127,53 +127,5 @@ TEST(PointRowsTest, IdsAreSetWhereBitsAre) {
   }
 }
 
-// What is gathered are the points that are not left out, in their order; their answers go back to
-// where they came from, and the other bits stay.
-TEST(PointRowsTest, WhatIsGatheredIsSpread) {
-  TestRng rng;
-  const auto rows = std::make_unique<Rows>();
-  for (const SimdTarget target : AvailableTargets()) {
-    for (size_t count = 0; count <= kMost; ++count) {
-      for (auto& row : rows->at) {
-        for (float& value : row) value = static_cast<float>(rng.Uniform(-1, 1));
-      }
-      const double share = rng.Chance(0.2) ? 0 : rng.Chance(0.2) ? 1 : rng.Uniform(0, 1);
-      alignas(8) uint16_t left_out[kMost / 16] = {};
-      std::vector<uint32_t> numbers;
-      for (uint32_t i = 0; i < count; ++i) {
-        if (rng.Chance(share)) {
-          left_out[i / 16] |= static_cast<uint16_t>(1u << (i % 16));
-        } else {
-          numbers.push_back(i);
-        }
-      }
-      const uint32_t first = 1000;
-      std::vector<Vec3f> points(kMost + 16);
-      std::vector<uint32_t> found(kMost + 16);
-      ASSERT_EQ(PointRowKernelsFor(target).gather(rows->at[0], rows->at[1], rows->at[2], count,
-                                                  left_out, first, points.data(), found.data()),
-                numbers.size());
-      std::vector<uint8_t> lit(numbers.size() / 8 + 10);
-      alignas(8) uint16_t expected[kMost / 16];
-      std::copy(std::begin(left_out), std::end(left_out), expected);
-      for (size_t k = 0; k < numbers.size(); ++k) {
-        const uint32_t i = numbers[k];
-        ASSERT_EQ(found[k], first + i);
-        ASSERT_EQ(points[k], (Vec3f{rows->at[0][i], rows->at[1][i], rows->at[2][i]}));
-        if (rng.Chance(0.5)) {
-          lit[k / 8] |= static_cast<uint8_t>(1u << (k % 8));
-        } else {
-          expected[i / 16] |= static_cast<uint16_t>(1u << (i % 16));
-        }
-      }
-      PointRowKernelsFor(target).spread(lit.data(), {left_out, kMost / 16});
-      for (size_t i = 0; i < count; ++i) {
-        ASSERT_EQ(left_out[i / 16] >> (i % 16) & 1, expected[i / 16] >> (i % 16) & 1)
-            << "point " << i << " of " << count;
-      }
-    }
-  }
-}
-
 }  // namespace
 }  // namespace sightline::testing_support
