@@ -42,8 +42,8 @@ class GroupGrounds {
   // Whether Bits may be asked about this sample; finds the grounds if need be.
   bool Help(const LightSample& sample, uint32_t mask, WalkStats* stats);
 
-  // Which points of a block their grounds hide from the sample: bit i % 16 of bits[i / 16] for point
-  // i, as many bits as a block has. Returns how many. REQUIRES: Help().
+  // Which points of a block their grounds hide from the sample: bit i % 16 of bits[i / 16] for
+  // point i, as many bits as a block has. Returns how many. REQUIRES: Help().
   size_t Bits(const LightSample& sample, size_t block, uint16_t* bits) const;
 
  private:

@@ -36,8 +36,8 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// A triangle as a ground, in doubles: with p = P - corner, its height above the plane is |up·p|, and
-// its foot inward[k]·p + from[k] within edge k, each up to `units` times what is said beside.
+// A triangle as a ground, in doubles: with p = P - corner, its height above the plane is |up·p|,
+// and its foot inward[k]·p + from[k] within edge k, each up to `units` times what is said beside.
 struct GroundTriangle {
   Vec3d corner, up, inward[3];
   double from[3];
@@ -273,7 +273,7 @@ class GroundSearch {
     return MaskBits(d, better);
   }
 
-  // Makes the triangle the ground of the `lanes` at a vector for which it certainly is a better one.
+  // Makes the triangle the ground of those `lanes` from `at` on for which it surely is a better one.
   HWY_INLINE void Settle(const GroundTriangle& triangle, size_t at, uint32_t lanes) {
     const hn::Half<ShaftD> df;
     const hn::Rebind<double, decltype(df)> d;

@@ -6,25 +6,25 @@
 //
 // With N the ground's unit normal toward the point P, h > 0 P's height above its plane, F the foot
 // and m_k > 0 the distance of F from edge k, a line from P along D meets the plane within the
-// edges if D leans to none of them by more than m_k over a descent of h: surely if
+// edges if D leans toward none of them by more than m_k over a descent of h: surely if
 //
 //   -N·D > |D|·h/m_k for each k.
 //
-// The greatest of these ratios is the point's `slope`; one that is beneath P within a hundredth of
-// its size leaves half a degree above its horizon open. Rays along D are blocked then; segments
-// from P to L are, with D = L - P, if L lies beyond the plane, too: -N·D > h.
+// The greatest of these ratios h/m_k is the point's `slope`: at a height of a hundredth of m_k half
+// a degree below the horizon is left open. Rays along D are blocked then; segments from P to L are,
+// with D = L - P, if L lies beyond the plane, too: -N·D > h.
 //
 // Rounding. Grounds are found in doubles. Differences of stored points err by v = 2^-53 of
 // themselves, a cross product of two edges by no more than 9v|E|^2, E the longest, so that the unit
 // normal and, across edges, inward ones are good to 16v·|E|^2/|E1×E2|: kGroundUnits, doubled, times
 // |P - corner|_1 bounds what their products with it lose. Slivers, whose sine is below
 // kLeastGroundSine, are no grounds, nor is what a point is not certainly above.
-// What is asked of the rows is in floats: s = N·D carries three roundings of each product's, one of
-// each N_k and, of segments, one of each D_k, in all no more than 5.1u·|D|_1, u = 2^-24; adding h
-// takes 2.1u·|D|_1 where -s > h. |D|_1 >= |D| as computed loses 3u of itself, and the slope rounded
-// 1u, which a slope of at most kMostGroundSlope scales. kGroundSlack = 2^-20 = 16u of the slope is
-// more than all that. Underflow adds at most 2^-147, for which kFloatUnderflow stands
-// (core/intersect).
+// What is asked of the rows is in floats: s = N·D carries three roundings of each product, one of
+// each N_k and, of segments, one of each D_k, in all no more than 5.1u·|D|_1, u = 2^-24; h is
+// rounded up, and adding it takes 1.1u·|D|_1 where -s > h. |D|_1, which is taken for |D|, loses 3u
+// of itself, the slope twice u of itself, and so does their product once: at most kMostGroundSlope
+// times 6.1u. kGroundSlack = 2^-20 = 16u, added to the slope, is more than all that. Underflow adds
+// at most 2^-147, for which kFloatUnderflow stands (core/intersect).
 //
 // Thread safety: plain values; pure functions.
 #ifndef SIGHTLINE_CORE_TRAVERSE_POINT_GROUND_H_

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Points on surfaces, asked about by so many lights that what they lie on is looked for first: every
-// way of asking gives the bits of single rays, and what lies below a point's horizon takes no walk.
+// Points on surfaces, put to so many lights that what they lie on is looked for first: every way of
+// asking gives the bits of single rays, and what lies below a point's horizon takes no walk.
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
