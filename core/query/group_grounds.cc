@@ -13,7 +13,7 @@ namespace {
 
 // Samples for which a search pays: it costs as much as a walk for two or three of them.
 constexpr size_t kLeastSamples = 8;
-// Of a group's points, those that must have a ground.
+// One of so many points must have a ground: behind a block where fewer have, none is looked for.
 constexpr size_t kLeastShare = 8;
 constexpr uint32_t kLongestWait = 64;
 
@@ -43,15 +43,17 @@ bool GroupGrounds::Find(WalkStats* stats) {
     grounds_ = std::make_unique_for_overwrite<PointGrounds[]>(kGroupBlocks);
   }
   size_t found = 0;
-  for (size_t first = 0; first < positions_.size(); first += kBlockRays) {
+  bool enough = true;
+  for (size_t first = 0; enough && first < positions_.size(); first += kBlockRays) {
     const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
     PointGrounds& block = grounds_[first / kBlockRays];
     block.count = static_cast<int>(count);
     rows_.split(positions_.subspan(first, count), block.x, block.y, block.z);
     found += run_.kernels().find_grounds(
         scene_, sources_.empty() ? nullptr : sources_.data() + first, &block, stats);
+    enough = found * kLeastShare >= first + count;
   }
-  if (found * kLeastShare >= positions_.size()) {
+  if (enough) {
     next_wait_ = 1;
     return true;
   }

@@ -13,7 +13,8 @@ namespace sightline {
 
 enum class AnsweredBy : uint8_t {
   kNoRay = 0,  // Nothing was asked.
-  // Whole shafts alone: found empty, or (but not with kRtt) covered. No ray's test decided.
+  // Whole shafts alone: found empty, or (but not with kRtt) covered; or the triangle just beneath
+  // the point. No ray's test decided.
   kShaft = 1,
   // A shaft's relevant triangles, of which some took the exact test of the ray; with kRtt a tile's
   // list with at least one triangle, be it one that covers the tile and needs no test.

@@ -65,7 +65,8 @@ struct GroundTriangle {
   }
 };
 
-// Looks for the ground of the least slope of each point.
+// Looks for the ground of the least slope of each point. Points that lie far apart have the whole
+// tree between them: the search ends when it has cost as much as kMostLeaves, with what it has.
 class GroundSearch {
  public:
   using V = ShaftV;
@@ -102,7 +103,7 @@ class GroundSearch {
     uint32_t stack[kBvhStackSize];
     uint32_t size = 0;
     if (!scene_.bvh.empty()) stack[size++] = ChildRef::Inner(0).bits();
-    while (size > 0) {
+    while (size > 0 && leaves_ < kMostLeaves && pairs_ < kMostPairs) {
       const ChildRef ref = ChildRef::FromBits(stack[--size]);
       if (ref.is_leaf()) {
         VisitLeaf(LeafView(scene_, ref));
@@ -171,6 +172,7 @@ class GroundSearch {
 
   void VisitLeaf(const LeafView& leaf) {
     ++stats_.leaves;
+    ++leaves_;
     const ShaftD d;
     for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
       const V3 a = LeafCorner(leaf, 0, first), b = LeafCorner(leaf, 1, first),
@@ -234,7 +236,9 @@ class GroundSearch {
       }
       blocks |= MaskBits(d, met) << b;
     }
-    stats_.triangle_tests += static_cast<uint64_t>(std::popcount(blocks)) * kShaftBlockRays;
+    const auto pairs = static_cast<uint32_t>(std::popcount(blocks));
+    pairs_ += pairs;
+    stats_.triangle_tests += uint64_t{pairs} * kShaftBlockRays;
     std::optional<GroundTriangle> triangle;
     for (; blocks != 0; blocks &= blocks - 1) {
       const size_t first = static_cast<size_t>(std::countr_zero(blocks)) * kShaftBlockRays;
@@ -273,7 +277,7 @@ class GroundSearch {
     return MaskBits(d, better);
   }
 
-  // Makes the triangle the ground of those `lanes` from `at` on for which it surely is a better one.
+  // Makes the triangle the ground of those `lanes` from `at` on whose ground it betters for sure.
   HWY_INLINE void Settle(const GroundTriangle& triangle, size_t at, uint32_t lanes) {
     const hn::Half<ShaftD> df;
     const hn::Rebind<double, decltype(df)> d;
@@ -328,10 +332,13 @@ class GroundSearch {
 
   // Of a block's extent.
   static constexpr float kReach = 1.0f / 64;
+  // Neighbours on a surface of as many triangles take some forty leaves, and 800 pairs of a triangle
+  // and a block.
+  static constexpr uint32_t kMostLeaves = 512, kMostPairs = 8192;
 
-  // A vector of a leaf's triangles: the boxes around them, and for a point P with p = P - corner its
-  // barycentric coordinates second·p and third·p, its height |up·p|, and how far from its edge the
-  // corner of each coordinate is.
+  // A vector of a leaf's triangles: the boxes around them, and for a point P with p = P - corner
+  // its barycentric coordinates second·p and third·p, its height |up·p|, and how far from its edge
+  // the corner of each coordinate is.
   struct Triangles {
     alignas(64) float lo[3][kMaxLeafTriangles], hi[3][kMaxLeafTriangles];
     alignas(64) float corner[3][kMaxLeafTriangles], second[3][kMaxLeafTriangles];
@@ -343,6 +350,7 @@ class GroundSearch {
   const bool has_sources_;
   PointGrounds& grounds_;
   WalkStats& stats_;
+  uint32_t leaves_ = 0, pairs_ = 0;
   Box3f box_;
   alignas(64) float lo_[3][kShaftBlocks], hi_[3][kShaftBlocks];  // By block.
   Triangles triangles_;

@@ -3,6 +3,8 @@
 // What points' grounds are said to block is blocked, by the definition: for segments and rays that
 // graze what the points lie on, for every instruction set of this machine. And points on a surface
 // have grounds that tell below from above.
+#include "core/traverse/point_ground.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -180,6 +182,26 @@ TEST_P(PointGroundTest, SourcesAreNoGrounds) {
   uint16_t bits[kWords];
   EXPECT_EQ(kernels().parallel_ground_bits(*grounds, {0, -1, 0}, bits), 1u);
   EXPECT_EQ(bits[0], 2u);
+}
+
+// Points that have a whole scene between them do not walk all of it.
+TEST_P(PointGroundTest, PointsFarApartEndTheSearch) {
+  TestRng rng;
+  const IndexedGeometry scene = IndexObjects({MakeGrid(200, 0.5, {0, 0, 0}, rng)}, std::nullopt, 4);
+  ASSERT_GT(scene.bvh.leaf_count, 20'000u);
+  const auto grounds = std::make_unique<PointGrounds>();
+  grounds->count = PointGrounds::kMaxPoints;
+  for (int i = 0; i < grounds->count; ++i) {
+    grounds->x[i] = static_cast<float>(rng.Uniform(0, 200));
+    grounds->y[i] = static_cast<float>(rng.Uniform(-0.5, 0.5));
+    grounds->z[i] = static_cast<float>(rng.Uniform(0, 200));
+  }
+  WalkStats stats;
+  kernels().find_grounds(scene, nullptr, grounds.get(), &stats);
+  EXPECT_GT(stats.leaves, 0u);
+  EXPECT_LT(stats.leaves, 1000u);
+  EXPECT_LT(stats.nodes, 1000u);
+  EXPECT_LT(stats.triangle_tests, 300'000u);
 }
 
 }  // namespace
