@@ -332,8 +332,8 @@ class GroundSearch {
 
   // Of a block's extent.
   static constexpr float kReach = 1.0f / 64;
-  // Neighbours on a surface of as many triangles take some forty leaves, and 800 pairs of a triangle
-  // and a block.
+  // Neighbours on a surface of as many triangles take some forty leaves, and 800 pairs of a
+  // triangle and a block.
   static constexpr uint32_t kMostLeaves = 512, kMostPairs = 8192;
 
   // A vector of a leaf's triangles: the boxes around them, and for a point P with p = P - corner
