@@ -217,7 +217,7 @@ class GroundSearch {
     put(CrossV(ac, normal), inverse, triangles_.second);
     put(CrossV(normal, ab), inverse, triangles_.third);
     put(normal, inverse_length, triangles_.up);
-    const auto across = [d, length](const V3& edge)
+    const auto across = [length](const V3& edge)
                             HWY_ATTR { return hn::Div(length, hn::Sqrt(DotV(edge, edge))); };
     hn::Store(across(bc), d, triangles_.across[0]);
     hn::Store(across(ac), d, triangles_.across[1]);
