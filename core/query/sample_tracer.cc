@@ -128,7 +128,7 @@ absl::Status SampleTracer::Trace(size_t s) {
                      positions_.size());
   StatsScope scope(stats_, strategy, positions_.size());
   const bool answered = strategy == Strategy::kShaft && AskGrounds(s, mask, &scope);
-  const absl::Status traced = answered ? absl::OkStatus() : TraceByWalks(s, mask, strategy, &scope);
+  absl::Status traced = answered ? absl::OkStatus() : TraceByWalks(s, mask, strategy, &scope);
   known_points_.fill(0);
   FetchMeanwhile({}, {}, {});
   if (traced.ok() && run_.options().count_answers) CountAnswers(answered_by_, stats_);
@@ -288,8 +288,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
       if (by_hulls) packet->unasked = known_points > 0 ? known.data() : nullptr;
-      const absl::Status traced =
-          TracePacketBlock(scene_, run_, kind_, walk, packet, cut, scope->walk());
+      absl::Status traced = TracePacketBlock(scene_, run_, kind_, walk, packet, cut, scope->walk());
       packet->unasked = nullptr;
       return traced;
     }));
