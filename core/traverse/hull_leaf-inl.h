@@ -284,7 +284,7 @@ class HullLeaf {
       }
       for (int h = 0; h < 2; ++h) {
         for (int k = 0; k < 3; ++k) turned(forms_.lean[e][h][k]);
-        for (int k = 0; k < 4; ++k) turned(forms_.lean_form[e][h].f[k]);
+        for (auto& row : forms_.lean_form[e][h].f) turned(row);
       }
     }
     for (int k = 0; k < 3; ++k) {
