@@ -2,7 +2,6 @@
 #include "core/query/group_grounds.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "core/base/check.h"
 #include "core/query/ray_block.h"
@@ -11,7 +10,7 @@
 namespace sightline {
 namespace {
 
-// Samples for which a search pays: it costs as much as a walk for two or three of them.
+// Samples for which a search pays: it costs about as much as walks for two of them.
 constexpr size_t kLeastSamples = 8;
 // One of so many points must have a ground: behind a block where fewer have, none is looked for.
 constexpr size_t kLeastShare = 8;

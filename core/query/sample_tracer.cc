@@ -149,13 +149,14 @@ absl::Status SampleTracer::TraceByWalks(size_t s, uint32_t mask, Strategy strate
 bool SampleTracer::AskGrounds(size_t s, uint32_t mask, StatsScope* scope) {
   // The samples of an area light have a walk for all of them.
   const bool by_hull = !samples_[s].directional && samples_of_[light_of_[s]] >= kLeastHullSamples;
-  const bool as_they_are = kind_ == HitKind::kAny && t_min_ == 0;
-  if (!as_they_are || by_hull || !grounds_.Help(samples_[s], mask, scope->walk())) return false;
+  if (!AsTheyAre() || by_hull || !grounds_.Help(samples_[s], mask, scope->walk())) return false;
   // One triangle before all points is looked for first: that takes no look at any of them.
   ReservePackets(s);
-  if (CoverBlocks(s, 0, mask, hints_.first_leaves[s], scope) == blocks()) return true;
+  const size_t covered = CoverBlocks(s, 0, mask, hints_.first_leaves[s], scope);
+  if (covered == blocks()) return true;
   for (size_t b = 0; b < blocks(); ++b) {
-    known_points_[b] = grounds_.Bits(samples_[s], b, bits_[b].data());
+    if (b < covered) bits_[b].fill(0xFFFF);
+    known_points_[b] = b < covered ? PointsOf(b) : grounds_.Bits(samples_[s], b, bits_[b].data());
   }
   return false;
 }
@@ -180,8 +181,7 @@ void SampleTracer::ReservePackets(size_t s) {
 
 size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t leaf,
                                  StatsScope* scope) {
-  const bool as_they_are = kind_ == HitKind::kAny && t_min_ == 0;
-  if (!as_they_are || leaf == RayPacket::kNoLeaf || !hints_.covered[s]) return 0;
+  if (!AsTheyAre() || leaf == RayPacket::kNoLeaf || !hints_.covered[s]) return 0;
   const LightSample& sample = samples_[s];
   const Kernels& kernels = run_.kernels();
   const CoverPointsFn cover =

@@ -127,6 +127,8 @@ class SampleTracer {
   size_t PointsOf(size_t block) const {
     return std::min<size_t>(kBlockRays, positions_.size() - block * kBlockRays);
   }
+  // Whether points may be answered together, where they lie, by any blocker.
+  bool AsTheyAre() const { return kind_ == HitKind::kAny && t_min_ == 0; }
   // RayPacket::unasked of a block.
   const uint16_t* KnownOf(size_t block) const {
     return known_points_[block] > 0 ? bits_[block].data() : nullptr;

@@ -14,7 +14,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
@@ -66,7 +65,7 @@ struct GroundTriangle {
 };
 
 // Looks for the ground of the least slope of each point. Points that lie far apart have the whole
-// tree between them: the search ends when it has cost as much as kMostLeaves, with what it has.
+// tree between them: the search ends after so many steps or pairs, with what it has.
 class GroundSearch {
  public:
   using V = ShaftV;
@@ -103,8 +102,9 @@ class GroundSearch {
     uint32_t stack[kBvhStackSize];
     uint32_t size = 0;
     if (!scene_.bvh.empty()) stack[size++] = ChildRef::Inner(0).bits();
-    while (size > 0 && leaves_ < kMostLeaves && pairs_ < kMostPairs) {
+    while (size > 0 && steps_ < kMostSteps && pairs_ < kMostPairs) {
       const ChildRef ref = ChildRef::FromBits(stack[--size]);
+      ++steps_;
       if (ref.is_leaf()) {
         VisitLeaf(LeafView(scene_, ref));
         continue;
@@ -172,7 +172,6 @@ class GroundSearch {
 
   void VisitLeaf(const LeafView& leaf) {
     ++stats_.leaves;
-    ++leaves_;
     const ShaftD d;
     for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
       const V3 a = LeafCorner(leaf, 0, first), b = LeafCorner(leaf, 1, first),
@@ -332,9 +331,9 @@ class GroundSearch {
 
   // Of a block's extent.
   static constexpr float kReach = 1.0f / 64;
-  // Neighbours on a surface of as many triangles take some forty leaves, and 800 pairs of a
-  // triangle and a block.
-  static constexpr uint32_t kMostLeaves = 512, kMostPairs = 8192;
+  // Nodes and leaves; pairs of a triangle and a block: far more than where points are neighbours on
+  // a surface, and then no more than some walks of a light's.
+  static constexpr uint32_t kMostSteps = 1024, kMostPairs = 8192;
 
   // A vector of a leaf's triangles: the boxes around them, and for a point P with p = P - corner
   // its barycentric coordinates second·p and third·p, its height |up·p|, and how far from its edge
@@ -350,7 +349,7 @@ class GroundSearch {
   const bool has_sources_;
   PointGrounds& grounds_;
   WalkStats& stats_;
-  uint32_t leaves_ = 0, pairs_ = 0;
+  uint32_t steps_ = 0, pairs_ = 0;
   Box3f box_;
   alignas(64) float lo_[3][kShaftBlocks], hi_[3][kShaftBlocks];  // By block.
   Triangles triangles_;
