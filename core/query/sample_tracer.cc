@@ -21,16 +21,6 @@ constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 // What a triangle covers is counted by as many rays (WalkStats).
 constexpr uint64_t kCoverRays = 16;
 
-// Samples of one light for which it pays to look at their common hull first.
-constexpr size_t kLeastHullSamples = 4;
-
-// What a walk for all of them may cost, a packet (TraceHullFn): as much as sixteen walks sample by
-// sample through dense foliage.
-constexpr uint32_t kMostHullWork = 100'000;
-// Its tests of a triangle, a point and a sample that cost as much as a shaft's one: a vector of
-// these is a test, but a few of its lanes are counted.
-constexpr uint64_t kHullTests = 3;
-
 template <typename Packet>
 void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
   if (*size >= count) return;
@@ -63,7 +53,7 @@ void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const u
   tile_ends_ = tile_ends;
   packets_ready_ = parallel_ready_ = false;
   grounds_.SetPoints(positions, sources);
-  hull_begin_ = hull_end_ = 0;
+  hulls_.SetPoints(positions.size());
   if (record_answered_by_) answered_by_.resize(positions.size());
 }
 
@@ -148,7 +138,8 @@ absl::Status SampleTracer::TraceByWalks(size_t s, uint32_t mask, Strategy strate
 
 bool SampleTracer::AskGrounds(size_t s, uint32_t mask, StatsScope* scope) {
   // The samples of an area light have a walk for all of them.
-  const bool by_hull = !samples_[s].directional && samples_of_[light_of_[s]] >= kLeastHullSamples;
+  const bool by_hull =
+      !samples_[s].directional && samples_of_[light_of_[s]] >= GroupHulls::kLeastSamples;
   if (!AsTheyAre() || by_hull || !grounds_.Help(samples_[s], mask, scope->walk())) return false;
   // One triangle before all points is looked for first: that takes no look at any of them.
   ReservePackets(s);
@@ -223,8 +214,8 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   WalkChoice& choice = segments_choices_.Of(light_of_[s]);
   const bool by_shafts = strategy == Strategy::kShaft;
   const bool cuts = by_shafts && !choice.ShaftsAreRare();
-  if (cuts) FindHull(s);
-  const bool by_hulls = cuts && hull_end_ - hull_begin_ >= kLeastHullSamples;
+  // With t_min the points differ from sample to sample.
+  const bool by_hulls = cuts && hulls_.Find(s, /*alone=*/t_min_ != 0);
   const ShaftCut* cut = nullptr;
   // Made for the first block that a walk has to answer.
   bool prepared = false;
@@ -246,7 +237,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
     if (by_hulls) {
-      BeginHulls();
+      hulls_.Begin(std::span<const RayPacket>(packets_.get(), blocks()));
     } else if (cuts && blocks() > 1) {
       cut = CutGroup(scene_, run_, std::span<const RayPacket>(packets_.get(), blocks()), &cut_);
     }
@@ -256,13 +247,13 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     if (GroundsAnswer(b, scope)) continue;
     BlockBits& known = bits_[b];
     size_t known_points = known_points_[b];
-    if (by_hulls && HullAnswers(s, b)) {
-      HullBits(s, b, &known);
+    if (by_hulls && hulls_.Answers(s, b)) {
+      hulls_.Bits(s, b, known.data());
       TakeHull(b, &choice, scope);
       continue;
     }
     // What darkened the packet before this one, or this one before, for the light's last sample.
-    if (!by_hulls || s == hull_begin_ || packets_[b].first_leaf == RayPacket::kNoLeaf) {
+    if (!by_hulls || s == hulls_.begin() || packets_[b].first_leaf == RayPacket::kNoLeaf) {
       packets_[b].first_leaf = *first_leaf;
     }
     *first_leaf = packets_[b].first_leaf;
@@ -275,15 +266,15 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     if (!std::exchange(prepared, true)) prepare();
     const Strategy walk = by_shafts ? choice.Next() : strategy;
     if (by_hulls) {
-      if (hull_states_[b] == HullState::kNew) {
+      if (hulls_.IsNew(b)) {
         SL_RETURN_IF_ERROR(TraceHull(s, b, walk == Strategy::kShaft, scope));
       }
-      known_points = HullBits(s, b, &known);
-      if (HullAnswers(s, b) || known_points == static_cast<size_t>(packets_[b].count)) {
+      known_points = hulls_.Bits(s, b, known.data());
+      if (hulls_.Answers(s, b) || known_points == PointsOf(b)) {
         TakeHull(b, &choice, scope);
         continue;
       }
-      cut = hull_states_[b] == HullState::kRoot ? nullptr : &hull_rests_[b].cut;
+      cut = hulls_.CutOf(b);
     }
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
@@ -299,7 +290,11 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     scope->Took(walk);
     if (by_shafts) {
       WalkStats after = *scope->walk();
-      if (by_hulls && walk == Strategy::kShaft) AddHullShare(b, &after);
+      if (by_hulls && walk == Strategy::kShaft) {
+        after.nodes += hulls_.share(b).nodes;
+        after.leaves += hulls_.share(b).leaves;
+        after.triangle_tests += hulls_.share(b).triangle_tests;
+      }
       cycles_ += choice.Learn(walk, before, after, PointsOf(b) - known_points_[b]);
     }
     *first_leaf = packets_[b].first_leaf;
@@ -378,115 +373,36 @@ absl::Status SampleTracer::TraceTiles(const LightSample& sample, uint32_t mask, 
   return absl::OkStatus();
 }
 
-void SampleTracer::FindHull(size_t s) {
-  if (s >= hull_begin_ && s < hull_end_) return;
-  const LightSample& first = samples_[s];
-  const auto belongs = [&](size_t i) {
-    const LightSample& own = samples_[i];
-    return own.valid && !own.directional && own.light == first.light && own.mask == first.mask &&
-           own.source_triangle == first.source_triangle;
-  };
-  hull_begin_ = s;
-  const size_t end = std::min(samples_.size(), s + LightHull::kMostSamples);
-  for (hull_end_ = s; hull_end_ < end && belongs(hull_end_); ++hull_end_) {
-  }
-  // With t_min the points differ from sample to sample.
-  if (t_min_ != 0) hull_end_ = s + 1;
-  hull_states_.assign(blocks(), HullState::kNew);
-  hull_begun_ = false;
-}
-
-void SampleTracer::BeginHulls() {
-  if (std::exchange(hull_begun_, true)) return;
-  if (fitted_begin_ != hull_begin_ || fitted_end_ != hull_end_) {
-    Vec3f values[LightHull::kMostSamples];
-    for (size_t i = hull_begin_; i < hull_end_; ++i) values[i - hull_begin_] = samples_[i].value;
-    hull_light_ = FitLightHull({values, hull_end_ - hull_begin_});
-    fitted_begin_ = hull_begin_;
-    fitted_end_ = hull_end_;
-  }
-  const std::span<const Vec3f> origins(hull_light_.samples, hull_light_.count);
-  const std::span<const RayPacket> packets(packets_.get(), blocks());
-  const bool has_cut =
-      blocks() > 1 && run_.kernels().cut_hull(scene_, origins, packets, nullptr, &hull_cut_);
-  hull_group_cut_ = has_cut ? &hull_cut_ : nullptr;
-  hull_rests_.resize(blocks());
-  hull_blocked_.resize(blocks() * kBlockRays);
-  hull_shares_.resize(blocks());
-  if (record_answered_by_) hull_answered_by_.resize(blocks() * kBlockRays);
-}
-
 absl::Status SampleTracer::TraceHull(size_t s, size_t b, bool by_shaft, StatsScope* scope) {
-  const uint32_t budget = by_shaft && kind_ == HitKind::kAny ? kMostHullWork : 0;
   const WalkStats before = *scope->walk();
-  bool has_cut = false;
+  bool walked = false;
   SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
-    if (packet->answered_by != nullptr) {
-      std::fill_n(packet->answered_by, packet->count, AnsweredBy::kShaft);
-    }
-    has_cut = run_.kernels().trace_hull(scene_, hull_light_, *packet, hull_group_cut_, budget,
-                                        &hull_rests_[b], hull_blocked_.data() + b * kBlockRays,
-                                        run_.cancel(), scope->walk());
+    walked = hulls_.Trace(b, by_shaft, packet, scope->walk());
     packet->origin = samples_[s].value;
     return run_.Poll();
   }));
-  hull_states_[b] = !has_cut                      ? HullState::kRoot
-                    : hull_rests_[b].samples == 0 ? HullState::kAnswered
-                                                  : HullState::kCut;
-  const WalkStats& after = *scope->walk();
-  const uint64_t samples = hull_end_ - hull_begin_;
-  hull_shares_[b] = {
-      .nodes = (after.nodes - before.nodes) / samples,
-      .leaves = (after.leaves - before.leaves) / samples,
-      .triangle_tests = (after.triangle_tests - before.triangle_tests) / (kHullTests * samples)};
-  if (record_answered_by_) {
-    std::copy_n(AnsweredByOf(b), packets_[b].count, hull_answered_by_.data() + b * kBlockRays);
-  }
-  if (!has_cut || budget == 0) return absl::OkStatus();
-  for (size_t i = hull_begin_; i < hull_end_; ++i) {
+  if (!walked) return absl::OkStatus();
+  for (size_t i = hulls_.begin(); i < hulls_.end(); ++i) {
     hints_.first_leaves[i] = packets_[b].first_leaf;
-    NoteCovers(i, before, after);
+    NoteCovers(i, before, *scope->walk());
   }
   return absl::OkStatus();
-}
-
-void SampleTracer::AddHullShare(size_t b, WalkStats* stats) const {
-  stats->nodes += hull_shares_[b].nodes;
-  stats->leaves += hull_shares_[b].leaves;
-  stats->triangle_tests += hull_shares_[b].triangle_tests;
-}
-
-bool SampleTracer::HullAnswers(size_t s, size_t b) const {
-  if (hull_states_[b] == HullState::kAnswered) return true;
-  return hull_states_[b] == HullState::kCut &&
-         (hull_rests_[b].samples >> (s - hull_begin_) & 1) == 0;
-}
-
-size_t SampleTracer::HullBits(size_t s, size_t b, BlockBits* bits) const {
-  const size_t first = b * kBlockRays;
-  const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
-  if (count < kBlockRays) bits->fill(0);
-  return rows_.flag_bits({hull_blocked_.data() + first, count},
-                         static_cast<uint32_t>(s - hull_begin_), bits->data());
 }
 
 void SampleTracer::TakeHull(size_t b, WalkChoice* choice, StatsScope* scope) {
   by_bits_[b] = true;
   if (!coming_positions_.empty()) ComingOf(b).All();  // Its turn will not come.
   scope->Took(Strategy::kShaft);
-  WalkStats share;
-  AddHullShare(b, &share);
-  cycles_ += choice->Learn(Strategy::kShaft, {}, share, static_cast<size_t>(packets_[b].count));
+  cycles_ += choice->Learn(Strategy::kShaft, {}, hulls_.share(b), PointsOf(b));
   if (record_answered_by_) {
-    std::copy_n(hull_answered_by_.data() + b * kBlockRays, packets_[b].count, AnsweredByOf(b));
+    std::copy_n(hulls_.answered_by(b), PointsOf(b), AnsweredByOf(b));
   }
 }
 
 void SampleTracer::MarkKnown(size_t b, const BlockBits& known, bool by_hull) {
   for (size_t i = 0; i < kBlockRays; ++i) {
     if ((known[i / 16] >> (i % 16) & 1) == 0) continue;
-    answered_by_[b * kBlockRays + i] =
-        by_hull ? hull_answered_by_[b * kBlockRays + i] : AnsweredBy::kShaft;
+    answered_by_[b * kBlockRays + i] = by_hull ? hulls_.answered_by(b)[i] : AnsweredBy::kShaft;
   }
 }
 

@@ -24,15 +24,14 @@
 
 #include "absl/status/status.h"
 #include "core/accel/indexed_geometry.h"
-#include "core/base/aligned_vector.h"
 #include "core/light/light.h"
 #include "core/query/group_grounds.h"
+#include "core/query/group_hulls.h"
 #include "core/query/point_rows.h"
 #include "core/query/query_run.h"
 #include "core/query/ray_block.h"
 #include "core/query/shadows.h"
 #include "core/traverse/gradual_fetch.h"
-#include "core/traverse/light_hull.h"
 #include "core/traverse/shaft_cut.h"
 #include "core/traverse/trace_ray.h"
 
@@ -47,6 +46,7 @@ class SampleTracer {
         run_(run),
         rows_(PointRowKernelsFor(run.options().simd)),
         grounds_(scene, run, samples.size()),
+        hulls_(scene, run, kind, samples),
         kind_(kind),
         t_min_(t_min),
         samples_(samples),
@@ -157,21 +157,10 @@ class SampleTracer {
   absl::Status FetchWhile(size_t block, Packet* packet, const Walk& walk);
   // Takes note of whether a block's walk met a triangle that blocks most of it.
   void NoteCovers(size_t s, const WalkStats& before, const WalkStats& after);
-  // The samples from s on that are of its light, and share a hull.
-  void FindHull(size_t s);
-  // Begins on the hull of these and the group's points, whose packets are laid out.
-  void BeginHulls();
-  // Puts all of them to block b at once, if its walk is to be a shaft's; else cuts by the hull of
-  // them and the block's points alone.
+  // Puts all samples of the hull to block b at once (GroupHulls::Trace).
   absl::Status TraceHull(size_t s, size_t b, bool by_shaft, StatsScope* scope);
-  // The points of block b that it found sample s not to see. Returns how many.
-  size_t HullBits(size_t s, size_t b, BlockBits* bits) const;
-  // Whether nothing of block b is left to be walked for sample s.
-  bool HullAnswers(size_t s, size_t b) const;
-  // Answers block b for a sample by these, which are in bits_, alone.
+  // Answers block b for a sample by what its hull found, which is in bits_, alone.
   void TakeHull(size_t b, WalkChoice* choice, StatsScope* scope);
-  // Adds a sample's share of what it cost.
-  void AddHullShare(size_t b, WalkStats* stats) const;
   // What answered such points of a block, where it is recorded.
   void MarkKnown(size_t b, const BlockBits& known, bool by_hull);
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
@@ -192,6 +181,7 @@ class SampleTracer {
   const QueryRun& run_;
   const PointRowKernels& rows_;
   GroupGrounds grounds_;
+  GroupHulls hulls_;
   const HitKind kind_;
   const double t_min_;
   const std::span<const LightSample> samples_;
@@ -227,21 +217,6 @@ class SampleTracer {
   std::vector<uint32_t> light_of_;    // By sample: how many lights came before its own.
   std::vector<uint32_t> samples_of_;  // By that.
   WalkChoices segments_choices_, parallel_choices_;
-  // Samples hull_begin_ .. hull_end_ are asked about together: hull_light_, if fitted_begin_ and
-  // fitted_end_ are the same. hull_cut_ is that of all blocks, or hull_group_cut_ null.
-  size_t hull_begin_ = 0, hull_end_ = 0, fitted_begin_ = 0, fitted_end_ = 0;
-  bool hull_begun_ = false;
-  LightHull hull_light_;
-  ShaftCut hull_cut_;
-  const ShaftCut* hull_group_cut_ = nullptr;
-  // By block. kCut: hull_rests_ has what is left to walk; kAnswered: nothing is.
-  enum class HullState : uint8_t { kNew, kRoot, kCut, kAnswered };
-  std::vector<HullState> hull_states_;
-  std::vector<HullRest> hull_rests_;
-  std::vector<WalkStats> hull_shares_;  // What they cost, by sample.
-  // By point: bit k says that it is not seen by sample hull_begin_ + k; and what answered it.
-  AlignedVector<uint16_t> hull_blocked_;
-  std::vector<AnsweredBy> hull_answered_by_;
 };
 
 }  // namespace sightline
