@@ -78,6 +78,15 @@ HWY_INLINE V NormInfV(const Vec3V<V>& a) {
   return hn::Max(hn::Max(hn::Abs(a.x), hn::Abs(a.y)), hn::Abs(a.z));
 }
 
+// Keeps GCC 12 from spilling a mask register of 8 or 16 bits by its own size where all 32 are read
+// back: the others were whatever had been in that place of the stack before.
+HWY_INLINE uint32_t InGeneralRegister(uint32_t bits) {
+#if HWY_COMPILER_GCC_ACTUAL && HWY_TARGET <= HWY_AVX3
+  asm("" : "+r"(bits));
+#endif
+  return bits;
+}
+
 // Mask to integer, bit i for lane i. Only what StoreMaskBits wrote is read back, so that compilers
 // keep it in a register.
 template <class D, class M>
@@ -85,12 +94,12 @@ HWY_INLINE uint32_t MaskBits(D d, M mask) {
   uint8_t bytes[8];
   hn::StoreMaskBits(d, mask, bytes);
   if constexpr (hn::MaxLanes(D()) <= 8) {
-    return bytes[0];
+    return InGeneralRegister(bytes[0]);
   } else {
     static_assert(hn::MaxLanes(D()) == 16);
     uint16_t bits;
     __builtin_memcpy(&bits, bytes, sizeof(bits));
-    return bits;
+    return InGeneralRegister(bits);
   }
 }
 
