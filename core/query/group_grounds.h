@@ -22,6 +22,7 @@
 #include "core/light/light.h"
 #include "core/query/point_rows.h"
 #include "core/query/query_run.h"
+#include "core/traverse/clear_leaves.h"
 #include "core/traverse/point_ground.h"
 #include "core/traverse/trace_ray.h"
 
@@ -44,7 +45,10 @@ class GroupGrounds {
 
   // Which points of a block their grounds hide from the sample: bit i % 16 of bits[i / 16] for
   // point i, as many bits as a block has. Returns how many. REQUIRES: Help().
-  size_t Bits(const LightSample& sample, size_t block, uint16_t* bits) const;
+  size_t Bits(const LightSample& sample, size_t block, uint16_t* bits);
+  // The leaves that are clear of a block's points toward the sample: valid until it is called for
+  // the block again. REQUIRES: Help().
+  const ClearToward* ClearOf(const LightSample& sample, size_t block);
 
  private:
   enum class State : uint8_t { kNew, kFound, kUseless };
@@ -55,13 +59,36 @@ class GroupGrounds {
   const IndexedGeometry& scene_;
   const QueryRun& run_;
   const PointRowKernels& rows_;
-  const bool wanted_;
+  const bool wanted_, wants_clear_;
   std::span<const Vec3f> positions_;
   std::span<const uint32_t> sources_;
   State state_ = State::kNew;
-  // Groups that are passed by before another search, and how many after the next that fails.
-  uint32_t wait_ = 0, next_wait_ = 1;
-  std::unique_ptr<PointGrounds[]> grounds_;  // By block; made when first needed.
+  // Whether something is tried for a group: after it went badly not for the next ones, `wait` of
+  // them and then ever more.
+  class Turn {
+   public:
+    explicit Turn(uint32_t wait) : first_wait_(wait), next_wait_(wait) {}
+    bool Comes() {
+      if (wait_ == 0) return true;
+      --wait_;
+      return false;
+    }
+    void Went(bool well);
+
+   private:
+    const uint32_t first_wait_;
+    uint32_t wait_ = 0, next_wait_;
+  };
+
+  Turn grounds_turn_ = Turn(1), clear_turn_ = Turn(16);
+  bool has_clear_ =
+      false;  // Of this group; pairs of a leaf and a block that were looked at for it,
+  uint64_t searched_ = 0, cleared_ = 0;  // and how often they were clear.
+  // By block; made when first needed.
+  std::unique_ptr<PointGrounds[]> grounds_;
+  std::unique_ptr<ClearLeaves[]> clear_;
+  std::unique_ptr<ClearToward[]> toward_;
+  alignas(64) float rises_[PointGrounds::kMaxPoints / 16];  // Of the last Bits().
 };
 
 }  // namespace sightline

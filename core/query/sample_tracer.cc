@@ -120,6 +120,7 @@ absl::Status SampleTracer::Trace(size_t s) {
   const bool answered = strategy == Strategy::kShaft && AskGrounds(s, mask, &scope);
   absl::Status traced = answered ? absl::OkStatus() : TraceByWalks(s, mask, strategy, &scope);
   known_points_.fill(0);
+  clear_.fill(nullptr);
   FetchMeanwhile({}, {}, {});
   if (traced.ok() && run_.options().count_answers) CountAnswers(answered_by_, stats_);
   return traced;
@@ -148,6 +149,7 @@ bool SampleTracer::AskGrounds(size_t s, uint32_t mask, StatsScope* scope) {
   for (size_t b = 0; b < blocks(); ++b) {
     if (b < covered) bits_[b].fill(0xFFFF);
     known_points_[b] = b < covered ? PointsOf(b) : grounds_.Bits(samples_[s], b, bits_[b].data());
+    if (known_points_[b] < PointsOf(b)) clear_[b] = grounds_.ClearOf(samples_[s], b);
   }
   return false;
 }
@@ -232,6 +234,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
                               packet.target_source);
       }
       packet.unasked = KnownOf(b);
+      packet.clear = clear_[b];
       packet.point_box = packet.unasked == nullptr ? &boxes_[b] : nullptr;
       packet.sourceless = sources_.empty();
     }
@@ -426,6 +429,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
                               packet.origin_source);
       }
       packet.unasked = KnownOf(b);
+      packet.clear = clear_[b];
       packet.point_box = packet.unasked == nullptr ? &boxes_[b] : nullptr;
       packet.sourceless = sources_.empty();
     }

@@ -200,6 +200,7 @@ class SampleTracer {
   // How many of a block's points the grounds hide from the sample that is being asked about: bits_
   // has them before its walk.
   std::array<size_t, kGroupBlocks> known_points_ = {};
+  std::array<const ClearToward*, kGroupBlocks> clear_ = {};  // By block, as packets'.
   bool record_answered_by_;
   std::vector<AnsweredBy> answered_by_;  // By point, where it is recorded.
   // By block; made when first needed, and not initialized.

@@ -14,6 +14,7 @@
 #include "hwy/foreach_target.h"
 // clang-format on
 
+#include "core/traverse/clear_leaves-inl.h"
 #include "core/traverse/hull_cut-inl.h"
 #include "core/traverse/hull_walk-inl.h"
 #include "core/traverse/kd_packet-inl.h"
@@ -59,6 +60,8 @@ const Kernels& TargetKernels() {
       .find_grounds = &FindGrounds,
       .ground_bits = &GroundBits<false>,
       .parallel_ground_bits = &GroundBits<true>,
+      .choose_clear = &ChooseClear<false>,
+      .choose_parallel_clear = &ChooseClear<true>,
   };
   return kKernels;
 }

@@ -17,6 +17,7 @@
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
+#include "core/traverse/clear_leaves.h"
 #include "core/traverse/light_hull.h"
 #include "core/traverse/point_ground.h"
 #include "core/traverse/rtt.h"
@@ -71,13 +72,21 @@ using CoverPointsFn = bool (*)(const IndexedGeometry& scene, ChildRef leaf, Vec3
                                std::span<const uint32_t> sources, WalkStats* stats);
 
 // The grounds of grounds->count points, whose x, y and z are given, none of them a triangle of
-// `sources` (by point, or null). Returns how many points have one.
+// `sources` (by point, or null); and the leaves that are clear of them, unless `clear` is null.
+// Returns how many points have one. REQUIRES: for `clear`, finite points.
 using FindGroundsFn = uint32_t (*)(const IndexedGeometry& scene, const uint32_t* sources,
-                                   PointGrounds* grounds, WalkStats* stats);
+                                   PointGrounds* grounds, ClearLeaves* clear, WalkStats* stats);
 // Which points their grounds block from `common`, a segment's other end, or a direction that rays
 // run along: bit i % 16 of bits[i / 16] for point i, as many as a packet has. Returns how many.
-// Objects are not asked (MustAskObjects).
-using GroundBitsFn = size_t (*)(const PointGrounds& grounds, Vec3f common, uint16_t* bits);
+// Besides, how far D leads up along the grounds' normals of sixteen points, of those that are not
+// blocked, at least: rises[i / 16], at 64 bytes, +inf if all are. Objects are not asked
+// (MustAskObjects).
+using GroundBitsFn = size_t (*)(const PointGrounds& grounds, Vec3f common, uint16_t* bits,
+                                float* rises);
+// Those of the leaves that block nothing toward `common` from some block's points, but for those
+// that GroundBitsFn said to be blocked when it made `rises`.
+using ChooseClearFn = void (*)(const ClearLeaves& clear, Vec3f common, const float* rises,
+                               ClearToward* toward);
 
 // Relevant triangles tracing (rtt.h) over the kd-tree, which the scene must have: packets with one
 // origin and one kind of target.
@@ -102,6 +111,7 @@ struct Kernels {
   CoverPointsFn cover_points, cover_parallel_points;  // By segments; by rays.
   FindGroundsFn find_grounds;
   GroundBitsFn ground_bits, parallel_ground_bits;  // Of segments; of rays.
+  ChooseClearFn choose_clear, choose_parallel_clear;
 };
 
 // REQUIRES: SimdTargetAvailable(target).

@@ -25,6 +25,7 @@
 #include "core/base/check.h"
 #include "core/shaft/axis_caps-inl.h"
 #include "core/shaft/margins.h"
+#include "core/traverse/clear_leaves-inl.h"
 #include "core/traverse/lane_bounds.h"
 #include "core/traverse/leaf_corners-inl.h"
 #include "core/traverse/origin_lanes-inl.h"
@@ -208,7 +209,8 @@ class OccludedPacketWalk {
   bool VisitLeaf(ChildRef ref, const Pending& pending) {
     uint32_t met[Lanes::kMaxRays / 8];
     uint32_t groups = 0;  // Those of which a lane enters.
-    for (uint32_t left = pending.groups & lanes_.open_groups(); left != 0; left &= left - 1) {
+    const uint32_t asked = pending.groups & lanes_.open_groups() & ~ClearGroups(ref);
+    for (uint32_t left = asked; left != 0; left &= left - 1) {
       const uint32_t g = std::countr_zero(left);
       met[g] = lanes_.LanesMeet(g, pending.slab);
       groups |= (met[g] != 0 ? 1u : 0u) << g;
@@ -249,6 +251,21 @@ class OccludedPacketWalk {
       lanes_.Block(leaf.id(i), g, MaskBits(d, test.Settle(i, g * kLanes, lanes, ray, stats_)));
     }
     return lanes_.live() == 0;
+  }
+
+  // Those of whose lanes the leaf blocks none.
+  HWY_INLINE uint32_t ClearGroups(ChildRef ref) const {
+    const uint32_t blocks = ClearBlocks(packet_.clear, ref.bits());
+    if constexpr (kLanes == kShaftBlockRays) {
+      return blocks;
+    } else {
+      uint32_t groups = 0;
+      for (uint32_t left = blocks; left != 0; left &= left - 1) {
+        constexpr uint32_t kGroups = kShaftBlockRays / kLanes;
+        groups |= ((1u << kGroups) - 1) << (kGroups * std::countr_zero(left));
+      }
+      return groups;
+    }
   }
 
   // Of a triangle i and a group g that sees its rectangle: g * kMaxLeafTriangles + i.

@@ -23,6 +23,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/geometry/box3.h"
 #include "core/intersect/predicate-inl.h"
+#include "core/traverse/clear_leaves-inl.h"
 #include "core/traverse/leaf_corners-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/point_ground.h"
@@ -90,10 +91,13 @@ class GroundSearch {
     clear(grounds_.normal_z, 0);
     clear(grounds_.height, 0);
     clear(grounds_.slope, PointGrounds::kNone);
+    for (double(&row)[PointGrounds::kMaxPoints] : normals_)
+      std::fill(std::begin(row), std::end(row), 0);
     if (has_sources_) {
       std::copy_n(sources, count, source_);
       std::fill(source_ + count, std::end(source_), kNoTriangle);
     }
+    grounds_.leaf_count = 0;
     PlaceBlocks();
   }
 
@@ -106,7 +110,9 @@ class GroundSearch {
       const ChildRef ref = ChildRef::FromBits(stack[--size]);
       ++steps_;
       if (ref.is_leaf()) {
-        VisitLeaf(LeafView(scene_, ref));
+        if (VisitLeaf(LeafView(scene_, ref)) && grounds_.leaf_count < PointGrounds::kMostLeaves) {
+          grounds_.leaf[grounds_.leaf_count++] = ref.bits();
+        }
         continue;
       }
       const BvhNode& node = scene_.bvh.nodes[ref.node()];
@@ -117,15 +123,36 @@ class GroundSearch {
     }
     uint32_t found = 0;
     const ShaftD d;
-    const size_t count = static_cast<size_t>(grounds_.count);
+    const auto count = static_cast<size_t>(grounds_.count);
     for (size_t i = 0; i < count; i += hn::Lanes(d)) {
       const ShaftM has = hn::Lt(hn::Load(d, grounds_.slope + i), hn::Set(d, PointGrounds::kNone));
       found += static_cast<uint32_t>(hn::CountTrue(d, hn::And(has, hn::FirstN(d, count - i))));
     }
+    if (found > 0 && found < count) LendNormals();
     return found;
   }
 
+  // The points' normals in doubles. REQUIRES: Run() has found one.
+  const PointNormals& normals() const { return normals_; }
+
  private:
+  // To points that have none: the last one's before them, or the first one's behind.
+  void LendNormals() {
+    const auto has = [this](int i) { return grounds_.slope[i] < PointGrounds::kNone; };
+    int from = 0;
+    while (!has(from)) ++from;
+    for (int i = 0; i < PointGrounds::kMaxPoints; ++i) {
+      if (has(i)) {
+        from = i;
+        continue;
+      }
+      grounds_.normal_x[i] = grounds_.normal_x[from];
+      grounds_.normal_y[i] = grounds_.normal_y[from];
+      grounds_.normal_z[i] = grounds_.normal_z[from];
+      for (double(&row)[PointGrounds::kMaxPoints] : normals_) row[i] = row[from];
+    }
+  }
+
   // Boxes around each block's points, as much wider as a ground that large may be beneath them.
   void PlaceBlocks() {
     const ShaftD d;
@@ -170,8 +197,10 @@ class GroundSearch {
     return MaskBits(d, met);
   }
 
-  void VisitLeaf(const LeafView& leaf) {
+  // Returns whether some of its triangles are beside the points.
+  bool VisitLeaf(const LeafView& leaf) {
     ++stats_.leaves;
+    bool beside = false;
     const ShaftD d;
     for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
       const V3 a = LeafCorner(leaf, 0, first), b = LeafCorner(leaf, 1, first),
@@ -187,6 +216,7 @@ class GroundSearch {
       }
       uint32_t left = MaskBits(d, met);
       if (left == 0) continue;
+      beside = true;
       for (int k = 0; k < 3; ++k) {
         hn::Store(lo[k], d, triangles_.lo[k]);
         hn::Store(hi[k], d, triangles_.hi[k]);
@@ -197,6 +227,7 @@ class GroundSearch {
         VisitTriangle(leaf, i, first + i);
       }
     }
+    return beside;
   }
 
   // Barycentric coordinates, heights above the plane, and what a coordinate of one is in length.
@@ -326,6 +357,14 @@ class GroundSearch {
       put(turned(triangle.up.x), grounds_.normal_x);
       put(turned(triangle.up.y), grounds_.normal_y);
       put(turned(triangle.up.z), grounds_.normal_z);
+      const auto chosen =
+          hn::Gt(hn::PromoteTo(d, hn::IfThenElseZero(better, hn::Set(df, 1.0f))), hn::Zero(d));
+      const auto side_in_doubles = hn::And(height, hn::SignBit(d));
+      for (int k = 0; k < 3; ++k) {
+        const auto own_up = hn::Xor(hn::Set(d, triangle.up[k]), side_in_doubles);
+        hn::Store(hn::IfThenElse(chosen, own_up, hn::Load(d, normals_[k] + at)), d,
+                  normals_[k] + at);
+      }
     }
   }
 
@@ -353,23 +392,32 @@ class GroundSearch {
   Box3f box_;
   alignas(64) float lo_[3][kShaftBlocks], hi_[3][kShaftBlocks];  // By block.
   Triangles triangles_;
+  alignas(64) PointNormals normals_;                       // Of points that have one.
   alignas(64) uint32_t source_[PointGrounds::kMaxPoints];  // If has_sources_.
 };
 
 // As FindGroundsFn says.
 inline uint32_t FindGrounds(const IndexedGeometry& scene, const uint32_t* sources,
-                            PointGrounds* grounds, WalkStats* stats) {
+                            PointGrounds* grounds, ClearLeaves* clear, WalkStats* stats) {
+  if (clear != nullptr) clear->count = 0;
   if (grounds->count == 0) return 0;
-  return GroundSearch(scene, sources, grounds, stats).Run();
+  GroundSearch search(scene, sources, grounds, stats);
+  const uint32_t found = search.Run();
+  if (found > 0 && clear != nullptr) {
+    ClearLeafSearch(scene, *grounds, search.normals(), clear, stats).Run();
+  }
+  return found;
 }
 
 // As GroundBitsFn says.
 template <bool kParallel>
-size_t GroundBits(const PointGrounds& grounds, Vec3f common, uint16_t* bits) {
+size_t GroundBits(const PointGrounds& grounds, Vec3f common, uint16_t* bits, float* rises) {
   using V = ShaftV;
   const ShaftD d;
   const Vec3V<V> toward = Broadcast(d, common.x, common.y, common.z);
   const V underflow = hn::Set(d, kFloatUnderflow);
+  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+  HWY_ALIGN float rise[PointGrounds::kMaxPoints];
   size_t dark = 0;
   for (size_t at = 0; at < PointGrounds::kMaxPoints; at += kShaftBlockRays) {
     uint32_t of_block = 0;
@@ -385,13 +433,17 @@ size_t GroundBits(const PointGrounds& grounds, Vec3f common, uint16_t* bits) {
           DotV(along, Vec3V<V>{hn::Load(d, grounds.normal_x + i), hn::Load(d, grounds.normal_y + i),
                                hn::Load(d, grounds.normal_z + i)});
       const V least = hn::MulAdd(hn::Load(d, grounds.slope + i), Norm1V(along), underflow);
-      of_block |= MaskBits(d, hn::Lt(hn::Add(up, down), hn::Neg(least))) << (i - at);
+      const ShaftM below = hn::Lt(hn::Add(up, down), hn::Neg(least));
+      of_block |= MaskBits(d, below) << (i - at);
+      hn::Store(hn::IfThenElse(below, infinity, up), d, rise + i);
     }
     const int points = std::clamp(grounds.count - static_cast<int>(at), 0, kShaftBlockRays);
     of_block &= (1u << points) - 1;
     bits[at / kShaftBlockRays] = static_cast<uint16_t>(of_block);
     dark += static_cast<size_t>(std::popcount(of_block));
   }
+  ReduceBlocks([](V a, V b) HWY_ATTR { return hn::Min(a, b); },
+               [&rise](size_t at) HWY_ATTR { return hn::Load(ShaftD(), rise + at); }, rises);
   return dark;
 }
 

@@ -44,13 +44,19 @@ inline constexpr float kGroundSlack = 0x1p-20f;
 inline constexpr double kLeastGroundSine = 0x1p-16;
 inline constexpr double kGroundUnits = 0x1p-48;
 
-// A packet's points, and theirs. Lanes behind the last point repeat it.
+// A packet's points, and theirs. Lanes behind the last point repeat it. Points that have none have
+// another's normal, if any has one.
 struct alignas(64) PointGrounds {
   static constexpr int kMaxPoints = RayPacket::kMaxRays;
+
+  static constexpr uint32_t kMostLeaves = 64;
 
   static constexpr float kNone = std::numeric_limits<float>::infinity();  // As a slope.
 
   int count = 0;
+  // Leaves with a triangle beside the points, as ChildRef bits; of more than kMostLeaves some.
+  uint32_t leaf_count = 0;
+  uint32_t leaf[kMostLeaves];
   alignas(64) float x[kMaxPoints], y[kMaxPoints], z[kMaxPoints];
   alignas(64) float normal_x[kMaxPoints], normal_y[kMaxPoints], normal_z[kMaxPoints];
   alignas(64) float height[kMaxPoints], slope[kMaxPoints];

@@ -34,6 +34,7 @@
 #include "core/base/fill-inl.h"
 #include "core/base/masked_store-inl.h"
 #include "core/intersect/hit.h"
+#include "core/traverse/clear_leaves-inl.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
 #include "core/traverse/packet-inl.h"
@@ -130,7 +131,7 @@ class ShaftWalk {
         if (packet_.first_leaf != RayPacket::kNoLeaf) {
           const ChildRef first = ChildRef::FromBits(packet_.first_leaf);
           SIGHTLINE_DCHECK(scene_.bvh.HoldsLeaf(first)) << "first leaf " << packet_.first_leaf;
-          VisitLeaf(first);
+          if (LookAway(first)) VisitLeaf(first);
           if (bounds_.open_blocks == 0) return true;
           packet_.first_leaf = RayPacket::kNoLeaf;
         }
@@ -169,6 +170,7 @@ class ShaftWalk {
       FetchMeanwhile();
       const ChildRef ref = pending.ref();
       if (ref.is_leaf()) {
+        if (!LookAway(ref)) continue;
         work += 2 + VisitLeaf(ref);
         if (bounds_.open_blocks == 0) {
           if constexpr (kAny) packet_.first_leaf = ref.bits();
@@ -259,6 +261,16 @@ class ShaftWalk {
       hn::Store(nearest, d8, depths);
       return PushNearestOnTop(node, MaskBits(d8, met), depths, stack, depth);
     }
+  }
+
+  // Leaves out those blocks that a leaf blocks nothing of. Returns whether any are left; VisitLeaf
+  // puts the others back.
+  HWY_INLINE bool LookAway(ChildRef ref) {
+    if constexpr (!kAny) return true;
+    const uint32_t open = bounds_.open_blocks & ~ClearBlocks(packet_.clear, ref.bits());
+    if (open == 0) return false;
+    bounds_.open_blocks = open;
+    return true;
   }
 
   // Returns the number of relevant triangles.

@@ -22,6 +22,8 @@
 
 namespace sightline {
 
+struct ClearToward;
+
 // Triangles whose ids follow one another: an object's.
 struct TriangleRange {
   uint32_t first = 0, count = 0;
@@ -73,6 +75,8 @@ struct alignas(64) RayPacket {
   // Any hit, over the BVH: lanes whose answer is not wanted, a bit each, sixteen to a number; null:
   // all are wanted.
   const uint16_t* unasked = nullptr;
+  // Any hit, over the BVH: leaves that block none of some blocks' others; null: none are known.
+  const ClearToward* clear = nullptr;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
   // As a TraceRay's: by lane, up to the end of a vector, or null; and for all lanes.
@@ -118,6 +122,7 @@ struct alignas(64) RayPacket {
     to->unseen = unseen;
     to->grid = nullptr;
     to->unasked = nullptr;
+    to->clear = nullptr;
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
@@ -146,6 +151,7 @@ struct alignas(64) ParallelPacket {
   const Box3f* point_box = nullptr;          // As in RayPacket.
   AnsweredBy* answered_by = nullptr;         // As in RayPacket.
   const uint16_t* unasked = nullptr;         // As in RayPacket.
+  const ClearToward* clear = nullptr;        // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
   alignas(64) uint32_t triangle[kMaxRays];       // Result: some blocker's id, or kNoTriangle.
@@ -157,6 +163,7 @@ struct alignas(64) ParallelPacket {
     to->mask = mask;
     to->direction_source = direction_source;
     to->unasked = nullptr;
+    to->clear = nullptr;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
     to->meanwhile = nullptr;

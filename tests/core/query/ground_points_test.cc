@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Points on surfaces, put to so many lights that what they lie on is looked for first: every way of
-// asking gives the bits of single rays, and what lies below a point's horizon takes no walk.
+// asking gives the bits of single rays, what lies below a point's horizon takes no walk, and what
+// leads up from there does not visit what they lie on.
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -60,13 +61,13 @@ Points SomePoints(const SceneGeometry& geometry, size_t count, double height, do
   return points;
 }
 
-// Points and directions all around; and an area light, which has a walk of its own.
-std::vector<LightSample> Lights(TestRng& rng) {
+// `count` points and directions all around; and an area light, which has a walk of its own.
+std::vector<LightSample> Lights(uint32_t count, TestRng& rng) {
   std::vector<LightSample> samples;
   const auto add = [&](const Light& light, uint32_t index) {
     EXPECT_TRUE(AppendSamples(light, index, {}, &samples).ok());
   };
-  for (uint32_t i = 0; i < 14; ++i) {
+  for (uint32_t i = 0; i < count; ++i) {
     Vec3d at;
     for (int k = 0; k < 3; ++k) at[k] = rng.Uniform(-1, 1);
     add(i % 2 == 0 ? Light::Point(at * rng.Uniform(0.5, 30)) : Light::Directional(at), i);
@@ -76,7 +77,7 @@ std::vector<LightSample> Lights(TestRng& rng) {
        .half_u = {0.5, 0, 0},
        .half_v = {0, 0.2, 0.5},
        .sample_count = 5},
-      14);
+      count);
   return samples;
 }
 
@@ -89,7 +90,8 @@ TEST(GroundPointsTest, AllWaysOfAskingGiveTheBitsOfSingleRays) {
     const bool with_sources = round % 3 == 2;
     const Points points = SomePoints(scene.geometry, 9001, /*height=*/rng.Chance(0.5) ? 1e-6 : 1e-3,
                                      /*astray=*/round % 2 == 0 ? 0.1 : 0.0, with_sources, rng);
-    const std::vector<LightSample> samples = Lights(rng);
+    // With as many, leaves are looked for that are clear of the points.
+    const std::vector<LightSample> samples = Lights(round % 2 == 0 ? 14 : 40, rng);
     SCOPED_TRACE(testing::Message() << "round " << round << ", sources " << with_sources);
     const ShadowOutputs outputs{.bits = true, .counts = true, .answered_by = true};
     ShadowResult truth;
@@ -154,6 +156,42 @@ TEST(GroundPointsTest, WhatLiesBelowTheHorizonTakesNoWalk) {
     ASSERT_TRUE(AppendSamples(below, i, {}, &samples).ok());
   }
   EXPECT_EQ(nodes(), sixteen);
+}
+
+// What leads straight up from gentle hills visits less than half of the leaves that it visits where
+// too few lights ask to look for clear ones: what is left lies above points, by its box.
+TEST(GroundPointsTest, WhatLeadsUpDoesNotVisitWhatPointsLieOn) {
+  TestRng rng;
+  const IndexedGeometry scene = MakeScene({MakeTerrain(12, 8, {-4, -3, -4})});
+  Points points = SomePoints(scene.geometry, 4096, /*height=*/1e-6, /*astray=*/0,
+                             /*with_sources=*/false, rng);
+  std::fill(points.valid.begin(), points.valid.end(), 1);
+  std::vector<LightSample> samples;
+  const auto leaves = [&] {
+    ShadowResult got;
+    EXPECT_TRUE(ComputeShadows(scene, points.Slice(0, 4096), samples, {}, {}, {},
+                               {.strategy = Strategy::kShaft}, &got)
+                    .ok());
+    return got.stats.leaves;
+  };
+  const auto add_until = [&](uint32_t count) {
+    for (auto i = static_cast<uint32_t>(samples.size()); i < count; ++i) {
+      const Light above = i % 2 == 0 ? Light::Directional({1e-3, 1e-4 * i, 1})
+                                     : Light::Point({0.1 * i - 4, 1, 1000});
+      ASSERT_TRUE(AppendSamples(above, i, {}, &samples).ok());
+    }
+  };
+  uint64_t few[2], many[2];
+  for (const int k : {0, 1}) {
+    add_until(16 + 8 * k);
+    few[k] = leaves();
+  }
+  for (const int k : {0, 1}) {
+    add_until(40 + 64 * k);
+    many[k] = leaves();
+  }
+  EXPECT_GT(few[1], few[0]);
+  EXPECT_LT(2 * (many[1] - many[0]), 8 * (few[1] - few[0]));
 }
 
 }  // namespace

@@ -73,8 +73,9 @@ class PointGroundTest : public KernelsFixture {
       Vec3f common = ToFloat(parallel ? lead : ToDouble(grounds.point(some)) + lead);
       if (rng.Chance(0.2)) common = parallel ? rays.Target({0, 0, 0}, false) : rays.Point();
       uint16_t bits[kWords];
+      alignas(64) float rises[kWords];
       const size_t count = (parallel ? kernels().parallel_ground_bits : kernels().ground_bits)(
-          grounds, common, bits);
+          grounds, common, bits, rises);
       size_t set = 0;
       for (int i = 0; i < PointGrounds::kMaxPoints; ++i) {
         if (!IsSet(bits, i)) continue;
@@ -121,7 +122,7 @@ TEST_P(PointGroundTest, WhatTheyBlockIsBlocked) {
       }
       WalkStats stats;
       found += kernels().find_grounds(scene.indexed, with_sources ? sources.data() : nullptr,
-                                      grounds.get(), &stats);
+                                      grounds.get(), nullptr, &stats);
       blocked += Check(scene.indexed, *grounds, sources, rays, rng);
       if (HasFailure()) return;
     }
@@ -143,23 +144,24 @@ TEST_P(PointGroundTest, PointsOnASurfaceTellBelowFromAbove) {
       grounds->z[i] = static_cast<float>(0.05 + 0.41 * (i / 16) / 16);
     }
     WalkStats stats;
-    EXPECT_EQ(kernels().find_grounds(scene, nullptr, grounds.get(), &stats), 250u);
+    EXPECT_EQ(kernels().find_grounds(scene, nullptr, grounds.get(), nullptr, &stats), 250u);
     for (int i = 0; i < grounds->count; ++i) {
       EXPECT_EQ(grounds->normal(i), (Vec3f{0, 1, 0}));
       EXPECT_LT(grounds->slope[i], 200 * height + 2 * kGroundSlack);
     }
     uint16_t bits[kWords];
+    alignas(64) float rises[kWords];
     for (int ask = 0; ask < 50; ++ask) {
       const Vec3f along = {static_cast<float>(rng.Uniform(-1, 1)), -0.5f,
                            static_cast<float>(rng.Uniform(-1, 1))};
-      EXPECT_EQ(kernels().parallel_ground_bits(*grounds, along, bits), 250u);
-      EXPECT_EQ(kernels().parallel_ground_bits(*grounds, along * -1.0f, bits), 0u);
-      EXPECT_EQ(kernels().ground_bits(*grounds, along * 3.0f, bits), 250u);
-      EXPECT_EQ(kernels().ground_bits(*grounds, along * -3.0f, bits), 0u);
+      EXPECT_EQ(kernels().parallel_ground_bits(*grounds, along, bits, rises), 250u);
+      EXPECT_EQ(kernels().parallel_ground_bits(*grounds, along * -1.0f, bits, rises), 0u);
+      EXPECT_EQ(kernels().ground_bits(*grounds, along * 3.0f, bits, rises), 250u);
+      EXPECT_EQ(kernels().ground_bits(*grounds, along * -3.0f, bits, rises), 0u);
       // Within the plain, and between it and the points.
-      EXPECT_EQ(kernels().ground_bits(*grounds, {along.x, 0, along.z}, bits), 0u);
+      EXPECT_EQ(kernels().ground_bits(*grounds, {along.x, 0, along.z}, bits, rises), 0u);
       const auto between = static_cast<float>(height / 2);
-      EXPECT_EQ(kernels().ground_bits(*grounds, {along.x, between, along.z}, bits), 0u);
+      EXPECT_EQ(kernels().ground_bits(*grounds, {along.x, between, along.z}, bits, rises), 0u);
     }
   }
 }
@@ -178,9 +180,10 @@ TEST_P(PointGroundTest, SourcesAreNoGrounds) {
   }
   const uint32_t sources[2] = {0, kNoTriangle};
   WalkStats stats;
-  EXPECT_EQ(kernels().find_grounds(scene, sources, grounds.get(), &stats), 1u);
+  EXPECT_EQ(kernels().find_grounds(scene, sources, grounds.get(), nullptr, &stats), 1u);
   uint16_t bits[kWords];
-  EXPECT_EQ(kernels().parallel_ground_bits(*grounds, {0, -1, 0}, bits), 1u);
+  alignas(64) float rises[kWords];
+  EXPECT_EQ(kernels().parallel_ground_bits(*grounds, {0, -1, 0}, bits, rises), 1u);
   EXPECT_EQ(bits[0], 2u);
 }
 
@@ -197,7 +200,7 @@ TEST_P(PointGroundTest, PointsFarApartEndTheSearch) {
     grounds->z[i] = static_cast<float>(rng.Uniform(0, 200));
   }
   WalkStats stats;
-  kernels().find_grounds(scene, nullptr, grounds.get(), &stats);
+  kernels().find_grounds(scene, nullptr, grounds.get(), nullptr, &stats);
   EXPECT_GT(stats.leaves, 0u);
   EXPECT_LT(stats.leaves, 1000u);
   EXPECT_LT(stats.nodes, 1000u);
