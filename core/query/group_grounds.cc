@@ -96,7 +96,7 @@ size_t GroupGrounds::Bits(const LightSample& sample, size_t block, uint16_t* bit
   SIGHTLINE_DCHECK(state_ == State::kFound);
   const Kernels& kernels = run_.kernels();
   return (sample.directional ? kernels.parallel_ground_bits : kernels.ground_bits)(
-      grounds_[block], sample.value, bits, rises_);
+      grounds_[block], sample.value, bits, has_clear_ ? rises_ : nullptr);
 }
 
 }  // namespace sightline

@@ -79,7 +79,7 @@ using FindGroundsFn = uint32_t (*)(const IndexedGeometry& scene, const uint32_t*
 // Which points their grounds block from `common`, a segment's other end, or a direction that rays
 // run along: bit i % 16 of bits[i / 16] for point i, as many as a packet has. Returns how many.
 // Besides, how far D leads up along the grounds' normals of sixteen points, of those that are not
-// blocked, at least: rises[i / 16], at 64 bytes, +inf if all are. Objects are not asked
+// blocked, at least: rises[i / 16], at 64 bytes or null, +inf if all are. Objects are not asked
 // (MustAskObjects).
 using GroundBitsFn = size_t (*)(const PointGrounds& grounds, Vec3f common, uint16_t* bits,
                                 float* rises);

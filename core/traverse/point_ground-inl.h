@@ -73,9 +73,14 @@ class GroundSearch {
   using V3 = Vec3V<V>;
 
   // `sources`: the points' own triangles, or null.
-  GroundSearch(const IndexedGeometry& scene, const uint32_t* sources, PointGrounds* grounds,
-               WalkStats* stats)
-      : scene_(scene), has_sources_(sources != nullptr), grounds_(*grounds), stats_(*stats) {
+  // `lends`: points that have no ground get another's normal, and all have it in doubles, too.
+  GroundSearch(const IndexedGeometry& scene, const uint32_t* sources, bool lends,
+               PointGrounds* grounds, WalkStats* stats)
+      : scene_(scene),
+        has_sources_(sources != nullptr),
+        lends_(lends),
+        grounds_(*grounds),
+        stats_(*stats) {
     const int count = grounds_.count;
     const auto pad = [count](float* row) {
       std::fill(row + count, row + PointGrounds::kMaxPoints, row[count - 1]);
@@ -91,8 +96,11 @@ class GroundSearch {
     clear(grounds_.normal_z, 0);
     clear(grounds_.height, 0);
     clear(grounds_.slope, PointGrounds::kNone);
-    for (double(&row)[PointGrounds::kMaxPoints] : normals_)
-      std::fill(std::begin(row), std::end(row), 0);
+    if (lends_) {
+      for (double(&row)[PointGrounds::kMaxPoints] : normals_) {
+        std::fill(std::begin(row), std::end(row), 0);
+      }
+    }
     if (has_sources_) {
       std::copy_n(sources, count, source_);
       std::fill(source_ + count, std::end(source_), kNoTriangle);
@@ -128,11 +136,11 @@ class GroundSearch {
       const ShaftM has = hn::Lt(hn::Load(d, grounds_.slope + i), hn::Set(d, PointGrounds::kNone));
       found += static_cast<uint32_t>(hn::CountTrue(d, hn::And(has, hn::FirstN(d, count - i))));
     }
-    if (found > 0 && found < count) LendNormals();
+    if (lends_ && found > 0 && found < count) LendNormals();
     return found;
   }
 
-  // The points' normals in doubles. REQUIRES: Run() has found one.
+  // REQUIRES: it lends, and Run() has found one.
   const PointNormals& normals() const { return normals_; }
 
  private:
@@ -357,6 +365,7 @@ class GroundSearch {
       put(turned(triangle.up.x), grounds_.normal_x);
       put(turned(triangle.up.y), grounds_.normal_y);
       put(turned(triangle.up.z), grounds_.normal_z);
+      if (!lends_) continue;
       const auto chosen =
           hn::Gt(hn::PromoteTo(d, hn::IfThenElseZero(better, hn::Set(df, 1.0f))), hn::Zero(d));
       const auto side_in_doubles = hn::And(height, hn::SignBit(d));
@@ -385,7 +394,7 @@ class GroundSearch {
   };
 
   const IndexedGeometry& scene_;
-  const bool has_sources_;
+  const bool has_sources_, lends_;
   PointGrounds& grounds_;
   WalkStats& stats_;
   uint32_t steps_ = 0, pairs_ = 0;
@@ -401,7 +410,7 @@ inline uint32_t FindGrounds(const IndexedGeometry& scene, const uint32_t* source
                             PointGrounds* grounds, ClearLeaves* clear, WalkStats* stats) {
   if (clear != nullptr) clear->count = 0;
   if (grounds->count == 0) return 0;
-  GroundSearch search(scene, sources, grounds, stats);
+  GroundSearch search(scene, sources, /*lends=*/clear != nullptr, grounds, stats);
   const uint32_t found = search.Run();
   if (found > 0 && clear != nullptr) {
     ClearLeafSearch(scene, *grounds, search.normals(), clear, stats).Run();
@@ -435,13 +444,14 @@ size_t GroundBits(const PointGrounds& grounds, Vec3f common, uint16_t* bits, flo
       const V least = hn::MulAdd(hn::Load(d, grounds.slope + i), Norm1V(along), underflow);
       const ShaftM below = hn::Lt(hn::Add(up, down), hn::Neg(least));
       of_block |= MaskBits(d, below) << (i - at);
-      hn::Store(hn::IfThenElse(below, infinity, up), d, rise + i);
+      if (rises != nullptr) hn::Store(hn::IfThenElse(below, infinity, up), d, rise + i);
     }
     const int points = std::clamp(grounds.count - static_cast<int>(at), 0, kShaftBlockRays);
     of_block &= (1u << points) - 1;
     bits[at / kShaftBlockRays] = static_cast<uint16_t>(of_block);
     dark += static_cast<size_t>(std::popcount(of_block));
   }
+  if (rises == nullptr) return dark;
   ReduceBlocks([](V a, V b) HWY_ATTR { return hn::Min(a, b); },
                [&rise](size_t at) HWY_ATTR { return hn::Load(ShaftD(), rise + at); }, rises);
   return dark;

@@ -44,8 +44,8 @@ inline constexpr float kGroundSlack = 0x1p-20f;
 inline constexpr double kLeastGroundSine = 0x1p-16;
 inline constexpr double kGroundUnits = 0x1p-48;
 
-// A packet's points, and theirs. Lanes behind the last point repeat it. Points that have none have
-// another's normal, if any has one.
+// A packet's points, and theirs. Lanes behind the last point repeat it. Where clear leaves were
+// looked for (clear_leaves.h), points that have none have another's normal.
 struct alignas(64) PointGrounds {
   static constexpr int kMaxPoints = RayPacket::kMaxRays;
 
