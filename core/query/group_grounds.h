@@ -81,9 +81,9 @@ class GroupGrounds {
   };
 
   Turn grounds_turn_ = Turn(1), clear_turn_ = Turn(16);
-  bool has_clear_ =
-      false;  // Of this group; pairs of a leaf and a block that were looked at for it,
-  uint64_t searched_ = 0, cleared_ = 0;  // and how often they were clear.
+  bool has_clear_ = false;  // Of this group.
+  // Pairs of a leaf and a block that were looked at for it, and how often they were clear.
+  uint64_t searched_ = 0, cleared_ = 0;
   // By block; made when first needed.
   std::unique_ptr<PointGrounds[]> grounds_;
   std::unique_ptr<ClearLeaves[]> clear_;

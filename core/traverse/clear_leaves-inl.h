@@ -68,6 +68,10 @@ class ClearLeafSearch {
   // whose square does not.
   static constexpr float kSquareUnderflow = 0x1p-72f;
   static constexpr float kLeastLength = 0x1p-60f;
+  // Of |there|: up and along are at right angles but for 2^-13 then.
+  static constexpr float kLeastAside = 0x1p-8f;
+  // What a normal may be off by: beyond, a triangle is a sliver.
+  static constexpr float kMostOff = 0x1p-8f;
   // How far up is tilted, as a tangent, before points are asked about by themselves; and at most.
   static constexpr float kLowTilt = 8;
   static constexpr float kMostTilt = 0x1p20f;
@@ -177,10 +181,12 @@ class ClearLeafSearch {
     const ShaftD d;
     const Vec3f up = {out_.up_x[b], out_.up_y[b], out_.up_z[b]};
     const Vec3f middle = {out_.centre_x[b], out_.centre_y[b], out_.centre_z[b]};
-    Vec3f along = centre - middle;
-    along = along - up * Dot(up, along);
+    // Of a leaf straight above or below, what is left across up is roundings, and may lead up, too.
+    const Vec3f there = centre - middle;
+    Vec3f along = there - up * Dot(up, there);
     const float length = std::sqrt(Dot(along, along));
-    along = length > kLeastLength ? along * (1 / length) : Vec3f{0, 0, 0};
+    const bool aside = length > std::max(kLeastLength, kLeastAside * std::sqrt(Dot(there, there)));
+    along = aside ? along * (1 / length) : Vec3f{0, 0, 0};
     const V3 upward = Broadcast(d, up.x, up.y, up.z);
     const V3 toward = Broadcast(d, along.x, along.y, along.z);
     const V3 origin = Broadcast(d, middle.x, middle.y, middle.z);
@@ -226,7 +232,8 @@ class ClearLeafSearch {
         }
       }
     }
-    const Vec3f plane = (up - along * tilt) * (1 / std::sqrt(1 + tilt * tilt));
+    const Vec3f tilted = up - along * tilt;
+    const Vec3f plane = tilted * (1 / std::sqrt(Dot(tilted, tilted)));
     out->plane_x[b] = plane.x;
     out->plane_y[b] = plane.y;
     out->plane_z[b] = plane.z;
@@ -244,7 +251,7 @@ class ClearLeafSearch {
     const V bound = hn::Mul(hn::MulAdd(hn::Set(d, kFloatUnits), hn::Mul(Norm1V(ab), Norm1V(bc)),
                                        hn::Set(d, kFloatUnderflow)),
                             inverse);
-    const M sound = hn::Lt(bound, hn::Set(d, 0x1p-8f));
+    const M sound = hn::Lt(bound, hn::Set(d, kMostOff));
     hn::Store(hn::IfThenElseZero(sound, hn::Mul(normal.x, inverse)), d, out->normal_x + first);
     hn::Store(hn::IfThenElseZero(sound, hn::Mul(normal.y, inverse)), d, out->normal_y + first);
     hn::Store(hn::IfThenElseZero(sound, hn::Mul(normal.z, inverse)), d, out->normal_z + first);
@@ -404,10 +411,14 @@ class ClearLeafSearch {
   const PointNormals& normals_;
   ClearLeaves& out_;
   WalkStats& stats_;
-  uint32_t even_ = 0, pairs_ = 0;  // Blocks whose normals are much the same.
+  uint32_t even_ = 0;  // Blocks whose normals are much the same, a bit each.
+  uint32_t pairs_ = 0;
   float below_[kShaftBlocks];      // How far points lie below their centre, at most, along up.
   Vec3f across_[kShaftBlocks][2];  // Tangents of each block.
 };
+
+// Squares of directions from here on carry what underflows in them as a rounding.
+constexpr float kLeastSquare = 0x1p-100f;
 
 // As ChooseClearFn says.
 template <bool kParallel>
@@ -434,9 +445,9 @@ void ChooseClear(const ClearLeaves& clear, Vec3f common, const float* rises, Cle
     const V along = DotV(q, Vec3V<V>{hn::Load(d, clear.up_x + b), hn::Load(d, clear.up_y + b),
                                      hn::Load(d, clear.up_z + b)});
     const V lost = hn::MulAdd(hn::Add(Norm1V(q), reach), slack, underflow);
-    const V square = DotV(q, q);  // If it underflows, |Q|_1 will do.
+    const V square = DotV(q, q);  // Below that |Q|_1 will do.
     const V length =
-        hn::IfThenElse(hn::Ge(square, hn::Set(d, 0x1p-100f)), hn::Sqrt(square), Norm1V(q));
+        hn::IfThenElse(hn::Ge(square, hn::Set(d, kLeastSquare)), hn::Sqrt(square), Norm1V(q));
     const V far = hn::Add(hn::Add(length, reach), lost);
     const V rise = hn::Load(d, rises + b);
     way[k] = q;

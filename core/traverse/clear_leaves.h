@@ -23,7 +23,8 @@
 // Rounding. u = 2^-24. Any stored n_P, up and tangents are as good as any others: what is proven
 // is proven of their stored values. Products of up and tangents with V - centre err by 4u·|V -
 // centre|_1, those with P - centre by 7u·reach, as |P - centre|_1 <= 1.74·reach. A plane is rounded
-// three times in each component (what its length loses is common to all): it moves n·(V - P) by
+// three times in each component (what its length loses is common to all; it is that of what was
+// rounded, so that |plane| <= 1 + 4u and n·Q bounds what its points have): it moves n·(V - P) by
 // 4.3u·|V - P|_1. These sum up to less than 9u·|V - centre|_1 and 15u·reach; 32u of both are
 // allowed for. Of a point by itself products with w, tangents first, err by 12u·|V - P|_1 where |w|
 // < 1: kGroundSlack = 16u of it is allowed for. Which triangles lie below, w = 0, is settled in

@@ -6,11 +6,11 @@
 #include "core/traverse/clear_leaves.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <vector>
 
 #include "core/intersect/predicate.h"
 #include "core/traverse/kernels.h"
@@ -183,7 +183,7 @@ TEST_P(ClearLeavesTest, ASurfaceIsClearOfWhatLiesOnIt) {
                                                                           toward.get());
     size_t blocks = 0;
     for (uint32_t k = 0; k < toward->count; ++k) {
-      blocks += static_cast<size_t>(__builtin_popcount(toward->blocks[k]));
+      blocks += static_cast<size_t>(std::popcount(toward->blocks[k]));
     }
     return blocks;
   };
