@@ -6,13 +6,9 @@
 namespace sightline {
 namespace {
 
-// Cycles by what a walk counts. Shafts' were fitted to the time stamp counter over some 70,000
-// blocks of seven scenes (pictures, suns, area lights, thinly scattered points), where the median
-// error of a block was 5 to 15 %. Thin points lie in no cache and cost half as much again; so do
-// blocks by packets and single rays, where they matter. Theirs were fitted to such, the form of
-// rays by itself, and scaled by what made AUTO choose best (below). A packet's leaf is dear, since
-// all of its vectors of rays are put to it; a single ray's tests, sixteen at a time, are in its
-// leaf's.
+// Cycles by what a walk counts. Thin points lie in no cache, and cost half as much again as
+// pictures'. A packet's node is dear, since each child's box is put to vectors of rays; a single
+// ray's tests, sixteen at a time, are in its leaf's.
 struct Weights {
   float node, leaf, test, ray;
 };
@@ -30,15 +26,14 @@ struct Costs {
 // Those for closest hits were chosen by replaying what every block of some forty rows had cost by
 // each walk (core/traverse/DESIGN.md, "What AUTO walks").
 constexpr Weights kShaftWeights = {55, 250, 3.4f, 6};
-// Those for any hit are fits to what each walk took in all of eight scenes' pictures, area lights
-// and thin points, by counts: within a fifth of most rows, and closer for each by the others.
-// Packets' along one direction were scaled by what made AUTO choose best of eight scenes' suns with
-// AVX2, once their leaves cost less.
+// Those for any hit with one origin are fits, by counts, to what each walk took in all of nine
+// scenes' shadows and 64 lights on thin points on a Zen 4, most within a tenth; those with one
+// direction lie between such fits (suns and sky) and the ones of before, where AUTO chose best.
 constexpr Costs kCosts[] = {
-    {},                                                                   // By Others: none,
-    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350, 4},  // closest hits,
-    {{{40, 224, 3.85f, 11}, {510, 510, 3.4f, 5}, {30, 35, 0, 130}}, 70, 310, 4},  // one origin,
-    {{{40, 253, 3.2f, 14}, {290, 400, 1.8f, 6}, {21, 56, 0, 76}}, 40, 310, 1}};   // one direction.
+    {},                                                                          // By Others: none,
+    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350, 4},         // closest hits,
+    {{{40, 470, 2.4f, 11}, {840, 150, 2.6f, 6}, {40, 47, 0, 175}}, 80, 420, 4},  // one origin,
+    {{{40, 350, 3.3f, 12}, {400, 300, 2.2f, 6}, {24, 60, 0, 90}}, 45, 350, 1}};  // one direction.
 
 // Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
 // cheapest by chance is taken more often.

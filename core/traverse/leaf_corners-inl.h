@@ -30,6 +30,13 @@ HWY_INLINE Vec3V<ShaftV> LeafCorner(const LeafView& leaf, int corner, uint32_t f
           hn::LoadU(d, rows + 2 * leaf.stride)};
 }
 
+// Likewise their ids.
+HWY_INLINE hn::Vec<hn::RebindToUnsigned<ShaftD>> LeafIds(const LeafView& leaf, uint32_t first) {
+  const ShaftD d;
+  return hn::BitCast(hn::RebindToUnsigned<ShaftD>(),
+                     hn::LoadU(d, leaf.rows + 9 * leaf.stride + first));
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace sightline
 HWY_AFTER_NAMESPACE();

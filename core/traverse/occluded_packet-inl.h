@@ -5,7 +5,9 @@
 // each, that came into the parent, until one enters (paper 004, section 3); along one direction to
 // intervals of all groups first, which leaves out more of them. In a leaf, rays that miss the
 // leaf's own box are left out; triangles are put to the rectangle in which a group's rays are seen,
-// sixteen at a time, and their forms serve all that come to a test.
+// sixteen at a time, and their forms serve all that come to a test. Either a triangle is tested
+// against a group's rays or, where fewer of these have met the box than triangles are seen there, a
+// ray against all of the leaf's triangles.
 //
 // For neighbours that share what they walk through but not what they end on, where a shaft culls
 // little: a million points of a city, and a light of it or a patch of its sky.
@@ -221,35 +223,13 @@ class OccludedPacketWalk {
     const uint32_t relevant = PrepareOccluders(scene_.geometry, leaf, lanes_, &forms_);
     // A list first, then the tests, without a branch that depends on them: how many triangles a
     // group meets, and whether one blocks anything, cannot be foretold. What is in doubt waits.
-    Pairs pairs;
-    ListPairs(leaf, groups, relevant, &pairs);
-    const ShaftD d;
-    const ShaftTest<true, Lanes::kParallel, Lanes> test(lanes_, leaf, forms_);
-    PairInDoubt doubts[std::size(pairs.pairs)];
-    size_t doubtful = 0;
-    for (size_t k = 0; k < pairs.count; ++k) {
-      const uint32_t pair = pairs.pairs[k], g = pair / kMaxLeafTriangles;
-      const uint32_t i = pair % kMaxLeafTriangles, id = leaf.id(i);
-      const uint32_t asked = met[g] & lanes_.active(g) & ~lanes_.SourceLanes(g, id);
-      // Where a triangle has blocked all of a group, the group's pairs that follow end here.
-      if (asked == 0) continue;
-      stats_->triangle_tests += static_cast<uint64_t>(std::popcount(asked));
-      const auto said = test.InFloats(i, g * kLanes);
-      const uint32_t hits = asked & MaskBits(d, said.hit);
-      lanes_.Block(id, g, hits);
-      const uint32_t open = asked & ~hits & MaskBits(d, said.open);
-      doubts[doubtful] = {static_cast<uint16_t>(pair), static_cast<uint16_t>(open)};
-      doubtful += open != 0 ? 1 : 0;
-    }
-    const auto ray = [this](int lane) { return packet_.ray(lane); };
-    for (size_t k = 0; k < doubtful; ++k) {
-      const uint32_t g = doubts[k].pair / kMaxLeafTriangles;
-      const uint32_t i = doubts[k].pair % kMaxLeafTriangles;
-      // LoadMaskBits may read as many.
-      const uint32_t open[2] = {doubts[k].rays & lanes_.active(g)};
-      const ShaftM lanes = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(open));
-      lanes_.Block(leaf.id(i), g, MaskBits(d, test.Settle(i, g * kLanes, lanes, ray, stats_)));
-    }
+    Tests tests;
+    ListTests(leaf, groups, met, relevant, &tests);
+    const Test test(lanes_, leaf, forms_);
+    Doubts doubts;
+    TestRays(leaf, relevant, tests, test, &doubts);
+    TestPairs(leaf, met, tests, test, &doubts);
+    if (doubts.pair_count + doubts.ray_count > 0) Settle(leaf, test, doubts);
     return lanes_.live() == 0;
   }
 
@@ -268,22 +248,122 @@ class OccludedPacketWalk {
     }
   }
 
-  // Of a triangle i and a group g that sees its rectangle: g * kMaxLeafTriangles + i.
-  struct Pairs {
-    size_t count = 0;
-    // A whole vector is stored at its end.
+  using Test = ShaftTest<true, Lanes::kParallel, Lanes>;
+
+  // What a leaf's triangles are put to.
+  struct Tests {
+    // Of a triangle i and a group g that sees its rectangle: g * kMaxLeafTriangles + i. A whole
+    // vector is stored at its end.
+    size_t pair_count = 0;
     alignas(64) uint32_t pairs[(Lanes::kMaxRays / kLanes + 1) * kMaxLeafTriangles];
+    // Lanes that are put to all of the triangles.
+    size_t ray_count = 0;
+    alignas(64) uint32_t rays[Lanes::kMaxRays + kLanes];
   };
-  HWY_INLINE void ListPairs(const LeafView& leaf, uint32_t groups, uint32_t relevant,
-                            Pairs* list) const {
+  struct RayInDoubt {
+    uint16_t lane, triangles;
+  };
+  struct Doubts {
+    size_t pair_count = 0;
+    PairInDoubt pairs[std::size(Tests().pairs)];
+    size_t ray_count = 0;
+    RayInDoubt rays[std::size(Tests().rays)];
+  };
+
+  HWY_INLINE void ListTests(const LeafView& leaf, uint32_t groups, const uint32_t* met,
+                            uint32_t relevant, Tests* list) const {
     const ShaftD d;
+    const auto vectors = static_cast<int>((leaf.count + kLanes - 1) / kLanes);
+    // LoadMaskBits may read as many.
+    const auto mask = [d](uint32_t bits) HWY_ATTR {
+      const uint32_t some[2] = {bits};
+      return hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(some));
+    };
     for (; groups != 0; groups &= groups - 1) {
       const uint32_t g = std::countr_zero(groups);
       const uint32_t in = relevant & InRectangle(leaf, g);
+      const bool by_rays = std::popcount(met[g]) * vectors < std::popcount(in);
+      list->ray_count +=
+          ListLanes(g * kLanes, mask(by_rays ? met[g] : 0), list->rays + list->ray_count);
+      const uint32_t listed = by_rays ? 0 : in;
       for (uint32_t first = 0; first < kMaxLeafTriangles; first += kLanes) {
-        const uint32_t some[2] = {in >> first};  // LoadMaskBits may read as many.
-        const ShaftM chosen = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(some));
-        list->count += ListLanes(g * kMaxLeafTriangles + first, chosen, list->pairs + list->count);
+        list->pair_count += ListLanes(g * kMaxLeafTriangles + first, mask(listed >> first),
+                                      list->pairs + list->pair_count);
+      }
+    }
+  }
+
+  HWY_NOINLINE void TestRays(const LeafView& leaf, uint32_t relevant, const Tests& tests,
+                             const Test& test, Doubts* doubts) {
+    const ShaftD d;
+    const hn::RebindToUnsigned<ShaftD> du;
+    for (size_t k = 0; k < tests.ray_count; ++k) {
+      const uint32_t lane = tests.rays[k];
+      uint32_t hits = 0, open = 0, own = 0;
+      for (uint32_t first = 0; first < kMaxLeafTriangles; first += kLanes) {
+        if (first >= leaf.count) break;
+        const auto said = test.OfTriangles(lane, first);
+        hits |= MaskBits(d, said.hit) << first;
+        open |= MaskBits(d, said.open) << first;
+        own |= MaskBits(du, hn::Eq(LeafIds(leaf, first), hn::Set(du, lanes_.source(lane))))
+               << first;
+      }
+      const uint32_t asked = relevant & ~own;
+      hits &= asked;
+      // Of a ray that nothing blocks any triangle is named.
+      const auto first_hit = static_cast<uint32_t>(std::countr_zero(hits | 1u << (leaf.count - 1)));
+      lanes_.BlockLane(leaf.id(first_hit), lane, hits != 0);
+      open = hits != 0 ? 0 : open & asked;
+      doubts->rays[doubts->ray_count] = {static_cast<uint16_t>(lane), static_cast<uint16_t>(open)};
+      doubts->ray_count += open != 0 ? 1 : 0;
+    }
+    stats_->triangle_tests += tests.ray_count * static_cast<uint64_t>(std::popcount(relevant));
+  }
+
+  HWY_INLINE void TestPairs(const LeafView& leaf, const uint32_t* met, const Tests& tests,
+                            const Test& test, Doubts* doubts) {
+    const ShaftD d;
+    for (size_t k = 0; k < tests.pair_count; ++k) {
+      const uint32_t pair = tests.pairs[k], g = pair / kMaxLeafTriangles;
+      const uint32_t i = pair % kMaxLeafTriangles, id = leaf.id(i);
+      const uint32_t asked = met[g] & lanes_.active(g) & ~lanes_.SourceLanes(g, id);
+      // Where a triangle has blocked all of a group, the group's pairs that follow end here.
+      if (asked == 0) continue;
+      stats_->triangle_tests += static_cast<uint64_t>(std::popcount(asked));
+      const auto said = test.InFloats(i, g * kLanes);
+      const uint32_t hits = asked & MaskBits(d, said.hit);
+      lanes_.Block(id, g, hits);
+      const uint32_t open = asked & ~hits & MaskBits(d, said.open);
+      doubts->pairs[doubts->pair_count] = {static_cast<uint16_t>(pair),
+                                           static_cast<uint16_t>(open)};
+      doubts->pair_count += open != 0 ? 1 : 0;
+    }
+  }
+
+  HWY_NOINLINE void Settle(const LeafView& leaf, const Test& test, const Doubts& doubts) {
+    const ShaftD d;
+    const auto ray = [this](int lane) { return packet_.ray(lane); };
+    const auto settle = [&](uint32_t i, uint32_t g, uint32_t rays) HWY_ATTR {
+      // LoadMaskBits may read as many.
+      const uint32_t open[2] = {rays & lanes_.active(g)};
+      if (open[0] == 0) return;
+      const ShaftM lanes = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(open));
+      lanes_.Block(leaf.id(i), g, MaskBits(d, test.Settle(i, g * kLanes, lanes, ray, stats_)));
+    };
+    for (size_t k = 0; k < doubts.pair_count; ++k) {
+      const PairInDoubt& doubt = doubts.pairs[k];
+      settle(doubt.pair % kMaxLeafTriangles, doubt.pair / kMaxLeafTriangles, doubt.rays);
+    }
+    for (size_t k = 0; k < doubts.ray_count;) {
+      const uint32_t g = doubts.rays[k].lane / kLanes;
+      uint16_t rays[kMaxLeafTriangles] = {};
+      for (; k < doubts.ray_count && doubts.rays[k].lane / kLanes == g; ++k) {
+        for (uint32_t left = doubts.rays[k].triangles; left != 0; left &= left - 1) {
+          rays[std::countr_zero(left)] |= static_cast<uint16_t>(1u << doubts.rays[k].lane % kLanes);
+        }
+      }
+      for (uint32_t i = 0; i < kMaxLeafTriangles; ++i) {
+        if (rays[i] != 0) settle(i, g, rays[i]);
       }
     }
   }

@@ -79,6 +79,17 @@ class OriginLanes {
                                       : packet_.target_z) +
                              at);
   }
+  // The same of one lane, everywhere.
+  HWY_INLINE Vec3V<V> OwnOf(size_t lane) const {
+    return Broadcast(D(), lanes_.direction_row(0)[lane], lanes_.direction_row(1)[lane],
+                     lanes_.direction_row(2)[lane]);
+  }
+  HWY_INLINE V OwnInfOf(size_t lane) const {
+    return hn::Set(D(), lanes_.direction_inf_row()[lane]);
+  }
+  HWY_INLINE Vec3V<V> PointOf(size_t lane) const {
+    return Broadcast(D(), packet_.target_x[lane], packet_.target_y[lane], packet_.target_z[lane]);
+  }
 
   uint32_t open_groups() const { return open_groups_; }  // With lanes still asked about.
   // Which of the node's boxes some lane may enter.
@@ -150,6 +161,14 @@ class OriginLanes {
     lanes_.Block(id, group, hits);
     open_groups_ &= ~((lanes_.active(group) == 0 ? 1u : 0u) << group);
   }
+  // Ends a lane, if it is `hit`: by triangle `id`.
+  HWY_INLINE void BlockLane(uint32_t id, size_t lane, bool hit) {
+    lanes_.BlockLane(id, lane, hit);
+    const size_t group = lane / hn::Lanes(D());
+    open_groups_ &= ~((lanes_.active(group) == 0 ? 1u : 0u) << group);
+  }
+  // A lane's own source.
+  uint32_t source(size_t lane) const { return lanes_.source(lane); }
   // Lanes of a group that are still asked about.
   uint32_t active(uint32_t group) const { return lanes_.active(group); }
 

@@ -262,6 +262,18 @@ class PacketLanes {
         du, hn::Eq(hn::Load(du, packet_.target_source + group * hn::Lanes(du)), hn::Set(du, id)));
   }
 
+  // A lane's own source; of rays that lead on there are none.
+  uint32_t source(size_t lane) const {
+    return has_sources_ ? packet_.target_source[lane] : kNoTriangle;
+  }
+
+  // Ends a lane, if it is `hit`: by triangle `id`.
+  HWY_INLINE void BlockLane(uint32_t id, size_t lane, bool hit) {
+    active_[lane / hn::Lanes(D())] &= ~((hit ? 1u : 0u) << lane % hn::Lanes(D()));
+    live_ -= hit ? 1 : 0;
+    packet_.triangle[lane] = hit ? id : packet_.triangle[lane];
+  }
+
   // Ends lanes: triangle `id` blocks them.
   void Block(uint32_t id, uint32_t group, uint32_t hits) {
     const D d;

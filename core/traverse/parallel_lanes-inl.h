@@ -125,6 +125,13 @@ class ParallelLanes {
     return {hn::Load(d, own_[0] + at), hn::Load(d, own_[1] + at), hn::Load(d, own_[2] + at)};
   }
   HWY_INLINE V Point(int axis, size_t at) const { return hn::Load(D(), row(axis) + at); }
+  // The same of one lane, everywhere.
+  HWY_INLINE Vec3V<V> OwnOf(size_t lane) const {
+    return Broadcast(D(), own_[0][lane], own_[1][lane], own_[2][lane]);
+  }
+  HWY_INLINE Vec3V<V> PointOf(size_t lane) const {
+    return Broadcast(D(), packet_.origin_x[lane], packet_.origin_y[lane], packet_.origin_z[lane]);
+  }
 
   uint32_t open_groups() const { return open_groups_; }  // With lanes still asked about.
   // Which of the node's boxes some lane may enter.
@@ -204,6 +211,18 @@ class ParallelLanes {
     const uint32_t bits[2] = {hits};  // LoadMaskBits may read as many.
     StoreWhere(hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(bits)), hn::Set(du, id), du,
                packet_.triangle + group * hn::Lanes(du));
+  }
+  // Ends a lane, if it is `hit`: by triangle `id`.
+  HWY_INLINE void BlockLane(uint32_t id, size_t lane, bool hit) {
+    const size_t group = lane / hn::Lanes(D());
+    active_[group] &= ~((hit ? 1u : 0u) << lane % hn::Lanes(D()));
+    open_groups_ &= ~((active_[group] == 0 ? 1u : 0u) << group);
+    live_ -= hit ? 1 : 0;
+    packet_.triangle[lane] = hit ? id : packet_.triangle[lane];
+  }
+  // A lane's own source.
+  uint32_t source(size_t lane) const {
+    return has_sources_ ? packet_.origin_source[lane] : kNoTriangle;
   }
   // Lanes of a group that are still asked about.
   uint32_t active(uint32_t group) const { return active_[group]; }

@@ -57,49 +57,40 @@ class ShaftTest {
   // the triangle is fetched once.
   template <size_t kVectors>
   HWY_INLINE void InFloats(uint32_t i, size_t at, Floats (&said)[kVectors]) const {
-    const ShaftD d;
-    const V zero = hn::Zero(d), underflow = hn::Set(d, kFloatUnderflow);
-    Vec3V<V> v[kVectors];
-    V along[kVectors], inner[kVectors];
-    for (size_t k = 0; k < kVectors; ++k) v[k] = rays_.Own(at + k * kLanes);
-    for (int e = 0; e < 3; ++e) {
-      Along(forms_.edge[e], i, v, along);
+    const auto term = [i](const float* row) HWY_ATTR { return hn::Set(ShaftD(), row[i]); };
+    const auto own = [this, at](size_t k) HWY_ATTR { return rays_.Own(at + k * kLanes); };
+    const auto own_inf = [this, at](size_t k) HWY_ATTR {
       if constexpr (kParallel) {
-        const V offset = hn::Set(d, forms_.edge_offset[e][i]);
-        for (size_t k = 0; k < kVectors; ++k) along[k] = hn::Sub(offset, along[k]);
+        return hn::Zero(ShaftD());  // Not asked for.
+      } else {
+        return rays_.OwnInf(at + k * kLanes);
       }
-      for (size_t k = 0; k < kVectors; ++k) {
-        inner[k] = e == 0 ? along[k] : hn::Min(inner[k], along[k]);
-      }
-    }
-    const V edge_bound = hn::Set(d, forms_.edge_bound[i]);
-    for (size_t k = 0; k < kVectors; ++k) {
-      V bound = edge_bound;
-      if constexpr (!kParallel) {
-        bound = hn::MulAdd(bound, rays_.OwnInf(at + k * kLanes), underflow);
-      }
-      // Some form is certainly negative; all are certainly positive.
-      said[k].open = hn::Ge(hn::Add(inner[k], bound), zero);
-      said[k].hit = said[k].inside = hn::Gt(hn::Sub(inner[k], bound), zero);
-    }
-    if (!HasPlane()) return;
-    // From the triangle's own corner, A: a point's side of the plane by this is good to the
-    // triangle's own size, not to its distance from the apex. It settles points that lie near it.
-    const Vec3f corner = leaf_.corner(0, i);
-    const Vec3V<V> a = Broadcast(d, corner.x, corner.y, corner.z);
-    for (size_t k = 0; k < kVectors; ++k) v[k] = SubV(Points(at + k * kLanes), a);
-    Along(forms_.normal, i, v, along);
-    const V normal_bound = hn::Set(d, forms_.normal_bound[i]);
-    for (size_t k = 0; k < kVectors; ++k) {
-      const V plane = kParallel ? hn::Neg(along[k]) : along[k];
-      const V off = hn::MulAdd(normal_bound, NormInfV(v[k]), underflow);
-      said[k].open = hn::And(said[k].open, hn::Ge(hn::Add(plane, off), zero));
-      said[k].hit = hn::And(said[k].hit, hn::Gt(plane, off));
-    }
+    };
+    const auto point = [this, at](size_t k) HWY_ATTR { return Points(at + k * kLanes); };
+    Ask(term, own, own_inf, point, said);
   }
   HWY_INLINE Floats InFloats(uint32_t i, size_t at) const {
     Floats said[1];
     InFloats(i, at, said);
+    return said[0];
+  }
+
+  // What floats say of one ray and a vector of triangles, from `first` on; anything of those that
+  // are not relevant.
+  HWY_INLINE Floats OfTriangles(size_t lane, uint32_t first) const {
+    const auto term = [first](const float* row)
+                          HWY_ATTR { return hn::LoadU(ShaftD(), row + first); };
+    const auto own = [this, lane](size_t) HWY_ATTR { return rays_.OwnOf(lane); };
+    const auto own_inf = [this, lane](size_t) HWY_ATTR {
+      if constexpr (kParallel) {
+        return hn::Zero(ShaftD());  // Not asked for.
+      } else {
+        return rays_.OwnInfOf(lane);
+      }
+    };
+    const auto point = [this, lane](size_t) HWY_ATTR { return rays_.PointOf(lane); };
+    Floats said[1];
+    Ask(term, own, own_inf, point, said);
     return said[0];
   }
 
@@ -142,11 +133,55 @@ class ShaftTest {
  private:
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
 
-  // Row i's form along each of v.
-  template <size_t kVectors>
-  static HWY_INLINE void Along(const float (&rows)[3][kMaxLeafTriangles], uint32_t i,
+  // What floats say of pairs of a triangle and a ray, lane by lane: term(row) is the triangles'
+  // part of a row of forms or corners, own(k) and so on the rays' in vector k.
+  template <size_t kVectors, class Term, class Own, class OwnInf, class Point>
+  HWY_INLINE void Ask(const Term& term, const Own& own, const OwnInf& own_inf, const Point& point,
+                      Floats (&said)[kVectors]) const {
+    const ShaftD d;
+    const V zero = hn::Zero(d), underflow = hn::Set(d, kFloatUnderflow);
+    Vec3V<V> v[kVectors];
+    V along[kVectors], inner[kVectors];
+    for (size_t k = 0; k < kVectors; ++k) v[k] = own(k);
+    for (int e = 0; e < 3; ++e) {
+      Along(term, forms_.edge[e], v, along);
+      if constexpr (kParallel) {
+        const V offset = term(forms_.edge_offset[e]);
+        for (size_t k = 0; k < kVectors; ++k) along[k] = hn::Sub(offset, along[k]);
+      }
+      for (size_t k = 0; k < kVectors; ++k) {
+        inner[k] = e == 0 ? along[k] : hn::Min(inner[k], along[k]);
+      }
+    }
+    const V edge_bound = term(forms_.edge_bound);
+    for (size_t k = 0; k < kVectors; ++k) {
+      V bound = edge_bound;
+      if constexpr (!kParallel) bound = hn::MulAdd(bound, own_inf(k), underflow);
+      // Some form is certainly negative; all are certainly positive.
+      said[k].open = hn::Ge(hn::Add(inner[k], bound), zero);
+      said[k].hit = said[k].inside = hn::Gt(hn::Sub(inner[k], bound), zero);
+    }
+    if (!HasPlane()) return;
+    // From the triangle's own corner, A: a point's side of the plane by this is good to the
+    // triangle's own size, not to its distance from the apex. It settles points that lie near it.
+    const Vec3V<V> a = {term(leaf_.rows), term(leaf_.rows + leaf_.stride),
+                        term(leaf_.rows + 2 * leaf_.stride)};
+    for (size_t k = 0; k < kVectors; ++k) v[k] = SubV(point(k), a);
+    Along(term, forms_.normal, v, along);
+    const V normal_bound = term(forms_.normal_bound);
+    for (size_t k = 0; k < kVectors; ++k) {
+      const V plane = kParallel ? hn::Neg(along[k]) : along[k];
+      const V off = hn::MulAdd(normal_bound, NormInfV(v[k]), underflow);
+      said[k].open = hn::And(said[k].open, hn::Ge(hn::Add(plane, off), zero));
+      said[k].hit = hn::And(said[k].hit, hn::Gt(plane, off));
+    }
+  }
+
+  // The triangles' form along each of v.
+  template <size_t kVectors, class Term>
+  static HWY_INLINE void Along(const Term& term, const float (&rows)[3][kMaxLeafTriangles],
                                const Vec3V<V> (&v)[kVectors], V (&along)[kVectors]) {
-    const Vec3V<V> form = Broadcast(ShaftD(), rows[0][i], rows[1][i], rows[2][i]);
+    const Vec3V<V> form = {term(rows[0]), term(rows[1]), term(rows[2])};
     for (size_t k = 0; k < kVectors; ++k) along[k] = DotV(form, v[k]);
   }
 

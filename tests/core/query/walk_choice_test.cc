@@ -22,28 +22,43 @@ using Others = WalkChoice::Others;
 
 constexpr size_t kRays = 256;
 
-// A walk of `kRays` rays that visited so many quarters of a leaf a ray, and nothing else.
-void Teach(WalkChoice& choice, Strategy walk, uint64_t quarter_leaves, size_t rays = kRays) {
-  WalkStats before, after;
-  before.nodes = after.nodes = 7;
+// What a walk of so many rays counts that took so many cycles a ray, or as few as there can be, if
+// all it did was to visit leaves.
+WalkStats Costing(Others others, Strategy walk, float cycles, size_t rays) {
+  const auto cost = [&](uint64_t leaves) {
+    WalkStats after;
+    after.leaves = leaves * kRays;
+    return WalkChoice(others).Learn(walk, {}, after, kRays) / kRays;
+  };
+  const float least = cost(0);
+  WalkStats stats;
+  stats.leaves = static_cast<uint64_t>(std::max(0.0f, (cycles - least) / (cost(1) - least)) *
+                                       static_cast<float>(rays));
+  return stats;
+}
+
+void Teach(WalkChoice& choice, Others others, Strategy walk, float cycles, size_t rays = kRays) {
+  WalkStats before;
+  before.nodes = 7;
   before.leaves = 5;
-  after.leaves = before.leaves + quarter_leaves * kRays / 4;
+  WalkStats after = Costing(others, walk, cycles, rays);
+  after.nodes = before.nodes;
+  after.leaves += before.leaves;
   choice.Learn(walk, before, after, rays);
 }
 
-// How often each walk was taken in `blocks` blocks, given what each costs in quarters of a leaf a
-// ray.
+// How often each walk was taken in `blocks` blocks, given how many cycles each costs a ray.
 struct Taken {
   int shafts = 0, packets = 0, singles = 0;
 };
-Taken Take(WalkChoice& choice, int blocks, uint64_t shaft, uint64_t packet, uint64_t single) {
+Taken Take(WalkChoice& choice, Others others, int blocks, float shaft, float packet, float single) {
   Taken taken;
   for (int i = 0; i < blocks; ++i) {
     const Strategy walk = choice.Next();
     ++(walk == Strategy::kShaft    ? taken.shafts
        : walk == Strategy::kPacket ? taken.packets
                                    : taken.singles);
-    Teach(choice, walk,
+    Teach(choice, others, walk,
           walk == Strategy::kShaft    ? shaft
           : walk == Strategy::kPacket ? packet
                                       : single);
@@ -53,19 +68,19 @@ Taken Take(WalkChoice& choice, int blocks, uint64_t shaft, uint64_t packet, uint
 
 TEST(WalkChoiceTest, CheapShaftsAreNotComparedWithAnything) {
   WalkChoice choice(Others::kOneOrigin);
-  EXPECT_EQ(Take(choice, 200, 1, 0, 0).shafts, 200);
+  EXPECT_EQ(Take(choice, Others::kOneOrigin, 200, 60, 20, 200).shafts, 200);
   EXPECT_FALSE(choice.ShaftsAreRare());
 }
 
 TEST(WalkChoiceTest, DearShaftsGiveWayToWhatIsCheapest) {
   WalkChoice singles(Others::kOneOrigin);
-  Taken taken = Take(singles, 200, 80, 80, 40);
+  Taken taken = Take(singles, Others::kOneOrigin, 200, 1000, 1000, 500);
   EXPECT_TRUE(singles.ShaftsAreRare());
   EXPECT_GT(taken.singles, 180);
   EXPECT_GE(taken.shafts, 2);  // Asked again now and then.
   EXPECT_LE(taken.packets, 10);
   WalkChoice packets(Others::kOneOrigin);
-  taken = Take(packets, 200, 80, 1, 80);
+  taken = Take(packets, Others::kOneOrigin, 200, 1000, 100, 1000);
   EXPECT_GT(taken.packets, 180);
 }
 
@@ -74,7 +89,7 @@ TEST(WalkChoiceTest, DearShaftsGiveWayToWhatIsCheapest) {
 TEST(WalkChoiceTest, LostShaftsGiveWayToSingleRaysAtOnce) {
   for (const Others others : {Others::kClosest, Others::kOneOrigin, Others::kParallel}) {
     WalkChoice choice(others);
-    const Taken taken = Take(choice, 16, 150, 150, 20);
+    const Taken taken = Take(choice, others, 16, 9000, 9000, 1500);
     EXPECT_EQ(taken.shafts, 2);
     EXPECT_EQ(taken.packets, 0);
     EXPECT_EQ(taken.singles, 14);
@@ -83,7 +98,7 @@ TEST(WalkChoiceTest, LostShaftsGiveWayToSingleRaysAtOnce) {
 
 TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
   WalkChoice choice(Others::kOneOrigin);
-  const Taken taken = Take(choice, 1000, 20, 20, 200);
+  const Taken taken = Take(choice, Others::kOneOrigin, 1000, 1000, 1000, 2000);
   EXPECT_FALSE(choice.ShaftsAreRare());
   // Trials of either become rare: after 16 and 32 blocks, then every 64.
   EXPECT_GT(taken.shafts, 950);
@@ -93,72 +108,77 @@ TEST(WalkChoiceTest, DearShaftsStayWhereNothingIsCheaper) {
 
 TEST(WalkChoiceTest, ReturnsToShaftsWhereRaysShareTheirWayAgain) {
   WalkChoice choice(Others::kOneOrigin);
-  Take(choice, 300, 80, 80, 40);
+  Take(choice, Others::kOneOrigin, 300, 1000, 1000, 500);
   EXPECT_TRUE(choice.ShaftsAreRare());
   // The longest wait, and some more until what was dear is forgotten.
-  EXPECT_GT(Take(choice, 300, 0, 80, 40).shafts, 200);
+  EXPECT_GT(Take(choice, Others::kOneOrigin, 300, 20, 1000, 500).shafts, 200);
   EXPECT_FALSE(choice.ShaftsAreRare());
 }
 
 TEST(WalkChoiceTest, KeepsToWhatThereIs) {
   WalkChoice shafts(Others::kNone);
-  EXPECT_EQ(Take(shafts, 100, 80, 0, 0).shafts, 100);
+  for (int i = 0; i < 100; ++i) {
+    EXPECT_EQ(shafts.Next(), Strategy::kShaft);
+    Teach(shafts, Others::kOneOrigin, Strategy::kShaft, 1000);
+  }
 }
 
-// A leaf costs packets for any hit less than those for closest hits. They are tried sooner, too,
-// along one direction the soonest.
-TEST(WalkChoiceTest, PacketsForAnyHitAreCheaperAndTriedSooner) {
-  WalkChoice cheap_origin(Others::kOneOrigin), cheap_parallel(Others::kParallel);
-  EXPECT_EQ(Take(cheap_origin, 200, 1, 0, 80).packets, 0);
-  EXPECT_GT(Take(cheap_parallel, 200, 1, 0, 80).packets, 150);
-  WalkChoice any(Others::kOneOrigin), closest(Others::kClosest);
-  EXPECT_GT(Take(any, 200, 12, 3, 80).packets, 150);
-  EXPECT_LT(Take(closest, 200, 12, 3, 80).packets, 20);
-  WalkChoice cheap_any(Others::kOneOrigin), cheap_closest(Others::kClosest);
-  EXPECT_GT(Take(cheap_any, 200, 2, 0, 80).packets, 150);
-  EXPECT_EQ(Take(cheap_closest, 200, 2, 0, 80).packets, 0);
+// Packets for any hit are tried sooner than those for closest hits, along one direction the
+// soonest.
+TEST(WalkChoiceTest, PacketsForAnyHitAreTriedSooner) {
+  const auto packets = [](Others others, float shaft) {
+    WalkChoice choice(others);
+    return Take(choice, others, 200, shaft, 20, 1000).packets;
+  };
+  EXPECT_EQ(packets(Others::kOneOrigin, 60), 0);
+  EXPECT_GT(packets(Others::kParallel, 60), 150);
+  EXPECT_EQ(packets(Others::kClosest, 120), 0);
+  EXPECT_GT(packets(Others::kOneOrigin, 120), 150);
+  EXPECT_GT(packets(Others::kClosest, 300), 150);
 }
 
 TEST(WalkChoiceTest, AFewRaysTeachNothing) {
-  WalkChoice choice(Others::kOneOrigin);
-  for (int i = 0; i < 10; ++i) Teach(choice, Strategy::kShaft, 10, /*rays=*/31);
+  constexpr Others kOthers = Others::kOneOrigin;
+  WalkChoice choice(kOthers);
+  for (int i = 0; i < 10; ++i) Teach(choice, kOthers, Strategy::kShaft, 1000, /*rays=*/31);
   EXPECT_EQ(choice.Next(), Strategy::kShaft);
   for (int i = 0; i < 4; ++i) {
     EXPECT_EQ(choice.Next(), Strategy::kShaft);
-    Teach(choice, Strategy::kShaft, 10, /*rays=*/32);
+    Teach(choice, kOthers, Strategy::kShaft, 1000, /*rays=*/32);
   }
   EXPECT_NE(choice.Next(), Strategy::kShaft);
 }
 
 // One dear block among shafts' first is an accident; its like in all of them is not.
 TEST(WalkChoiceTest, WhatShaftsCostIsTheMeanOfTheirFirstBlocks) {
-  for (const uint64_t others : {4, 80}) {
-    WalkChoice choice(Others::kOneOrigin);
-    for (const uint64_t cost : {uint64_t{80}, others, others, others}) {
+  constexpr Others kOthers = Others::kOneOrigin;
+  for (const float others : {200.0f, 4500.0f}) {
+    WalkChoice choice(kOthers);
+    for (const float cost : {4500.0f, others, others, others}) {
       EXPECT_EQ(choice.Next(), Strategy::kShaft);
-      Teach(choice, Strategy::kShaft, cost);
+      Teach(choice, kOthers, Strategy::kShaft, cost);
     }
     EXPECT_EQ(choice.Next(), Strategy::kPacket);
-    Teach(choice, Strategy::kPacket, 20);
-    const int packets = Take(choice, 10, others, 20, 1000).packets;
-    if (others == 4) {
+    Teach(choice, kOthers, Strategy::kPacket, 2500);
+    const int packets = Take(choice, kOthers, 10, others, 2500, 9000).packets;
+    if (others < 2500) {
       EXPECT_EQ(packets, 0);
-    }
-    if (others == 80) {
+    } else {
       EXPECT_GT(packets, 5);
     }
   }
 }
 
 TEST(WalkChoicesTest, EachLightLearnsForItselfAndBeginsWhereTheLastLeftOff) {
-  WalkChoices choices(Others::kOneOrigin);
-  EXPECT_EQ(Take(choices.Of(0), 100, 1, 0, 0).shafts, 100);
-  EXPECT_GT(Take(choices.Of(1), 100, 80, 80, 40).singles, 80);
+  constexpr Others kOthers = Others::kOneOrigin;
+  WalkChoices choices(kOthers);
+  EXPECT_EQ(Take(choices.Of(0), kOthers, 100, 60, 20, 200).shafts, 100);
+  EXPECT_GT(Take(choices.Of(1), kOthers, 100, 1000, 1000, 500).singles, 80);
   EXPECT_EQ(choices.Of(0).Next(), Strategy::kShaft);
   EXPECT_EQ(choices.Of(1).Next(), Strategy::kSingle);
   // New ones know what the one before knows, and are their own from then on.
   EXPECT_EQ(choices.Of(7).Next(), Strategy::kSingle);
-  EXPECT_GT(Take(choices.Of(7), 300, 0, 80, 40).shafts, 100);
+  EXPECT_GT(Take(choices.Of(7), kOthers, 300, 20, 1000, 500).shafts, 100);
   EXPECT_EQ(choices.Of(1).Next(), Strategy::kSingle);
   EXPECT_EQ(choices.Of(0).Next(), Strategy::kShaft);
   EXPECT_EQ(choices.Of(2).Next(), Strategy::kShaft);
