@@ -195,7 +195,10 @@ absl::Status TracePacketBlock(const IndexedGeometry& scene, const QueryRun& run,
                     std::min(RttTileRays(run.options().rtt_antialiasing), kBlockRays), stats);
   }
   if (strategy == Strategy::kPacket) {
-    return TracePackets(scene, run, any, packet, stats) ? absl::OkStatus() : run.Stopped();
+    packet->cut = cut;
+    const bool whole = TracePackets(scene, run, any, packet, stats);
+    packet->cut = nullptr;
+    return whole ? absl::OkStatus() : run.Stopped();
   }
   if (strategy == Strategy::kShaft) {
     return (any ? kernels.occluded_shaft : kernels.closest_shaft)(scene, *packet, cut, run.cancel(),
@@ -260,7 +263,10 @@ absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& ru
     return absl::OkStatus();
   }
   if (strategy == Strategy::kPacket) {
-    return TraceParallelPackets(scene, run, packet, stats) ? absl::OkStatus() : run.Stopped();
+    packet->cut = cut;
+    const bool whole = TraceParallelPackets(scene, run, packet, stats);
+    packet->cut = nullptr;
+    return whole ? absl::OkStatus() : run.Stopped();
   }
   SIGHTLINE_CHECK(strategy == Strategy::kShaft);
   return run.kernels().occluded_parallel_shaft(scene, *packet, cut, run.cancel(), stats)

@@ -215,9 +215,9 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   ReservePackets(s);
   WalkChoice& choice = segments_choices_.Of(light_of_[s]);
   const bool by_shafts = strategy == Strategy::kShaft;
-  const bool cuts = by_shafts && !choice.ShaftsAreRare();
   // With t_min the points differ from sample to sample.
-  const bool by_hulls = cuts && hulls_.Find(s, /*alone=*/t_min_ != 0);
+  const bool by_hulls =
+      by_shafts && !choice.ShaftsAreRare() && hulls_.Find(s, /*alone=*/t_min_ != 0);
   const ShaftCut* cut = nullptr;
   // Made for the first block that a walk has to answer.
   bool prepared = false;
@@ -241,7 +241,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
     if (by_hulls) {
       hulls_.Begin(std::span<const RayPacket>(packets_.get(), blocks()));
-    } else if (cuts && blocks() > 1) {
+    } else if (by_shafts && blocks() > 1) {
       cut = CutGroup(scene_, run_, std::span<const RayPacket>(packets_.get(), blocks()), &cut_);
     }
   };

@@ -33,6 +33,7 @@
 #include "core/traverse/origin_lanes-inl.h"
 #include "core/traverse/parallel_lanes-inl.h"
 #include "core/traverse/point_box-inl.h"
+#include "core/traverse/shaft_cut.h"
 #include "core/traverse/shaft_leaf-inl.h"
 #include "core/traverse/shaft_test-inl.h"
 #include "core/traverse/single-inl.h"
@@ -133,7 +134,11 @@ class OccludedPacketWalk {
   using Packet = typename Lanes::Packet;
 
   OccludedPacketWalk(const IndexedGeometry& scene, Packet& packet, WalkStats* stats)
-      : scene_(scene), packet_(packet), stats_(stats), lanes_(scene, packet, stats) {
+      : scene_(scene),
+        packet_(packet),
+        stats_(stats),
+        fetcher_(scene.bvh),
+        lanes_(scene, packet, stats) {
     if constexpr (!Lanes::kParallel) PlaceCaps();
   }
 
@@ -141,8 +146,7 @@ class OccludedPacketWalk {
   bool Run(const CancelToken* cancel) {
     if (cancel != nullptr && cancel->cancelled()) return false;
     if (scene_.bvh.empty()) return true;
-    Pending stack[kBvhStackSize];
-    int depth = 0;
+    Pending stack[kBvhStackSize + ShaftCut::kMaxChildren];
     if (packet_.first_leaf != RayPacket::kNoLeaf) {
       // Wherever it lies: what darkened the packet before often darkens this one.
       const ChildRef first = ChildRef::FromBits(packet_.first_leaf);
@@ -150,41 +154,28 @@ class OccludedPacketWalk {
       if (VisitLeaf(first, {0, ~0u, LaneSlab::Everywhere()})) return true;
       packet_.first_leaf = RayPacket::kNoLeaf;
     }
-    stack[depth++] = {ChildRef::Inner(0).bits(), ~0u, LaneSlab::Everywhere()};
-    const VisitFetcher fetcher(scene_.bvh);
+    // What the walk begins with, the last one first: nearest to the light, in a cut.
+    const ShaftCut* const cut = packet_.cut;
+    const BvhNode* const first_nodes = cut == nullptr ? scene_.bvh.nodes.data() : cut->nodes;
+    uint32_t first_left = cut == nullptr ? 1 : cut->node_count;
+    int depth = 0;
     uint64_t visited = 0;
-    while (depth > 0) {
+    for (;;) {
+      if (first_left > 0) {
+        depth = VisitNode(first_nodes[--first_left], ~0u, stack, depth);
+        continue;
+      }
+      if (depth == 0) return true;
       const Pending pending = stack[--depth];
       if (++visited % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
       const ChildRef ref = ChildRef::FromBits(pending.ref_bits);
-      if (ref.is_leaf()) {
-        if (VisitLeaf(ref, pending)) {
-          packet_.first_leaf = ref.bits();
-          return true;
-        }
-        continue;
-      }
-      ++stats_->nodes;
-      const BvhNode& node = scene_.bvh.nodes[ref.node()];
-      // The cheapest child is the last, and is taken first.
-      uint32_t bits = lanes_.MeetNode(node);
-      if constexpr (!Lanes::kParallel) {
-        const hn::CappedTag<float, kBvhWidth> d8;
-        bits &= MaskBits(d8, BeyondCaps(d8, caps_, node.bounds));
-      }
-      for (; bits != 0; bits &= bits - 1) {
-        const int i = std::countr_zero(bits);
-        const LaneSlab slab = lanes_.SlabOf(node, i);
-        uint32_t groups = lanes_.GroupsMeet(slab, pending.groups);
-        while (groups != 0 && lanes_.LanesMeet(std::countr_zero(groups), slab) == 0) {
-          groups &= groups - 1;
-        }
-        if (groups == 0) continue;
-        fetcher.FetchAll(node.child[i]);
-        stack[depth++] = {node.child[i].bits(), groups, slab};
+      if (ref.is_inner()) {
+        depth = VisitNode(scene_.bvh.nodes[ref.node()], pending.groups, stack, depth);
+      } else if (VisitLeaf(ref, pending)) {
+        packet_.first_leaf = ref.bits();
+        return true;
       }
     }
-    return true;
   }
 
  private:
@@ -195,6 +186,29 @@ class OccludedPacketWalk {
   };
 
   static constexpr uint32_t kLanes = hn::MaxLanes(ShaftD());
+
+  // Pushes those of its children that some of the groups enter. Returns how many are on the stack.
+  HWY_INLINE int VisitNode(const BvhNode& node, uint32_t of_groups, Pending* stack, int depth) {
+    ++stats_->nodes;
+    // The cheapest child is the last, and is taken first.
+    uint32_t bits = lanes_.MeetNode(node);
+    if constexpr (!Lanes::kParallel) {
+      const hn::CappedTag<float, kBvhWidth> d8;
+      bits &= MaskBits(d8, BeyondCaps(d8, caps_, node.bounds));
+    }
+    for (; bits != 0; bits &= bits - 1) {
+      const int i = std::countr_zero(bits);
+      const LaneSlab slab = lanes_.SlabOf(node, i);
+      uint32_t groups = lanes_.GroupsMeet(slab, of_groups);
+      while (groups != 0 && lanes_.LanesMeet(std::countr_zero(groups), slab) == 0) {
+        groups &= groups - 1;
+      }
+      if (groups == 0) continue;
+      fetcher_.FetchAll(node.child[i]);
+      stack[depth++] = {node.child[i].bits(), groups, slab};
+    }
+    return depth;
+  }
 
   // Along one direction they bring nothing: what lies behind all origins is passed by as it is.
   void PlaceCaps() {
@@ -387,6 +401,7 @@ class OccludedPacketWalk {
   const IndexedGeometry& scene_;
   Packet& packet_;
   WalkStats* const stats_;
+  const VisitFetcher fetcher_;
   Lanes lanes_;
   AxisCaps caps_;
   LeafForms forms_;

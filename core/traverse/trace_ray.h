@@ -23,6 +23,7 @@
 namespace sightline {
 
 struct ClearToward;
+struct ShaftCut;
 
 // Triangles whose ids follow one another: an object's.
 struct TriangleRange {
@@ -77,6 +78,9 @@ struct alignas(64) RayPacket {
   const uint16_t* unasked = nullptr;
   // Any hit, over the BVH: leaves that block none of some blocks' others; null: none are known.
   const ClearToward* clear = nullptr;
+  // Any hit, packets over the BVH: where the walk begins; null: at the root. (Shafts are handed
+  // theirs.)
+  const ShaftCut* cut = nullptr;
   alignas(64) float target_x[kMaxRays], target_y[kMaxRays], target_z[kMaxRays];
   alignas(64) uint32_t target_source[kMaxRays];  // kNoTriangle: none. Read for segments only.
   // As a TraceRay's: by lane, up to the end of a vector, or null; and for all lanes.
@@ -123,6 +127,7 @@ struct alignas(64) RayPacket {
     to->grid = nullptr;
     to->unasked = nullptr;
     to->clear = nullptr;
+    to->cut = nullptr;
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
@@ -152,6 +157,7 @@ struct alignas(64) ParallelPacket {
   AnsweredBy* answered_by = nullptr;         // As in RayPacket.
   const uint16_t* unasked = nullptr;         // As in RayPacket.
   const ClearToward* clear = nullptr;        // As in RayPacket.
+  const ShaftCut* cut = nullptr;             // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
   alignas(64) uint32_t triangle[kMaxRays];       // Result: some blocker's id, or kNoTriangle.
@@ -164,6 +170,7 @@ struct alignas(64) ParallelPacket {
     to->direction_source = direction_source;
     to->unasked = nullptr;
     to->clear = nullptr;
+    to->cut = nullptr;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
     to->meanwhile = nullptr;

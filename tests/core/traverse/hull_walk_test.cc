@@ -217,9 +217,15 @@ TEST_P(LampTest, LeavesMoreToOthersTheLessItsBudgetIs) {
     for (const uint16_t blocked : blocked_) known += static_cast<uint64_t>(std::popcount(blocked));
     EXPECT_GE(known, known_before) << budget;
     known_before = known;
-    if (budget == 0) EXPECT_EQ(known, 0u);
-    if (budget < 500) EXPECT_GT(rest_.cut.node_count, 0u);
-    if (budget == kUnbounded) EXPECT_EQ(rest_.cut.node_count, 0u);
+    if (budget == 0) {
+      EXPECT_EQ(known, 0u);
+    }
+    if (budget < 500) {
+      EXPECT_GT(rest_.cut.node_count, 0u);
+    }
+    if (budget == kUnbounded) {
+      EXPECT_EQ(rest_.cut.node_count, 0u);
+    }
     Compare(scene_, light_);
   }
 }

@@ -122,6 +122,8 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
       } kWalks[] = {{"packet", false, false, nullptr},
                     {"packet", true, false, nullptr},
                     {"packet that begins where another ended", true, false, nullptr},
+                    {"packet from a cut", true, false, cut_alone ? &alone : nullptr},
+                    {"packet from a shared cut", true, false, cut_shared ? &shared : nullptr},
                     {"shaft", false, true, nullptr},
                     {"shaft", true, true, nullptr},
                     {"shaft from a cut", false, true, cut_alone ? &alone : nullptr},
@@ -135,6 +137,7 @@ TEST_P(KernelsTest, PacketsOfEverySizeGiveBruteForcesBits) {
         std::fill_n(packet->triangle, RayPacket::kMaxRays, 12345u);
         // Now and then the leaf that the walk before this one ended in.
         if (walk_index++ % 4 == 0) packet->first_leaf = RayPacket::kNoLeaf;
+        packet->cut = shaft ? nullptr : cut;
         WalkStats stats;
         const bool done = shaft ? (any ? kernels().occluded_shaft : kernels().closest_shaft)(
                                       scene.indexed, *packet, cut, nullptr, &stats)
@@ -215,6 +218,7 @@ TEST_P(KernelsTest, ParallelPacketsGiveBruteForcesBits) {
         std::fill_n(packet->triangle, ParallelPacket::kMaxRays, 12345u);
         // For packets now and then the leaf that darkened another one.
         if (as_shaft || i % 3 != 0) packet->first_leaf = RayPacket::kNoLeaf;
+        packet->cut = !as_shaft && has_cut && i % 4 < 2 ? &cut : nullptr;
         ASSERT_TRUE(
             as_shaft ? kernels().occluded_parallel_shaft(scene.indexed, *packet,
                                                          has_cut && i % 2 == 0 ? &cut : nullptr,
