@@ -7,7 +7,7 @@
 // leaf's own box are left out; triangles are put to the rectangle in which a group's rays are seen,
 // sixteen at a time, and their forms serve all that come to a test. Either a triangle is tested
 // against a group's rays or, where fewer of these have met the box than triangles are seen there, a
-// ray against all of the leaf's triangles.
+// ray against all of the leaf's triangles. A few rays in all are tested as single rays are.
 //
 // For neighbours that share what they walk through but not what they end on, where a shaft culls
 // little: a million points of a city, and a light of it or a patch of its sky.
@@ -225,15 +225,21 @@ class OccludedPacketWalk {
   bool VisitLeaf(ChildRef ref, const Pending& pending) {
     uint32_t met[Lanes::kMaxRays / 8];
     uint32_t groups = 0;  // Those of which a lane enters.
+    int rays = 0;
     const uint32_t asked = pending.groups & lanes_.open_groups() & ~ClearGroups(ref);
     for (uint32_t left = asked; left != 0; left &= left - 1) {
       const uint32_t g = std::countr_zero(left);
       met[g] = lanes_.LanesMeet(g, pending.slab);
       groups |= (met[g] != 0 ? 1u : 0u) << g;
+      rays += std::popcount(met[g]);
     }
     if (groups == 0) return false;
     ++stats_->leaves;
     const LeafView leaf(scene_, ref);
+    if (rays <= kFewRays) {
+      TestOneByOne(leaf, groups, met);
+      return lanes_.live() == 0;
+    }
     const uint32_t relevant = PrepareOccluders(scene_.geometry, leaf, lanes_, &forms_);
     // A list first, then the tests, without a branch that depends on them: how many triangles a
     // group meets, and whether one blocks anything, cannot be foretold. What is in doubt waits.
@@ -259,6 +265,23 @@ class OccludedPacketWalk {
         groups |= ((1u << kGroups) - 1) << (kGroups * std::countr_zero(left));
       }
       return groups;
+    }
+  }
+
+  // So few rays cost less one by one than forms that serve any number.
+  static constexpr int kFewRays = 3;
+
+  HWY_NOINLINE void TestOneByOne(const LeafView& leaf, uint32_t groups, const uint32_t* met) {
+    for (; groups != 0; groups &= groups - 1) {
+      const uint32_t g = std::countr_zero(groups);
+      for (uint32_t left = met[g]; left != 0; left &= left - 1) {
+        const uint32_t lane = g * kLanes + static_cast<uint32_t>(std::countr_zero(left));
+        const TraceRay query = packet_.trace_ray(static_cast<int>(lane));
+        TestLeaf(leaf, query, scene_.geometry, stats_, [&](uint32_t i) HWY_ATTR {
+          lanes_.BlockLane(leaf.id(i), lane, /*hit=*/true);
+          return true;
+        });
+      }
     }
   }
 

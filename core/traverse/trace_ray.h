@@ -184,6 +184,13 @@ struct alignas(64) ParallelPacket {
 
   Vec3f origin(int lane) const { return {origin_x[lane], origin_y[lane], origin_z[lane]}; }
   PredicateRay ray(int lane) const { return PredicateRay::Ray(origin(lane), direction); }
+  // The lane's ray by itself.
+  TraceRay trace_ray(int lane) const {
+    return {.ray = ray(lane),
+            .mask = mask,
+            .from_source = origin_source[lane],
+            .to_source = direction_source};
+  }
 };
 
 struct WalkStats {

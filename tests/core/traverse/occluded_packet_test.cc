@@ -136,14 +136,6 @@ Vec3f Beside(Vec3f p, uint64_t ulps, TestRng& rng) {
   return ClampToRange(p);
 }
 
-TraceRay Lane(const RayPacket& packet, int lane) { return packet.trace_ray(lane); }
-TraceRay Lane(const ParallelPacket& packet, int lane) {
-  return {.ray = packet.ray(lane),
-          .mask = packet.mask,
-          .from_source = packet.origin_source[lane],
-          .to_source = packet.direction_source};
-}
-
 bool BlocksIt(const SceneGeometry& geometry, const TraceRay& query, uint32_t id) {
   if (id == query.from_source || id == query.to_source) return false;
   const auto [a, b, c] = geometry.Corners(id);
@@ -179,7 +171,7 @@ class OccludedPacketTest : public KernelsFixture {
     std::fill_n(packet->triangle, Packet::kMaxRays, 12345u);  // To be overwritten.
     ASSERT_TRUE(Walk(scene, packet));
     for (int lane = 0; lane < packet->count; ++lane) {
-      const TraceRay query = Lane(*packet, lane);
+      const TraceRay query = packet->trace_ray(lane);
       const uint32_t found = packet->triangle[lane];
       ++lanes_;
       if (found != kNoTriangle) {
@@ -201,7 +193,7 @@ class OccludedPacketTest : public KernelsFixture {
   template <class Packet>
   static testing::Message Said(const Packet& packet, int lane, uint32_t id) {
     return testing::Message() << "lane " << lane << " of " << packet.count << ", "
-                              << Printed{Lane(packet, lane)} << ", triangle " << id;
+                              << Printed{packet.trace_ray(lane)} << ", triangle " << id;
   }
 };
 
@@ -442,7 +434,7 @@ TEST_P(OccludedPacketTest, AWalkUnderWayAsksItsTokenToo) {
       // What it has answered by then it has answered rightly.
       for (int lane = 0; lane < walked->count; ++lane) {
         if (walked->triangle[lane] == kNoTriangle) continue;
-        EXPECT_TRUE(BlocksIt(scene.geometry, Lane(*walked, lane), walked->triangle[lane]));
+        EXPECT_TRUE(BlocksIt(scene.geometry, walked->trace_ray(lane), walked->triangle[lane]));
       }
       return;
     }
