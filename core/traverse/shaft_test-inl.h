@@ -59,7 +59,7 @@ class ShaftTest {
   HWY_INLINE void InFloats(uint32_t i, size_t at, Floats (&said)[kVectors]) const {
     const auto term = [i](const float* row) HWY_ATTR { return hn::Set(ShaftD(), row[i]); };
     const auto own = [this, at](size_t k) HWY_ATTR { return rays_.Own(at + k * kLanes); };
-    const auto own_inf = [this, at](size_t k) HWY_ATTR {
+    const auto own_inf = [&](size_t k) HWY_ATTR {
       if constexpr (kParallel) {
         return hn::Zero(ShaftD());  // Not asked for.
       } else {
@@ -81,7 +81,7 @@ class ShaftTest {
     const auto term = [first](const float* row)
                           HWY_ATTR { return hn::LoadU(ShaftD(), row + first); };
     const auto own = [this, lane](size_t) HWY_ATTR { return rays_.OwnOf(lane); };
-    const auto own_inf = [this, lane](size_t) HWY_ATTR {
+    const auto own_inf = [&](size_t) HWY_ATTR {
       if constexpr (kParallel) {
         return hn::Zero(ShaftD());  // Not asked for.
       } else {
