@@ -251,12 +251,7 @@ absl::Status TraceParallelBlock(const IndexedGeometry& scene, const QueryRun& ru
     std::array<TraceRay, kBlockRays> rays;
     std::array<Hit, kBlockRays> hits;
     const AskedLanes asked(packet->count, packet->unasked);
-    for (size_t k = 0; k < asked.size(); ++k) {
-      rays[k] = {.ray = packet->ray(asked[k]),
-                 .mask = packet->mask,
-                 .from_source = packet->origin_source[asked[k]],
-                 .to_source = packet->direction_source};
-    }
+    for (size_t k = 0; k < asked.size(); ++k) rays[k] = packet->trace_ray(asked[k]);
     SL_RETURN_IF_ERROR(TraceRayBlock(scene, run, HitKind::kAny, strategy,
                                      {rays.data(), asked.size()}, hits, stats));
     for (size_t k = 0; k < asked.size(); ++k) packet->triangle[asked[k]] = hits[k].triangle;

@@ -33,8 +33,7 @@ HWY_INLINE Vec3V<ShaftV> LeafCorner(const LeafView& leaf, int corner, uint32_t f
 // Likewise their ids.
 HWY_INLINE hn::Vec<hn::RebindToUnsigned<ShaftD>> LeafIds(const LeafView& leaf, uint32_t first) {
   const ShaftD d;
-  return hn::BitCast(hn::RebindToUnsigned<ShaftD>(),
-                     hn::LoadU(d, leaf.rows + 9 * leaf.stride + first));
+  return hn::BitCast(hn::RebindToUnsigned<ShaftD>(), hn::LoadU(d, leaf.id_row() + first));
 }
 
 }  // namespace HWY_NAMESPACE

@@ -39,7 +39,8 @@ struct LeafView {
   LeafView(const float* rows, uint32_t stride, uint32_t count)
       : rows(rows), stride(stride), count(count) {}
 
-  uint32_t id(uint32_t lane) const { return std::bit_cast<uint32_t>(rows[9 * stride + lane]); }
+  const float* id_row() const { return rows + 9 * stride; }  // Their bits.
+  uint32_t id(uint32_t lane) const { return std::bit_cast<uint32_t>(id_row()[lane]); }
   Vec3f corner(int corner, uint32_t lane) const {
     const float* p = rows + 3 * corner * stride + lane;
     return {p[0], p[stride], p[2 * stride]};

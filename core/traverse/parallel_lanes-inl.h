@@ -221,9 +221,7 @@ class ParallelLanes {
     packet_.triangle[lane] = hit ? id : packet_.triangle[lane];
   }
   // A lane's own source.
-  uint32_t source(size_t lane) const {
-    return has_sources_ ? packet_.origin_source[lane] : kNoTriangle;
-  }
+  uint32_t source(size_t lane) const { return packet_.origin_source[lane]; }
   // Lanes of a group that are still asked about.
   uint32_t active(uint32_t group) const { return active_[group]; }
 

@@ -223,11 +223,7 @@ class ShaftWalk {
     Hit hits[Packet::kMaxRays];
     const size_t count = single_count_;
     for (size_t i = 0; i < count; ++i) {
-      const uint32_t lane = singles_[i];
-      rays[i] = {.ray = packet_.ray(static_cast<int>(lane)),
-                 .mask = packet_.mask,
-                 .from_source = rays_.common_source(),
-                 .to_source = rays_.has_sources() ? rays_.sources()[lane] : kNoTriangle};
+      rays[i] = packet_.trace_ray(singles_[i]);
     }
     stats_->shaft.singles += count;
     if (!TraceSingle<kAny>(scene_, {rays, count}, hits, cancel_, stats_)) return false;
@@ -574,10 +570,7 @@ inline bool TraceParallelShaft(const IndexedGeometry& scene, ParallelPacket& pac
   Hit hits[ParallelPacket::kMaxRays];
   const size_t count = static_cast<size_t>(packet.count);
   for (size_t i = 0; i < count; ++i) {
-    rays[i] = {.ray = packet.ray(static_cast<int>(i)),
-               .mask = packet.mask,
-               .from_source = packet.origin_source[i],
-               .to_source = packet.direction_source};
+    rays[i] = packet.trace_ray(static_cast<int>(i));
   }
   if (!TraceSingle<true>(scene, {rays, count}, hits, cancel, stats)) return false;
   for (size_t i = 0; i < count; ++i) packet.triangle[i] = hits[i].triangle;

@@ -58,16 +58,7 @@ class ShaftTest {
   template <size_t kVectors>
   HWY_INLINE void InFloats(uint32_t i, size_t at, Floats (&said)[kVectors]) const {
     const auto term = [i](const float* row) HWY_ATTR { return hn::Set(ShaftD(), row[i]); };
-    const auto own = [this, at](size_t k) HWY_ATTR { return rays_.Own(at + k * kLanes); };
-    const auto own_inf = [&](size_t k) HWY_ATTR {
-      if constexpr (kParallel) {
-        return hn::Zero(ShaftD());  // Not asked for.
-      } else {
-        return rays_.OwnInf(at + k * kLanes);
-      }
-    };
-    const auto point = [this, at](size_t k) HWY_ATTR { return Points(at + k * kLanes); };
-    Ask(term, own, own_inf, point, said);
+    Ask(term, SomeRays{rays_, at}, said);
   }
   HWY_INLINE Floats InFloats(uint32_t i, size_t at) const {
     Floats said[1];
@@ -80,17 +71,8 @@ class ShaftTest {
   HWY_INLINE Floats OfTriangles(size_t lane, uint32_t first) const {
     const auto term = [first](const float* row)
                           HWY_ATTR { return hn::LoadU(ShaftD(), row + first); };
-    const auto own = [this, lane](size_t) HWY_ATTR { return rays_.OwnOf(lane); };
-    const auto own_inf = [&](size_t) HWY_ATTR {
-      if constexpr (kParallel) {
-        return hn::Zero(ShaftD());  // Not asked for.
-      } else {
-        return rays_.OwnInfOf(lane);
-      }
-    };
-    const auto point = [this, lane](size_t) HWY_ATTR { return rays_.PointOf(lane); };
     Floats said[1];
-    Ask(term, own, own_inf, point, said);
+    Ask(term, OneRay{rays_, lane}, said);
     return said[0];
   }
 
@@ -133,16 +115,34 @@ class ShaftTest {
  private:
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
 
+  // The rays of a test in its vector k: those that follow one another from `at` on, or one.
+  struct SomeRays {
+    const Rays& rays;
+    size_t at;
+    HWY_INLINE Vec3V<V> Own(size_t k) const { return rays.Own(at + k * kLanes); }
+    HWY_INLINE V OwnInf(size_t k) const { return rays.OwnInf(at + k * kLanes); }
+    HWY_INLINE Vec3V<V> Point(size_t k) const {
+      const size_t i = at + k * kLanes;
+      return {rays.Point(0, i), rays.Point(1, i), rays.Point(2, i)};
+    }
+  };
+  struct OneRay {
+    const Rays& rays;
+    size_t lane;
+    HWY_INLINE Vec3V<V> Own(size_t) const { return rays.OwnOf(lane); }
+    HWY_INLINE V OwnInf(size_t) const { return rays.OwnInfOf(lane); }
+    HWY_INLINE Vec3V<V> Point(size_t) const { return rays.PointOf(lane); }
+  };
+
   // What floats say of pairs of a triangle and a ray, lane by lane: term(row) is the triangles'
-  // part of a row of forms or corners, own(k) and so on the rays' in vector k.
-  template <size_t kVectors, class Term, class Own, class OwnInf, class Point>
-  HWY_INLINE void Ask(const Term& term, const Own& own, const OwnInf& own_inf, const Point& point,
-                      Floats (&said)[kVectors]) const {
+  // part of a row of forms or corners.
+  template <size_t kVectors, class Term, class OfRays>
+  HWY_INLINE void Ask(const Term& term, const OfRays& rays, Floats (&said)[kVectors]) const {
     const ShaftD d;
     const V zero = hn::Zero(d), underflow = hn::Set(d, kFloatUnderflow);
     Vec3V<V> v[kVectors];
     V along[kVectors], inner[kVectors];
-    for (size_t k = 0; k < kVectors; ++k) v[k] = own(k);
+    for (size_t k = 0; k < kVectors; ++k) v[k] = rays.Own(k);
     for (int e = 0; e < 3; ++e) {
       Along(term, forms_.edge[e], v, along);
       if constexpr (kParallel) {
@@ -156,7 +156,7 @@ class ShaftTest {
     const V edge_bound = term(forms_.edge_bound);
     for (size_t k = 0; k < kVectors; ++k) {
       V bound = edge_bound;
-      if constexpr (!kParallel) bound = hn::MulAdd(bound, own_inf(k), underflow);
+      if constexpr (!kParallel) bound = hn::MulAdd(bound, rays.OwnInf(k), underflow);
       // Some form is certainly negative; all are certainly positive.
       said[k].open = hn::Ge(hn::Add(inner[k], bound), zero);
       said[k].hit = said[k].inside = hn::Gt(hn::Sub(inner[k], bound), zero);
@@ -166,7 +166,7 @@ class ShaftTest {
     // triangle's own size, not to its distance from the apex. It settles points that lie near it.
     const Vec3V<V> a = {term(leaf_.rows), term(leaf_.rows + leaf_.stride),
                         term(leaf_.rows + 2 * leaf_.stride)};
-    for (size_t k = 0; k < kVectors; ++k) v[k] = SubV(point(k), a);
+    for (size_t k = 0; k < kVectors; ++k) v[k] = SubV(rays.Point(k), a);
     Along(term, forms_.normal, v, along);
     const V normal_bound = term(forms_.normal_bound);
     for (size_t k = 0; k < kVectors; ++k) {
@@ -188,9 +188,7 @@ class ShaftTest {
   // Whether a hit depends on the side of the triangle's plane that a point is on.
   bool HasPlane() const { return kParallel || rays_.segments(); }
 
-  Vec3V<V> Points(size_t at) const {
-    return {rays_.Point(0, at), rays_.Point(1, at), rays_.Point(2, at)};
-  }
+  Vec3V<V> Points(size_t at) const { return SomeRays{rays_, at}.Point(0); }
 
   // 1 where the plane is passed, -1 where not, 0 where doubles cannot tell.
   HWY_NOINLINE V PlaneInDoubles(uint32_t i, size_t at) const {

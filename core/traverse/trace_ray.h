@@ -127,7 +127,7 @@ struct alignas(64) RayPacket {
     to->grid = nullptr;
     to->unasked = nullptr;
     to->clear = nullptr;
-    to->cut = nullptr;
+    to->cut = cut;
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
@@ -170,7 +170,7 @@ struct alignas(64) ParallelPacket {
     to->direction_source = direction_source;
     to->unasked = nullptr;
     to->clear = nullptr;
-    to->cut = nullptr;
+    to->cut = cut;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
     to->meanwhile = nullptr;

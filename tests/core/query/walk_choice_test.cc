@@ -123,6 +123,17 @@ TEST(WalkChoiceTest, KeepsToWhatThereIs) {
   }
 }
 
+TEST(WalkChoiceTest, ALeafCostsPacketsForAnyHitLess) {
+  const auto leaf = [](Others others) {
+    WalkStats after;
+    after.leaves = kRays;
+    return WalkChoice(others).Learn(Strategy::kPacket, {}, after, kRays) -
+           WalkChoice(others).Learn(Strategy::kPacket, {}, {}, kRays);
+  };
+  EXPECT_LT(leaf(Others::kOneOrigin), leaf(Others::kClosest));
+  EXPECT_LT(leaf(Others::kParallel), leaf(Others::kClosest));
+}
+
 // Packets for any hit are tried sooner than those for closest hits, along one direction the
 // soonest.
 TEST(WalkChoiceTest, PacketsForAnyHitAreTriedSooner) {
