@@ -28,6 +28,13 @@ void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
   *size = count;
 }
 
+// WalkChoice::Growth of a block whose points, seen from their sample, are in this box.
+float GrowthOf(const Box3f& box, const LightSample& sample) {
+  const Vec3f diagonal = box.hi - box.lo, way = sample.value - (box.lo + box.hi) * 0.5f;
+  const float squared = Dot(diagonal, diagonal);
+  return WalkChoice::Growth(sample.directional ? squared : squared / Dot(way, way));
+}
+
 // Part k of n of a row.
 template <typename T>
 std::span<const T> PartOf(std::span<const T> row, size_t k, size_t n) {
@@ -209,11 +216,23 @@ void SampleTracer::NoteCovers(size_t s, const WalkStats& before, const WalkStats
   hints_.covered[s] = after.shaft.covers - before.shaft.covers >= kBlockRays / kCoverRays / 2;
 }
 
+void SampleTracer::NoteBlock(size_t s, size_t b, Strategy walk, const WalkStats& before,
+                             const WalkStats& after) {
+  if (walk == Strategy::kShaft) {
+    NoteCovers(s, before, after);
+    return;
+  }
+  // Other walks do not tell. What made all of it dark at once may be one triangle.
+  const std::span<const uint32_t> blockers(triangles(b), PointsOf(b));
+  hints_.covered[s] = after.leaves - before.leaves == 1 &&
+                      std::find(blockers.begin(), blockers.end(), kNoTriangle) == blockers.end();
+}
+
 absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,
                                          StatsScope* scope) {
   const LightSample& sample = samples_[s];
   ReservePackets(s);
-  WalkChoice& choice = segments_choices_.Of(light_of_[s]);
+  WalkChoice& choice = hints_.walks.Of(light_of_[s], OtherWalks(run_, RayForm::kOneOrigin, kind_));
   const bool by_shafts = strategy == Strategy::kShaft;
   // With t_min the points differ from sample to sample.
   const bool by_hulls =
@@ -252,7 +271,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     size_t known_points = known_points_[b];
     if (by_hulls && hulls_.Answers(s, b)) {
       hulls_.Bits(s, b, known.data());
-      TakeHull(b, &choice, scope);
+      TakeHull(s, b, &choice, scope);
       continue;
     }
     // What darkened the packet before this one, or this one before, for the light's last sample.
@@ -267,14 +286,15 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       }
     }
     if (!std::exchange(prepared, true)) prepare();
-    const Strategy walk = by_shafts ? choice.Next() : strategy;
+    const float growth = GrowthOf(boxes_[b], sample);
+    const Strategy walk = by_shafts ? choice.Next(growth) : strategy;
     if (by_hulls) {
       if (hulls_.IsNew(b)) {
         SL_RETURN_IF_ERROR(TraceHull(s, b, walk == Strategy::kShaft, scope));
       }
       known_points = hulls_.Bits(s, b, known.data());
       if (hulls_.Answers(s, b) || known_points == PointsOf(b)) {
-        TakeHull(b, &choice, scope);
+        TakeHull(s, b, &choice, scope);
         continue;
       }
       cut = hulls_.CutOf(b);
@@ -298,10 +318,10 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
         after.leaves += hulls_.share(b).leaves;
         after.triangle_tests += hulls_.share(b).triangle_tests;
       }
-      cycles_ += choice.Learn(walk, before, after, PointsOf(b) - known_points_[b]);
+      cycles_ += choice.Learn(walk, before, after, PointsOf(b) - known_points_[b], growth);
     }
     *first_leaf = packets_[b].first_leaf;
-    NoteCovers(s, before, *scope->walk());
+    NoteBlock(s, b, walk, before, *scope->walk());
   }
   return absl::OkStatus();
 }
@@ -392,11 +412,12 @@ absl::Status SampleTracer::TraceHull(size_t s, size_t b, bool by_shaft, StatsSco
   return absl::OkStatus();
 }
 
-void SampleTracer::TakeHull(size_t b, WalkChoice* choice, StatsScope* scope) {
+void SampleTracer::TakeHull(size_t s, size_t b, WalkChoice* choice, StatsScope* scope) {
   by_bits_[b] = true;
   if (!coming_positions_.empty()) ComingOf(b).All();  // Its turn will not come.
   scope->Took(Strategy::kShaft);
-  cycles_ += choice->Learn(Strategy::kShaft, {}, hulls_.share(b), PointsOf(b));
+  const float growth = GrowthOf(boxes_[b], samples_[s]);
+  cycles_ += choice->Learn(Strategy::kShaft, {}, hulls_.share(b), PointsOf(b), growth);
   if (record_answered_by_) {
     std::copy_n(hulls_.answered_by(b), PointsOf(b), AnsweredByOf(b));
   }
@@ -415,7 +436,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
   uint32_t* const first_leaf = &hints_.first_leaves[s];
   ReservePackets(s);
   const bool by_shafts = strategy == Strategy::kShaft;
-  WalkChoice& choice = parallel_choices_.Of(light_of_[s]);
+  WalkChoice& choice = hints_.walks.Of(light_of_[s], OtherWalks(run_, RayForm::kParallel, kind_));
   bool laid_out = false;
   const auto lay_out = [&] {
     for (size_t b = 0; b < blocks(); ++b) {
@@ -449,7 +470,8 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
     }
     if (!std::exchange(laid_out, true)) lay_out();
     parallel_[b].first_leaf = *first_leaf;
-    const Strategy walk = by_shafts ? choice.Next() : strategy;
+    const float growth = GrowthOf(boxes_[b], sample);
+    const Strategy walk = by_shafts ? choice.Next(growth) : strategy;
     if (walk == Strategy::kShaft && !std::exchange(prepared, true)) {
       cut =
           CutGroup(scene_, run_, std::span<const ParallelPacket>(parallel_.get(), blocks()), &cut_);
@@ -464,10 +486,10 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
     }
     scope->Took(walk);
     if (by_shafts) {
-      cycles_ += choice.Learn(walk, before, *scope->walk(), PointsOf(b) - known_points_[b]);
+      cycles_ += choice.Learn(walk, before, *scope->walk(), PointsOf(b) - known_points_[b], growth);
     }
     *first_leaf = parallel_[b].first_leaf;
-    NoteCovers(s, before, *scope->walk());
+    NoteBlock(s, b, walk, before, *scope->walk());
   }
   return absl::OkStatus();
 }

@@ -54,9 +54,7 @@ class SampleTracer {
         record_answered_by_(run.options().count_answers),
         hints_{std::vector<uint32_t>(samples.size(), RayPacket::kNoLeaf),
                std::vector<uint8_t>(samples.size(), false)},
-        light_of_(samples.size()),
-        segments_choices_(OtherWalks(run, RayForm::kOneOrigin, kind)),
-        parallel_choices_(OtherWalks(run, RayForm::kParallel, kind)) {
+        light_of_(samples.size()) {
     for (size_t s = 1; s < samples.size(); ++s) {
       light_of_[s] = light_of_[s - 1] + (samples[s].light != samples[s - 1].light);
     }
@@ -94,8 +92,8 @@ class SampleTracer {
   AnsweredBy answered_by(size_t i) const { return answered_by_[i]; }
 
   // Where walks begin: what another tracer of the same scene and samples left, or nothing.
-  void TakeHints(const ShadowHints& hints) {
-    if (!hints.first_leaves.empty()) hints_ = hints;
+  void TakeHints(ShadowHints hints) {
+    if (!hints.first_leaves.empty()) hints_ = std::move(hints);
   }
   ShadowHints ReleaseHints() { return std::move(hints_); }  // The last call.
 
@@ -157,10 +155,13 @@ class SampleTracer {
   absl::Status FetchWhile(size_t block, Packet* packet, const Walk& walk);
   // Takes note of whether a block's walk met a triangle that blocks most of it.
   void NoteCovers(size_t s, const WalkStats& before, const WalkStats& after);
+  // The same of any walk that block b was just asked about by.
+  void NoteBlock(size_t s, size_t b, Strategy walk, const WalkStats& before,
+                 const WalkStats& after);
   // Puts all samples of the hull to block b at once (GroupHulls::Trace).
   absl::Status TraceHull(size_t s, size_t b, bool by_shaft, StatsScope* scope);
   // Answers block b for a sample by what its hull found, which is in bits_, alone.
-  void TakeHull(size_t b, WalkChoice* choice, StatsScope* scope);
+  void TakeHull(size_t s, size_t b, WalkChoice* choice, StatsScope* scope);
   // What answered such points of a block, where it is recorded.
   void MarkKnown(size_t b, const BlockBits& known, bool by_hull);
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
@@ -217,7 +218,6 @@ class SampleTracer {
   uint64_t rays_ = 0;
   std::vector<uint32_t> light_of_;    // By sample: how many lights came before its own.
   std::vector<uint32_t> samples_of_;  // By that.
-  WalkChoices segments_choices_, parallel_choices_;
 };
 
 }  // namespace sightline

@@ -94,11 +94,11 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::vector<size_t> index;
   SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
   if (outputs.answered_by) tracer.RecordAnsweredBy();
-  if (shadow.hints != nullptr) tracer.TakeHints(*shadow.hints);
+  const float known_cost = shadow.hints != nullptr ? shadow.hints->ray_cost : 0;
+  if (shadow.hints != nullptr) tracer.TakeHints(std::move(*shadow.hints));
   PartedPoints order;
   const bool ordered =
-      !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size(),
-                                      shadow.hints != nullptr ? shadow.hints->ray_cost : 0);
+      !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size(), known_cost);
   if (ordered) order = InSpatialOrder(points.positions, points.valid, options.simd);
   const size_t group = tracer.GroupPoints();
   // What comes next is fetched while a group's last walks are under way: fetched earlier, it would
@@ -194,11 +194,10 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   }
   if (ordered && outputs.bits) PointBits(order.numbers, n).PutBack(out.lit_bits);
   if (shadow.hints != nullptr) {
-    const float before = shadow.hints->ray_cost;
-    float after = before;
+    float after = known_cost;
     if (const std::optional<float> took = tracer.RayCost(); took.has_value()) {
       const float cost = *took * (ordered ? kOrderedGain : 1);
-      after = before > 0 ? (before + cost) / 2 : cost;
+      after = known_cost > 0 ? (known_cost + cost) / 2 : cost;
     }
     *shadow.hints = tracer.ReleaseHints();
     shadow.hints->ray_cost = after;

@@ -23,6 +23,7 @@
 #include "core/light/light.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
+#include "core/query/walk_choice.h"
 #include "core/traverse/answered_by.h"
 
 namespace sightline {
@@ -43,11 +44,13 @@ struct PointRange {
 };
 
 // Where walks toward each sample last found a blocker: tried first for the next points, which are
-// their neighbours. And what these cost, which says whether it pays to bring those into an order of
-// their own. Of one scene and one set of samples; empty at first.
+// their neighbours. And what these cost, by which AUTO chooses how to walk for them, and whether it
+// pays to bring them into an order of their own. Of one scene and one set of samples; empty at
+// first.
 struct ShadowHints {
   std::vector<uint32_t> first_leaves;  // By sample.
   std::vector<uint8_t> covered;        // Whether one triangle there blocked many points at once.
+  WalkChoices walks;                   // By light, counted from 0.
   float ray_cost = 0;                  // Cycles a ray, about, in the order given; 0: not known.
 };
 

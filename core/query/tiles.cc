@@ -166,13 +166,14 @@ class TileTrace {
             continue;
           }
           Place(block);
-          const Strategy walk = strategy == Strategy::kShaft ? choice_.Next() : strategy;
+          constexpr float kAlike = 1;  // A camera's blocks are squares of pixels, as broad as any.
+          const Strategy walk = strategy == Strategy::kShaft ? choice_.Next(kAlike) : strategy;
           const WalkStats before = *scope.walk();
           SL_RETURN_IF_ERROR(
               TracePacketBlock(scene_, run_, kind, walk, packet_, cut, scope.walk()));
           scope.Took(walk);
           if (strategy == Strategy::kShaft) {
-            choice_.Learn(walk, before, *scope.walk(), static_cast<size_t>(packet_->count));
+            choice_.Learn(walk, before, *scope.walk(), static_cast<size_t>(packet_->count), kAlike);
           }
           SL_RETURN_IF_ERROR(Finish(group, {&block, 1}, &scope, &points));
         }

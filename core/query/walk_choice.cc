@@ -2,6 +2,8 @@
 #include "core/query/walk_choice.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 namespace sightline {
 namespace {
@@ -13,15 +15,16 @@ struct Weights {
   float node, leaf, test, ray;
 };
 // Shafts that cost less a ray than `try_packets` or `try_singles` are not worth comparing: the
-// others seldom do.
+// others seldom do. Nor are fewer blocks of them than `first_shafts`: of a camera's, packets pay
+// least often.
 //
-// `first_shafts`: their blocks before another walk is first tried. A trial costs, and one block of
-// shafts is nothing to hold it against; but a picture's tile has some sixteen blocks, and all of
-// them count. Along one direction packets seldom do much worse, so a trial costs little.
+// `newest`: what the last shaft says of the next, at the least; the rest is said by those before
+// it. Much, since they differ from region to region.
 struct Costs {
   Weights of[3];  // By Walk.
   float try_packets, try_singles;
   uint32_t first_shafts;
+  float newest;
 };
 // Those for closest hits were chosen by replaying what every block of some forty rows had cost by
 // each walk (core/traverse/DESIGN.md, "What AUTO walks").
@@ -30,72 +33,95 @@ constexpr Weights kShaftWeights = {55, 250, 3.4f, 6};
 // scenes' shadows and 64 lights on thin points on a Zen 4, most within a tenth; those with one
 // direction lie between such fits (suns and sky) and the ones of before, where AUTO chose best.
 constexpr Costs kCosts[] = {
-    {},                                                                          // By Others: none,
-    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350, 4},         // closest hits,
-    {{{40, 470, 2.4f, 11}, {840, 150, 2.6f, 6}, {40, 47, 0, 175}}, 80, 420, 4},  // one origin,
-    {{{40, 350, 3.3f, 12}, {400, 300, 2.2f, 6}, {24, 60, 0, 90}}, 45, 350, 1}};  // one direction.
+    {},                                                                         // By Others: none,
+    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350, 4, 0.1f},  // closest hits,
+    {{{40, 470, 2.4f, 11}, {840, 150, 2.6f, 6}, {40, 47, 0, 175}},
+     80,
+     420,
+     1,
+     0.3f},  // one origin,
+    {{{40, 350, 3.3f, 12}, {400, 300, 2.2f, 6}, {24, 60, 0, 90}},
+     50,
+     350,
+     1,
+     0.3f}};  // one direction.
 
-// Another walk is taken only if it is so much cheaper: blocks differ, estimates err, and what looks
-// cheapest by chance is taken more often.
-constexpr float kClearlyCheaper = 0.9f;
+// Single rays are taken only if they cost so much less: what they cost differs most from block to
+// block, and what looks cheapest by chance is taken more often.
+constexpr float kClearlyCheaper[] = {1, 1, 0.6f};  // By Walk.
+// Before it was tried, another walk is taken to cost so much of what a shaft would.
+constexpr float kPromise = 0.5f;
 // Shafts that cost so many times what makes single rays worth a trial are lost: few pixels over a
-// million triangles, whose rays share nothing. Single rays are tried at once then, and first: such
-// a picture is over before the usual trials, and packets share no more there.
+// million triangles, whose rays share nothing. Single rays are tried first then: such a picture is
+// over before the usual trials, and packets share no more there.
 constexpr float kLost = 16;
-// What the last block says of the next, at the least; the rest is said by those before it, and the
-// first few are averaged. Little: costs of thin points vary tenfold from block to block, and one
-// that happened to be cheap should not win.
-constexpr float kNewest = 0.1f;
-// How long a walk that has lost is left alone, in blocks: doubled each time.
-constexpr uint32_t kFirstWait = 16, kLongestWait = 64;
-// Blocks after which what a walk has cost is history. A light's sixteen of one group of points
-// follow each other.
-constexpr uint32_t kMemory = 16;
+// What the last block of another walk says of the next. Little: their costs vary tenfold from block
+// to block, and one that happened to be cheap should not win.
+constexpr float kNewestOther = 1.0f / 64;
+// Blocks without a shaft after which the next one says once more as much.
+constexpr float kStale = 16;
+// Blocks after which a walk that is not the cheapest is tried again: the first and the longest
+// wait, doubled each time that it has lost. The dearer it is, the longer: by the square of its cost
+// over the cheapest's, up to sixteen times.
+constexpr uint32_t kFirstWait = 8, kLongestWait = 64;
+constexpr float kMostTimes = 4;
 // Blocks of fewer rays say little of others.
 constexpr size_t kLeastRays = 32;
 
+constexpr float kNever = std::numeric_limits<float>::infinity();
+
 }  // namespace
 
-bool WalkChoice::WorthATrial(Walk walk) const {
-  const Record& shafts = records_[kShafts];
+float WalkChoice::Growth(float squared_extent) {
+  // Shafts' costs were found to grow as the root of the extent (the exponents of 22 sets of blocks
+  // lie between 0.24 and 0.74), packets' hardly, single rays' not at all. The bounds are for points
+  // all at one place, or at their light.
+  constexpr float kLeast = 0x1p-60f, kMost = 0x1p60f;
+  return std::sqrt(std::sqrt(squared_extent > kLeast ? std::min(squared_extent, kMost) : kLeast));
+}
+
+std::array<float, WalkChoice::kWalks> WalkChoice::Expected(float growth) const {
   const Costs& costs = kCosts[static_cast<size_t>(others_)];
-  const float dear = walk == kSingles ? costs.try_singles : costs.try_packets;
-  return others_ != Others::kNone && shafts.known() && shafts.cost > dear;
+  const float shaft = records_[kShafts].cost * growth;
+  std::array<float, kWalks> expected = {shaft, kNever, kNever};
+  if (others_ == Others::kNone || !records_[kShafts].known() || shaft <= costs.try_packets) {
+    return expected;
+  }
+  const bool lost = shaft > kLost * costs.try_singles;
+  if (!lost && records_[kShafts].blocks < costs.first_shafts) return expected;
+  const auto of = [&](Walk walk) {
+    return records_[walk].known() ? records_[walk].cost : kPromise * shaft;
+  };
+  if (records_[kPackets].known() || !lost) expected[kPackets] = of(kPackets);
+  if (shaft > costs.try_singles) expected[kSingles] = of(kSingles);
+  return expected;
 }
 
-bool WalkChoice::ShaftsAreRare() const {
-  return Best() != kShafts && records_[kShafts].next_wait >= 2 * kFirstWait;
-}
-
-WalkChoice::Walk WalkChoice::Best() const {
+WalkChoice::Walk WalkChoice::Cheapest(const std::array<float, kWalks>& costs) {
   Walk best = kShafts;
-  float least = records_[kShafts].cost;
   for (const Walk walk : {kPackets, kSingles}) {
-    const Record& record = records_[walk];
-    if (!record.known() || !WorthATrial(walk) || record.cost >= kClearlyCheaper * least) continue;
-    best = walk;
-    least = record.cost;
+    if (costs[walk] < kClearlyCheaper[walk] * costs[best]) best = walk;
   }
   return best;
 }
 
-Strategy WalkChoice::Next() const {
-  Walk next = Best();
-  if (next != kShafts) {
-    // The rays may have come to where shafts do better.
-    if (records_[kShafts].wait == 0) next = kShafts;
-  } else {
-    const Costs& costs = kCosts[static_cast<size_t>(others_)];
-    const bool lost = records_[kShafts].cost > kLost * costs.try_singles;
-    const std::array<Walk, 2> order = {lost ? kSingles : kPackets, lost ? kPackets : kSingles};
-    for (const Walk walk : order) {
-      if (!WorthATrial(walk) || records_[walk].wait > 0) continue;
-      if (!lost && !records_[walk].known() && records_[kShafts].blocks < costs.first_shafts) {
-        continue;
-      }
-      next = walk;
-      break;
+bool WalkChoice::ShaftsAreRare() const {
+  return records_[kShafts].known() && records_[kShafts].since >= kFirstWait;
+}
+
+Strategy WalkChoice::Next(float growth) const {
+  const std::array<float, kWalks> expected = Expected(growth);
+  Walk next = Cheapest(expected);
+  const float least = expected[next];
+  for (const Walk walk : {kShafts, kPackets, kSingles}) {
+    const Record& record = records_[walk];
+    if (walk == next || !record.known() || expected[walk] == kNever) continue;
+    const float times = std::clamp(expected[walk] / least, 1.0f, kMostTimes);
+    if (static_cast<float>(record.since) < static_cast<float>(record.wait) * times * times) {
+      continue;
     }
+    next = walk;
+    break;
   }
   return next == kPackets   ? Strategy::kPacket
          : next == kSingles ? Strategy::kSingle
@@ -103,12 +129,13 @@ Strategy WalkChoice::Next() const {
 }
 
 float WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkStats& after,
-                        size_t rays) {
+                        size_t rays, float growth) {
   if (others_ == Others::kNone || rays < kLeastRays) return 0;
   const Walk walk = strategy == Strategy::kPacket   ? kPackets
                     : strategy == Strategy::kSingle ? kSingles
                                                     : kShafts;
-  const Weights& weights = kCosts[static_cast<size_t>(others_)].of[walk];
+  const Costs& costs = kCosts[static_cast<size_t>(others_)];
+  const Weights& weights = costs.of[walk];
   const float cost =
       (weights.node * static_cast<float>(after.nodes - before.nodes) +
        weights.leaf * static_cast<float>(after.leaves - before.leaves) +
@@ -116,36 +143,34 @@ float WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkSt
           static_cast<float>(rays) +
       weights.ray;
   Record& record = records_[walk];
-  if (record.age > kMemory) record.blocks = 0;
+  if (!record.known()) {
+    record.wait = kFirstWait;
+  } else if (std::array<float, kWalks> others = Expected(growth); Cheapest(others) != walk) {
+    // It was tried again.
+    others[walk] = kNever;
+    const bool lost = cost > *std::min_element(others.begin(), others.end());
+    record.wait = lost ? std::min(2 * record.wait, kLongestWait) : kFirstWait;
+  }
   ++record.blocks;
-  record.cost += std::max(kNewest, 1.0f / static_cast<float>(record.blocks)) * (cost - record.cost);
-  float least = record.cost;
-  for (Record& other : records_) {
-    ++other.age;
-    if (other.wait > 0) --other.wait;
-    if (other.known()) least = std::min(least, other.cost);
-  }
-  record.age = 1;
-  const Record& shafts = records_[kShafts];
-  const bool gains_nothing =
-      walk != kShafts && shafts.known() && record.cost >= kClearlyCheaper * shafts.cost;
-  if (gains_nothing || least < kClearlyCheaper * record.cost) {
-    record.next_wait =
-        record.next_wait == 0 ? kFirstWait : std::min(2 * record.next_wait, kLongestWait);
-    record.wait = record.next_wait;
-  } else {
-    record.next_wait = 0;
-  }
+  const float newest = walk == kShafts
+                           ? costs.newest * (1 + static_cast<float>(record.since) / kStale)
+                           : kNewestOther;
+  const float share = std::clamp(newest, 1.0f / static_cast<float>(record.blocks), 1.0f);
+  record.cost += share * ((walk == kShafts ? cost / growth : cost) - record.cost);
+  for (Record& any : records_) ++any.since;
+  record.since = 0;
   return cost * static_cast<float>(rays);
 }
 
-WalkChoice& WalkChoices::Of(uint32_t light) {
+WalkChoice& WalkChoices::Of(uint32_t light, WalkChoice::Others others) {
   if (light >= choices_.size()) choices_.resize(size_t{light} + 1);
-  if (!choices_[light].has_value()) {
-    choices_[light].emplace(last_ ? *choices_[*last_] : untaught_);
+  std::optional<WalkChoice>& choice = choices_[light];
+  if (!choice.has_value() || choice->others() != others) {
+    const bool follows = last_.has_value() && choices_[*last_]->others() == others;
+    choice = follows ? *choices_[*last_] : WalkChoice(others);
   }
   last_ = light;
-  return *choices_[light];
+  return *choice;
 }
 
 }  // namespace sightline
