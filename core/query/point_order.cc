@@ -25,7 +25,7 @@ constexpr size_t kThoroughSamples = 4;
 // saves grows with how many times as wide the blocks are that it would make narrow: for two such
 // lights it pays from 3.7 times on, for four from 2.5 times on (the pictures of seven scenes in
 // rows, in tiles and in strips).
-constexpr float kOrderCost = 45;
+constexpr float kOrderCost = 52;
 constexpr double kWorthwhile = 5;
 constexpr double kLeastExcess = 1.25;
 // Less than two such lights pay for no such look: there only shuffled points, which any block gives
