@@ -20,11 +20,17 @@ struct Weights {
 //
 // `newest`: what the last shaft says of the next, at the least; the rest is said by those before
 // it. Much, since they differ from region to region.
+//
+// `clearly_cheaper`: another walk is taken only if it costs so much of the cheapest so far. Single
+// rays', since what they cost differs most from block to block, and what looks cheapest by chance
+// is taken more often. Packets' with one origin, since the finer a picture is, the less shafts cost
+// of what these weights say (pine and Sponza at 4K).
 struct Costs {
   Weights of[3];  // By Walk.
   float try_packets, try_singles;
   uint32_t first_shafts;
   float newest;
+  float clearly_cheaper[3];  // By Walk.
 };
 // Those for closest hits were chosen by replaying what every block of some forty rows had cost by
 // each walk (core/traverse/DESIGN.md, "What AUTO walks").
@@ -33,22 +39,26 @@ constexpr Weights kShaftWeights = {55, 250, 3.4f, 6};
 // scenes' shadows and 64 lights on thin points on a Zen 4, most within a tenth; those with one
 // direction lie between such fits (suns and sky) and the ones of before, where AUTO chose best.
 constexpr Costs kCosts[] = {
-    {},                                                                         // By Others: none,
-    {{kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}}, 150, 350, 4, 0.1f},  // closest hits,
-    {{{40, 470, 2.4f, 11}, {840, 150, 2.6f, 6}, {40, 47, 0, 175}},
-     80,
-     420,
-     1,
-     0.3f},  // one origin,
-    {{{40, 350, 3.3f, 12}, {400, 300, 2.2f, 6}, {24, 60, 0, 90}},
-     50,
-     350,
-     1,
-     0.3f}};  // one direction.
+    {},                                                           // By Others: none,
+    {.of = {kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}},  // closest hits,
+     .try_packets = 150,
+     .try_singles = 350,
+     .first_shafts = 4,
+     .newest = 0.1f,
+     .clearly_cheaper = {1, 1, 0.6f}},
+    {.of = {{40, 470, 2.4f, 11}, {840, 150, 2.6f, 6}, {40, 47, 0, 175}},  // one origin,
+     .try_packets = 100,
+     .try_singles = 420,
+     .first_shafts = 1,
+     .newest = 0.3f,
+     .clearly_cheaper = {1, 0.8f, 0.6f}},
+    {.of = {{40, 350, 3.3f, 12}, {400, 300, 2.2f, 6}, {24, 60, 0, 90}},  // one direction.
+     .try_packets = 50,
+     .try_singles = 350,
+     .first_shafts = 1,
+     .newest = 0.3f,
+     .clearly_cheaper = {1, 1, 0.6f}}};
 
-// Single rays are taken only if they cost so much less: what they cost differs most from block to
-// block, and what looks cheapest by chance is taken more often.
-constexpr float kClearlyCheaper[] = {1, 1, 0.6f};  // By Walk.
 // Before it was tried, another walk is taken to cost so much of what a shaft would.
 constexpr float kPromise = 0.5f;
 // Shafts that cost so many times what makes single rays worth a trial are lost: few pixels over a
@@ -97,10 +107,11 @@ std::array<float, WalkChoice::kWalks> WalkChoice::Expected(float growth) const {
   return expected;
 }
 
-WalkChoice::Walk WalkChoice::Cheapest(const std::array<float, kWalks>& costs) {
+WalkChoice::Walk WalkChoice::Cheapest(const std::array<float, kWalks>& costs) const {
+  const float* const clearly = kCosts[static_cast<size_t>(others_)].clearly_cheaper;
   Walk best = kShafts;
   for (const Walk walk : {kPackets, kSingles}) {
-    if (costs[walk] < kClearlyCheaper[walk] * costs[best]) best = walk;
+    if (costs[walk] < clearly[walk] * costs[best]) best = walk;
   }
   return best;
 }

@@ -84,7 +84,7 @@ class WalkChoice {
 
   // What each will cost a ray of such a block; infinitely much if it should not be taken.
   std::array<float, kWalks> Expected(float growth) const;
-  static Walk Cheapest(const std::array<float, kWalks>& costs);
+  Walk Cheapest(const std::array<float, kWalks>& costs) const;
 
   Others others_;
   std::array<Record, kWalks> records_;
