@@ -384,8 +384,8 @@ class TileTrace {
       const std::span<RayPacket> seen = mirrored_->packets();
       SL_RETURN_IF_ERROR(LargeTile()
                              ? TraceRttTile(scene_, run_, HitKind::kClosest, seen, scope->walk())
-                             : TracePacketBlock(scene_, run_, HitKind::kClosest, strategy, &seen[0],
-                                                nullptr, scope->walk()));
+                             : TracePacketBlock(scene_, run_, HitKind::kClosest, strategy,
+                                                seen.data(), nullptr, scope->walk()));
       for (size_t i = 0; i < seen.size(); ++i) ShowMirrored(i, number);
     }
     return absl::OkStatus();
