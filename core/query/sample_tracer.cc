@@ -271,7 +271,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     size_t known_points = known_points_[b];
     if (by_hulls && hulls_.Answers(s, b)) {
       hulls_.Bits(s, b, known.data());
-      TakeHull(s, b, &choice, scope);
+      TakeHull(b, GrowthOf(boxes_[b], sample), &choice, scope);
       continue;
     }
     // What darkened the packet before this one, or this one before, for the light's last sample.
@@ -294,7 +294,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       }
       known_points = hulls_.Bits(s, b, known.data());
       if (hulls_.Answers(s, b) || known_points == PointsOf(b)) {
-        TakeHull(s, b, &choice, scope);
+        TakeHull(b, growth, &choice, scope);
         continue;
       }
       cut = hulls_.CutOf(b);
@@ -412,11 +412,10 @@ absl::Status SampleTracer::TraceHull(size_t s, size_t b, bool by_shaft, StatsSco
   return absl::OkStatus();
 }
 
-void SampleTracer::TakeHull(size_t s, size_t b, WalkChoice* choice, StatsScope* scope) {
+void SampleTracer::TakeHull(size_t b, float growth, WalkChoice* choice, StatsScope* scope) {
   by_bits_[b] = true;
   if (!coming_positions_.empty()) ComingOf(b).All();  // Its turn will not come.
   scope->Took(Strategy::kShaft);
-  const float growth = GrowthOf(boxes_[b], samples_[s]);
   cycles_ += choice->Learn(Strategy::kShaft, {}, hulls_.share(b), PointsOf(b), growth);
   if (record_answered_by_) {
     std::copy_n(hulls_.answered_by(b), PointsOf(b), AnsweredByOf(b));

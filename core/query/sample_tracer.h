@@ -161,7 +161,7 @@ class SampleTracer {
   // Puts all samples of the hull to block b at once (GroupHulls::Trace).
   absl::Status TraceHull(size_t s, size_t b, bool by_shaft, StatsScope* scope);
   // Answers block b for a sample by what its hull found, which is in bits_, alone.
-  void TakeHull(size_t s, size_t b, WalkChoice* choice, StatsScope* scope);
+  void TakeHull(size_t b, float growth, WalkChoice* choice, StatsScope* scope);
   // What answered such points of a block, where it is recorded.
   void MarkKnown(size_t b, const BlockBits& known, bool by_hull);
   absl::Status TraceParallel(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
