@@ -25,48 +25,18 @@
 #define SIGHTLINE_CORE_ACCEL_BVH_H_
 
 #include <cstdint>
-#include <vector>
 
+#include "core/accel/child_ref.h"
+#include "core/accel/leaf_mates.h"
 #include "core/base/aligned_vector.h"
 #include "core/geometry/box3.h"
 
 namespace sightline {
 
 inline constexpr int kBvhWidth = 8;
-inline constexpr int kMaxLeafTriangles = 16;
-inline constexpr int kUnitTriangles = 4;
 inline constexpr int kLeafRows = 10;
 inline constexpr int kUnitFloats = kUnitTriangles * kLeafRows;
 inline constexpr int kLeafPadding = 16;
-
-// What hangs in a child slot. Leaves: bit 31 set, bits 27-30 triangle count - 1, bits 0-26 first
-// unit.
-class ChildRef {
- public:
-  static constexpr uint32_t kLeafBit = 0x80000000u;
-  static constexpr uint32_t kMaxUnit = (1u << 27) - 2;  // One below, so that no leaf looks empty.
-  constexpr ChildRef() = default;
-  static constexpr ChildRef Empty() { return ChildRef(0xFFFFFFFFu); }
-  static constexpr ChildRef FromBits(uint32_t bits) { return ChildRef(bits); }
-  static constexpr ChildRef Inner(uint32_t node) { return ChildRef(node); }
-  // REQUIRES: 1 <= count <= kMaxLeafTriangles, unit <= kMaxUnit.
-  static constexpr ChildRef Leaf(uint32_t unit, uint32_t count) {
-    return ChildRef(kLeafBit | ((count - 1) << 27) | unit);
-  }
-  constexpr bool is_empty() const { return bits_ == 0xFFFFFFFFu; }
-  constexpr bool is_leaf() const { return (bits_ & kLeafBit) != 0 && !is_empty(); }
-  constexpr bool is_inner() const { return (bits_ & kLeafBit) == 0; }
-  constexpr uint32_t node() const { return bits_; }
-  constexpr uint32_t leaf_unit() const { return bits_ & ((1u << 27) - 1); }
-  constexpr uint32_t leaf_count() const { return ((bits_ >> 27) & 15u) + 1; }
-  constexpr uint32_t leaf_units() const { return (leaf_count() + 3) / 4; }
-  constexpr uint32_t bits() const { return bits_; }
-  friend constexpr bool operator==(ChildRef, ChildRef) = default;
-
- private:
-  explicit constexpr ChildRef(uint32_t bits) : bits_(bits) {}
-  uint32_t bits_ = 0xFFFFFFFFu;
-};
 
 struct alignas(64) BvhNode {
   // bounds[axis] is the eight children's lower faces, bounds[axis + 3] their upper ones.
@@ -81,6 +51,7 @@ struct Bvh {
   AlignedVector<BvhNode> nodes;      // nodes[0] is the root; empty for a scene with nothing to hit.
   AlignedVector<float> leaves;       // Empty if compact.
   AlignedVector<uint32_t> leaf_ids;  // Empty unless compact.
+  LeafMates mates;                   // Empty where nobody found them: no answer depends on them.
   Box3f bounds;
   uint32_t leaf_count = 0;
   uint32_t triangle_count = 0;
@@ -99,7 +70,7 @@ struct Bvh {
   }
   size_t MemoryBytes() const {
     return nodes.size() * sizeof(BvhNode) + leaves.size() * sizeof(float) +
-           leaf_ids.size() * sizeof(uint32_t);
+           leaf_ids.size() * sizeof(uint32_t) + mates.MemoryBytes();
   }
 };
 

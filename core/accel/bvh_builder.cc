@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/accel/binary_tree.h"
 #include "core/accel/build_primitive.h"
+#include "core/accel/leaf_mates_finder.h"
 #include "core/accel/sah_split.h"
 #include "core/accel/wide_tree.h"
 #include "core/base/status_macros.h"
@@ -71,6 +72,10 @@ absl::StatusOr<Bvh> Build(const SceneGeometry& geometry, const BvhBuildOptions& 
   SL_RETURN_IF_ERROR(check_cancel());
   absl::StatusOr<Bvh> bvh = bvh_build::GatherWideTree(tree, geometry, options.leaf_rows, cancel);
   SL_RETURN_IF_ERROR(check_cancel());
+  if (options.mates && bvh.ok()) {
+    bvh->mates = FindLeafMates(*bvh, geometry, cancel);
+    SL_RETURN_IF_ERROR(check_cancel());
+  }
   if (progress) progress(1.0);
   return bvh;
 }
@@ -82,9 +87,13 @@ BvhBuildOptions BvhPresetOptions(BvhPreset preset) {
     case BvhPreset::kStatic:
       return {};
     case BvhPreset::kCompact:
-      return {.leaf_rows = false};
+      return {.leaf_rows = false, .mates = false};
     case BvhPreset::kDynamic:
-      return {.bins = kDynamicBins, .longest_axis_only = true, .grid = true, .refit = true};
+      return {.bins = kDynamicBins,
+              .longest_axis_only = true,
+              .grid = true,
+              .mates = false,
+              .refit = true};
   }
   return {};
 }

@@ -167,6 +167,7 @@ absl::StatusOr<Bvh> RefitBvh(const Bvh& bvh, const SceneGeometry& geometry, Thre
 
 absl::Status RefitBvhInPlace(const SceneGeometry& geometry, ThreadPool& pool, Bvh* bvh,
                              const CancelToken* cancel) {
+  bvh->mates = {};  // As in RefitBvh: edges may have parted.
   return Fit(*bvh, geometry, pool, cancel, bvh);
 }
 

@@ -17,9 +17,9 @@ namespace sightline {
 // OK when: every reference is in range and every node and leaf is reached exactly once; depths are
 // within kMaxBvhDepth; every triangle that is not inert stands in exactly one leaf with its stored
 // corners, bit for bit; every box is exactly the union of what is below it; empty slots are last
-// and inverted; counts agree. Otherwise DataLoss naming a fault; Cancelled or DeadlineExceeded from
-// `cancel`. Linear, in parallel within the calling thread's pool. REQUIRES: the geometry's own
-// indices are in range, `inert` among them.
+// and inverted; counts agree. Mates are not looked at. Otherwise DataLoss naming a fault; Cancelled
+// or DeadlineExceeded from `cancel`. Linear, in parallel within the calling thread's pool.
+// REQUIRES: the geometry's own indices are in range, `inert` among them.
 absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry,
                          const CancelToken* cancel = nullptr);
 

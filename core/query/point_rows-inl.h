@@ -107,6 +107,30 @@ inline Box3f SplitPoints(std::span<const Vec3f> points, float* x, float* y, floa
   return box;
 }
 
+inline Box3f BoxOfPoints(std::span<const Vec3f> points) {
+  const PointRowD d;
+  constexpr size_t kLanes = hn::MaxLanes(PointRowD());
+  const auto least = hn::Set(d, std::numeric_limits<float>::infinity()), most = hn::Neg(least);
+  // By place in three vectors of coordinates.
+  hn::Vec<PointRowD> lo[3] = {least, least, least}, hi[3] = {most, most, most};
+  size_t i = 0;
+  for (; i + kLanes <= points.size(); i += kLanes) {
+    for (size_t k = 0; k < 3; ++k) {
+      const auto v = hn::LoadU(d, &points[i].x + k * kLanes);
+      lo[k] = hn::Min(lo[k], v);
+      hi[k] = hn::Max(hi[k], v);
+    }
+  }
+  Box3f box;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    const Coordinate of(axis);
+    box.lo[axis] = hn::GetLane(hn::MinOfLanes(d, of.Of(lo[0], lo[1], lo[2])));
+    box.hi[axis] = hn::GetLane(hn::MaxOfLanes(d, of.Of(hi[0], hi[1], hi[2])));
+  }
+  for (; i < points.size(); ++i) box.Extend(points[i]);
+  return box;
+}
+
 inline void FreeBits(std::span<const uint32_t> ids, uint8_t* bits) {
   const hn::RebindToUnsigned<PointRowD> d;
   constexpr size_t kBytes = hn::MaxLanes(PointRowD()) / 8;

@@ -20,6 +20,7 @@ namespace HWY_NAMESPACE {
 const PointRowKernels& TargetPointRowKernels() {
   static constexpr PointRowKernels kKernels = {
       .split = &SplitPoints,
+      .box = &BoxOfPoints,
       .free_bits = &FreeBits,
       .flag_bits = &FlagBits,
       .set_where = &SetWhere,

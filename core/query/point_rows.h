@@ -23,6 +23,8 @@ struct PointRowKernels {
   // x[i], y[i] and z[i] are the coordinates of points[i]. Rows are aligned to 64 bytes. Returns the
   // box around the points.
   Box3f (*split)(std::span<const Vec3f> points, float* x, float* y, float* z);
+  // That box alone.
+  Box3f (*box)(std::span<const Vec3f> points);
   // Bit i % 8 of bits[i / 8]: ids[i] is kNoTriangle; 0 past the last one, in (ids.size() + 7) / 8
   // bytes. Ids are aligned to 64 bytes, and read up to the end of the last 64.
   void (*free_bits)(std::span<const uint32_t> ids, uint8_t* bits);

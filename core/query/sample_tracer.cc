@@ -59,6 +59,7 @@ void SampleTracer::SetPoints(std::span<const Vec3f> positions, std::span<const u
   sources_ = sources;
   tile_ends_ = tile_ends;
   packets_ready_ = parallel_ready_ = false;
+  boxes_known_.fill(false);
   grounds_.SetPoints(positions, sources);
   hulls_.SetPoints(positions.size());
   if (record_answered_by_) answered_by_.resize(positions.size());
@@ -69,7 +70,15 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
   const size_t first = block * kBlockRays;
   const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
   boxes_[block] = LayOut(sample, first, count, x, y, z, sources);
+  boxes_known_[block] = t_min_ == 0;  // Else the ends depend on the sample.
   return static_cast<int>(count);
+}
+
+const Box3f& SampleTracer::BoxOf(size_t block) {
+  if (!std::exchange(boxes_known_[block], true)) {
+    boxes_[block] = rows_.box(positions_.subspan(block * kBlockRays, PointsOf(block)));
+  }
+  return boxes_[block];
 }
 
 // A segment's point end is moved toward the light by t_min, in double, rounded once.
@@ -151,10 +160,9 @@ bool SampleTracer::AskGrounds(size_t s, uint32_t mask, StatsScope* scope) {
   if (!AsTheyAre() || by_hull || !grounds_.Help(samples_[s], mask, scope->walk())) return false;
   // One triangle before all points is looked for first: that takes no look at any of them.
   ReservePackets(s);
-  const size_t covered = CoverBlocks(s, 0, mask, hints_.first_leaves[s], scope);
+  const size_t covered = CoverBlocks(s, 0, mask, scope);
   if (covered == blocks()) return true;
   for (size_t b = 0; b < blocks(); ++b) {
-    if (b < covered) bits_[b].fill(0xFFFF);
     known_points_[b] = b < covered ? PointsOf(b) : grounds_.Bits(samples_[s], b, bits_[b].data());
     if (known_points_[b] < PointsOf(b)) clear_[b] = grounds_.ClearOf(samples_[s], b);
   }
@@ -179,36 +187,53 @@ void SampleTracer::ReservePackets(size_t s) {
   }
 }
 
-size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t leaf,
-                                 StatsScope* scope) {
-  if (!AsTheyAre() || leaf == RayPacket::kNoLeaf || !hints_.covered[s]) return 0;
+bool SampleTracer::Covered(size_t s, size_t begin, size_t end, uint32_t mask, StatsScope* scope) {
   const LightSample& sample = samples_[s];
   const Kernels& kernels = run_.kernels();
-  const CoverPointsFn cover =
-      sample.directional ? kernels.cover_parallel_points : kernels.cover_points;
-  const auto answer = [&](size_t begin, size_t end) {
-    const size_t first = begin * kBlockRays;
-    const size_t count = std::min(end * kBlockRays, positions_.size()) - first;
-    if (!cover(scene_, ChildRef::FromBits(leaf), sample.value, sample.source_triangle, mask,
-               positions_.subspan(first, count),
-               sources_.empty() ? sources_ : sources_.subspan(first, count), scope->walk())) {
-      return false;
-    }
-    const auto answered = [leaf](auto& packet) {
-      std::fill_n(packet.triangle, static_cast<size_t>(kBlockRays), kSomeTriangle);
-      packet.first_leaf = leaf;
-    };
-    for (size_t k = begin; k < end; ++k) {
-      ComingOf(k).All();  // Its turn will not come.
-      sample.directional ? answered(parallel_[k]) : answered(packets_[k]);
-    }
-    if (record_answered_by_) std::fill_n(AnsweredByOf(begin), count, AnsweredBy::kShaft);
-    scope->Took(Strategy::kShaft);
-    return true;
-  };
-  hints_.covered[s] = answer(b, b + 1);
-  if (!hints_.covered[s]) return 0;
-  return b == 0 && blocks() > 1 && answer(1, blocks()) ? blocks() : 1;
+  const bool parallel = sample.directional, one = end - begin == 1;
+  PatchHint& patch = hints_.patches[s];
+  const bool by_leaf = hints_.covered[s];
+  const bool by_patch = !scene_.bvh.mates.empty() && (!one || patch.IsDue());
+  if (!by_leaf && !by_patch) return false;
+  const size_t first = begin * kBlockRays;
+  const size_t count = std::min(end * kBlockRays, positions_.size()) - first;
+  const std::span<const uint32_t> sources =
+      sources_.empty() ? sources_ : sources_.subspan(first, count);
+  Box3f box;
+  for (size_t b = begin; b < end; ++b) box.Extend(BoxOf(b));
+  uint32_t& leaf = hints_.first_leaves[s];
+  bool covered = by_leaf && (parallel ? kernels.cover_parallel_points : kernels.cover_points)(
+                                scene_, ChildRef::FromBits(leaf), sample.value,
+                                sample.source_triangle, mask, box, sources, scope->walk());
+  if (one) hints_.covered[s] = covered;
+  if (!covered && by_patch) {
+    patch.PutFirst(leaf);
+    covered =
+        (parallel ? kernels.cover_parallel_by_patch : kernels.cover_by_patch)(
+            scene_, sample.value, sample.source_triangle, mask, box,
+            positions_.subspan(first, count), sources, patch.leaves(), &leaf, scope->walk()) > 0;
+    if (one) patch.Note(covered);
+  }
+  if (!covered) return false;
+  for (size_t b = begin; b < end; ++b) {
+    ComingOf(b).All();  // Its turn will not come.
+    by_bits_[b] = true;
+    bits_[b].fill(0xFFFF);
+    (parallel ? parallel_[b].first_leaf : packets_[b].first_leaf) = leaf;
+  }
+  if (record_answered_by_) std::fill_n(AnsweredByOf(begin), count, AnsweredBy::kShaft);
+  scope->walk()->shaft.covers += (count + kCoverRays - 1) / kCoverRays;
+  scope->walk()->shaft.pairs += (count + kCoverRays - 1) / kCoverRays;
+  scope->Took(Strategy::kShaft);
+  return true;
+}
+
+size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, StatsScope* scope) {
+  if (!AsTheyAre() || hints_.first_leaves[s] == RayPacket::kNoLeaf ||
+      !Covered(s, b, b + 1, mask, scope)) {
+    return 0;
+  }
+  return b == 0 && blocks() > 1 && Covered(s, 1, blocks(), mask, scope) ? blocks() : 1;
 }
 
 void SampleTracer::NoteCovers(size_t s, const WalkStats& before, const WalkStats& after) {
@@ -218,14 +243,14 @@ void SampleTracer::NoteCovers(size_t s, const WalkStats& before, const WalkStats
 
 void SampleTracer::NoteBlock(size_t s, size_t b, Strategy walk, const WalkStats& before,
                              const WalkStats& after) {
+  const std::span<const uint32_t> blockers(triangles(b), PointsOf(b));
   if (walk == Strategy::kShaft) {
     NoteCovers(s, before, after);
-    return;
+  } else {
+    // Other walks do not tell. What made all of it dark at once may be one triangle.
+    hints_.covered[s] = after.leaves - before.leaves == 1 &&
+                        std::find(blockers.begin(), blockers.end(), kNoTriangle) == blockers.end();
   }
-  // Other walks do not tell. What made all of it dark at once may be one triangle.
-  const std::span<const uint32_t> blockers(triangles(b), PointsOf(b));
-  hints_.covered[s] = after.leaves - before.leaves == 1 &&
-                      std::find(blockers.begin(), blockers.end(), kNoTriangle) == blockers.end();
 }
 
 absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,
@@ -280,7 +305,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     *first_leaf = packets_[b].first_leaf;
     if (by_shafts) {
-      if (const size_t covered = CoverBlocks(s, b, mask, *first_leaf, scope); covered > 0) {
+      if (const size_t covered = CoverBlocks(s, b, mask, scope); covered > 0) {
         b += covered - 1;
         continue;
       }
@@ -462,7 +487,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
   for (size_t b = 0; b < blocks(); ++b) {
     if (GroundsAnswer(b, scope)) continue;
     if (by_shafts) {
-      if (const size_t covered = CoverBlocks(s, b, mask, *first_leaf, scope); covered > 0) {
+      if (const size_t covered = CoverBlocks(s, b, mask, scope); covered > 0) {
         b += covered - 1;
         continue;
       }

@@ -53,7 +53,7 @@ class SampleTracer {
         stats_(stats),
         record_answered_by_(run.options().count_answers),
         hints_{std::vector<uint32_t>(samples.size(), RayPacket::kNoLeaf),
-               std::vector<uint8_t>(samples.size(), false)},
+               std::vector<uint8_t>(samples.size(), false), std::vector<PatchHint>(samples.size())},
         light_of_(samples.size()) {
     for (size_t s = 1; s < samples.size(); ++s) {
       light_of_[s] = light_of_[s - 1] + (samples[s].light != samples[s - 1].light);
@@ -145,9 +145,14 @@ class SampleTracer {
   absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   // By tiles of kRtt, which need not divide blocks.
   absl::Status TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope);
-  // Answers blocks from b on, of sample s, all of whose points one triangle of `leaf` blocks: none,
-  // that one, or, if it is the first, all at once. Returns how many.
-  size_t CoverBlocks(size_t s, size_t b, uint32_t mask, uint32_t leaf, StatsScope* scope);
+  // Answers blocks begin .. end - 1 if what darkened those before them, a triangle or two of a leaf
+  // or a patch, blocks all of their points.
+  bool Covered(size_t s, size_t begin, size_t end, uint32_t mask, StatsScope* scope);
+  // Answers so blocks from b on, of sample s: none, that one, or, if it is the first, all at once.
+  // Returns how many.
+  size_t CoverBlocks(size_t s, size_t b, uint32_t mask, StatsScope* scope);
+  // Around the points of a block, as they lie.
+  const Box3f& BoxOf(size_t block);
   // The share of the coming points that is asked for while a block is traced.
   GradualFetch ComingOf(size_t block) const;
   // walk(packet) of a block, while that is asked for.
@@ -208,7 +213,8 @@ class SampleTracer {
   size_t packets_size_ = 0, parallel_size_ = 0;
   std::unique_ptr<RayPacket[]> packets_;
   std::unique_ptr<ParallelPacket[]> parallel_;
-  std::array<Box3f, kGroupBlocks> boxes_;  // Around the points of either.
+  std::array<Box3f, kGroupBlocks> boxes_;            // Around the points of either.
+  std::array<bool, kGroupBlocks> boxes_known_ = {};  // Whether they are around points as they lie.
   // One for several small tiles, or those of a large one; made when first needed.
   std::unique_ptr<RayPacket[]> tile_packets_;
   std::vector<AnsweredBy> tile_answered_by_;  // By lane of these, where it is recorded.

@@ -22,6 +22,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/light/light.h"
 #include "core/query/options.h"
+#include "core/query/patch_hint.h"
 #include "core/query/points.h"
 #include "core/query/walk_choice.h"
 #include "core/traverse/answered_by.h"
@@ -50,6 +51,7 @@ struct PointRange {
 struct ShadowHints {
   std::vector<uint32_t> first_leaves;  // By sample.
   std::vector<uint8_t> covered;        // Whether one triangle there blocked many points at once.
+  std::vector<PatchHint> patches;      // By sample.
   WalkChoices walks;                   // By light, counted from 0.
   float ray_cost = 0;                  // Cycles a ray, about, in the order given; 0: not known.
 };

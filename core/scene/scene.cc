@@ -243,6 +243,11 @@ uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices,
     // triangles. The smallest is a node and a leaf.
     per_triangle += 112;
     bytes += sizeof(BvhNode) + kUnitFloats * sizeof(float) * 4;
+    if (options.bvh.mates) {
+      // A mate for each edge of a lane, used or not, and a byte a unit: 13 to 20 on those scenes.
+      per_triangle += 40;
+      bytes += 4 * LeafMates::kUnitBytes;
+    }
   }
   if (options.kd_tree) {
     // The default kd-tree takes 35 to 83 (pine, hall, hotel, forest, sphere); twice that, and some.

@@ -22,6 +22,7 @@
 #include "core/traverse/leaf_cover-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
 #include "core/traverse/packet-inl.h"
+#include "core/traverse/patch_cover-inl.h"
 #include "core/traverse/point_ground-inl.h"
 #include "core/traverse/rtt-inl.h"
 #include "core/traverse/shaft-inl.h"
@@ -57,6 +58,8 @@ const Kernels& TargetKernels() {
       .trace_hull = &TraceHull,
       .cover_points = &CoverPoints<false>,
       .cover_parallel_points = &CoverPoints<true>,
+      .cover_by_patch = &CoverByPatch<false>,
+      .cover_parallel_by_patch = &CoverByPatch<true>,
       .find_grounds = &FindGrounds,
       .ground_bits = &GroundBits<false>,
       .parallel_ground_bits = &GroundBits<true>,

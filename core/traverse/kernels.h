@@ -64,12 +64,21 @@ using TraceHullFn = bool (*)(const IndexedGeometry& scene, const LightHull& ligh
                              HullRest* rest, uint16_t* blocked, const CancelToken* cancel,
                              WalkStats* stats);
 
-// Whether all segments from `common` to the points, or all rays from them along it, are blocked by
-// a triangle of the leaf, or by two that share an edge, as far as the box around the points tells.
-// `sources` are the points' own triangles, or none; `common_source` and `mask` as in a packet.
+// Whether all segments from `common` to points in the box, or all rays from them along it, are
+// blocked by a triangle of the leaf, or by two that share an edge. `sources` are the points' own
+// triangles, or none; `common_source` and `mask` as in a packet.
 using CoverPointsFn = bool (*)(const IndexedGeometry& scene, ChildRef leaf, Vec3f common,
-                               uint32_t common_source, uint32_t mask, std::span<const Vec3f> points,
+                               uint32_t common_source, uint32_t mask, const Box3f& box,
                                std::span<const uint32_t> sources, WalkStats* stats);
+// The same of the points, which the box holds, by triangles that edge mates lead to from those of
+// the leaves `seeds` (kNoLeaf: none): how many it takes, or 0. If any, *leaf becomes that of one
+// which is before the middle of the box.
+using CoverByPatchFn = uint32_t (*)(const IndexedGeometry& scene, Vec3f common,
+                                    uint32_t common_source, uint32_t mask, const Box3f& box,
+                                    std::span<const Vec3f> points,
+                                    std::span<const uint32_t> sources,
+                                    std::span<const uint32_t> seeds, uint32_t* leaf,
+                                    WalkStats* stats);
 
 // The grounds of grounds->count points, whose x, y and z are given, none of them a triangle of
 // `sources` (by point, or null); and the leaves that are clear of them, unless `clear` is null.
@@ -109,6 +118,7 @@ struct Kernels {
   CutHullFn cut_hull;
   TraceHullFn trace_hull;
   CoverPointsFn cover_points, cover_parallel_points;  // By segments; by rays.
+  CoverByPatchFn cover_by_patch, cover_parallel_by_patch;
   FindGroundsFn find_grounds;
   GroundBitsFn ground_bits, parallel_ground_bits;  // Of segments; of rays.
   ChooseClearFn choose_clear, choose_parallel_clear;

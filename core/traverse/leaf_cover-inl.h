@@ -24,6 +24,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/check.h"
@@ -31,7 +32,6 @@
 #include "core/intersect/predicate-inl.h"
 #include "core/traverse/leaf_corners-inl.h"
 #include "core/traverse/leaf_view.h"
-#include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
@@ -52,76 +52,120 @@ HWY_INLINE ShaftV LeastOver(const Vec3V<ShaftV>& form, const Vec3V<ShaftV>& lo,
 
 // What a leaf's triangles (bit i for triangle i) are to all segments from a common origin to points
 // of a box, or all rays from points of the box along a common direction.
-struct LeafCovers {
-  uint32_t whole = 0;         // They block all of them.
-  uint32_t but_edge[3] = {};  // Or would, were it not for an edge: that from this corner on.
-  uint32_t turned = 0;        // Their corners run the other way about as those rays see them.
+struct LeafSides {
+  uint32_t within[3] = {};  // All are on the triangle's side of the edge from this corner on.
+  uint32_t beyond = 0;      // Its plane stands between origin and box, or before the rays.
+  uint32_t certain = 0;     // Whether it is turned is:
+  uint32_t turned = 0;      // its corners run the other way about as those rays see them.
 };
 
-// By `common`, the origin or, if kParallel, the direction. Objects are not asked, nor whether a
-// triangle is a ray's own. Some that block all may be missing.
+// The forms of as many triangles as a vector has lanes. Each is positive where they block, beyond a
+// bound: of edges ((A-O)×(B-A))·(P-O), or ((B-A)×D)·(A-P) along a direction; of the plane N·(P-A),
+// or N·(A-P).
 template <bool kParallel>
-HWY_INLINE LeafCovers CoversOf(const LeafView& leaf, Vec3f common, const Box3f& box) {
+struct SideForms {
   using V = ShaftV;
   using V3 = Vec3V<V>;
-  const ShaftD d;
-  const V units = hn::Set(d, kFloatUnits), underflow = hn::Set(d, kFloatUnderflow);
-  const V3 from = Broadcast(d, common.x, common.y, common.z);
-  const V3 lo = Broadcast(d, box.lo.x, box.lo.y, box.lo.z);
-  const V3 hi = Broadcast(d, box.hi.x, box.hi.y, box.hi.z);
-  LeafCovers all;
-  for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
-    const V3 corner[3] = {LeafCorner(leaf, 0, first), LeafCorner(leaf, 1, first),
-                          LeafCorner(leaf, 2, first)};
+
+  // By `common`, the origin or the direction.
+  HWY_INLINE SideForms(const LeafView& leaf, uint32_t first, const V3& common) : origin(common) {
+    const ShaftD d;
+    const V units = hn::Set(d, kFloatUnits), underflow = hn::Set(d, kFloatUnderflow);
+    for (int e = 0; e < 3; ++e) corner[e] = LeafCorner(leaf, e, first);
     const V3 along[3] = {SubV(corner[1], corner[0]), SubV(corner[2], corner[1]),
                          SubV(corner[0], corner[2])};
     const V along1[3] = {Norm1V(along[0]), Norm1V(along[1]), Norm1V(along[2])};
-    const V3 normal = CrossV(along[0], along[1]);
-    const V normal_bound = hn::MulAdd(units, hn::Mul(along1[0], along1[1]), underflow);
-    const V3 first_apex = SubV(corner[0], from);
+    plane = CrossV(along[0], along[1]);
+    plane_bound = hn::MulAdd(units, hn::Mul(along1[0], along1[1]), underflow);
+    const V3 first_apex = SubV(corner[0], common);
+    turn = DotV(plane, kParallel ? common : first_apex);
+    turn_bound = hn::MulAdd(plane_bound, NormInfV(kParallel ? common : first_apex), underflow);
     // Triangles are turned so that their forms are positive where they block: the origin is behind
     // them, or the direction leads through them.
-    const V turn = DotV(normal, kParallel ? from : first_apex);
-    const V turn_bound =
-        hn::MulAdd(normal_bound, NormInfV(kParallel ? from : first_apex), underflow);
-    const V flip = hn::And(turn, hn::SignBit(d));
-    // Whether form·p is certainly positive over all p between `least` and `most`.
-    const auto positive = [d, flip, underflow](const V3& form, V form_bound, const V3& least,
-                                               const V3& most) HWY_ATTR {
-      const V bound = hn::MulAdd(form_bound, hn::Max(NormInfV(least), NormInfV(most)), underflow);
-      const V3 turned = {hn::Xor(form.x, flip), hn::Xor(form.y, flip), hn::Xor(form.z, flip)};
-      return MaskBits(d, hn::Gt(LeastOver(turned, least, most), bound));
-    };
-    uint32_t within[3], beyond = MaskBits(d, hn::Gt(hn::Abs(turn), turn_bound));
-    if constexpr (kParallel) {
-      // ((B-A)×D)·(A-P) for each edge, N·(A-P): the origins are before the plane.
-      const V from1 = Norm1V(from);
-      for (int e = 0; e < 3; ++e) {
-        within[e] = positive(CrossV(along[e], from),
-                             hn::MulAdd(units, hn::Mul(along1[e], from1), underflow),
-                             SubV(corner[e], hi), SubV(corner[e], lo));
-      }
-      beyond &= positive(normal, normal_bound, SubV(corner[0], hi), SubV(corner[0], lo));
-    } else {
-      // ((A-O)×(B-A))·(P-O) for each edge, N·(P-A): the points are beyond the plane.
-      const V3 apex[3] = {first_apex, SubV(corner[1], from), SubV(corner[2], from)};
-      for (int e = 0; e < 3; ++e) {
-        within[e] = positive(CrossV(apex[e], along[e]),
-                             hn::MulAdd(units, hn::Mul(Norm1V(apex[e]), along1[e]), underflow),
-                             SubV(lo, from), SubV(hi, from));
-      }
-      beyond &= positive(normal, normal_bound, SubV(lo, corner[0]), SubV(hi, corner[0]));
-    }
-    const uint32_t left = leaf.count - first;
-    if (left < hn::Lanes(d)) beyond &= (1u << left) - 1;
-    all.whole |= (beyond & within[0] & within[1] & within[2]) << first;
+    flip = hn::And(turn, hn::SignBit(d));
+    plane = Turned(plane);
+    const V common1 = Norm1V(common);
     for (int e = 0; e < 3; ++e) {
-      all.but_edge[e] |= (beyond & within[(e + 1) % 3] & within[(e + 2) % 3] & ~within[e]) << first;
+      const V3 apex = e == 0 ? first_apex : SubV(corner[e], common);
+      edge[e] = Turned(kParallel ? CrossV(along[e], common) : CrossV(apex, along[e]));
+      edge_bound[e] =
+          hn::MulAdd(units, hn::Mul(kParallel ? common1 : Norm1V(apex), along1[e]), underflow);
     }
-    all.turned |= MaskBits(d, hn::Lt(turn, hn::Zero(d))) << first;
+  }
+
+  // P-O or A-P, for an edge; P-A or A-P, for the plane.
+  HWY_INLINE V3 AtEdge(int e, const V3& p) const {
+    return kParallel ? SubV(corner[e], p) : SubV(p, origin);
+  }
+  HWY_INLINE V3 AtPlane(const V3& p) const {
+    return kParallel ? SubV(corner[0], p) : SubV(p, corner[0]);
+  }
+
+  V3 origin, corner[3], edge[3], plane;
+  V edge_bound[3], plane_bound, turn, turn_bound;
+  V flip;  // A sign.
+
+ private:
+  HWY_INLINE V3 Turned(const V3& form) const {
+    return {hn::Xor(form.x, flip), hn::Xor(form.y, flip), hn::Xor(form.z, flip)};
+  }
+};
+
+// Whether form·p is certainly positive over all p between two corners of a box, taken in any order.
+HWY_INLINE uint32_t PositiveOver(const Vec3V<ShaftV>& form, ShaftV form_bound,
+                                 const Vec3V<ShaftV>& from, const Vec3V<ShaftV>& to) {
+  const ShaftD d;
+  const ShaftV bound =
+      hn::MulAdd(form_bound, hn::Max(NormInfV(from), NormInfV(to)), hn::Set(d, kFloatUnderflow));
+  return MaskBits(d, hn::Gt(LeastOver(form, from, to), bound));
+}
+
+// Objects are not asked, nor whether a triangle is a ray's own. also(first lane, forms) is called
+// for each vector of triangles.
+template <bool kParallel, class Also>
+HWY_INLINE LeafSides SidesOf(const LeafView& leaf, Vec3f common, const Box3f& box,
+                             const Also& also) {
+  using V3 = Vec3V<ShaftV>;
+  const ShaftD d;
+  const V3 from = Broadcast(d, common.x, common.y, common.z);
+  V3 lo = Broadcast(d, box.lo.x, box.lo.y, box.lo.z);
+  V3 hi = Broadcast(d, box.hi.x, box.hi.y, box.hi.z);
+  if constexpr (kParallel) std::swap(lo, hi);  // They are taken from corners.
+  LeafSides all;
+  for (uint32_t first = 0; first < leaf.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
+    const SideForms<kParallel> forms(leaf, first, from);
+    const uint32_t left = leaf.count - first;
+    const uint32_t lanes = left < hn::Lanes(d) ? (1u << left) - 1 : (1u << hn::Lanes(d)) - 1;
+    const uint32_t certain = lanes & MaskBits(d, hn::Gt(hn::Abs(forms.turn), forms.turn_bound));
+    for (int e = 0; e < 3; ++e) {
+      all.within[e] |=
+          PositiveOver(forms.edge[e], forms.edge_bound[e], forms.AtEdge(e, lo), forms.AtEdge(e, hi))
+          << first;
+    }
+    all.beyond |= (certain & PositiveOver(forms.plane, forms.plane_bound, forms.AtPlane(lo),
+                                          forms.AtPlane(hi)))
+                  << first;
+    all.certain |= certain << first;
+    all.turned |= MaskBits(d, hn::Lt(forms.turn, hn::Zero(d))) << first;
+    also(first, forms);
   }
   return all;
 }
+
+// Triangles that block all, and those that would, were it not for one edge.
+struct LeafCovers {
+  explicit LeafCovers(const LeafSides& sides) : turned(sides.turned) {
+    const auto& within = sides.within;
+    whole = sides.beyond & within[0] & within[1] & within[2];
+    for (int e = 0; e < 3; ++e) {
+      but_edge[e] = sides.beyond & within[(e + 1) % 3] & within[(e + 2) % 3] & ~within[e];
+    }
+  }
+
+  uint32_t whole;        // Some may be missing.
+  uint32_t but_edge[3];  // By that edge's first corner.
+  uint32_t turned;
+};
 
 // Another triangle that blocks what triangle i does not, as far as it is edge `e` alone that keeps
 // i from blocking all: one that has the same edge, lies on its other side and is kept by it alone,
@@ -156,22 +200,10 @@ HWY_INLINE bool Holds(std::span<const uint32_t> row, uint32_t value) {
 // As CoverPointsFn says.
 template <bool kParallel>
 bool CoverPoints(const IndexedGeometry& scene, ChildRef leaf_ref, Vec3f common,
-                 uint32_t common_source, uint32_t mask, std::span<const Vec3f> points,
+                 uint32_t common_source, uint32_t mask, const Box3f& box,
                  std::span<const uint32_t> sources, WalkStats* stats) {
   SIGHTLINE_DCHECK(scene.bvh.HoldsLeaf(leaf_ref)) << "leaf " << leaf_ref.bits();
-  if (points.empty() || MustAskObjects(scene.geometry, mask)) return false;
-  const ShaftD d;
-  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
-  const float* const rows = &points.data()->x;
-  PointBox around;
-  size_t i = 0;
-  for (; i + hn::Lanes(d) <= points.size(); i += hn::Lanes(d)) {
-    Vec3V<ShaftV> p;
-    hn::LoadInterleaved3(d, rows + 3 * i, p.x, p.y, p.z);
-    around.Take(p);
-  }
-  Box3f box = around.box();
-  for (; i < points.size(); ++i) box.Extend(points[i]);
+  if (box.empty() || MustAskObjects(scene.geometry, mask)) return false;
   const LeafView leaf(scene, leaf_ref);
   ++stats->leaves;
   stats->shaft.triangles += leaf.count;
@@ -180,12 +212,10 @@ bool CoverPoints(const IndexedGeometry& scene, ChildRef leaf_ref, Vec3f common,
   };
   const auto answer = [&](uint32_t relevant) {
     stats->shaft.relevant += relevant;
-    const size_t blocks = (points.size() + kShaftBlockRays - 1) / kShaftBlockRays;
-    stats->shaft.covers += blocks;
-    stats->shaft.pairs += blocks;
     return true;
   };
-  const LeafCovers covers = CoversOf<kParallel>(leaf, common, box);
+  const LeafCovers covers(
+      SidesOf<kParallel>(leaf, common, box, [](uint32_t, const auto&) HWY_ATTR {}));
   for (uint32_t left = covers.whole; left != 0; left &= left - 1) {
     if (may_block(std::countr_zero(left))) return answer(1);
   }

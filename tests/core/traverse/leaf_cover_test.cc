@@ -73,10 +73,12 @@ class LeafCoverTest : public KernelsFixture {
       if (child.is_leaf()) leaf = child;
     }
     if (!leaf) return 0;
+    Box3f box;
+    for (const Vec3f p : question.points) box.Extend(p);
     WalkStats stats;
     const bool covered = (parallel ? kernels().cover_parallel_points : kernels().cover_points)(
-        scene, *leaf, question.common, question.common_source, 0xFFFFFFFFu, question.points,
-        question.sources, &stats);
+        scene, *leaf, question.common, question.common_source, 0xFFFFFFFFu, box, question.sources,
+        &stats);
     if (!covered) return 0;
     std::vector<TraceRay> rays;
     for (size_t i = 0; i < question.points.size(); ++i) {
