@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Vertices at one position are called by one of their numbers. Edges are counted, then gathered, by
-// the lesser number of their ends; those of one vertex are few, are sorted by the other end, and
-// paired.
+// Vertices at one position are called by one of their numbers. Most mates stand in one leaf, and are
+// paired there. The edges left over are counted, then gathered, by the lesser number of their ends;
+// those of one vertex are few, are sorted by the other end, and paired.
 #include "core/accel/leaf_mates_finder.h"
 
 #include <algorithm>
@@ -13,6 +13,7 @@
 #include <span>
 #include <tuple>
 #include <utility>
+#include <vector>
 
 #include "core/base/parallel.h"
 
@@ -40,6 +41,11 @@ struct Edge {
   }
 };
 
+struct LeftEdge {
+  uint32_t from;  // The lesser number.
+  Edge edge;
+};
+
 class Finder {
  public:
   Finder(const Bvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel)
@@ -49,9 +55,10 @@ class Finder {
     NumberPositions();
     DescribeUnits();
     if (Stopped()) return {};
+    PairWithinLeaves();
+    if (Stopped()) return {};
     GatherEdges();
     if (Stopped()) return {};
-    mates_.rows = AlignedVector<LeafMate>(3 * kUnitTriangles * mates_.units.size());
     ParallelFor(
         ends_.size(), kGrain,
         [&](size_t begin, size_t end) {
@@ -70,7 +77,9 @@ class Finder {
     constexpr uint32_t kFree = 0xFFFFFFFFu;
     const std::span<const Vec3f> vertices(geometry_.vertices.data(), geometry_.vertices.size());
     number_.ResizeUninitialized(vertices.size());
-    AlignedVector<uint32_t> table(size_t{2} << std::bit_width(vertices.size()), kFree);
+    AlignedVector<uint32_t> table;
+    table.ResizeUninitialized(size_t{2} << std::bit_width(vertices.size()));
+    Fill(kFree, &table);
     const size_t last = table.size() - 1;
     ParallelFor(
         vertices.size(), kGrain,
@@ -96,6 +105,15 @@ class Finder {
         cancel_);
   }
 
+  // By all threads: most of it is the system's, which hands out the pages.
+  template <class T>
+  void Fill(T value, AlignedVector<T>* all) const {
+    ParallelFor(
+        all->size(), kGrain,
+        [&](size_t begin, size_t end) { std::fill(&(*all)[begin], all->data() + end, value); },
+        cancel_);
+  }
+
   // fn(leaf) for the leaves of nodes begin .. end - 1.
   template <class Fn>
   void ForEachLeaf(size_t begin, size_t end, const Fn& fn) const {
@@ -106,67 +124,123 @@ class Finder {
       }
     }
   }
-  template <class Fn>
-  void ForEachLeaf(const Fn& fn) const {
-    ParallelFor(
-        bvh_.nodes.size(), kNodeGrain,
-        [&](size_t begin, size_t end) { ForEachLeaf(begin, end, fn); }, cancel_);
-  }
-
   void DescribeUnits() {
     mates_.units.ResizeUninitialized(bvh_.has_leaf_rows()
                                          ? (bvh_.leaves.size() - kLeafPadding) / kUnitFloats
                                          : bvh_.leaf_ids.size() / kUnitTriangles);
-    ForEachLeaf([&](ChildRef leaf) {
-      for (uint32_t k = 0; k < leaf.leaf_units(); ++k) {
-        mates_.units[leaf.leaf_unit() + k] = static_cast<uint8_t>(4 * (leaf.leaf_count() - 1) + k);
-      }
-    });
+    ParallelFor(
+        bvh_.nodes.size(), kNodeGrain,
+        [&](size_t begin, size_t end) {
+          ForEachLeaf(begin, end, [&](ChildRef leaf) {
+            for (uint32_t k = 0; k < leaf.leaf_units(); ++k) {
+              mates_.units[leaf.leaf_unit() + k] =
+                  static_cast<uint8_t>(4 * (leaf.leaf_count() - 1) + k);
+            }
+          });
+        },
+        cancel_);
   }
 
-  // fn(lesser number, edge) for all edges.
-  template <class Fn>
-  void ForEachEdge(const Fn& fn) const {
-    ForEachLeaf([&](ChildRef leaf) {
-      uint32_t ids[kMaxLeafTriangles];
-      const uint32_t count = leaf.leaf_count(), first = kUnitTriangles * leaf.leaf_unit();
-      const void* const row =
-          bvh_.has_leaf_rows()
-              ? static_cast<const void*>(
-                    &bvh_.leaves[size_t{leaf.leaf_unit()} * kUnitFloats +
-                                 (kLeafRows - 1) * kUnitTriangles * leaf.leaf_units()])
-              : &bvh_.leaf_ids[first];
-      std::memcpy(ids, row, count * sizeof(uint32_t));
-      for (uint32_t lane = 0; lane < count; ++lane) {
-        const auto& corners = geometry_.triangles[ids[lane]];
-        const uint32_t number[3] = {number_[corners[0]], number_[corners[1]], number_[corners[2]]};
-        for (uint32_t e = 0; e < 3; ++e) {
-          const uint32_t from = number[e], to = number[e == 2 ? 0 : e + 1];
-          fn(std::min(from, to),
-             Edge{std::max(from, to), 2 * (3 * (first + lane) + e) + (from > to ? 1 : 0)});
+  // A leaf's edges, by 3 · lane + edge.
+  struct LeafEdges {
+    uint32_t count;
+    uint32_t from[3 * kMaxLeafTriangles], to[3 * kMaxLeafTriangles];  // Numbers.
+  };
+  void Read(ChildRef leaf, LeafEdges* edges) const {
+    uint32_t ids[kMaxLeafTriangles];
+    const uint32_t count = leaf.leaf_count();
+    const size_t unit = leaf.leaf_unit();
+    const void* const row =
+        bvh_.has_leaf_rows()
+            ? static_cast<const void*>(
+                  &bvh_.leaves[unit * kUnitFloats +
+                               (kLeafRows - 1) * kUnitTriangles * leaf.leaf_units()])
+            : &bvh_.leaf_ids[unit * kUnitTriangles];
+    std::memcpy(ids, row, count * sizeof(uint32_t));
+    edges->count = 3 * count;
+    for (uint32_t lane = 0; lane < count; ++lane) {
+      const auto& corners = geometry_.triangles[ids[lane]];
+      const uint32_t number[3] = {number_[corners[0]], number_[corners[1]], number_[corners[2]]};
+      for (uint32_t e = 0; e < 3; ++e) {
+        edges->from[3 * lane + e] = number[e];
+        edges->to[3 * lane + e] = number[e == 2 ? 0 : e + 1];
+      }
+    }
+  }
+
+  // Those that run in contrary directions; what is left is counted, by lesser number.
+  void PairWithinLeaves() {
+    mates_.rows.ResizeUninitialized(3 * kUnitTriangles * mates_.units.size());
+    Fill(LeafMate(), &mates_.rows);
+    ends_.ResizeUninitialized(geometry_.vertices.size());
+    Fill(0u, &ends_);
+    left_.resize((bvh_.nodes.size() + kNodeGrain - 1) / kNodeGrain);
+    ParallelFor(
+        bvh_.nodes.size(), kNodeGrain,
+        [&](size_t begin, size_t end) {
+          std::vector<LeftEdge>& left = left_[begin / kNodeGrain];
+          ForEachLeaf(begin, end, [&](ChildRef leaf) { PairWithin(leaf, &left); });
+          for (const LeftEdge& edge : left) {
+            std::atomic_ref(ends_[edge.from]).fetch_add(1, std::memory_order_relaxed);
+          }
+        },
+        cancel_);
+  }
+
+  void PairWithin(ChildRef leaf, std::vector<LeftEdge>* left) {
+    LeafEdges edges;
+    Read(leaf, &edges);
+    // One edge for each place, by its number and 1.
+    constexpr uint32_t kPlaces = 128;
+    static_assert(kPlaces > 2 * 3 * kMaxLeafTriangles);
+    uint8_t table[kPlaces] = {};
+    bool paired[3 * kMaxLeafTriangles] = {};
+    for (uint32_t i = 0; i < edges.count; ++i) {
+      const uint32_t from = edges.from[i], to = edges.to[i];
+      for (uint32_t at = (from + to) * 0x9E3779B1u >> 25;; ++at) {
+        uint8_t& place = table[at % kPlaces];
+        if (place == 0) {
+          place = static_cast<uint8_t>(i + 1);
+          break;
+        }
+        const uint32_t j = place - 1u;
+        if (edges.from[j] == to && edges.to[j] == from && !paired[j]) {
+          paired[i] = paired[j] = true;
+          Entry(leaf, i) = LeafMate(LeafMates::PlaceOf(leaf, j / 3), false);
+          Entry(leaf, j) = LeafMate(LeafMates::PlaceOf(leaf, i / 3), false);
+          break;
         }
       }
-    });
+    }
+    for (uint32_t i = 0; i < edges.count; ++i) {
+      if (paired[i]) continue;
+      const uint32_t from = edges.from[i], to = edges.to[i];
+      const uint32_t slot = 2 * (3 * LeafMates::PlaceOf(leaf, 0) + i);
+      left->push_back({std::min(from, to), {std::max(from, to), slot + (from > to ? 1 : 0)}});
+    }
   }
 
-  // edges_[ends_[v - 1], ends_[v]) are those whose lesser number is v.
+  // edges_[ends_[v - 1], ends_[v]) are those left whose lesser number is v.
   void GatherEdges() {
-    ends_.resize(geometry_.vertices.size(), 0);
-    ForEachEdge([&](uint32_t v, const Edge&) {
-      std::atomic_ref(ends_[v]).fetch_add(1, std::memory_order_relaxed);
-    });
     uint32_t sum = 0;
     for (uint32_t& end : ends_) end = std::exchange(sum, sum + end);  // Where each begins.
     edges_.ResizeUninitialized(sum);
-    if (Stopped()) return;
-    ForEachEdge([&](uint32_t v, const Edge& edge) {
-      edges_[std::atomic_ref(ends_[v]).fetch_add(1, std::memory_order_relaxed)] = edge;
-    });
+    ParallelFor(
+        left_.size(), 1,
+        [&](size_t begin, size_t end) {
+          for (size_t i = begin; i < end; ++i) {
+            for (const LeftEdge& left : left_[i]) {
+              edges_[std::atomic_ref(ends_[left.from]).fetch_add(1, std::memory_order_relaxed)] =
+                  left.edge;
+            }
+          }
+        },
+        cancel_);
   }
 
   void Pair(uint32_t begin, uint32_t end) {
     Edge* const edges = edges_.data();
-    std::sort(edges + begin, edges + end);  // However the threads took turns.
+    if (end - begin > 1) std::sort(edges + begin, edges + end);  // However threads took turns.
     for (uint32_t i = begin, next; i < end; i = next) {
       next = i + 1;
       while (next < end && edges[next].to == edges[i].to) ++next;
@@ -196,15 +270,19 @@ class Finder {
   LeafMate& Entry(const Edge& edge) {
     const LeafMate own(edge.slot / 6, false);
     const ChildRef leaf = mates_.leaf(own);
-    const uint32_t e = edge.slot / 2 % 3;
-    return mates_.rows[size_t{kUnitTriangles} * (3 * leaf.leaf_unit() + e * leaf.leaf_units()) +
-                       LeafMates::lane(leaf, own)];
+    return Entry(leaf, 3 * LeafMates::lane(leaf, own) + edge.slot / 2 % 3);
+  }
+  // By 3 · lane + edge.
+  LeafMate& Entry(ChildRef leaf, uint32_t i) {
+    return mates_
+        .rows[size_t{kUnitTriangles} * (3 * leaf.leaf_unit() + i % 3 * leaf.leaf_units()) + i / 3];
   }
 
   const Bvh& bvh_;
   const SceneGeometry& geometry_;
   const CancelToken* const cancel_;
-  AlignedVector<uint32_t> number_, ends_;  // By vertex.
+  AlignedVector<uint32_t> number_, ends_;    // By vertex.
+  std::vector<std::vector<LeftEdge>> left_;  // By kNodeGrain nodes: those without a mate in theirs.
   AlignedVector<Edge> edges_;
   LeafMates mates_;
 };
