@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Vertices at one position are called by one of their numbers. Most mates stand in one leaf, and are
-// paired there. The edges left over are counted, then gathered, by the lesser number of their ends;
-// those of one vertex are few, are sorted by the other end, and paired.
+// Vertices at one position are called by one of their numbers. Most mates stand in one leaf, and
+// are paired there. The edges left over are counted, then gathered, by the lesser number of their
+// ends; those of one vertex are few, are sorted by the other end, and paired.
 #include "core/accel/leaf_mates_finder.h"
 
 #include <algorithm>
