@@ -13,7 +13,6 @@
 #include <span>
 #include <tuple>
 #include <utility>
-#include <vector>
 
 #include "core/base/parallel.h"
 
@@ -46,14 +45,21 @@ struct LeftEdge {
   Edge edge;
 };
 
+struct LeftBlock {
+  size_t begin, end;
+};
+
 class Finder {
  public:
   Finder(const Bvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel)
       : bvh_(bvh), geometry_(geometry), cancel_(cancel) {}
 
   LeafMates Find() {
-    NumberPositions();
+    // What stays comes first, so that it does not keep apart what is given back.
     DescribeUnits();
+    mates_.rows.ResizeUninitialized(3 * kUnitTriangles * mates_.units.size());
+    Fill(LeafMate(), &mates_.rows);
+    NumberPositions();
     if (Stopped()) return {};
     PairWithinLeaves();
     if (Stopped()) return {};
@@ -170,24 +176,30 @@ class Finder {
 
   // Those that run in contrary directions; what is left is counted, by lesser number.
   void PairWithinLeaves() {
-    mates_.rows.ResizeUninitialized(3 * kUnitTriangles * mates_.units.size());
-    Fill(LeafMate(), &mates_.rows);
     ends_.ResizeUninitialized(geometry_.vertices.size());
     Fill(0u, &ends_);
-    left_.resize((bvh_.nodes.size() + kNodeGrain - 1) / kNodeGrain);
+    // Room for all edges of a block of nodes; what is not written takes no memory.
+    blocks_.resize((bvh_.nodes.size() + kNodeGrain - 1) / kNodeGrain);
+    size_t room = 0;
+    for (size_t k = 0; k < blocks_.size(); ++k) {
+      blocks_[k] = {room, room};
+      ForEachLeaf(k * kNodeGrain, std::min((k + 1) * kNodeGrain, bvh_.nodes.size()),
+                  [&](ChildRef leaf) { room += 3 * leaf.leaf_count(); });
+    }
+    left_.ResizeUninitialized(room);
     ParallelFor(
         bvh_.nodes.size(), kNodeGrain,
         [&](size_t begin, size_t end) {
-          std::vector<LeftEdge>& left = left_[begin / kNodeGrain];
-          ForEachLeaf(begin, end, [&](ChildRef leaf) { PairWithin(leaf, &left); });
-          for (const LeftEdge& edge : left) {
-            std::atomic_ref(ends_[edge.from]).fetch_add(1, std::memory_order_relaxed);
+          LeftBlock& block = blocks_[begin / kNodeGrain];
+          ForEachLeaf(begin, end, [&](ChildRef leaf) { PairWithin(leaf, &block); });
+          for (size_t i = block.begin; i < block.end; ++i) {
+            std::atomic_ref(ends_[left_[i].from]).fetch_add(1, std::memory_order_relaxed);
           }
         },
         cancel_);
   }
 
-  void PairWithin(ChildRef leaf, std::vector<LeftEdge>* left) {
+  void PairWithin(ChildRef leaf, LeftBlock* block) {
     LeafEdges edges;
     Read(leaf, &edges);
     // One edge for each place, by its number and 1.
@@ -216,7 +228,7 @@ class Finder {
       if (paired[i]) continue;
       const uint32_t from = edges.from[i], to = edges.to[i];
       const uint32_t slot = 2 * (3 * LeafMates::PlaceOf(leaf, 0) + i);
-      left->push_back({std::min(from, to), {std::max(from, to), slot + (from > to ? 1 : 0)}});
+      left_[block->end++] = {std::min(from, to), {std::max(from, to), slot + (from > to ? 1 : 0)}};
     }
   }
 
@@ -226,12 +238,12 @@ class Finder {
     for (uint32_t& end : ends_) end = std::exchange(sum, sum + end);  // Where each begins.
     edges_.ResizeUninitialized(sum);
     ParallelFor(
-        left_.size(), 1,
+        blocks_.size(), 1,
         [&](size_t begin, size_t end) {
-          for (size_t i = begin; i < end; ++i) {
-            for (const LeftEdge& left : left_[i]) {
-              edges_[std::atomic_ref(ends_[left.from]).fetch_add(1, std::memory_order_relaxed)] =
-                  left.edge;
+          for (size_t k = begin; k < end; ++k) {
+            for (size_t i = blocks_[k].begin; i < blocks_[k].end; ++i) {
+              edges_[std::atomic_ref(ends_[left_[i].from])
+                         .fetch_add(1, std::memory_order_relaxed)] = left_[i].edge;
             }
           }
         },
@@ -281,8 +293,9 @@ class Finder {
   const Bvh& bvh_;
   const SceneGeometry& geometry_;
   const CancelToken* const cancel_;
-  AlignedVector<uint32_t> number_, ends_;    // By vertex.
-  std::vector<std::vector<LeftEdge>> left_;  // By kNodeGrain nodes: those without a mate in theirs.
+  AlignedVector<uint32_t> number_, ends_;  // By vertex.
+  AlignedVector<LeftEdge> left_;           // Those without a mate in their leaf.
+  AlignedVector<LeftBlock> blocks_;        // By kNodeGrain nodes.
   AlignedVector<Edge> edges_;
   LeafMates mates_;
 };

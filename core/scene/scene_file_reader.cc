@@ -11,7 +11,6 @@
 #include "core/accel/binary_bvh_validation.h"
 #include "core/accel/bvh_validation.h"
 #include "core/accel/kd_validation.h"
-#include "core/accel/leaf_mates_finder.h"
 #include "core/base/limit_error.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/geometry_validation.h"
@@ -208,11 +207,8 @@ class Reader {
     bvh.max_depth = record.max_depth;
     bvh.triangle_count = static_cast<uint32_t>(geometry.triangles.size() - geometry.inert.size());
     SL_RETURN_IF_ERROR(Named(file_, ValidateBvh(bvh, geometry, cancel_)));
-    // The file does not say whether there were any. A compact tree is to take little memory.
-    if (bvh.has_leaf_rows()) {
-      bvh.mates = FindLeafMates(bvh, geometry, cancel_);
-      if (cancel_ != nullptr) SL_RETURN_IF_ERROR(cancel_->ToStatus());
-    }
+    // Mates are not stored, and not found again: that would take more memory, for a while, than all
+    // else that a mapped scene takes of its own.
     scene->bvh = std::move(bvh);
     return absl::OkStatus();
   }
@@ -357,10 +353,6 @@ absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
       SceneFileKdTree tree;
       std::memcpy(&tree, file.bytes.data() + section.offset, sizeof(tree));
       kd_leaves = tree.leaves_laid_out != 0;
-    }
-    // Mates are found again.
-    if (kind == SectionKind::kBvhLeaves) {
-      info.scene_bytes += section.count / kUnitFloats * LeafMates::kUnitBytes;
     }
     // Leaves' triangles are laid out again.
     if (kind == SectionKind::kBinaryBvhIds || (kind == SectionKind::kKdIds && kd_leaves)) {
