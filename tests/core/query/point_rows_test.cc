@@ -59,6 +59,7 @@ TEST(PointRowsTest, TheBoxIsThePoints) {
       ASSERT_EQ(PointRowKernelsFor(target).split(points, rows->at[0], rows->at[1], rows->at[2]),
                 truth)
           << count << " points";
+      ASSERT_EQ(PointRowKernelsFor(target).box(points), truth) << count << " points";
     }
   }
 }
