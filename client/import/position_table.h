@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/base/mix_bits.h"
 #include "core/geometry/vec3.h"
 
 namespace sightline {
@@ -42,15 +43,10 @@ class PositionTable {
   static bool Same(Vec3d a, Vec3d b) {
     return Bits(a.x) == Bits(b.x) && Bits(a.y) == Bits(b.y) && Bits(a.z) == Bits(b.z);
   }
-  static uint64_t Mix(uint64_t h) {  // MurmurHash3's finalizer: every bit reaches the low ones.
-    h = (h ^ (h >> 33)) * 0xFF51AFD7ED558CCDu;
-    h = (h ^ (h >> 33)) * 0xC4CEB9FE1A85EC53u;
-    return h ^ (h >> 33);
-  }
 
   // The slot that holds p's number + 1, or the empty one where it belongs.
   uint32_t& Find(Vec3d p) {
-    const uint64_t hash = Mix(Mix(Mix(Bits(p.x)) + Bits(p.y)) + Bits(p.z));
+    const uint64_t hash = MixBits(MixBits(MixBits(Bits(p.x)) + Bits(p.y)) + Bits(p.z));
     const uint64_t mask = slots_.size() - 1;
     for (uint64_t i = hash & mask;; i = (i + 1) & mask) {
       if (slots_[i] == 0 || Same(positions_[slots_[i] - 1], p)) return slots_[i];

@@ -51,7 +51,7 @@ struct Bvh {
   AlignedVector<BvhNode> nodes;      // nodes[0] is the root; empty for a scene with nothing to hit.
   AlignedVector<float> leaves;       // Empty if compact.
   AlignedVector<uint32_t> leaf_ids;  // Empty unless compact.
-  LeafMates mates;                   // Empty where nobody found them: no answer depends on them.
+  LeafMates mates;                   // Where there are none, that costs speed alone.
   Box3f bounds;
   uint32_t leaf_count = 0;
   uint32_t triangle_count = 0;

@@ -8,9 +8,9 @@
 // of n units at kUnitTriangles · 3 times its first one: 4n entries for edge 0, then edges 1 and 2.
 // Edge e runs from corner e to corner (e + 1) % 3.
 //
-// Thread safety: functions and plain values. Uses the calling thread's pool (core/base/parallel.h).
+// Thread safety: plain values.
 //
-//   bvh.mates = FindLeafMates(bvh, geometry, cancel);
+//   bvh.mates = FindLeafMates(bvh, geometry, cancel);  // leaf_mates_finder.h
 //   const LeafMate mate = bvh.mates.of(leaf, edge)[lane];
 //   if (mate.exists()) Visit(bvh.mates.leaf(mate), bvh.mates.lane(mate));
 #ifndef SIGHTLINE_CORE_ACCEL_LEAF_MATES_H_
@@ -26,23 +26,22 @@ namespace sightline {
 
 class LeafMate {
  public:
+  // How they are stored, for who reads several at once.
+  static constexpr uint32_t kNone = 0xFFFFFFFFu;  // Places end at 2^29.
+  static constexpr uint32_t kSameWayBit = 1;
+  static constexpr int kPlaceShift = 1;
+
   constexpr LeafMate() = default;  // None.
   // `same_way`: both triangles' corners run along the edge in the same direction.
-  constexpr LeafMate(uint32_t place, bool same_way) : bits_(place << 1 | (same_way ? 1u : 0u)) {}
-
-  static constexpr LeafMate FromBits(uint32_t bits) {
-    LeafMate mate;
-    mate.bits_ = bits;
-    return mate;
-  }
+  constexpr LeafMate(uint32_t place, bool same_way)
+      : bits_(place << kPlaceShift | (same_way ? kSameWayBit : 0)) {}
 
   constexpr bool exists() const { return bits_ != kNone; }
-  constexpr uint32_t place() const { return bits_ >> 1; }
-  constexpr bool same_way() const { return (bits_ & 1) != 0; }
+  constexpr uint32_t place() const { return bits_ >> kPlaceShift; }
+  constexpr bool same_way() const { return (bits_ & kSameWayBit) != 0; }
   friend constexpr bool operator==(LeafMate, LeafMate) = default;
 
  private:
-  static constexpr uint32_t kNone = 0xFFFFFFFFu;  // Places end at 2^29.
   uint32_t bits_ = kNone;
 };
 

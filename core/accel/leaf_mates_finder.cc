@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "core/base/parallel.h"
+#include "core/mesh/position_hash.h"
 
 namespace sightline {
 namespace {
@@ -24,12 +25,6 @@ constexpr size_t kNodeGrain = 1 << 8;
 // Places of a table looked at for a vertex. One that finds none, as where hashes were made to
 // collide, keeps its own number, and its edges may miss their mates.
 constexpr size_t kMaxProbes = 64;
-
-uint64_t Mix(uint64_t h) {  // MurmurHash3's finalizer: a bijection of 64 bits.
-  h = (h ^ (h >> 33)) * 0xFF51AFD7ED558CCDull;
-  h = (h ^ (h >> 33)) * 0xC4CEB9FE1A85EC53ull;
-  return h ^ (h >> 33);
-}
 
 struct Edge {
   uint32_t to;    // The greater number of its ends.
@@ -93,9 +88,7 @@ class Finder {
           for (size_t i = begin; i < end; ++i) {
             const auto v = static_cast<uint32_t>(i);
             const Vec3f p = vertices[v];
-            const uint64_t hash =
-                Mix((uint64_t{std::bit_cast<uint32_t>(p.x)} << 32 | std::bit_cast<uint32_t>(p.y)) ^
-                    Mix(std::bit_cast<uint32_t>(p.z)));
+            const uint64_t hash = HashPosition(p);
             number_[v] = v;
             for (size_t probe = 0; probe < kMaxProbes; ++probe) {
               std::atomic_ref<uint32_t> place(table[(hash + probe) & last]);
@@ -130,6 +123,7 @@ class Finder {
       }
     }
   }
+
   void DescribeUnits() {
     mates_.units.ResizeUninitialized(bvh_.has_leaf_rows()
                                          ? (bvh_.leaves.size() - kLeafPadding) / kUnitFloats

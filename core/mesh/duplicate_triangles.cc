@@ -15,7 +15,9 @@
 #include <vector>
 
 #include "core/base/aligned_vector.h"
+#include "core/base/mix_bits.h"
 #include "core/base/parallel.h"
+#include "core/mesh/position_hash.h"
 
 namespace sightline {
 namespace {
@@ -27,12 +29,6 @@ using Key = std::array<Position, 3>;       // Sorted.
 constexpr size_t kGrain = 1 << 14;
 // Candidates left after so many have hashes made to collide: sort them instead.
 constexpr int kMaxRounds = 8;
-
-uint64_t Mix(uint64_t h) {  // MurmurHash3's finalizer: a bijection of 64 bits.
-  h = (h ^ (h >> 33)) * 0xFF51AFD7ED558CCDull;
-  h = (h ^ (h >> 33)) * 0xC4CEB9FE1A85EC53ull;
-  return h ^ (h >> 33);
-}
 
 class Counter {
   // Both return a function that calls visit(id) for the candidates of [begin, end).
@@ -100,8 +96,7 @@ class Counter {
         vertices_.size(), kGrain,
         [&](size_t begin, size_t end) {
           for (size_t i = begin; i < end; ++i) {
-            const Position p = PositionOf(static_cast<uint32_t>(i));
-            corners[i] = static_cast<uint32_t>(Mix((uint64_t{p[0]} << 32 | p[1]) ^ Mix(p[2])));
+            corners[i] = static_cast<uint32_t>(HashPosition(vertices_[i]));
           }
         },
         cancel_);
@@ -113,7 +108,7 @@ class Counter {
           for (size_t id = begin; id < end; ++id) {
             const Triangle& t = triangles_[id];
             const uint64_t sum = uint64_t{corners[t[0]]} + corners[t[1]] + corners[t[2]];
-            hashes_[id] = static_cast<uint32_t>(Mix(sum) >> 32);
+            hashes_[id] = static_cast<uint32_t>(MixBits(sum) >> 32);
           }
         },
         cancel_);
@@ -128,7 +123,7 @@ class Counter {
     table.ResizeUninitialized(size_t{2} << bits);
     const auto place = [&](uint32_t id) {
       const uint64_t hash = round == 0 ? hashes_[id] * 0x9E3779B97F4A7C15ull
-                                       : Mix(uint64_t{hashes_[id]} << 32 | salt);
+                                       : MixBits(uint64_t{hashes_[id]} << 32 | salt);
       return std::atomic_ref<uint32_t>(table[hash >> (63 - bits)]);
     };
     if (Stopped()) return {};

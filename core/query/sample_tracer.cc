@@ -187,7 +187,8 @@ void SampleTracer::ReservePackets(size_t s) {
   }
 }
 
-bool SampleTracer::Covered(size_t s, size_t begin, size_t end, uint32_t mask, StatsScope* scope) {
+bool SampleTracer::CoverRange(size_t s, size_t begin, size_t end, uint32_t mask,
+                              StatsScope* scope) {
   const LightSample& sample = samples_[s];
   const Kernels& kernels = run_.kernels();
   const bool parallel = sample.directional, one = end - begin == 1;
@@ -230,10 +231,11 @@ bool SampleTracer::Covered(size_t s, size_t begin, size_t end, uint32_t mask, St
 
 size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, StatsScope* scope) {
   if (!AsTheyAre() || hints_.first_leaves[s] == RayPacket::kNoLeaf ||
-      !Covered(s, b, b + 1, mask, scope)) {
+      !CoverRange(s, b, b + 1, mask, scope)) {
     return 0;
   }
-  return b == 0 && blocks() > 1 && Covered(s, 1, blocks(), mask, scope) ? blocks() : 1;
+  // Of two the other one has its own turn.
+  return b == 0 && blocks() > 2 && CoverRange(s, 1, blocks(), mask, scope) ? blocks() : 1;
 }
 
 void SampleTracer::NoteCovers(size_t s, const WalkStats& before, const WalkStats& after) {
@@ -243,14 +245,14 @@ void SampleTracer::NoteCovers(size_t s, const WalkStats& before, const WalkStats
 
 void SampleTracer::NoteBlock(size_t s, size_t b, Strategy walk, const WalkStats& before,
                              const WalkStats& after) {
-  const std::span<const uint32_t> blockers(triangles(b), PointsOf(b));
   if (walk == Strategy::kShaft) {
     NoteCovers(s, before, after);
-  } else {
-    // Other walks do not tell. What made all of it dark at once may be one triangle.
-    hints_.covered[s] = after.leaves - before.leaves == 1 &&
-                        std::find(blockers.begin(), blockers.end(), kNoTriangle) == blockers.end();
+    return;
   }
+  // Other walks do not tell. What made all of it dark at once may be one triangle.
+  const std::span<const uint32_t> blockers(triangles(b), PointsOf(b));
+  hints_.covered[s] = after.leaves - before.leaves == 1 &&
+                      std::find(blockers.begin(), blockers.end(), kNoTriangle) == blockers.end();
 }
 
 absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,

@@ -147,7 +147,7 @@ class SampleTracer {
   absl::Status TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope);
   // Answers blocks begin .. end - 1 if what darkened those before them, a triangle or two of a leaf
   // or a patch, blocks all of their points.
-  bool Covered(size_t s, size_t begin, size_t end, uint32_t mask, StatsScope* scope);
+  bool CoverRange(size_t s, size_t begin, size_t end, uint32_t mask, StatsScope* scope);
   // Answers so blocks from b on, of sample s: none, that one, or, if it is the first, all at once.
   // Returns how many.
   size_t CoverBlocks(size_t s, size_t b, uint32_t mask, StatsScope* scope);

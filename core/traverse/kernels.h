@@ -17,6 +17,7 @@
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
+#include "core/geometry/box3.h"
 #include "core/traverse/clear_leaves.h"
 #include "core/traverse/light_hull.h"
 #include "core/traverse/point_ground.h"

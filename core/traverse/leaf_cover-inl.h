@@ -55,8 +55,8 @@ HWY_INLINE ShaftV LeastOver(const Vec3V<ShaftV>& form, const Vec3V<ShaftV>& lo,
 struct LeafSides {
   uint32_t within[3] = {};  // All are on the triangle's side of the edge from this corner on.
   uint32_t beyond = 0;      // Its plane stands between origin and box, or before the rays.
-  uint32_t certain = 0;     // Whether it is turned is:
-  uint32_t turned = 0;      // its corners run the other way about as those rays see them.
+  uint32_t turned = 0;      // Its corners run the other way about as those rays see them,
+  uint32_t certain = 0;     // and whether they do is certain.
 };
 
 // The forms of as many triangles as a vector has lanes. Each is positive where they block, beyond a

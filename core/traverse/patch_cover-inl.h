@@ -167,8 +167,7 @@ class PatchFinder {
     }
     // Other leaves are all asked for before any is looked at.
     struct Way {
-      ChildRef ref;
-      uint32_t lane, turned;  // Of the mate, as it has to be.
+      uint32_t leaf, lane, turned;  // Of the mate, as it has to be.
     };
     Way ways[3 * kMaxLeafTriangles];
     size_t count = 0;
@@ -178,12 +177,12 @@ class PatchFinder {
         const uint32_t i = std::countr_zero(out);
         const ChildRef ref = mates_.leaf(row[i]);
         Fetch(ref);
-        ways[count++] = {ref, LeafMates::lane(ref, row[i]),
+        ways[count++] = {ref.bits(), LeafMates::lane(ref, row[i]),
                          (leaf->turned >> i & 1) ^ (row[i].same_way() ? 1u : 0u)};
       }
     }
     for (size_t k = 0; k < count; ++k) {
-      PatchLeaf* const other = Open(ways[k].ref);
+      PatchLeaf* const other = Open(ChildRef::FromBits(ways[k].leaf));
       if (other == nullptr || (other->turned >> ways[k].lane & 1) != ways[k].turned) return false;
       other->members |= 1u << ways[k].lane;
     }

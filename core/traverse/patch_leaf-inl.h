@@ -106,7 +106,7 @@ struct MateLanes {
 HWY_INLINE MateLanes MatesAlong(const LeafMate* row, ChildRef leaf) {
   const hn::RebindToUnsigned<ShaftD> d;
   const hn::Rebind<uint8_t, decltype(d)> part;
-  static_assert(sizeof(LeafMate) == sizeof(uint32_t) && LeafMate() == LeafMate::FromBits(~0u));
+  static_assert(sizeof(LeafMate) == sizeof(uint32_t));
   const uint32_t count = leaf.leaf_count();
   MateLanes mates;
   alignas(16) uint8_t lanes[kMaxLeafTriangles];
@@ -114,10 +114,12 @@ HWY_INLINE MateLanes MatesAlong(const LeafMate* row, ChildRef leaf) {
        first += static_cast<uint32_t>(hn::Lanes(d))) {
     const auto in = hn::FirstN(d, count > first ? count - first : 0);
     const auto bits = hn::MaskedLoad(in, d, reinterpret_cast<const uint32_t*>(row) + first);
-    const auto lane = hn::Sub(hn::ShiftRight<1>(bits), hn::Set(d, LeafMates::PlaceOf(leaf, 0)));
+    const auto lane = hn::Sub(hn::ShiftRight<LeafMate::kPlaceShift>(bits),
+                              hn::Set(d, LeafMates::PlaceOf(leaf, 0)));
     mates.inside |= MaskBits(d, hn::And(in, hn::Lt(lane, hn::Set(d, count)))) << first;
-    mates.none |= MaskBits(d, hn::Eq(bits, hn::Set(d, ~0u))) << first;
-    mates.same_way |= MaskBits(d, hn::TestBit(bits, hn::Set(d, 1u))) << first;
+    mates.none |= MaskBits(d, hn::Eq(bits, hn::Set(d, uint32_t{LeafMate::kNone}))) << first;
+    mates.same_way |= MaskBits(d, hn::TestBit(bits, hn::Set(d, uint32_t{LeafMate::kSameWayBit})))
+                      << first;
     hn::Store(hn::TruncateTo(part, lane), part, lanes + first);
   }
   mates.lane = hn::And(hn::Load(PatchD(), lanes), hn::Set(PatchD(), uint8_t{15}));

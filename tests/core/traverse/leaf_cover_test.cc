@@ -12,6 +12,7 @@
 
 #include "core/traverse/kernels.h"
 #include "gtest/gtest.h"
+#include "tests/core/traverse/cover_question.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/support/random.h"
@@ -19,12 +20,6 @@
 
 namespace sightline::testing_support {
 namespace {
-
-Vec3d Anywhere(TestRng& rng, double size) {
-  Vec3d p;
-  for (int k = 0; k < 3; ++k) p[k] = rng.Uniform(-size, size);
-  return p;
-}
 
 // Quadrangles, flat and bent, in two triangles each, whose corners run either way about; at times
 // on a lattice, where much is level and touches.
@@ -56,49 +51,22 @@ std::vector<ObjectInput> SomeTriangles(TestRng& rng) {
   return {object};
 }
 
-struct Question {
-  Vec3f common;
-  uint32_t common_source = kNoTriangle;
-  std::vector<Vec3f> points;
-  std::vector<uint32_t> sources;  // Or none.
-};
-
 class LeafCoverTest : public KernelsFixture {
  protected:
   // How many triangles it took, or 0 where nothing was said.
-  int Ask(const IndexedGeometry& scene, bool parallel, const Question& question) {
+  int Ask(const IndexedGeometry& scene, bool parallel, const CoverQuestion& question) {
     std::optional<ChildRef> leaf;
     for (uint32_t i = 0; i < scene.bvh.nodes[0].child_count; ++i) {
       const ChildRef child = scene.bvh.nodes[0].child[i];
       if (child.is_leaf()) leaf = child;
     }
     if (!leaf) return 0;
-    Box3f box;
-    for (const Vec3f p : question.points) box.Extend(p);
     WalkStats stats;
     const bool covered = (parallel ? kernels().cover_parallel_points : kernels().cover_points)(
-        scene, *leaf, question.common, question.common_source, 0xFFFFFFFFu, box, question.sources,
-        &stats);
+        scene, *leaf, question.common, question.common_source, 0xFFFFFFFFu, question.box(),
+        question.sources, &stats);
     if (!covered) return 0;
-    std::vector<TraceRay> rays;
-    for (size_t i = 0; i < question.points.size(); ++i) {
-      const Vec3f p = question.points[i];
-      const uint32_t source = question.sources.empty() ? kNoTriangle : question.sources[i];
-      if (parallel) {
-        rays.push_back({.ray = PredicateRay::Ray(p, question.common),
-                        .from_source = source,
-                        .to_source = question.common_source});
-      } else {
-        rays.push_back({.ray = PredicateRay::Segment(question.common, p),
-                        .from_source = question.common_source,
-                        .to_source = source});
-      }
-    }
-    std::vector<Hit> hits(rays.size());
-    EXPECT_TRUE(kernels().occluded_brute(scene, rays, hits, nullptr, &stats));
-    for (size_t i = 0; i < rays.size(); ++i) {
-      EXPECT_NE(hits[i].triangle, kNoTriangle) << Printed{rays[i]};
-    }
+    question.ExpectAllBlocked(kernels(), scene, parallel);
     return static_cast<int>(stats.shaft.relevant);
   }
 };
@@ -122,7 +90,7 @@ TEST_P(LeafCoverTest, WhatIsSaidToBlockAllBlocksEach) {
     const double behind = rng.Chance(0.2) ? 1 : rng.Uniform(1, 2);
     const Vec3d middle = light + (on - light) * behind;
     const double size = std::exp2(rng.Uniform(-24, 0));
-    Question question;
+    CoverQuestion question;
     question.common = ToFloat(parallel ? light - on : light);
     question.common_source =
         rng.Chance(0.1) ? static_cast<uint32_t>(rng.Below(triangles)) : kNoTriangle;
@@ -151,7 +119,7 @@ TEST_P(LeafCoverTest, WhatIsSaidToBlockAllBlocksEach) {
 // elsewhere.
 TEST_P(LeafCoverTest, SourcesAndObjectsKeepTheirSay) {
   const ObjectInput wall = {.vertices = {{-8, -8, 1}, {8, -8, 1}, {0, 8, 1}}, .indices = {0, 1, 2}};
-  Question question = {.common = {0, 0, 4}, .points = {{0, 0, 0}, {0.5f, 0.25f, 0}}};
+  CoverQuestion question = {.common = {0, 0, 4}, .points = {{0, 0, 0}, {0.5f, 0.25f, 0}}};
   const IndexedGeometry scene = IndexObjects({wall}, Vec3d{});
   EXPECT_EQ(Ask(scene, false, question), 1);
   question.common = {0, 0, 1};

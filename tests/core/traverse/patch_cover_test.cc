@@ -7,10 +7,12 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "core/traverse/kernels.h"
 #include "gtest/gtest.h"
+#include "tests/core/traverse/cover_question.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/support/random.h"
@@ -18,12 +20,6 @@
 
 namespace sightline::testing_support {
 namespace {
-
-Vec3d Anywhere(TestRng& rng, double size) {
-  Vec3d p;
-  for (int k = 0; k < 3; ++k) p[k] = rng.Uniform(-size, size);
-  return p;
-}
 
 // Every triangle with vertices of its own.
 void Unweld(ObjectInput* object) {
@@ -81,13 +77,6 @@ ObjectInput SomeSurface(TestRng& rng) {
   return object;
 }
 
-struct Question {
-  Vec3f common;
-  uint32_t common_source = kNoTriangle;
-  std::vector<Vec3f> points;
-  std::vector<uint32_t> sources;  // Or none.
-};
-
 class PatchCoverTest : public KernelsFixture {
  protected:
   std::vector<uint32_t> Leaves(const IndexedGeometry& scene) {
@@ -101,39 +90,19 @@ class PatchCoverTest : public KernelsFixture {
   }
 
   // How many triangles it took, or 0 where nothing was said.
-  uint32_t Ask(const IndexedGeometry& scene, bool parallel, const Question& question,
+  uint32_t Ask(const IndexedGeometry& scene, bool parallel, const CoverQuestion& question,
                const std::vector<uint32_t>& seeds) {
-    Box3f box;
-    for (const Vec3f p : question.points) box.Extend(p);
     WalkStats stats;
     uint32_t leaf = RayPacket::kNoLeaf;
     const uint32_t count =
         (parallel ? kernels().cover_parallel_by_patch : kernels().cover_by_patch)(
-            scene, question.common, question.common_source, 0xFFFFFFFFu, box, question.points,
-            question.sources, seeds, &leaf, &stats);
+            scene, question.common, question.common_source, 0xFFFFFFFFu, question.box(),
+            question.points, question.sources, seeds, &leaf, &stats);
     EXPECT_EQ(leaf != RayPacket::kNoLeaf, count > 0);
     EXPECT_EQ(stats.shaft.relevant, count);
     if (count == 0) return 0;
     EXPECT_TRUE(scene.bvh.HoldsLeaf(ChildRef::FromBits(leaf)));
-    std::vector<TraceRay> rays;
-    for (size_t i = 0; i < question.points.size(); ++i) {
-      const Vec3f p = question.points[i];
-      const uint32_t source = question.sources.empty() ? kNoTriangle : question.sources[i];
-      if (parallel) {
-        rays.push_back({.ray = PredicateRay::Ray(p, question.common),
-                        .from_source = source,
-                        .to_source = question.common_source});
-      } else {
-        rays.push_back({.ray = PredicateRay::Segment(question.common, p),
-                        .from_source = question.common_source,
-                        .to_source = source});
-      }
-    }
-    std::vector<Hit> hits(rays.size());
-    EXPECT_TRUE(kernels().occluded_brute(scene, rays, hits, nullptr, &stats));
-    for (size_t i = 0; i < rays.size(); ++i) {
-      EXPECT_NE(hits[i].triangle, kNoTriangle) << Printed{rays[i]};
-    }
+    question.ExpectAllBlocked(kernels(), scene, parallel);
     return count;
   }
 };
@@ -167,7 +136,7 @@ TEST_P(PatchCoverTest, WhatIsSaidToHideAllHidesEach) {
       }
       const Vec3d middle = light + (on - light) * rng.Uniform(1, 2);
       const double size = std::exp2(rng.Uniform(-8, 0));
-      Question question;
+      CoverQuestion question;
       question.common = ToFloat(parallel ? light - on : light);
       if (rng.Chance(0.05)) question.common_source = static_cast<uint32_t>(rng.Below(triangles));
       const size_t count = 1 + rng.Below(70);
@@ -213,7 +182,7 @@ TEST_P(PatchCoverTest, PointsOnTheFarSideOfALevelWall) {
   const std::vector<uint32_t> leaves = Leaves(scene);
   const float wall = scene.geometry.Corners(0)[0].y;
   for (const bool parallel : {false, true}) {
-    Question question = {.common = {0.2f, parallel ? 3.0f : wall + 3, -0.1f}};
+    CoverQuestion question = {.common = {0.2f, parallel ? 3.0f : wall + 3, -0.1f}};
     const auto put = [&](float height) {
       question.points.clear();
       for (int i = 0; i < 40; ++i) {
@@ -239,7 +208,7 @@ TEST_P(PatchCoverTest, PointsOnTheFarSideOfASlantedWall) {
                       .indices = {0, 1, 2, 0, 2, 3}};
   const IndexedGeometry scene = IndexObjects({wall}, Vec3d{});
   const std::vector<uint32_t> leaves = Leaves(scene);
-  Question question = {.common = {0, 0, 20}};
+  CoverQuestion question = {.common = {0, 0, 20}};
   TestRng rng;
   for (int i = 0; i < 37; ++i) {
     const double x = rng.Uniform(-2, 2), y = rng.Uniform(-2, 2);
@@ -253,7 +222,8 @@ TEST_P(PatchCoverTest, PointsOnTheFarSideOfASlantedWall) {
 TEST_P(PatchCoverTest, SourcesAndObjectsKeepTheirSay) {
   TestRng rng;
   const ObjectInput roof = MakeGrid(4, 0, {-2, 1, -2}, rng);
-  Question question = {.common = {0, 4, 0}, .points = {{-0.6f, 0, -0.55f}, {0.8f, 0.25f, 0.6f}}};
+  CoverQuestion question = {.common = {0, 4, 0},
+                            .points = {{-0.6f, 0, -0.55f}, {0.8f, 0.25f, 0.6f}}};
   const IndexedGeometry scene = IndexObjects({roof}, Vec3d{});
   const std::vector<uint32_t> leaves = Leaves(scene);
   for (const bool parallel : {false, true}) {
