@@ -16,8 +16,9 @@ namespace sightline {
 // whatever their indices. Where more than two triangles stand at an edge, those that run along it
 // in contrary directions are paired, first within a leaf, then in the order of their places, then
 // those left over; one may have none. Depends on tree and geometry alone, but for mates that are
-// missed where hashes of positions were made to collide. Meaningless once `cancel` has fired. Needs up to 60 bytes a triangle while it runs, mostly 24, and 16 a vertex. REQUIRES:
-// the tree is over the geometry, no coordinate of which is -0.
+// missed where hashes of positions were made to collide. Meaningless once `cancel` has fired. Needs
+// up to 60 bytes a triangle while it runs, mostly 24, and 16 a vertex. REQUIRES: the tree is over
+// the geometry, no coordinate of which is -0.
 LeafMates FindLeafMates(const Bvh& bvh, const SceneGeometry& geometry,
                         const CancelToken* cancel = nullptr);
 
