@@ -62,6 +62,11 @@ struct Bvh {
 
   bool empty() const { return nodes.empty(); }
   bool has_leaf_rows() const { return leaf_ids.empty(); }
+  // Of all leaves.
+  size_t units() const {
+    if (!has_leaf_rows()) return leaf_ids.size() / kUnitTriangles;
+    return leaves.empty() ? 0 : (leaves.size() - kLeafPadding) / kUnitFloats;
+  }
   // Whether `ref` is a leaf within what is stored of them.
   bool HoldsLeaf(ChildRef ref) const {
     const size_t end = size_t{ref.leaf_unit()} + ref.leaf_units();

@@ -63,14 +63,12 @@ class Validator {
       if (bvh_.leaf_ids.size() % kUnitTriangles != 0) {
         return Fault(bvh_.leaf_ids.size(), " leaf ids are not whole units");
       }
-      units_ = bvh_.leaf_ids.size() / kUnitTriangles;
     } else if (bvh_.leaves.size() < kLeafPadding ||
                (bvh_.leaves.size() - kLeafPadding) % kUnitFloats != 0) {
       return Fault(bvh_.leaves.size(), " leaf floats are not whole units and ", kLeafPadding,
                    " of padding");
-    } else {
-      units_ = (bvh_.leaves.size() - kLeafPadding) / kUnitFloats;
     }
+    units_ = bvh_.units();
     if (bvh_.nodes.size() > std::numeric_limits<uint32_t>::max()) {
       return Fault(bvh_.nodes.size(), " nodes are more than can be numbered");
     }

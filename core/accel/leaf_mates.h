@@ -49,8 +49,7 @@ struct LeafMates {
   static constexpr size_t kUnitBytes = kUnitTriangles * 3 * sizeof(LeafMate) + 1;
 
   AlignedVector<LeafMate> rows;
-  // By unit: how many of its leaf come before it, and 4 times one less than the leaf has triangles.
-  AlignedVector<uint8_t> units;
+  AlignedVector<uint8_t> units;  // By unit: UnitCode().
 
   bool empty() const { return rows.empty(); }
   size_t MemoryBytes() const { return rows.size() * sizeof(LeafMate) + units.size(); }
@@ -62,6 +61,10 @@ struct LeafMates {
   ChildRef leaf(LeafMate mate) const {
     const uint32_t unit = mate.place() / kUnitTriangles, code = units[unit];
     return ChildRef::Leaf(unit - code % 4, code / 4 + 1);
+  }
+  // Of a leaf's unit k: k, and 4 times one less than the leaf has triangles.
+  static constexpr uint32_t UnitCode(ChildRef leaf, uint32_t k) {
+    return 4 * (leaf.leaf_count() - 1) + k;
   }
   static constexpr uint32_t PlaceOf(ChildRef leaf, uint32_t lane) {
     return kUnitTriangles * leaf.leaf_unit() + lane;

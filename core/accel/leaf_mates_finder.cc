@@ -125,16 +125,14 @@ class Finder {
   }
 
   void DescribeUnits() {
-    mates_.units.ResizeUninitialized(bvh_.has_leaf_rows()
-                                         ? (bvh_.leaves.size() - kLeafPadding) / kUnitFloats
-                                         : bvh_.leaf_ids.size() / kUnitTriangles);
+    mates_.units.ResizeUninitialized(bvh_.units());
     ParallelFor(
         bvh_.nodes.size(), kNodeGrain,
         [&](size_t begin, size_t end) {
           ForEachLeaf(begin, end, [&](ChildRef leaf) {
             for (uint32_t k = 0; k < leaf.leaf_units(); ++k) {
               mates_.units[leaf.leaf_unit() + k] =
-                  static_cast<uint8_t>(4 * (leaf.leaf_count() - 1) + k);
+                  static_cast<uint8_t>(LeafMates::UnitCode(leaf, k));
             }
           });
         },

@@ -72,6 +72,10 @@ absl::string_view SectionName(uint32_t kind) {
       return "binary bvh nodes";
     case SectionKind::kBinaryBvhIds:
       return "binary bvh ids";
+    case SectionKind::kLeafMateRows:
+      return "leaf mates";
+    case SectionKind::kLeafMateUnits:
+      return "leaf mates' units";
   }
   return "addition";
 }
@@ -108,7 +112,10 @@ uint32_t SectionElementBytes(SectionKind kind) {
       return sizeof(SceneFileBinaryBvh);
     case SectionKind::kBinaryBvhNodes:
       return sizeof(BinaryBvhNode);
+    case SectionKind::kLeafMateRows:
+      return sizeof(LeafMate);
     case SectionKind::kNames:
+    case SectionKind::kLeafMateUnits:
       return 1;
   }
   return 0;

@@ -17,7 +17,7 @@
 //
 // A sum is the XXH3 (64 bits) of the XXH3s of the section's blocks of kSumBlockBytes, padding
 // included: blocks are summed in parallel. It tells accidents, not attacks: whatever the sums say,
-// the reader checks all that is used (ValidateGeometry, ValidateBvh).
+// the reader checks all that is used (ValidateGeometry, ValidateBvh, ValidateLeafMates).
 //
 // Thread safety: plain values and functions.
 #ifndef SIGHTLINE_CORE_SCENE_SCENE_FILE_FORMAT_H_
@@ -63,6 +63,9 @@ enum class SectionKind : uint32_t {
   kBinaryBvh = 261,       // One SceneFileBinaryBvh.
   kBinaryBvhNodes = 262,  // BinaryBvh::nodes.
   kBinaryBvhIds = 263,    // BinaryBvh::ids.
+  // Bvh::mates, if it has any: both, or none.
+  kLeafMateRows = 264,   // LeafMates::rows.
+  kLeafMateUnits = 265,  // LeafMates::units.
 };
 inline constexpr uint32_t kRequiredSections = 10;
 

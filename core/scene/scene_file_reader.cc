@@ -11,6 +11,7 @@
 #include "core/accel/binary_bvh_validation.h"
 #include "core/accel/bvh_validation.h"
 #include "core/accel/kd_validation.h"
+#include "core/accel/leaf_mates_validation.h"
 #include "core/base/limit_error.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/geometry_validation.h"
@@ -197,8 +198,10 @@ class Reader {
     bvh.nodes = Borrow<BvhNode>(SectionKind::kBvhNodes);
     bvh.leaves = Borrow<float>(SectionKind::kBvhLeaves);
     bvh.leaf_ids = Borrow<uint32_t>(SectionKind::kBvhLeafIds);
+    bvh.mates.rows = Borrow<LeafMate>(SectionKind::kLeafMateRows);
+    bvh.mates.units = Borrow<uint8_t>(SectionKind::kLeafMateUnits);
     if (info_.version == kSceneFileVersionWithoutBvh) {
-      if (bvh.nodes.empty() && bvh.leaves.empty() && bvh.leaf_ids.empty()) return absl::OkStatus();
+      if (bvh.MemoryBytes() == 0) return absl::OkStatus();
       return Fault(file_, "it says that it has no bvh, and has one");
     }
     const SceneGeometry& geometry = scene->geometry;
@@ -207,8 +210,7 @@ class Reader {
     bvh.max_depth = record.max_depth;
     bvh.triangle_count = static_cast<uint32_t>(geometry.triangles.size() - geometry.inert.size());
     SL_RETURN_IF_ERROR(Named(file_, ValidateBvh(bvh, geometry, cancel_)));
-    // Mates are not stored, and not found again: that would take more memory, for a while, than all
-    // else that a mapped scene takes of its own.
+    SL_RETURN_IF_ERROR(Named(file_, ValidateLeafMates(bvh, geometry, cancel_)));
     scene->bvh = std::move(bvh);
     return absl::OkStatus();
   }

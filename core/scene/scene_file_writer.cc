@@ -98,6 +98,10 @@ class Image {
       Add(SectionKind::kBinaryBvhNodes, std::span<const BinaryBvhNode>(scene.binary_bvh->nodes));
       Add(SectionKind::kBinaryBvhIds, std::span<const uint32_t>(scene.binary_bvh->ids));
     }
+    if (const LeafMates& mates = scene.bvh.mates; !mates.empty()) {
+      Add(SectionKind::kLeafMateRows, std::span<const LeafMate>(mates.rows));
+      Add(SectionKind::kLeafMateUnits, std::span<const uint8_t>(mates.units));
+    }
   }
 
   void Sum(const CancelToken* cancel) {

@@ -14,6 +14,7 @@
 #include "core/accel/binary_bvh_validation.h"
 #include "core/accel/bvh_validation.h"
 #include "core/accel/kd_validation.h"
+#include "core/accel/leaf_mates_validation.h"
 #include "core/base/aligned_vector.h"
 #include "core/mesh/geometry_validation.h"
 #include "core/query/segments.h"
@@ -60,6 +61,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   if (!scene.ok()) return 0;
   Require(ValidateGeometry((*scene)->geometry).ok());
   Require((*scene)->kd_tree_alone() || ValidateBvh((*scene)->bvh, (*scene)->geometry).ok());
+  Require(ValidateLeafMates((*scene)->bvh, (*scene)->geometry).ok());
   const SegmentResult checked = Answer(**scene, {.strategy = Strategy::kBruteForce});
   const auto expect_same = [&](const QueryOptions& options) {
     const SegmentResult walked = Answer(**scene, options);

@@ -16,6 +16,7 @@
 #include "core/accel/binary_bvh_builder.h"
 #include "core/accel/bvh_validation.h"
 #include "core/accel/kd_builder.h"
+#include "core/accel/leaf_mates_validation.h"
 #include "core/mesh/geometry_validation.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -37,11 +38,16 @@ using testing_support::TestRng;
 
 using Bytes = AlignedVector<std::byte>;
 
+// Every other triangle shares an edge with the one before.
 ObjectInput Soup(TestRng& rng, const std::string& name, size_t triangles, bool dynamic = false) {
   ObjectInput object{.name = name, .dynamic = dynamic};
   for (size_t i = 0; i < 3 * triangles; ++i) {
     object.indices.push_back(static_cast<uint32_t>(i));
     object.vertices.push_back({rng.Uniform(0, 9), rng.Uniform(0, 9), rng.Uniform(0, 9)});
+  }
+  for (size_t i = 3; i < 3 * triangles; i += 6) {
+    object.indices[i + 1] = object.indices[i - 1];
+    object.indices[i + 2] = object.indices[i - 2];
   }
   return object;
 }
@@ -91,6 +97,8 @@ void ExpectSame(const Scene& a, const Scene& b) {
   EXPECT_TRUE(SameBytes(a.bvh.nodes, b.bvh.nodes));
   EXPECT_TRUE(SameBytes(a.bvh.leaves, b.bvh.leaves));
   EXPECT_TRUE(SameBytes(a.bvh.leaf_ids, b.bvh.leaf_ids));
+  EXPECT_TRUE(SameBytes(a.bvh.mates.rows, b.bvh.mates.rows));
+  EXPECT_TRUE(SameBytes(a.bvh.mates.units, b.bvh.mates.units));
   EXPECT_EQ(a.bvh.bounds, b.bvh.bounds);
   EXPECT_EQ(a.bvh.leaf_count, b.bvh.leaf_count);
   EXPECT_EQ(a.bvh.triangle_count, b.bvh.triangle_count);
@@ -287,14 +295,15 @@ TEST_F(SceneFileTest, HostileTables) {
 TEST_F(SceneFileTest, HostileSectionsAreRefusedOrHarmless) {
   for (const BvhPreset preset : {BvhPreset::kStatic, BvhPreset::kCompact}) {
     const Bytes good = Written(*Build(Objects(40), preset));
-    int64_t refused = 0;
+    int64_t tried = 0, refused = 0;
     const int64_t cases = ScaledCount(6000);
-    for (int64_t i = 0; i < cases; ++i) {
+    while (tried < cases) {
       Bytes bad = good;
       const SceneFileSection section =
-          Section(bad, static_cast<uint32_t>(rng_.Below(kRequiredSections)));
+          Section(bad, static_cast<uint32_t>(rng_.Below(Header(bad).section_count)));
       const uint64_t size = section.count * section.element_bytes;
       if (size == 0) continue;
+      ++tried;
       const uint64_t word = section.offset + rng_.Below((size + 3) / 4) * 4;
       uint32_t value = static_cast<uint32_t>(rng_());
       if (rng_.Chance(0.5)) {
@@ -310,13 +319,14 @@ TEST_F(SceneFileTest, HostileSectionsAreRefusedOrHarmless) {
       }
       ASSERT_TRUE(ValidateGeometry((*scene)->geometry).ok());
       ASSERT_TRUE(ValidateBvh((*scene)->bvh, (*scene)->geometry).ok());
+      ASSERT_TRUE(ValidateLeafMates((*scene)->bvh, (*scene)->geometry).ok());
     }
-    EXPECT_GT(refused, cases / 2);
+    EXPECT_GT(refused, tried / 2);
   }
 }
 
 TEST_F(SceneFileTest, SectionsOfALaterVersionArePassedOver) {
-  const auto scene = Build(Objects(40));
+  const auto scene = Build(Objects(40), BvhPreset::kDynamic);
   Bytes bytes = Written(*scene);
   // A table of eleven sections takes one more row of 64 bytes: everything moves up.
   ASSERT_EQ(PaddedSection(10 * sizeof(SceneFileSection)), 320u);
@@ -450,7 +460,7 @@ TEST_F(SceneFileTest, BinaryBvhsGoAlong) {
     EXPECT_GE(info->scene_bytes, (*again)->report.memory_bytes - 9 * 3 * sizeof(Vec3d));
     // Under sums that are right: a reference that is none, and a box that is not its contents'.
     Bytes bad = good;
-    const uint32_t record = Header(bad).section_count - 3;
+    const uint32_t record = kRequiredSections + (kd_tree ? 5 : 0);
     const SceneFileSection nodes = Section(bad, record + 1), ids = Section(bad, record + 2);
     ASSERT_EQ(ids.kind, static_cast<uint32_t>(SectionKind::kBinaryBvhIds));
     const uint32_t none = 1'000'000;
@@ -465,6 +475,49 @@ TEST_F(SceneFileTest, BinaryBvhsGoAlong) {
     bad[ids.offset] ^= std::byte{1};
     ExpectRefused(bad, absl::StatusCode::kDataLoss, "the binary bvh ids were changed");
   }
+}
+
+TEST_F(SceneFileTest, LeafMatesGoAlong) {
+  const auto scene = Build(Objects(300));
+  ASSERT_FALSE(scene->bvh.mates.empty());
+  const Bytes good = Written(*scene);
+  const auto again = Load(good);
+  ASSERT_TRUE(again.ok()) << again.status();
+  ExpectSame(*scene, **again);
+  EXPECT_TRUE((*again)->bvh.mates.rows.borrowed());
+  auto owner = std::make_shared<const Bytes>(good);
+  const auto info = InspectSceneFile({*owner, owner, "'file'"});
+  ASSERT_TRUE(info.ok()) << info.status();
+  EXPECT_GE(info->scene_bytes, (*again)->report.memory_bytes - 9 * 3 * sizeof(Vec3d));
+  constexpr uint32_t kRows = kRequiredSections, kUnits = kRows + 1;
+  const auto refused = [&](const std::string& part, const auto& spoil) {
+    Bytes bad = good;
+    spoil(bad);
+    SealSceneFile(bad);
+    ExpectRefused(bad, absl::StatusCode::kDataLoss, part);
+  };
+  // Under sums that are right: an edge's mate taken from one side alone, a leaf that is none.
+  refused("invalid mates: edge", [&](Bytes& b) {
+    LeafMate* mate = reinterpret_cast<LeafMate*>(&b[Section(b, kRows).offset]);
+    while (!mate->exists()) ++mate;
+    *mate = {};
+  });
+  refused("invalid mates: unit", [&](Bytes& b) { b[Section(b, kUnits).offset] ^= std::byte{1}; });
+  // One without the other.
+  refused("invalid mates: ", [&](Bytes& b) { Section(b, kUnits).kind += 700; });
+  // Of a tree that is not there.
+  Bytes bad = good;
+  Header(bad).version = kSceneFileVersionWithoutBvh;
+  SealSceneFile(bad);
+  ExpectRefused(bad, absl::StatusCode::kDataLoss, "it says that it has no bvh, and has one");
+  // Files of before there were any.
+  Bytes old = good;
+  Section(old, kRows).kind += 700;
+  Section(old, kUnits).kind += 700;
+  SealSceneFile(old);
+  const auto without = Load(old);
+  ASSERT_TRUE(without.ok()) << without.status();
+  EXPECT_TRUE((*without)->bvh.mates.empty());
 }
 
 TEST_F(SceneFileTest, LimitsAndCancelling) {
