@@ -23,6 +23,13 @@ namespace sightline {
 // further.
 inline constexpr size_t kSmallestPart = 16;
 
+// How many of more points than that the first part takes.
+constexpr size_t FirstPart(size_t count) {
+  size_t first = kSmallestPart;
+  while (2 * first < count) first *= 2;
+  return first;
+}
+
 struct PartedPoints {
   AlignedVector<uint32_t> numbers;
   AlignedVector<Vec3f> positions;  // Of each of them.
@@ -30,8 +37,9 @@ struct PartedPoints {
 
 // The valid ones of as many points as there are flags, parted across their widest axis, and each
 // part again. The first part takes the largest power of two of smallest parts that leaves something
-// over, so that every block of 16, 32, 64 and so on from the start is one part. O(n log n),
-// whatever the points; where they stand in blocks of 16 depends on nothing but them.
+// over, so that every block of 16, 32, 64 and so on from the start is one part. Parts of 256 are
+// parted further to within a 255th of how wide they are. O(n log n), whatever the points; where
+// they stand depends on nothing but them.
 // REQUIRES: valid ones are finite.
 using PartPointsFn = void(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
                           PartedPoints* parted);

@@ -137,8 +137,20 @@ TEST(PointOrderTest, TheOrderHoldsEachValidPointOnce) {
   for (size_t i = 0; i < seen.size(); ++i) EXPECT_EQ(seen[i], mixed.valid[i] ? 1 : 0) << i;
 }
 
-// Blocks of 2^k are parted from each other: of any two that share a parent, some axis has all of
-// one before all of the other. Each point is there once.
+float Widest(const Box3f& box) {
+  const Vec3f extent = box.hi - box.lo;
+  return std::max(extent.x, std::max(extent.y, extent.z));
+}
+
+// How far parts of these may reach over each other.
+float Overlap(const std::vector<Vec3f>& points, std::span<const uint32_t> few) {
+  Box3f box;
+  for (const uint32_t i : few) box.Extend(points[i]);
+  return std::max(Widest(box) / 254, 256 * std::numeric_limits<float>::min());
+}
+
+// Blocks of 2^k are parted from each other: of any two that share a parent, the widest axis has all
+// of one before all of the other; up to the overlap of 256 within these. Each point is there once.
 void ExpectParted(const std::vector<Vec3f>& points, const std::vector<uint32_t>& order) {
   ASSERT_EQ(order.size(), points.size());
   std::vector<int> seen(points.size());
@@ -151,8 +163,18 @@ void ExpectParted(const std::vector<Vec3f>& points, const std::vector<uint32_t>&
       for (size_t i = first; i < std::min(first + 2 * size, points.size()); ++i) {
         box[i >= first + size].Extend(points[order[i]]);
       }
+      const size_t large = first / 256 * 256;
+      const float overlap =
+          size >= 256 ? 0
+                      : Overlap(points, std::span(order).subspan(
+                                            large, std::min<size_t>(256, order.size() - large)));
+      Box3f both = box[0];
+      both.Extend(box[1]);
       bool parted = false;
-      for (int k = 0; k < 3; ++k) parted |= box[0].hi[k] <= box[1].lo[k];
+      for (int k = 0; k < 3; ++k) {
+        const bool widest = both.hi[k] - both.lo[k] + 2 * overlap >= Widest(both);
+        parted |= widest && box[0].hi[k] <= box[1].lo[k] + overlap;
+      }
       EXPECT_TRUE(parted) << "blocks of " << size << " from " << first;
     }
   }
