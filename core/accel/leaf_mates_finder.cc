@@ -20,8 +20,8 @@
 namespace sightline {
 namespace {
 
-constexpr size_t kGrain = 1 << 13;
-constexpr size_t kNodeGrain = 1 << 8;
+constexpr size_t kGrain = 1 << 11;
+constexpr size_t kNodeGrain = 1 << 5;
 // Places of a table looked at for a vertex. One that finds none, as where hashes were made to
 // collide, keeps its own number, and its edges may miss their mates.
 constexpr size_t kMaxProbes = 64;

@@ -17,7 +17,7 @@
 namespace sightline {
 namespace {
 
-constexpr size_t kNodesPerBlock = 256;
+constexpr size_t kNodesPerBlock = 32;
 
 template <typename... Args>
 absl::Status Fault(const Args&... args) {
