@@ -271,9 +271,9 @@ class PointParter {
     }
     at = hn::MaxOfLanes(d, at);
     size_t less = below, equal = 0;
-    for (size_t k = 0; k < kVectors; ++k) {
-      less += hn::CountTrue(d, hn::Lt(own[k], at));
-      equal += hn::CountTrue(d, hn::Eq(own[k], at));
+    for (const V& some : own) {
+      less += hn::CountTrue(d, hn::Lt(some, at));
+      equal += hn::CountTrue(d, hn::Eq(some, at));
     }
     const float limit = hn::GetLane(at);
     return less + equal == first ? Parting{Above(limit), 0} : Parting{limit, first - less};

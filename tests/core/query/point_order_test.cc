@@ -4,9 +4,9 @@
 #include "core/query/point_order.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <functional>
 #include <iterator>
 #include <limits>
@@ -230,7 +230,11 @@ TEST(PointOrderTest, PointsArePartedHoweverTheyAreSpread) {
         for (size_t i = 0; i < parted.numbers.size(); ++i) {
           const uint32_t number = parted.numbers[i];
           ASSERT_TRUE(valid[number]);
-          EXPECT_EQ(std::memcmp(&parted.positions[i], &all[number], sizeof(Vec3f)), 0) << number;
+          for (int k = 0; k < 3; ++k) {
+            EXPECT_EQ(std::bit_cast<uint32_t>(parted.positions[i][k]),
+                      std::bit_cast<uint32_t>(all[number][k]))
+                << number;
+          }
           order.push_back(number - static_cast<uint32_t>(std::count(
                                        valid.begin(), valid.begin() + number, uint8_t{0})));
         }
