@@ -25,9 +25,14 @@ namespace {
 
 // Cells: some for each few triangles, no more than tables for them fit a second-level cache.
 constexpr int kTrianglesPerCellBits = 7;
-// Fixed by the number of triangles alone. Each has a table of the cells.
-constexpr size_t kMinChunk = 1 << 14;
-constexpr size_t kMaxChunks = 32;
+// Fixed by the number of triangles alone: few of them come in four, many in 32. Each has a table of
+// the cells.
+constexpr size_t kLeastChunk = 1 << 11, kSmallChunk = 1 << 14;
+constexpr size_t kFewChunks = 4, kMaxChunks = 32;
+size_t ChunkSize(size_t triangles) {
+  return std::max(std::clamp(triangles / kFewChunks, kLeastChunk, kSmallChunk),
+                  (triangles + kMaxChunks - 1) / kMaxChunks);
+}
 // A bucket is as many cells as hold up to this many triangles, or one cell: two copies of its
 // primitives fit a second-level cache, and there are enough for threads to share them evenly.
 constexpr size_t kBucketTriangles = 1 << 9;
@@ -66,7 +71,7 @@ class GridTreeBuilder {
         triangles_(geometry.triangles.size()),
         live_(triangles_ - geometry.inert.size()),
         grid_(Doubled(geometry.bounds.lo), Doubled(geometry.bounds.hi), CellBits(live_)),
-        chunk_(std::max(kMinChunk, (triangles_ + kMaxChunks - 1) / kMaxChunks)),
+        chunk_(ChunkSize(triangles_)),
         // Every bucket but the large ones holds more than half a bucket together with its sibling.
         builder_(tree_, live_, grid_.cells(), cost, options, cancel, progress) {
     tree_.ids.ResizeUninitialized(live_);
