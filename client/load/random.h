@@ -13,18 +13,15 @@
 
 #include <cstdint>
 
+#include "core/base/mix_bits.h"
+
 namespace sightline::load {
 
 class Random {
  public:
   explicit Random(uint64_t seed) : state_(seed) {}
 
-  uint64_t Next() {
-    uint64_t z = state_ += 0x9E3779B97F4A7C15u;
-    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
-    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
-    return z ^ (z >> 31);
-  }
+  uint64_t Next() { return MixBits(state_ += kGoldenStep); }
   // In [0, 1), on a grid of 2^-53.
   double Uniform() { return static_cast<double>(Next() >> 11) * 0x1p-53; }
   // In [0, n); biased by less than n / 2^64. REQUIRES: n > 0.

@@ -122,8 +122,8 @@ class Counter {
     AlignedVector<uint32_t> table;  // Every place that is read was written before.
     table.ResizeUninitialized(size_t{2} << bits);
     const auto place = [&](uint32_t id) {
-      const uint64_t hash = round == 0 ? hashes_[id] * 0x9E3779B97F4A7C15ull
-                                       : MixBits(uint64_t{hashes_[id]} << 32 | salt);
+      const uint64_t hash =
+          round == 0 ? hashes_[id] * kGoldenStep : MixBits(uint64_t{hashes_[id]} << 32 | salt);
       return std::atomic_ref<uint32_t>(table[hash >> (63 - bits)]);
     };
     if (Stopped()) return {};

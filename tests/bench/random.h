@@ -12,16 +12,17 @@
 
 #include <cstdint>
 
+#include "core/base/mix_bits.h"
+
 namespace sightline::bench {
 
 class Random {
  public:
   // `stream` tells apart generators of one seed.
   explicit Random(uint64_t seed, uint64_t stream = 0)
-      : state_(Mix(seed + kGolden) ^ Mix(stream * kGolden)) {}
+      : state_(MixBits(seed + kGoldenStep) ^ MixBits(stream * kGoldenStep)) {}
 
-  // SplitMix64 (Steele, Lea, Flood 2014): a full-period counter behind a mixing function.
-  uint64_t Next() { return Mix(state_ += kGolden); }
+  uint64_t Next() { return MixBits(state_ += kGoldenStep); }
   // In [0, n), biased by less than n / 2^64. REQUIRES: n > 0.
   uint64_t Below(uint64_t n) {
     return static_cast<uint64_t>((static_cast<unsigned __int128>(Next()) * n) >> 64);
@@ -33,12 +34,6 @@ class Random {
   bool Chance(double probability) { return Uniform(0, 1) < probability; }
 
  private:
-  static constexpr uint64_t kGolden = 0x9E3779B97F4A7C15u;
-  static uint64_t Mix(uint64_t z) {
-    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
-    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
-    return z ^ (z >> 31);
-  }
   uint64_t state_;
 };
 

@@ -8,18 +8,12 @@
 #include <string>
 #include <string_view>
 
+#include "core/base/mix_bits.h"
+
 namespace sightline::testing_support {
 namespace {
 
 constexpr uint64_t kDefaultSeed = 1;
-
-// SplitMix64 (Steele, Lea, Flood 2014): a full-period counter behind a mixing function.
-constexpr uint64_t kGolden = 0x9E3779B97F4A7C15u;
-uint64_t Mix(uint64_t z) {
-  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
-  z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
-  return z ^ (z >> 31);
-}
 
 uint64_t ReadSeed() {
   const char* const text = std::getenv("SIGHTLINE_SEED");
@@ -44,12 +38,12 @@ uint64_t TestSeed() {
 }
 
 TestRng::TestRng(uint64_t stream, const char* file, int line)
-    : state_(Mix(TestSeed() + kGolden) ^ Mix(stream * kGolden)),
+    : state_(MixBits(TestSeed() + kGoldenStep) ^ MixBits(stream * kGoldenStep)),
       trace_(file, line,
              "SIGHTLINE_SEED=" + std::to_string(TestSeed()) + " stream " + std::to_string(stream)) {
 }
 
-uint64_t TestRng::operator()() { return Mix(state_ += kGolden); }
+uint64_t TestRng::operator()() { return MixBits(state_ += kGoldenStep); }
 
 uint64_t TestRng::Below(uint64_t n) {
   // The high half of a 64 by 64 bit product: biased by less than n / 2^64.

@@ -3,8 +3,8 @@
 
 #include <cmath>
 
+#include "core/base/mix_bits.h"
 #include "core/mesh/builtin/deterministic_math.h"
-#include "core/mesh/builtin/prng.h"
 
 namespace sightline {
 namespace {
@@ -12,7 +12,7 @@ namespace {
 double Fade(double t) { return t * t * t * (t * (t * 6 - 15) + 10); }
 
 uint64_t HashLattice(int64_t x, int64_t y, int64_t z, uint64_t seed) {
-  uint64_t h = seed + static_cast<uint64_t>(x) * 0x9E3779B97F4A7C15u;
+  uint64_t h = seed + static_cast<uint64_t>(x) * kGoldenStep;
   h ^= static_cast<uint64_t>(y) * 0xC2B2AE3D27D4EB4Fu;
   h += static_cast<uint64_t>(z) * 0x165667B19E3779F9u;
   return MixBits(h);

@@ -17,14 +17,9 @@
 #include <cstdint>
 #include <string_view>
 
-namespace sightline {
+#include "core/base/mix_bits.h"
 
-// The finalizer of splitmix64: a bijection that spreads every bit.
-constexpr uint64_t MixBits(uint64_t x) {
-  x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9u;
-  x = (x ^ (x >> 27)) * 0x94D049BB133111EBu;
-  return x ^ (x >> 31);
-}
+namespace sightline {
 
 // FNV-1a.
 constexpr uint64_t HashString(std::string_view text) {
@@ -36,10 +31,10 @@ constexpr uint64_t HashString(std::string_view text) {
 class Prng {
  public:
   Prng(uint64_t seed, std::string_view stream, uint64_t index = 0)
-      : state_(MixBits(seed + 0x9E3779B97F4A7C15u) ^
+      : state_(MixBits(seed + kGoldenStep) ^
                MixBits(HashString(stream) + 0x632BE59BD9B4E019u * index)) {}
 
-  uint64_t Next() { return MixBits(state_ += 0x9E3779B97F4A7C15u); }
+  uint64_t Next() { return MixBits(state_ += kGoldenStep); }
   // [0, 1), a multiple of 2^-53.
   double Uniform() { return static_cast<double>(Next() >> 11) * 0x1p-53; }
   double Uniform(double lo, double hi) { return lo + (hi - lo) * Uniform(); }

@@ -24,6 +24,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/base/mix_bits.h"
 #include "core/mesh/builtin/deterministic_math.h"
 #include "core/mesh/builtin/mesh_builder.h"
 #include "core/mesh/builtin/prng.h"

@@ -8,7 +8,9 @@
 #include <set>
 #include <vector>
 
+#include "core/base/mix_bits.h"
 #include "core/base/parallel.h"
+#include "core/mesh/position_hash.h"
 #include "gtest/gtest.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -85,37 +87,38 @@ TEST(DuplicateTrianglesTest, ManyIdenticalAndManyDistinct) {
   EXPECT_EQ(CountDuplicateTriangles(strip, distinct, {}), 0u);
 }
 
-// The hash of a position, and its inverse: h ^ h >> 33 undoes itself, an odd factor has an inverse.
-constexpr uint64_t kFactors[] = {0xFF51AFD7ED558CCDull, 0xC4CEB9FE1A85EC53ull};
-uint64_t Mix(uint64_t h) {
-  for (const uint64_t factor : kFactors) h = (h ^ (h >> 33)) * factor;
-  return h ^ (h >> 33);
-}
+// The inverse of MixBits: h ^ h >> n is undone by as many more steps of n bits as there are, an odd
+// factor by its own inverse.
 uint64_t Unmix(uint64_t h) {
+  const auto unshift = [](uint64_t x, int n) {
+    uint64_t y = x;
+    for (int known = n; known < 64; known += n) y = x ^ (y >> n);
+    return y;
+  };
   const auto inverse = [](uint64_t x) {
     uint64_t y = x;  // Right in three bits, then in twice as many each time.
     for (int i = 0; i < 5; ++i) y *= 2 - x * y;
     return y;
   };
-  h ^= h >> 33;
-  h = h * inverse(kFactors[1]);
-  h ^= h >> 33;
-  h = h * inverse(kFactors[0]);
-  return h ^ (h >> 33);
+  h = unshift(h, 31) * inverse(0x94D049BB133111EBu);
+  h = unshift(h, 27) * inverse(0xBF58476D1CE4E5B9u);
+  return unshift(h, 30);
 }
 
 // Triangles over vertices of one hash meet in every round: only sorting tells them apart.
 TEST(DuplicateTrianglesTest, HashesMadeToCollide) {
   TestRng rng;
-  ASSERT_EQ(Unmix(Mix(123456789)), 123456789u);
+  ASSERT_EQ(Unmix(MixBits(123456789)), 123456789u);
+  constexpr uint32_t kHash = 7;
   std::vector<Vec3f> v;
   while (v.size() < 40) {
     const uint32_t z = std::bit_cast<uint32_t>(static_cast<float>(rng.Uniform(-1, 1)));
-    const uint64_t xy = Unmix(rng.Below(uint64_t{1} << 32) << 32 | 7) ^ Mix(z);
+    const uint64_t xy = Unmix(rng.Below(uint64_t{1} << 32) << 32 | kHash) ^ MixBits(z);
     const Vec3f p = {std::bit_cast<float>(static_cast<uint32_t>(xy >> 32)),
                      std::bit_cast<float>(static_cast<uint32_t>(xy)), std::bit_cast<float>(z)};
     if (IsFinite(p) && p.x != 0 && p.y != 0 && p.z != 0) v.push_back(p);
   }
+  for (const Vec3f& p : v) ASSERT_EQ(static_cast<uint32_t>(HashPosition(p)), kHash);
   // One run of what is sorted, and several to be merged.
   for (const size_t n : {3'000, 50'000}) {
     std::vector<Triangle> t(n);

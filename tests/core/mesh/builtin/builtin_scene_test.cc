@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/mix_bits.h"
 #include "core/mesh/builtin/builtin.h"
 #include "core/mesh/builtin/prng.h"
 #include "gtest/gtest.h"
@@ -36,7 +37,7 @@ uint64_t CountTriangles(const BuiltinScene& scene) {
 // Over every name, coordinate, index, view and light, in order.
 uint64_t HashScene(const BuiltinScene& scene) {
   uint64_t hash = 0;
-  const auto add = [&](uint64_t x) { hash = MixBits(hash + 0x9E3779B97F4A7C15u + x); };
+  const auto add = [&](uint64_t x) { hash = MixBits(hash + kGoldenStep + x); };
   const auto add_point = [&](Vec3d p) {
     for (int axis = 0; axis < 3; ++axis) add(std::bit_cast<uint64_t>(p[axis]));
   };
