@@ -48,8 +48,8 @@ struct BvhBuildOptions {        // As made, those of kStatic.
   // Whether leaves hold their triangles' corners. Without, they hold ids alone: 4 bytes a triangle
   // instead of 40, and a walk has to gather the corners of every leaf that it visits.
   bool leaf_rows = true;
-  // Whether it finds out which triangles share an edge (leaf_mates.h): 14 bytes a triangle, and a
-  // third of the time again, for shadows behind what many triangles make up.
+  // Whether it finds out which triangles share an edge (leaf_mates.h): 13 bytes a triangle, and
+  // two to seven tenths of the time again, for shadows behind what many triangles make up.
   bool mates = true;
   // Not for the builder, but for an edit that only moves vertices (core/scene/scene.h): whether it
   // fits the tree before to them (bvh_refit.h), as long as that is about as good as a new one.

@@ -55,16 +55,16 @@ class KeyParter {
     const auto scale = hn::Set(df, wide ? kMostKey / widest : 0);
     // What is added to it stands as a whole number in the lowest bits.
     const auto whole = hn::Set(df, 0x1p23f);
-    auto number = hn::ShiftLeft<24>(hn::Iota(d, 0));
+    auto number = hn::ShiftLeft<kNumberShift>(hn::Iota(d, 0));
     for (size_t i = 0; i < count; i += kLanes) {
       const auto key = [&](size_t k) HWY_ATTR {
         const auto x = hn::Sub(hn::LoadU(df, rows[k] + i), hn::Set(df, least[k]));
         return hn::And(hn::BitCast(d, hn::MulAdd(x, scale, whole)), hn::Set(d, kByte));
       };
-      const V low = hn::Or(key(0), hn::ShiftLeft<8>(key(1)));
-      const V high = hn::Or(hn::ShiftLeft<16>(key(2)), number);
+      const V low = hn::Or(key(0), hn::ShiftLeft<kYShift>(key(1)));
+      const V high = hn::Or(hn::ShiftLeft<kZShift>(key(2)), number);
       hn::Store(hn::Or(low, high), d, keys_[0] + i);
-      number = hn::Add(number, hn::Set(d, uint32_t{kLanes} << 24));
+      number = hn::Add(number, hn::Set(d, uint32_t{kLanes} << kNumberShift));
     }
     Part(0, count, 0, put);
   }
@@ -75,6 +75,8 @@ class KeyParter {
   using M = hn::Mask<D>;
   static constexpr size_t kLanes = hn::MaxLanes(D());
   static constexpr uint32_t kByte = 255;
+  // Where a lane has the keys along y and z, and the point's number.
+  static constexpr int kYShift = 8, kZShift = 16, kNumberShift = 24;
 
   struct Range {
     uint32_t least, most;
@@ -101,7 +103,7 @@ class KeyParter {
       Part(begin + first, end, 1 - side, put);
       end = begin + first;
     }
-    for (size_t i = begin; i < end; ++i) put(i, keys_[side][i] >> 24);
+    for (size_t i = begin; i < end; ++i) put(i, keys_[side][i] >> kNumberShift);
   }
 
   static constexpr size_t kTwoParts = 2 * kSmallestPart;
@@ -115,7 +117,7 @@ class KeyParter {
     for (size_t i = 0; i < 2 * kVectors; ++i) {
       const V own = hn::LoadU(d, keys + i * kLanes);
       part[i / kVectors][i % kVectors] =
-          hn::Or(hn::ShiftLeft<8>(Along(shift, own)), hn::ShiftRight<24>(own));
+          hn::Or(hn::ShiftLeft<8>(Along(shift, own)), hn::ShiftRight<kNumberShift>(own));
     }
     for (auto& run : part) SortPart(run);
     for (size_t i = 0; i < kVectors; ++i) {
@@ -191,7 +193,7 @@ class KeyParter {
     const uint32_t least = fold(lo, [](auto a, auto b) HWY_ATTR { return hn::Min(a, b); });
     const uint32_t most = fold(hi, [](auto a, auto b) HWY_ATTR { return hn::Max(a, b); });
     int widest = 0;
-    for (const int shift : {0, 8, 16}) {
+    for (const int shift : {0, kYShift, kZShift}) {
       const Range own = {least >> shift & kByte, most >> shift & kByte};
       if (shift > 0 && own.most - own.least <= range->most - range->least) continue;
       widest = shift;

@@ -84,9 +84,10 @@ class PointParter {
     const Di d;
     if (!valid.empty() && std::memchr(valid.data(), 0, valid.size()) == nullptr) {
       SplitPoints(positions_, rows[0], rows[1], rows[2]);
+      auto number = hn::Iota(d, 0);
       for (size_t i = 0; i < positions_.size(); i += kLanes) {
-        hn::Store(hn::Iota(d, static_cast<int32_t>(i)), d,
-                  reinterpret_cast<int32_t*>(rows[kNumber]) + i);
+        hn::Store(number, d, reinterpret_cast<int32_t*>(rows[kNumber]) + i);
+        number = hn::Add(number, hn::Set(d, static_cast<int32_t>(kLanes)));
       }
       return positions_.size();
     }
