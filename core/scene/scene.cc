@@ -244,7 +244,8 @@ uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices,
     per_triangle += 112;
     bytes += sizeof(BvhNode) + kUnitFloats * sizeof(float) * 4;
     if (options.bvh.mates) {
-      // A mate for each edge of a lane, used or not, and a byte a unit: 12.4 to 13.2 on fourteen scenes.
+      // A mate for each edge of a lane, used or not, and a byte a unit: 12.4 to 13.2 on fourteen
+      // scenes.
       per_triangle += 40;
       bytes += 4 * LeafMates::kUnitBytes;
     }

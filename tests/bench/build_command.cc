@@ -41,7 +41,7 @@ struct Options {
   std::vector<std::string> scenes;
   std::string views, isa = "best";
   uint64_t width = 1920, height = 1080, threads = 0, repeats = 5;
-  bool high = true, json = false;
+  bool high = true, pictures = true, json = false;
 };
 
 cli::FlagSet Flags(Options* o) {
@@ -60,6 +60,7 @@ cli::FlagSet Flags(Options* o) {
   flags.Count("repeats", "N", "repetitions, of whose ratios the median is given", &o->repeats, 1,
               1000);
   flags.Switch("high", "also build with Embree's quality HIGH", &o->high);
+  flags.Switch("pictures", "also build and draw pictures", &o->pictures);
   flags.Switch("json", "one JSON object per line, instead of a table", &o->json);
   return flags;
 }
@@ -418,6 +419,7 @@ absl::Status RunScene(const Options& options, const std::string& name, Context& 
                     simd,    pool,   context};
   CountBytes(bench, report);
   TimeBuilds(bench, report);
+  if (!options.pictures) return absl::OkStatus();
   if (!source.views.empty()) return TimeFrames(bench, report);
   Say(bench, "no views, hence no picture");
   return absl::OkStatus();
