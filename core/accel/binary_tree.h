@@ -20,6 +20,7 @@
 #include "core/accel/wide_cost.h"
 #include "core/base/aligned_vector.h"
 #include "core/base/cancel.h"
+#include "core/base/sparse_array.h"
 #include "core/mesh/scene_geometry.h"
 
 namespace sightline::bvh_build {
@@ -47,9 +48,8 @@ struct alignas(64) BinaryNode {
 static_assert(sizeof(BinaryNode) == 64);
 
 struct BinaryTree {
-  // nodes[0] is the root. Most of the array is never touched (nor backed by memory).
-  AlignedVector<BinaryNode> nodes;
-  AlignedVector<uint32_t> ids;  // Each leaf's triangles together, each subtree's too.
+  SparseArray<BinaryNode> nodes;  // nodes[0] is the root.
+  AlignedVector<uint32_t> ids;    // Each leaf's triangles together, each subtree's too.
 };
 
 struct BinaryTreeOptions {

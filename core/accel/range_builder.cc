@@ -98,7 +98,7 @@ RangeBuilder::RangeBuilder(BinaryTree& tree, size_t triangles, size_t tasks, con
   // Blocks are taken by tasks; inner tasks begin at a node with at least kTaskTriangles on either
   // side.
   const size_t blocks = tasks + triangles / kTaskTriangles + 2 * triangles / kNodeBlock + 1;
-  tree_.nodes.ResizeUninitialized((blocks + 1) * kNodeBlock);
+  tree_.nodes = SparseArray<BinaryNode>((blocks + 1) * kNodeBlock);
 }
 
 uint32_t RangeBuilder::AllocatePair(NodeBlock& block) {
