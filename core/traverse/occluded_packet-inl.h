@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Rays with one origin, or with one direction, walk together for any hit. A node's eight boxes are
-// put to the whole packet by interval arithmetic, those that survive to groups of rays, a vector
-// each, that came into the parent, until one enters (paper 004, section 3); along one direction to
-// intervals of all groups first, which leaves out more of them. In a leaf, rays that miss the
-// leaf's own box are left out; triangles are put to the rectangle in which a group's rays are seen,
+// put to what the whole packet reaches over, by intervals; those that survive to what each group of
+// rays does, a vector of them each, for all groups that came into the parent at once; and then to
+// the rays of those, until one enters (paper 004, section 3). In a leaf, rays that miss the leaf's
+// own box are left out; triangles are put to the rectangle in which a group's rays are seen,
 // sixteen at a time, and their forms serve all that come to a test. Either a triangle is tested
 // against a group's rays or, where fewer of these have met the box than triangles are seen there, a
 // ray against all of the leaf's triangles. A few rays in all are tested as single rays are.
@@ -151,7 +151,7 @@ class OccludedPacketWalk {
       // Wherever it lies: what darkened the packet before often darkens this one.
       const ChildRef first = ChildRef::FromBits(packet_.first_leaf);
       SIGHTLINE_DCHECK(scene_.bvh.HoldsLeaf(first)) << "first leaf " << packet_.first_leaf;
-      if (VisitLeaf(first, {0, ~0u, LaneSlab::Everywhere()})) return true;
+      if (VisitLeaf(first, {0, ~0u, Lanes::Everywhere()})) return true;
       packet_.first_leaf = RayPacket::kNoLeaf;
     }
     // What the walk begins with, the last one first: nearest to the light, in a cut.
@@ -182,7 +182,7 @@ class OccludedPacketWalk {
   struct Pending {  // Trivial: the stack is not initialized.
     uint32_t ref_bits;
     uint32_t groups;  // No lane of any other enters.
-    LaneSlab slab;
+    typename Lanes::LaneBox box;
   };
 
   static constexpr uint32_t kLanes = hn::MaxLanes(ShaftD());
@@ -191,21 +191,23 @@ class OccludedPacketWalk {
   HWY_INLINE int VisitNode(const BvhNode& node, uint32_t of_groups, Pending* stack, int depth) {
     ++stats_->nodes;
     // The cheapest child is the last, and is taken first.
-    uint32_t bits = lanes_.MeetNode(node);
+    BoxShadows boxes;
+    uint32_t bits = lanes_.MeetNode(node, &boxes);
     if constexpr (!Lanes::kParallel) {
       const hn::CappedTag<float, kBvhWidth> d8;
       bits &= MaskBits(d8, BeyondCaps(d8, caps_, node.bounds));
     }
     for (; bits != 0; bits &= bits - 1) {
       const int i = std::countr_zero(bits);
-      const LaneSlab slab = lanes_.SlabOf(node, i);
-      uint32_t groups = lanes_.GroupsMeet(slab, of_groups);
-      while (groups != 0 && lanes_.LanesMeet(std::countr_zero(groups), slab) == 0) {
+      uint32_t groups = lanes_.GroupsMeet(boxes, i, of_groups);
+      if (groups == 0) continue;
+      const typename Lanes::LaneBox box = lanes_.LaneBoxOf(node, boxes, i);
+      while (groups != 0 && lanes_.LanesMeet(std::countr_zero(groups), box) == 0) {
         groups &= groups - 1;
       }
       if (groups == 0) continue;
       fetcher_.FetchAll(node.child[i]);
-      stack[depth++] = {node.child[i].bits(), groups, slab};
+      stack[depth++] = {node.child[i].bits(), groups, box};
     }
     return depth;
   }
@@ -229,7 +231,7 @@ class OccludedPacketWalk {
     const uint32_t asked = pending.groups & lanes_.open_groups() & ~ClearGroups(ref);
     for (uint32_t left = asked; left != 0; left &= left - 1) {
       const uint32_t g = std::countr_zero(left);
-      met[g] = lanes_.LanesMeet(g, pending.slab);
+      met[g] = lanes_.LanesMeet(g, pending.box);
       groups |= (met[g] != 0 ? 1u : 0u) << g;
       rays += std::popcount(met[g]);
     }

@@ -3,9 +3,9 @@
 // The rays of a packet with one origin, as the walk for any hit asks for them
 // (occluded_packet-inl.h).
 //
-// The interval test is exact about floats: a lane's slab parameter is fl(x·inv) with x common and
-// inv between the packet's extremes, and rounding is monotone, so the lane's value lies between the
-// two end products. Axes along which the rays do not share a sign say nothing of the whole packet.
+// A box is put to what all lanes reach over together on the coordinate planes and along the axes,
+// then to that of each sixteen (lane_shadows-inl.h), then to lanes by the slab test. Axes along
+// which the rays do not share a sign say nothing of more than one.
 //
 // Thread safety: a packet's lanes are one walk's own.
 
@@ -25,6 +25,7 @@
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/lane_bounds.h"
+#include "core/traverse/lane_shadows-inl.h"
 #include "core/traverse/packet_lanes-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/trace_ray.h"
@@ -51,6 +52,7 @@ class OriginLanes {
     open_groups_ = 0;
     for (uint32_t g = 0; g < groups(); ++g) open_groups_ |= (active(g) != 0 ? 1u : 0u) << g;
     PlaceGroups();
+    PutShadows();
   }
 
   uint32_t groups() const { return lanes_.groups(); }
@@ -93,26 +95,51 @@ class OriginLanes {
 
   uint32_t open_groups() const { return open_groups_; }  // With lanes still asked about.
   // Which of the node's boxes some lane may enter.
-  HWY_INLINE uint32_t MeetNode(const BvhNode& node) const {
-    const hn::CappedTag<float, kBvhWidth> d8;
-    using V8 = hn::Vec<decltype(d8)>;
-    V8 entry = hn::Zero(d8), exit = hn::Set(d8, lanes_.first_limit());
+  HWY_INLINE uint32_t MeetNode(const BvhNode& node, BoxShadows* boxes) const {
+    const BoxShadows::D d8;
+    using V8 = hn::Vec<BoxShadows::D>;
+    const V8 zero = hn::Zero(d8), infinity = hn::Set(d8, std::numeric_limits<float>::infinity());
+    V8 lo[3], hi[3];
+    auto met = hn::FirstN(d8, node.child_count);
     for (int k = 0; k < 3; ++k) {
-      const auto& range = ranges_[k];
-      if (!range.usable) continue;
       const V8 o = hn::Set(d8, packet_.origin[k]);
-      const V8 i0 = hn::Set(d8, range.least), i1 = hn::Set(d8, range.most);
-      const V8 near = hn::Sub(hn::Load(d8, node.bounds[range.negative ? k + 3 : k]), o);
-      const V8 far = hn::Sub(hn::Load(d8, node.bounds[range.negative ? k : k + 3]), o);
-      entry = hn::Max(hn::Min(hn::Mul(near, i0), hn::Mul(near, i1)), entry);
-      exit = hn::Min(hn::Max(hn::Mul(far, i0), hn::Mul(far, i1)), exit);
+      lo[k] = hn::Sub(hn::Load(d8, node.bounds[k]), o);
+      hi[k] = hn::Sub(hn::Load(d8, node.bounds[k + 3]), o);
     }
-    const auto met =
-        hn::Le(entry, hn::MulAdd(exit, hn::Set(d8, kBoxExitScale), hn::Set(d8, kBoxExitShift)));
-    return MaskBits(d8, met) & ((1u << node.child_count) - 1);
+    // Relative to the origin, along the way that the rays lead.
+    const auto near = [&](int k) HWY_ATTR { return ranges_[k].negative ? hn::Neg(hi[k]) : lo[k]; };
+    const auto far = [&](int k) HWY_ATTR { return ranges_[k].negative ? hn::Neg(lo[k]) : hi[k]; };
+    for (int k = 0; k < 3; ++k) {
+      if (ranges_[k].usable) met = hn::And(met, hn::Ge(far(k), zero));
+      hn::Store(hn::Neg(near(k)), d8, boxes->along[k]);
+    }
+    for (int k = 0; k < 3; ++k) {
+      const int i = planes_[k].over, j = planes_[k].under;
+      if (j < 0) {
+        hn::Store(hn::Neg(infinity), d8, boxes->least[k]);
+        hn::Store(infinity, d8, boxes->most[k]);
+        continue;
+      }
+      // Of those that the origin's own height runs through nothing is known.
+      const V8 nearer = near(j);
+      const auto ahead = hn::Ge(nearer, hn::Set(d8, kLeastDepth));
+      const V8 steep = hn::Div(hn::Set(d8, 1.0f), nearer);
+      const V8 flat = hn::Div(hn::Set(d8, 1.0f), far(j));
+      const V8 least = hn::Mul(lo[i], hn::IfThenElse(hn::Ge(lo[i], zero), flat, steep));
+      const V8 most = hn::Mul(hi[i], hn::IfThenElse(hn::Ge(hi[i], zero), steep, flat));
+      const V8 scale = hn::Set(d8, kBoxExitScale - 1), shift = hn::Set(d8, kBoxExitShift);
+      const V8 below = hn::MulAdd(hn::Abs(least), scale, shift);
+      const V8 above = hn::MulAdd(hn::Abs(most), scale, shift);
+      hn::Store(hn::IfThenElse(ahead, hn::Sub(least, below), hn::Neg(infinity)), d8,
+                boxes->least[k]);
+      hn::Store(hn::IfThenElse(ahead, hn::Add(most, above), infinity), d8, boxes->most[k]);
+    }
+    return shadows_.BoxesMet(*boxes) & MaskBits(d8, met);
   }
   // Relative to the origin; the lower face first where the rays do not share a sign.
-  HWY_INLINE LaneSlab SlabOf(const BvhNode& node, int child) const {
+  using LaneBox = LaneSlab;
+  HWY_INLINE static LaneBox Everywhere() { return LaneSlab::Everywhere(); }
+  HWY_INLINE LaneBox LaneBoxOf(const BvhNode& node, const BoxShadows&, int child) const {
     LaneSlab slab;
     for (int k = 0; k < 3; ++k) {
       const bool turned = ranges_[k].usable && ranges_[k].negative;
@@ -146,10 +173,9 @@ class OriginLanes {
     return MaskBits(d, met) & lanes_.active(group);
   }
 
-  // Those of the groups `asked` (bit g for group g) of which some lane may enter the box, as far as
-  // can be told at once. Intervals by group, as ParallelLanes has them, say little of reciprocals.
-  HWY_INLINE uint32_t GroupsMeet(const LaneSlab&, uint32_t asked) const {
-    return asked & open_groups_;
+  // Those of the groups `asked` (bit g for group g) of which some lane may enter a child's box.
+  HWY_INLINE uint32_t GroupsMeet(const BoxShadows& boxes, int child, uint32_t asked) const {
+    return shadows_.GroupsMet(boxes, child) & asked & open_groups_;
   }
 
   // Lanes of a group whose own source is triangle `id`.
@@ -213,8 +239,53 @@ class OriginLanes {
     }
   }
 
+  // Slopes over the axis along which the middle ray leads farthest; and on the plane of the two
+  // others over the next one. Of those alone along which all rays lead the same way.
+  void PutShadows() {
+    const D d;
+    const size_t middle = static_cast<size_t>(packet_.count / 2);
+    const auto count = static_cast<size_t>(packet_.count);
+    const auto length = [&](int k) {
+      return ranges_[k].usable ? std::abs(lanes_.direction_row(k)[middle]) : -1.0f;
+    };
+    int order[3] = {0, 1, 2};
+    std::sort(order, order + 3, [&](int a, int b) { return length(a) > length(b); });
+    planes_[0] = {order[1], order[0]};
+    planes_[1] = {order[2], order[0]};
+    planes_[2] = {order[2], order[1]};
+    alignas(64) float row[LaneShadows::kRays];
+    for (int k = 0; k < 3; ++k) {
+      if (!ranges_[planes_[k].under].usable) planes_[k].under = -1;
+      if (planes_[k].under < 0) {
+        shadows_.OpenPlane(k);
+        continue;
+      }
+      for (size_t at = 0; at < count; at += hn::Lanes(d)) {
+        hn::Store(hn::Mul(hn::Load(d, lanes_.direction_row(planes_[k].over) + at),
+                          hn::Abs(hn::Load(d, lanes_.inv_row(planes_[k].under) + at))),
+                  d, row + at);
+      }
+      shadows_.PutPlane(k, row, count);
+    }
+    for (int k = 0; k < 3; ++k) {
+      if (!ranges_[k].usable || !packet_.segments) {
+        shadows_.OpenAxis(k);
+        continue;
+      }
+      // How far a ray reaches.
+      for (size_t at = 0; at < count; at += hn::Lanes(d)) {
+        hn::Store(hn::Neg(hn::Abs(hn::Load(d, lanes_.direction_row(k) + at))), d, row + at);
+      }
+      shadows_.PutAxis(k, row, count);
+    }
+  }
+
   RayPacket& packet_;
   PacketLanes<true> lanes_;
+  LaneShadows shadows_;
+  struct Plane {
+    int over, under;  // Axes of the slope; under -1: none.
+  } planes_[3];
   PacketLanes<true>::ReciprocalRange ranges_[3];
   bool has_frame_ = false;
   ShaftFrame frame_;

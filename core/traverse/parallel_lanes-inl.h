@@ -3,9 +3,8 @@
 // The rays of a packet with one direction, as the walk for any hit asks for them
 // (occluded_packet-inl.h).
 //
-// The interval test is exact about floats: a lane's slab parameter is fl(fl(face - P)·inv) with inv
-// common and P between the packet's extremes, and rounding is monotone. What is no number, where
-// the direction runs along the face, culls nothing (core/geometry/box_ray.h).
+// A box is put to what all lanes reach over together on the coordinate planes and along the axes,
+// then to that of each sixteen, then to the lanes' own (lane_shadows-inl.h).
 //
 // Thread safety: a packet's lanes are one walk's own.
 
@@ -27,6 +26,7 @@
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/lane_bounds.h"
+#include "core/traverse/lane_shadows-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/trace_ray.h"
 
@@ -44,7 +44,8 @@ class ParallelLanes {
   static constexpr bool kParallel = true;
   static constexpr int kMaxRays = ParallelPacket::kMaxRays;
 
-  ParallelLanes(const IndexedGeometry&, ParallelPacket& packet, WalkStats*) : packet_(packet) {
+  ParallelLanes(const IndexedGeometry& scene, ParallelPacket& packet, WalkStats*)
+      : packet_(packet) {
     const D d;
     const size_t lanes = hn::Lanes(d), count = static_cast<size_t>(packet.count);
     groups_ = static_cast<uint32_t>((count + lanes - 1) / lanes);
@@ -59,8 +60,6 @@ class ParallelLanes {
     V widest = hn::Zero(d);
     const hn::RebindToUnsigned<D> du;
     auto sources = hn::Set(du, kNoTriangle);
-    V least[3], most[3];
-    for (int k = 0; k < 3; ++k) least[k] = most[k] = hn::Load(d, row(k));
     for (uint32_t g = 0; g < groups_; ++g) {
       const size_t at = g * lanes;
       const Vec3V<V> p = {Point(0, at), Point(1, at), Point(2, at)};
@@ -69,11 +68,6 @@ class ParallelLanes {
       hn::Store(own.y, d, own_[1] + at);
       hn::Store(own.z, d, own_[2] + at);
       widest = hn::Max(widest, Norm1V(own));
-      const V* const axes[3] = {&p.x, &p.y, &p.z};
-      for (int k = 0; k < 3; ++k) {
-        least[k] = hn::Min(least[k], *axes[k]);
-        most[k] = hn::Max(most[k], *axes[k]);
-      }
       sources = hn::And(sources, hn::Load(du, packet.origin_source + at));
       const size_t left = count - at;
       active_[g] = left >= lanes ? (1u << lanes) - 1 : (1u << left) - 1;
@@ -85,24 +79,11 @@ class ParallelLanes {
     has_sources_ = !hn::AllTrue(du, hn::Eq(sources, hn::Set(du, kNoTriangle)));
     spread_ = hn::GetLane(hn::MaxOfLanes(d, widest));
     for (int k = 0; k < 3; ++k) {
-      inv_[k] = SlabReciprocal(packet.direction[k]);
-      backward_[k] = std::signbit(inv_[k]);
-      const float lo = hn::GetLane(hn::MinOfLanes(d, least[k]));
-      const float hi = hn::GetLane(hn::MaxOfLanes(d, most[k]));
-      first_[k] = backward_[k] ? lo : hi;
-      last_[k] = backward_[k] ? hi : lo;
+      backward_[k] = packet.direction[k] < 0;
     }
     open_groups_ = 0;
     for (uint32_t g = 0; g < groups_; ++g) open_groups_ |= (active_[g] != 0 ? 1u : 0u) << g;
-    for (int k = 0; k < 3; ++k) {
-      for (uint32_t g = 0; g < groups_; ++g) {
-        const V p = Point(k, g * lanes);
-        const float lo = hn::GetLane(hn::MinOfLanes(d, p)), hi = hn::GetLane(hn::MaxOfLanes(d, p));
-        group_first_[k][g] = backward_[k] ? lo : hi;
-        group_last_[k][g] = backward_[k] ? hi : lo;
-      }
-      for (uint32_t g = groups_; g % lanes != 0; ++g) group_first_[k][g] = group_last_[k][g] = 0;
-    }
+    PutShadows(scene);
     BoundGroups();
   }
 
@@ -135,64 +116,59 @@ class ParallelLanes {
 
   uint32_t open_groups() const { return open_groups_; }  // With lanes still asked about.
   // Which of the node's boxes some lane may enter.
-  HWY_INLINE uint32_t MeetNode(const BvhNode& node) const {
-    const hn::CappedTag<float, kBvhWidth> d8;
-    using V8 = hn::Vec<decltype(d8)>;
-    V8 entry = hn::Zero(d8), exit = hn::Set(d8, std::numeric_limits<float>::infinity());
+  HWY_INLINE uint32_t MeetNode(const BvhNode& node, BoxShadows* boxes) const {
+    const BoxShadows::D d8;
+    using V8 = hn::Vec<BoxShadows::D>;
+    V8 lo[3], hi[3];
     for (int k = 0; k < 3; ++k) {
-      const V8 inv = hn::Set(d8, inv_[k]);
-      const V8 near = hn::Load(d8, node.bounds[backward_[k] ? k + 3 : k]);
-      const V8 far = hn::Load(d8, node.bounds[backward_[k] ? k : k + 3]);
-      // The running value stays second: what is no number is passed over.
-      entry = hn::Max(hn::Mul(hn::Sub(near, hn::Set(d8, first_[k])), inv), entry);
-      exit = hn::Min(hn::Mul(hn::Sub(far, hn::Set(d8, last_[k])), inv), exit);
+      const V8 reference = hn::Set(d8, apex_[k]);
+      lo[k] = hn::Sub(hn::Load(d8, node.bounds[k]), reference);
+      hi[k] = hn::Sub(hn::Load(d8, node.bounds[k + 3]), reference);
+      hn::Store(hn::Mul(hn::Load(d8, node.bounds[backward_[k] ? k : k + 3]), hn::Set(d8, sign_[k])),
+                d8, boxes->along[k]);
     }
-    const auto met =
-        hn::Le(entry, hn::MulAdd(exit, hn::Set(d8, kBoxExitScale), hn::Set(d8, kBoxExitShift)));
-    return MaskBits(d8, met) & ((1u << node.child_count) - 1);
+    const V8 margin = hn::Set(d8, shadow_margin_);
+    for (int k = 0; k < 3; ++k) {
+      const int i = (k + 1) % 3, j = (k + 2) % 3;
+      const V8 di = hn::Set(d8, scaled_[i]), dj = hn::Set(d8, scaled_[j]);
+      const V8 i0 = backward_[j] ? lo[i] : hi[i], i1 = backward_[j] ? hi[i] : lo[i];
+      const V8 j0 = backward_[i] ? hi[j] : lo[j], j1 = backward_[i] ? lo[j] : hi[j];
+      hn::Store(hn::Sub(hn::MulSub(di, j0, hn::Mul(dj, i0)), margin), d8, boxes->least[k]);
+      hn::Store(hn::Add(hn::MulSub(di, j1, hn::Mul(dj, i1)), margin), d8, boxes->most[k]);
+    }
+    return shadows_.BoxesMet(*boxes) & ((1u << node.child_count) - 1);
   }
-  HWY_INLINE LaneSlab SlabOf(const BvhNode& node, int child) const {
-    LaneSlab slab;
+  // What a lane is put to of a box.
+  using LaneBox = BoxShadow;
+  HWY_INLINE static LaneBox Everywhere() {
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    LaneBox all;
     for (int k = 0; k < 3; ++k) {
-      slab.first[k] = node.bounds[backward_[k] ? k + 3 : k][child];
-      slab.second[k] = node.bounds[backward_[k] ? k : k + 3][child];
+      all.least[k] = -kInfinity;
+      all.most[k] = all.along[k] = kInfinity;
     }
-    return slab;
+    return all;
+  }
+  HWY_INLINE LaneBox LaneBoxOf(const BvhNode&, const BoxShadows& boxes, int child) const {
+    return {boxes, child};
   }
   // The lanes of a group, still asked about, that may hit something in the box.
-  HWY_INLINE uint32_t LanesMeet(uint32_t group, const LaneSlab& slab) const {
-    if (active_[group] == 0) return 0;
+  HWY_INLINE uint32_t LanesMeet(uint32_t group, const LaneBox& box) const {
     const D d;
     const size_t at = group * hn::Lanes(d);
-    V entry = hn::Zero(d), exit = hn::Set(d, std::numeric_limits<float>::infinity());
+    M in = hn::FirstN(d, hn::Lanes(d));
     for (int k = 0; k < 3; ++k) {
-      const V p = Point(k, at), inv = hn::Set(d, inv_[k]);
-      entry = hn::Max(hn::Mul(hn::Sub(hn::Set(d, slab.first[k]), p), inv), entry);
-      exit = hn::Min(hn::Mul(hn::Sub(hn::Set(d, slab.second[k]), p), inv), exit);
+      const V m = hn::Load(d, moments_[k] + at);
+      in = hn::And(
+          in, hn::And(hn::Le(m, hn::Set(d, box.most[k])), hn::Ge(m, hn::Set(d, box.least[k]))));
+      in = hn::And(in, hn::Le(hn::Load(d, heights_[k] + at), hn::Set(d, box.along[k])));
     }
-    const M met =
-        hn::Le(entry, hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
-    return MaskBits(d, met) & active_[group];
+    return MaskBits(d, in) & active_[group];
   }
 
-  // Those of the groups `asked` (bit g for group g) of which some lane may enter the box, by
-  // intervals of each group's origins, all groups at once.
-  HWY_INLINE uint32_t GroupsMeet(const LaneSlab& slab, uint32_t asked) const {
-    const D d;
-    uint32_t met = 0;
-    for (uint32_t g = 0; g < groups_; g += static_cast<uint32_t>(hn::Lanes(d))) {
-      V entry = hn::Zero(d), exit = hn::Set(d, std::numeric_limits<float>::infinity());
-      for (int k = 0; k < 3; ++k) {
-        const V inv = hn::Set(d, inv_[k]);
-        const V first = hn::Load(d, group_first_[k] + g), last = hn::Load(d, group_last_[k] + g);
-        entry = hn::Max(hn::Mul(hn::Sub(hn::Set(d, slab.first[k]), first), inv), entry);
-        exit = hn::Min(hn::Mul(hn::Sub(hn::Set(d, slab.second[k]), last), inv), exit);
-      }
-      met |= MaskBits(d, hn::Le(entry, hn::MulAdd(exit, hn::Set(d, kBoxExitScale),
-                                                  hn::Set(d, kBoxExitShift))))
-             << g;
-    }
-    return met & asked & open_groups_;
+  // Those of the groups `asked` (bit g for group g) of which some lane may enter a child's box.
+  HWY_INLINE uint32_t GroupsMeet(const BoxShadows& boxes, int child, uint32_t asked) const {
+    return shadows_.GroupsMet(boxes, child) & asked & open_groups_;
   }
 
   // Lanes of a group whose own source is triangle `id`.
@@ -226,6 +202,43 @@ class ParallelLanes {
   uint32_t active(uint32_t group) const { return active_[group]; }
 
  private:
+  void PutShadows(const IndexedGeometry& scene) {
+    const D d;
+    const Vec3f direction = packet_.direction;
+    const float most = MaxAbs(direction);
+    // A power of two, so that nothing overflows.
+    const float scale = most > 0 ? std::ldexp(1.0f, std::clamp(-std::ilogb(most), -126, 126)) : 1;
+    shadow_margin_ =
+        kBoxMargin * (FarthestNorm1(scene.bvh.bounds) + Norm1(apex_) + spread_) + kFloatUnderflow;
+    const auto count = static_cast<size_t>(packet_.count);
+    for (int k = 0; k < 3; ++k) scaled_[k] = direction[k] * scale;
+    for (int k = 0; k < 3; ++k) {
+      const int i = (k + 1) % 3, j = (k + 2) % 3;
+      float* const row = moments_[k];
+      const V di = hn::Set(d, scaled_[i]), dj = hn::Set(d, scaled_[j]);
+      for (size_t at = 0; at < count; at += hn::Lanes(d)) {
+        const V oi = hn::Load(d, own_[i] + at), oj = hn::Load(d, own_[j] + at);
+        hn::Store(hn::MulSub(di, oj, hn::Mul(dj, oi)), d, row + at);
+      }
+      shadows_.PutPlane(k, row, count);
+    }
+    // What lies behind an origin.
+    for (int k = 0; k < 3; ++k) {
+      sign_[k] = backward_[k] ? -1.0f : 1.0f;
+      float* const row = heights_[k];
+      if (direction[k] == 0) {
+        std::fill_n(row, LaneShadows::kRays, -std::numeric_limits<float>::infinity());
+        shadows_.OpenAxis(k);
+        continue;
+      }
+      const V sign = hn::Set(d, sign_[k]);
+      for (size_t at = 0; at < count; at += hn::Lanes(d)) {
+        hn::Store(hn::Mul(Point(k, at), sign), d, row + at);
+      }
+      shadows_.PutAxis(k, row, count);
+    }
+  }
+
   void BoundGroups() {
     const Vec3d sideways =
         ToDouble(packet_.origin(std::min(3, packet_.count - 1))) - ToDouble(packet_.origin(0));
@@ -254,13 +267,13 @@ class ParallelLanes {
   bool has_sources_ = false;
   Vec3f apex_;
   float spread_ = 0;
-  float inv_[3];
   bool backward_[3];
-  float first_[3], last_[3];  // Of the origins, along the direction: the foremost and the hindmost.
   uint32_t active_[kMaxRays / 8];
   uint32_t open_groups_;  // With a lane that is still asked about.
-  // As first_ and last_, by group.
-  alignas(64) float group_first_[3][kMaxRays / 8], group_last_[3][kMaxRays / 8];
+  LaneShadows shadows_;
+  alignas(64) float moments_[3][LaneShadows::kRays], heights_[3][LaneShadows::kRays];
+  float scaled_[3], sign_[3];  // The direction, its largest component between 1 and 2; its signs.
+  float shadow_margin_;
   bool has_frame_ = false;
   ShaftFrame frame_;
   LaneRectangle rectangles_[kMaxRays / 8];
