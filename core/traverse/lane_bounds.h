@@ -26,11 +26,6 @@ struct LaneSlab {  // Trivial: stacks of them are not initialized.
 // their rounding.
 struct LaneRectangle {
   float x0, x1, y0, y1;
-
-  static constexpr LaneRectangle Everywhere() {
-    constexpr float kInfinity = std::numeric_limits<float>::infinity();
-    return {-kInfinity, kInfinity, -kInfinity, kInfinity};
-  }
 };
 
 }  // namespace sightline

@@ -33,6 +33,7 @@
 #include <limits>
 
 #include "core/accel/bvh.h"
+#include "core/traverse/lane_bounds.h"
 #include "core/traverse/shaft_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -64,30 +65,54 @@ struct BoxShadow {  // Trivial: stacks of them are not initialized.
   }
 };
 
+// The ranges of a row's values, by block and over all; inverted where there are none.
+struct RowRanges {
+  alignas(64) float least[kShaftBlocks], most[kShaftBlocks];
+  float all_least, all_most;
+};
+
 class LaneShadows {
  public:
   static constexpr size_t kRays = size_t{kShaftBlocks} * kShaftBlockRays;
 
-  // Of plane k, or along axis k: a number for each of `count` rays, in a row of kRays, the rest of
-  // which is overwritten.
-  void PutPlane(int k, float* row, size_t count) {
-    Pad(row, count);
-    BlockRanges(row, nullptr, least_[k], most_[k]);
-    all_least_[k] = *std::min_element(least_[k], least_[k] + kShaftBlocks);
-    all_most_[k] = *std::max_element(most_[k], most_[k] + kShaftBlocks);
+  // Of the first `count` lanes of all rows.
+  explicit LaneShadows(size_t count) : whole_(count == kRays) {
+    for (size_t b = 0; b < kShaftBlocks; ++b) {
+      const size_t first = b * kShaftBlockRays;
+      const size_t lanes = std::min<size_t>(count - std::min(count, first), kShaftBlockRays);
+      used_[b] = static_cast<uint16_t>((1u << lanes) - 1);
+    }
   }
-  void PutAxis(int k, float* row, size_t count) {
-    Pad(row, count);
-    alignas(64) float most[kShaftBlocks];
-    BlockRanges(row, nullptr, along_[k], most);
-    all_along_[k] = *std::min_element(along_[k], along_[k] + kShaftBlocks);
+
+  void FindRanges(const float* row, RowRanges* ranges) const {
+    const ShaftD d;
+    BlockRanges(row, whole_ ? nullptr : used_, ranges->least, ranges->most);
+    ShaftV least = hn::Load(d, ranges->least), most = hn::Load(d, ranges->most);
+    for (size_t b = kLanes; b < kShaftBlocks; b += kLanes) {
+      least = hn::Min(least, hn::Load(d, ranges->least + b));
+      most = hn::Max(most, hn::Load(d, ranges->most + b));
+    }
+    ranges->all_least = hn::GetLane(hn::MinOfLanes(d, least));
+    ranges->all_most = hn::GetLane(hn::MaxOfLanes(d, most));
+  }
+
+  // On plane k.
+  void PutPlane(int k, const float* row) { FindRanges(row, &planes_[k]); }
+  // Along axis k; `backward`: the larger a lane's number is the less it meets.
+  void PutAxis(int k, const RowRanges& ranges, bool backward) {
+    const ShaftD d;
+    for (size_t b = 0; b < kShaftBlocks; b += kLanes) {
+      hn::Store(backward ? hn::Neg(hn::Load(d, ranges.most + b)) : hn::Load(d, ranges.least + b), d,
+                along_[k] + b);
+    }
+    all_along_[k] = backward ? -ranges.all_most : ranges.all_least;
   }
   // Of which nothing is known: no box is clear of it.
   void OpenPlane(int k) {
-    std::fill_n(least_[k], kShaftBlocks, -kInfinity);
-    std::fill_n(most_[k], kShaftBlocks, kInfinity);
-    all_least_[k] = -kInfinity;
-    all_most_[k] = kInfinity;
+    std::fill_n(planes_[k].least, kShaftBlocks, -kInfinity);
+    std::fill_n(planes_[k].most, kShaftBlocks, kInfinity);
+    planes_[k].all_least = -kInfinity;
+    planes_[k].all_most = kInfinity;
   }
   void OpenAxis(int k) {
     std::fill_n(along_[k], kShaftBlocks, -kInfinity);
@@ -99,8 +124,9 @@ class LaneShadows {
     const BoxShadows::D d;
     auto met = hn::FirstN(d, kBvhWidth);
     for (int k = 0; k < 3; ++k) {
-      met = hn::And(met, hn::And(hn::Ge(hn::Load(d, boxes.most[k]), hn::Set(d, all_least_[k])),
-                                 hn::Le(hn::Load(d, boxes.least[k]), hn::Set(d, all_most_[k]))));
+      met = hn::And(met,
+                    hn::And(hn::Ge(hn::Load(d, boxes.most[k]), hn::Set(d, planes_[k].all_least)),
+                            hn::Le(hn::Load(d, boxes.least[k]), hn::Set(d, planes_[k].all_most))));
       met = hn::And(met, hn::Ge(hn::Load(d, boxes.along[k]), hn::Set(d, all_along_[k])));
     }
     return MaskBits(d, met);
@@ -113,8 +139,9 @@ class LaneShadows {
     for (size_t b = 0; b < kShaftBlocks; b += kLanes) {
       ShaftM in = hn::FirstN(d, kLanes);
       for (int k = 0; k < 3; ++k) {
-        in = hn::And(in, hn::And(hn::Le(hn::Load(d, least_[k] + b), hn::Set(d, boxes.most[k][i])),
-                                 hn::Ge(hn::Load(d, most_[k] + b), hn::Set(d, boxes.least[k][i]))));
+        in = hn::And(
+            in, hn::And(hn::Le(hn::Load(d, planes_[k].least + b), hn::Set(d, boxes.most[k][i])),
+                        hn::Ge(hn::Load(d, planes_[k].most + b), hn::Set(d, boxes.least[k][i]))));
         in = hn::And(in, hn::Le(hn::Load(d, along_[k] + b), hn::Set(d, boxes.along[k][i])));
       }
       met |= MaskBits(d, in) << b;
@@ -137,10 +164,36 @@ class LaneShadows {
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-  static void Pad(float* row, size_t count) { std::fill(row + count, row + kRays, row[count - 1]); }
+  const bool whole_;
+  alignas(32) uint16_t used_[kShaftBlocks];  // A bit for each lane that is in use.
+  RowRanges planes_[3];
+  alignas(64) float along_[3][kShaftBlocks];
+  float all_along_[3];
+};
 
-  alignas(64) float least_[3][kShaftBlocks], most_[3][kShaftBlocks], along_[3][kShaftBlocks];
-  float all_least_[3], all_most_[3], all_along_[3];
+// Where each group of lanes, a vector of them, is seen in the packet's frame.
+class LaneRectangles {
+ public:
+  // By a row of each coordinate, which `margin` widens.
+  void Put(const float* x, const float* y, float margin) {
+    VectorRanges(x, x0_, x1_);
+    VectorRanges(y, y0_, y1_);
+    margin_ = margin;
+  }
+  // Of which nothing is known.
+  void Open(uint32_t group) {
+    x0_[group] = y0_[group] = -std::numeric_limits<float>::infinity();
+    x1_[group] = y1_[group] = std::numeric_limits<float>::infinity();
+  }
+  HWY_INLINE LaneRectangle of(uint32_t group) const {
+    return {x0_[group] - margin_, x1_[group] + margin_, y0_[group] - margin_, y1_[group] + margin_};
+  }
+
+ private:
+  static constexpr size_t kGroups = LaneShadows::kRays / hn::MaxLanes(ShaftD());
+
+  alignas(64) float x0_[kGroups], x1_[kGroups], y0_[kGroups], y1_[kGroups];
+  float margin_;
 };
 
 }  // namespace HWY_NAMESPACE

@@ -17,6 +17,8 @@
 #endif
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 #include <limits>
 
 #include "core/accel/indexed_geometry.h"
@@ -45,14 +47,14 @@ class OriginLanes {
   static constexpr int kMaxRays = RayPacket::kMaxRays;
 
   OriginLanes(const IndexedGeometry& scene, RayPacket& packet, WalkStats* stats)
-      : packet_(packet), lanes_(scene, packet, stats) {
+      : packet_(packet), lanes_(scene, packet, stats), shadows_(static_cast<size_t>(packet.count)) {
     // Any hit knows neither (TraceRay).
     SIGHTLINE_DCHECK(packet.near == nullptr && packet.unseen.count == 0);
-    for (int axis = 0; axis < 3; ++axis) ranges_[axis] = lanes_.Reciprocals(axis);
     open_groups_ = 0;
     for (uint32_t g = 0; g < groups(); ++g) open_groups_ |= (active(g) != 0 ? 1u : 0u) << g;
+    PutAxes();
+    PutPlanes();
     PlaceGroups();
-    PutShadows();
   }
 
   uint32_t groups() const { return lanes_.groups(); }
@@ -64,7 +66,7 @@ class OriginLanes {
   // Slopes are taken in it; null: the rays lead nowhere together.
   const ShaftFrame* frame() const { return has_frame_ ? &frame_ : nullptr; }
   // Of slopes; without end where a lane leads too far aside for the frame.
-  const LaneRectangle& rectangle(uint32_t group) const { return rectangles_[group]; }
+  LaneRectangle rectangle(uint32_t group) const { return rectangles_.of(group); }
 
   // What ShaftTest asks for.
   bool segments() const { return packet_.segments; }
@@ -107,10 +109,10 @@ class OriginLanes {
       hi[k] = hn::Sub(hn::Load(d8, node.bounds[k + 3]), o);
     }
     // Relative to the origin, along the way that the rays lead.
-    const auto near = [&](int k) HWY_ATTR { return ranges_[k].negative ? hn::Neg(hi[k]) : lo[k]; };
-    const auto far = [&](int k) HWY_ATTR { return ranges_[k].negative ? hn::Neg(lo[k]) : hi[k]; };
+    const auto near = [&](int k) HWY_ATTR { return axes_[k].backward ? hn::Neg(hi[k]) : lo[k]; };
+    const auto far = [&](int k) HWY_ATTR { return axes_[k].backward ? hn::Neg(lo[k]) : hi[k]; };
     for (int k = 0; k < 3; ++k) {
-      if (ranges_[k].usable) met = hn::And(met, hn::Ge(far(k), zero));
+      if (axes_[k].shared) met = hn::And(met, hn::Ge(far(k), zero));
       hn::Store(hn::Neg(near(k)), d8, boxes->along[k]);
     }
     for (int k = 0; k < 3; ++k) {
@@ -142,7 +144,7 @@ class OriginLanes {
   HWY_INLINE LaneBox LaneBoxOf(const BvhNode& node, const BoxShadows&, int child) const {
     LaneSlab slab;
     for (int k = 0; k < 3; ++k) {
-      const bool turned = ranges_[k].usable && ranges_[k].negative;
+      const bool turned = axes_[k].shared && axes_[k].backward;
       slab.first[k] = node.bounds[turned ? k + 3 : k][child] - packet_.origin[k];
       slab.second[k] = node.bounds[turned ? k : k + 3][child] - packet_.origin[k];
     }
@@ -158,7 +160,7 @@ class OriginLanes {
       const V inv = hn::Load(d, lanes_.inv_row(k) + at);
       const V a = hn::Mul(hn::Set(d, slab.first[k]), inv);
       const V b = hn::Mul(hn::Set(d, slab.second[k]), inv);
-      if (ranges_[k].usable) {
+      if (axes_[k].shared) {
         entry = hn::Max(a, entry);
         exit = hn::Min(b, exit);
       } else {
@@ -223,60 +225,63 @@ class OriginLanes {
     const Vec3V<V> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
     const Vec3V<V> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
     const Vec3V<V> w = Broadcast(d, frame_.w.x, frame_.w.y, frame_.w.z);
+    alignas(64) float x[kMaxRays], y[kMaxRays];
+    uint32_t aside = 0;
     for (uint32_t g = 0; g < groups(); ++g) {
       const Vec3V<V> own = Own(g * lanes);
       const V depth = DotV(w, own);
-      if (!hn::AllTrue(d, FitsFrame(own, depth))) {
-        rectangles_[g] = LaneRectangle::Everywhere();
-        continue;
-      }
+      aside |= (hn::AllTrue(d, FitsFrame(own, depth)) ? 0u : 1u) << g;
       const V inverse = hn::Div(hn::Set(d, 1.0f), depth);
-      const V x = hn::Mul(DotV(u, own), inverse), y = hn::Mul(DotV(v, own), inverse);
-      rectangles_[g] = {hn::GetLane(hn::MinOfLanes(d, x)) - kSlopeMargin,
-                        hn::GetLane(hn::MaxOfLanes(d, x)) + kSlopeMargin,
-                        hn::GetLane(hn::MinOfLanes(d, y)) - kSlopeMargin,
-                        hn::GetLane(hn::MaxOfLanes(d, y)) + kSlopeMargin};
+      hn::Store(hn::Mul(DotV(u, own), inverse), d, x + g * lanes);
+      hn::Store(hn::Mul(DotV(v, own), inverse), d, y + g * lanes);
+    }
+    rectangles_.Put(x, y, kSlopeMargin);
+    for (; aside != 0; aside &= aside - 1) rectangles_.Open(std::countr_zero(aside));
+  }
+
+  // Which way the rays lead along the axes, and how far they reach.
+  void PutAxes() {
+    constexpr float kLeast = std::numeric_limits<float>::min();  // Whose reciprocal is finite.
+    for (int k = 0; k < 3; ++k) {
+      RowRanges ranges;
+      shadows_.FindRanges(lanes_.direction_row(k), &ranges);
+      axes_[k].backward = ranges.all_most <= -kLeast;
+      axes_[k].shared = axes_[k].backward || ranges.all_least >= kLeast;
+      if (axes_[k].shared && packet_.segments) {
+        shadows_.PutAxis(k, ranges, !axes_[k].backward);
+      } else {
+        shadows_.OpenAxis(k);
+      }
     }
   }
 
   // Slopes over the axis along which the middle ray leads farthest; and on the plane of the two
   // others over the next one. Of those alone along which all rays lead the same way.
-  void PutShadows() {
+  void PutPlanes() {
     const D d;
     const size_t middle = static_cast<size_t>(packet_.count / 2);
-    const auto count = static_cast<size_t>(packet_.count);
     const auto length = [&](int k) {
-      return ranges_[k].usable ? std::abs(lanes_.direction_row(k)[middle]) : -1.0f;
+      return axes_[k].shared ? std::abs(lanes_.direction_row(k)[middle]) : -1.0f;
     };
     int order[3] = {0, 1, 2};
     std::sort(order, order + 3, [&](int a, int b) { return length(a) > length(b); });
     planes_[0] = {order[1], order[0]};
     planes_[1] = {order[2], order[0]};
     planes_[2] = {order[2], order[1]};
-    alignas(64) float row[LaneShadows::kRays];
+    alignas(64) float row[kMaxRays];
     for (int k = 0; k < 3; ++k) {
-      if (!ranges_[planes_[k].under].usable) planes_[k].under = -1;
-      if (planes_[k].under < 0) {
+      if (!axes_[planes_[k].under].shared) {
+        planes_[k].under = -1;
         shadows_.OpenPlane(k);
         continue;
       }
-      for (size_t at = 0; at < count; at += hn::Lanes(d)) {
+      for (uint32_t g = 0; g < groups(); ++g) {
+        const size_t at = g * hn::Lanes(d);
         hn::Store(hn::Mul(hn::Load(d, lanes_.direction_row(planes_[k].over) + at),
                           hn::Abs(hn::Load(d, lanes_.inv_row(planes_[k].under) + at))),
                   d, row + at);
       }
-      shadows_.PutPlane(k, row, count);
-    }
-    for (int k = 0; k < 3; ++k) {
-      if (!ranges_[k].usable || !packet_.segments) {
-        shadows_.OpenAxis(k);
-        continue;
-      }
-      // How far a ray reaches.
-      for (size_t at = 0; at < count; at += hn::Lanes(d)) {
-        hn::Store(hn::Neg(hn::Abs(hn::Load(d, lanes_.direction_row(k) + at))), d, row + at);
-      }
-      shadows_.PutAxis(k, row, count);
+      shadows_.PutPlane(k, row);
     }
   }
 
@@ -286,10 +291,13 @@ class OriginLanes {
   struct Plane {
     int over, under;  // Axes of the slope; under -1: none.
   } planes_[3];
-  PacketLanes<true>::ReciprocalRange ranges_[3];
+  struct Axis {
+    bool shared;  // All rays lead the same way along it.
+    bool backward;
+  } axes_[3];
   bool has_frame_ = false;
   ShaftFrame frame_;
-  LaneRectangle rectangles_[kMaxRays / 8];
+  LaneRectangles rectangles_;
   uint32_t open_groups_;  // With a lane that is still asked about.
 };
 

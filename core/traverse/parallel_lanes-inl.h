@@ -45,7 +45,7 @@ class ParallelLanes {
   static constexpr int kMaxRays = ParallelPacket::kMaxRays;
 
   ParallelLanes(const IndexedGeometry& scene, ParallelPacket& packet, WalkStats*)
-      : packet_(packet) {
+      : packet_(packet), shadows_(static_cast<size_t>(packet.count)) {
     const D d;
     const size_t lanes = hn::Lanes(d), count = static_cast<size_t>(packet.count);
     groups_ = static_cast<uint32_t>((count + lanes - 1) / lanes);
@@ -80,6 +80,7 @@ class ParallelLanes {
     spread_ = hn::GetLane(hn::MaxOfLanes(d, widest));
     for (int k = 0; k < 3; ++k) {
       backward_[k] = packet.direction[k] < 0;
+      turn_[k] = backward_[k] ? -0.0f : 0.0f;
     }
     open_groups_ = 0;
     for (uint32_t g = 0; g < groups_; ++g) open_groups_ |= (active_[g] != 0 ? 1u : 0u) << g;
@@ -96,7 +97,7 @@ class ParallelLanes {
   // Axes across the direction; null where there are none.
   const ShaftFrame* frame() const { return has_frame_ ? &frame_ : nullptr; }
   // Of offsets.
-  const LaneRectangle& rectangle(uint32_t group) const { return rectangles_[group]; }
+  LaneRectangle rectangle(uint32_t group) const { return rectangles_.of(group); }
 
   // What ShaftTest asks for.
   static constexpr bool segments() { return false; }
@@ -124,8 +125,8 @@ class ParallelLanes {
       const V8 reference = hn::Set(d8, apex_[k]);
       lo[k] = hn::Sub(hn::Load(d8, node.bounds[k]), reference);
       hi[k] = hn::Sub(hn::Load(d8, node.bounds[k + 3]), reference);
-      hn::Store(hn::Mul(hn::Load(d8, node.bounds[backward_[k] ? k : k + 3]), hn::Set(d8, sign_[k])),
-                d8, boxes->along[k]);
+      const V8 last = hn::Load(d8, node.bounds[backward_[k] ? k : k + 3]);
+      hn::Store(backward_[k] ? hn::Neg(last) : last, d8, boxes->along[k]);
     }
     const V8 margin = hn::Set(d8, shadow_margin_);
     for (int k = 0; k < 3; ++k) {
@@ -159,9 +160,10 @@ class ParallelLanes {
     M in = hn::FirstN(d, hn::Lanes(d));
     for (int k = 0; k < 3; ++k) {
       const V m = hn::Load(d, moments_[k] + at);
+      const V height = hn::Xor(Point(k, at), hn::Set(d, turn_[k]));
       in = hn::And(
           in, hn::And(hn::Le(m, hn::Set(d, box.most[k])), hn::Ge(m, hn::Set(d, box.least[k]))));
-      in = hn::And(in, hn::Le(hn::Load(d, heights_[k] + at), hn::Set(d, box.along[k])));
+      in = hn::And(in, hn::Le(height, hn::Set(d, box.along[k])));
     }
     return MaskBits(d, in) & active_[group];
   }
@@ -220,22 +222,17 @@ class ParallelLanes {
         const V oi = hn::Load(d, own_[i] + at), oj = hn::Load(d, own_[j] + at);
         hn::Store(hn::MulSub(di, oj, hn::Mul(dj, oi)), d, row + at);
       }
-      shadows_.PutPlane(k, row, count);
+      shadows_.PutPlane(k, row);
     }
     // What lies behind an origin.
     for (int k = 0; k < 3; ++k) {
-      sign_[k] = backward_[k] ? -1.0f : 1.0f;
-      float* const row = heights_[k];
       if (direction[k] == 0) {
-        std::fill_n(row, LaneShadows::kRays, -std::numeric_limits<float>::infinity());
         shadows_.OpenAxis(k);
         continue;
       }
-      const V sign = hn::Set(d, sign_[k]);
-      for (size_t at = 0; at < count; at += hn::Lanes(d)) {
-        hn::Store(hn::Mul(Point(k, at), sign), d, row + at);
-      }
-      shadows_.PutAxis(k, row, count);
+      RowRanges points;
+      shadows_.FindRanges(this->row(k), &points);
+      shadows_.PutAxis(k, points, backward_[k]);
     }
   }
 
@@ -248,13 +245,14 @@ class ParallelLanes {
     const Vec3V<V> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
     const Vec3V<V> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
     const float margin = kBoxMargin * spread_;
+    alignas(64) float x[kMaxRays], y[kMaxRays];
     for (uint32_t g = 0; g < groups_; ++g) {
-      const Vec3V<V> own = Own(g * hn::Lanes(d));
-      const V x = DotV(u, own), y = DotV(v, own);
-      rectangles_[g] = {
-          hn::GetLane(hn::MinOfLanes(d, x)) - margin, hn::GetLane(hn::MaxOfLanes(d, x)) + margin,
-          hn::GetLane(hn::MinOfLanes(d, y)) - margin, hn::GetLane(hn::MaxOfLanes(d, y)) + margin};
+      const size_t at = g * hn::Lanes(d);
+      const Vec3V<V> own = Own(at);
+      hn::Store(DotV(u, own), d, x + at);
+      hn::Store(DotV(v, own), d, y + at);
     }
+    rectangles_.Put(x, y, margin);
   }
 
   const float* row(int axis) const {
@@ -271,12 +269,13 @@ class ParallelLanes {
   uint32_t active_[kMaxRays / 8];
   uint32_t open_groups_;  // With a lane that is still asked about.
   LaneShadows shadows_;
-  alignas(64) float moments_[3][LaneShadows::kRays], heights_[3][LaneShadows::kRays];
-  float scaled_[3], sign_[3];  // The direction, its largest component between 1 and 2; its signs.
+  alignas(64) float moments_[3][LaneShadows::kRays];
+  float scaled_[3];  // The direction, its largest component between 1 and 2.
+  float turn_[3];    // Its components' signs alone.
   float shadow_margin_;
   bool has_frame_ = false;
   ShaftFrame frame_;
-  LaneRectangle rectangles_[kMaxRays / 8];
+  LaneRectangles rectangles_;
   alignas(64) float own_[3][kMaxRays];
 };
 

@@ -83,33 +83,31 @@ HWY_INLINE uint32_t OpenBlocks(const uint16_t* rays) {
   return MaskBits(d, hn::Ne(hn::Load(d, rays), hn::Zero(d)));
 }
 
-// op over the values of each of kBlocks blocks, a power of two: lane b for block b, and then again.
-// fetch(i) gives values i .. i + Lanes(); `at` is the first block's first. A tree of pairwise
-// steps, each of which halves the values and brings two vectors together. By recursion, not over an
-// array: GCC fills one by copying memory.
-template <size_t kBlocks, class Op, class Fetch>
+// op over the values of each of kBlocks blocks of kRays, powers of two: lane b for block b, and
+// then again. fetch(i) gives values i .. i + Lanes(); `at` is the first block's first. A tree of
+// pairwise steps, each of which halves the values and brings two vectors together. By recursion,
+// not over an array: GCC fills one by copying memory.
+template <size_t kBlocks, size_t kRays, class Op, class Fetch>
 HWY_INLINE ShaftV ReduceTree(const Op& op, const Fetch& fetch, size_t at) {
   const ShaftD d;
   if constexpr (kBlocks == 1) {
     ShaftV row = fetch(at);
-    for (size_t i = hn::Lanes(d); i < kShaftBlockRays; i += hn::Lanes(d)) {
-      row = op(row, fetch(at + i));
-    }
+    for (size_t i = hn::Lanes(d); i < kRays; i += hn::Lanes(d)) row = op(row, fetch(at + i));
     return row;
   } else {
-    const ShaftV low = ReduceTree<kBlocks / 2>(op, fetch, at);
-    const ShaftV high = ReduceTree<kBlocks / 2>(op, fetch, at + kBlocks / 2 * kShaftBlockRays);
+    const ShaftV low = ReduceTree<kBlocks / 2, kRays>(op, fetch, at);
+    const ShaftV high = ReduceTree<kBlocks / 2, kRays>(op, fetch, at + kBlocks / 2 * kRays);
     return op(hn::ConcatEven(d, high, low), hn::ConcatOdd(d, high, low));
   }
 }
 
-// out[b] = op over the sixteen values of block b.
-template <class Op, class Fetch>
+// out[b] = op over the kRays values of block b, of all.
+template <size_t kRays = kShaftBlockRays, class Op, class Fetch>
 HWY_INLINE void ReduceBlocks(const Op& op, const Fetch& fetch, float* out) {
   const ShaftD d;
   constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-  for (size_t first = 0; first < kShaftBlocks; first += kLanes) {
-    hn::Store(ReduceTree<kLanes>(op, fetch, first * kShaftBlockRays), d, out + first);
+  for (size_t first = 0; first < kShaftBlocks * kShaftBlockRays / kRays; first += kLanes) {
+    hn::Store(ReduceTree<kLanes, kRays>(op, fetch, first * kRays), d, out + first);
   }
 }
 
@@ -139,6 +137,18 @@ inline HWY_NOINLINE void BlockRanges(const float* values, const uint16_t* open, 
         return hn::IfThenElse(LanesOf(open, at), hn::Load(ShaftD(), values + at), minus_infinity);
       },
       most);
+}
+
+// The range of each vector's values.
+inline HWY_NOINLINE void VectorRanges(const float* values, float* least, float* most) {
+  if constexpr (hn::MaxLanes(ShaftD()) == kShaftBlockRays) {
+    BlockRanges(values, nullptr, least, most);
+  } else {
+    constexpr size_t kLanes = hn::MaxLanes(ShaftD());
+    const auto all = [values](size_t at) HWY_ATTR { return hn::Load(ShaftD(), values + at); };
+    ReduceBlocks<kLanes>([](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); }, all, least);
+    ReduceBlocks<kLanes>([](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); }, all, most);
+  }
 }
 
 }  // namespace HWY_NAMESPACE
