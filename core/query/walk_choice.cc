@@ -38,7 +38,8 @@ struct Costs {
 constexpr Weights kShaftWeights = {55, 250, 3.4f, 6};
 // Those for any hit with one origin are fits, by counts, to what each walk took in all of nine
 // scenes' shadows and 64 lights on thin points on a Zen 4, most within a tenth; those with one
-// direction lie between such fits (suns and sky) and the ones of before, where AUTO chose best.
+// direction lie between such fits (suns and sky) and the ones of before, where AUTO chose best. The
+// weights of packets' nodes were lowered by trial on a Xeon, since these became cheaper.
 constexpr Costs kCosts[] = {
     {},                                                           // By Others: none,
     {.of = {kShaftWeights, {250, 1050, 2, 10}, {27, 75, 0, 30}},  // closest hits,
