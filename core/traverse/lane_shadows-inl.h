@@ -33,7 +33,6 @@
 #include <limits>
 
 #include "core/accel/bvh.h"
-#include "core/traverse/lane_bounds.h"
 #include "core/traverse/shaft_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -169,31 +168,6 @@ class LaneShadows {
   RowRanges planes_[3];
   alignas(64) float along_[3][kShaftBlocks];
   float all_along_[3];
-};
-
-// Where each group of lanes, a vector of them, is seen in the packet's frame.
-class LaneRectangles {
- public:
-  // By a row of each coordinate, which `margin` widens.
-  void Put(const float* x, const float* y, float margin) {
-    VectorRanges(x, x0_, x1_);
-    VectorRanges(y, y0_, y1_);
-    margin_ = margin;
-  }
-  // Of which nothing is known.
-  void Open(uint32_t group) {
-    x0_[group] = y0_[group] = -std::numeric_limits<float>::infinity();
-    x1_[group] = y1_[group] = std::numeric_limits<float>::infinity();
-  }
-  HWY_INLINE LaneRectangle of(uint32_t group) const {
-    return {x0_[group] - margin_, x1_[group] + margin_, y0_[group] - margin_, y1_[group] + margin_};
-  }
-
- private:
-  static constexpr size_t kGroups = LaneShadows::kRays / hn::MaxLanes(ShaftD());
-
-  alignas(64) float x0_[kGroups], x1_[kGroups], y0_[kGroups], y1_[kGroups];
-  float margin_;
 };
 
 }  // namespace HWY_NAMESPACE

@@ -26,7 +26,7 @@
 #include "core/geometry/box_ray.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
-#include "core/traverse/lane_bounds.h"
+#include "core/traverse/lane_rectangles-inl.h"
 #include "core/traverse/lane_shadows-inl.h"
 #include "core/traverse/packet_lanes-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
@@ -138,28 +138,35 @@ class OriginLanes {
     }
     return shadows_.BoxesMet(*boxes) & MaskBits(d8, met);
   }
-  // Relative to the origin; the lower face first where the rays do not share a sign.
-  using LaneBox = LaneSlab;
-  HWY_INLINE static LaneBox Everywhere() { return LaneSlab::Everywhere(); }
+  // A box's faces by axis, relative to the origin: that which the rays come to first, or the lower
+  // one where they do not share a sign, and the other.
+  struct LaneBox {  // Trivial: stacks of them are not initialized.
+    float first[3], second[3];
+  };
+  // One that no lane misses: what is no number culls nothing.
+  HWY_INLINE static LaneBox Everywhere() {
+    constexpr float kNoNumber = std::numeric_limits<float>::quiet_NaN();
+    return {{kNoNumber, kNoNumber, kNoNumber}, {kNoNumber, kNoNumber, kNoNumber}};
+  }
   HWY_INLINE LaneBox LaneBoxOf(const BvhNode& node, const BoxShadows&, int child) const {
-    LaneSlab slab;
+    LaneBox box;
     for (int k = 0; k < 3; ++k) {
-      const bool turned = axes_[k].shared && axes_[k].backward;
-      slab.first[k] = node.bounds[turned ? k + 3 : k][child] - packet_.origin[k];
-      slab.second[k] = node.bounds[turned ? k : k + 3][child] - packet_.origin[k];
+      const bool turned = axes_[k].backward;
+      box.first[k] = node.bounds[turned ? k + 3 : k][child] - packet_.origin[k];
+      box.second[k] = node.bounds[turned ? k : k + 3][child] - packet_.origin[k];
     }
-    return slab;
+    return box;
   }
   // The lanes of a group, still asked about, that may hit something in the box.
-  HWY_INLINE uint32_t LanesMeet(uint32_t group, const LaneSlab& slab) const {
+  HWY_INLINE uint32_t LanesMeet(uint32_t group, const LaneBox& box) const {
     if (lanes_.active(group) == 0) return 0;
     const D d;
     const size_t at = group * hn::Lanes(d);
     V entry = hn::Zero(d), exit = hn::Set(d, lanes_.first_limit());
     for (int k = 0; k < 3; ++k) {
       const V inv = hn::Load(d, lanes_.inv_row(k) + at);
-      const V a = hn::Mul(hn::Set(d, slab.first[k]), inv);
-      const V b = hn::Mul(hn::Set(d, slab.second[k]), inv);
+      const V a = hn::Mul(hn::Set(d, box.first[k]), inv);
+      const V b = hn::Mul(hn::Set(d, box.second[k]), inv);
       if (axes_[k].shared) {
         entry = hn::Max(a, entry);
         exit = hn::Min(b, exit);
@@ -292,8 +299,8 @@ class OriginLanes {
     int over, under;  // Axes of the slope; under -1: none.
   } planes_[3];
   struct Axis {
-    bool shared;  // All rays lead the same way along it.
-    bool backward;
+    bool shared;    // All rays lead the same way along it,
+    bool backward;  // and that is down.
   } axes_[3];
   bool has_frame_ = false;
   ShaftFrame frame_;

@@ -22,10 +22,9 @@
 
 #include "core/accel/indexed_geometry.h"
 #include "core/base/masked_store-inl.h"
-#include "core/geometry/box_ray.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
-#include "core/traverse/lane_bounds.h"
+#include "core/traverse/lane_rectangles-inl.h"
 #include "core/traverse/lane_shadows-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/trace_ray.h"
