@@ -10,6 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/sparse_array.h"
 #include "core/base/status_macros.h"
 
 namespace sightline {
@@ -74,7 +75,8 @@ class Builder {
       }
     });
     bvh_->ids.ResizeUninitialized(ids.size());
-    nodes_.ResizeUninitialized(2 * ids.size() - 1);  // No binary tree over n leaves has more.
+    // No binary tree over n leaves has more.
+    nodes_ = SparseArray<BinaryBvhNode>(2 * ids.size() - 1);
     Node(0, 0, ids.size(), 0);
     if (cancelled_.load()) return;
     // Where nodes stand depends on the threads; depth-first they do not.
@@ -205,7 +207,7 @@ class Builder {
   float extent_ = 0;
   Scale scale_{1};
   AlignedVector<Primitive> primitives_;
-  AlignedVector<BinaryBvhNode> nodes_;
+  SparseArray<BinaryBvhNode> nodes_;
   std::atomic<uint32_t> next_{1};
   std::atomic<bool> cancelled_{false};
   uint32_t laid_ = 1;

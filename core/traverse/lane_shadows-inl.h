@@ -83,6 +83,7 @@ class LaneShadows {
     }
   }
 
+  // Lanes out of use may hold anything.
   void FindRanges(const float* row, RowRanges* ranges) const {
     const ShaftD d;
     BlockRanges(row, whole_ ? nullptr : used_, ranges->least, ranges->most);
@@ -97,14 +98,15 @@ class LaneShadows {
 
   // On plane k.
   void PutPlane(int k, const float* row) { FindRanges(row, &planes_[k]); }
-  // Along axis k; `backward`: the larger a lane's number is the less it meets.
-  void PutAxis(int k, const RowRanges& ranges, bool backward) {
+  // Along axis k: of a row's numbers or, `turned`, of these with their signs turned round. A lane
+  // is clear of boxes whose own is less.
+  void PutAxis(int k, const RowRanges& ranges, bool turned) {
     const ShaftD d;
     for (size_t b = 0; b < kShaftBlocks; b += kLanes) {
-      hn::Store(backward ? hn::Neg(hn::Load(d, ranges.most + b)) : hn::Load(d, ranges.least + b), d,
+      hn::Store(turned ? hn::Neg(hn::Load(d, ranges.most + b)) : hn::Load(d, ranges.least + b), d,
                 along_[k] + b);
     }
-    all_along_[k] = backward ? -ranges.all_most : ranges.all_least;
+    all_along_[k] = turned ? -ranges.all_most : ranges.all_least;
   }
   // Of which nothing is known: no box is clear of it.
   void OpenPlane(int k) {

@@ -223,12 +223,8 @@ class ParallelLanes {
       }
       shadows_.PutPlane(k, row);
     }
-    // What lies behind an origin.
+    // What lies behind an origin; where a ray does not move along an axis, that is what lies below.
     for (int k = 0; k < 3; ++k) {
-      if (direction[k] == 0) {
-        shadows_.OpenAxis(k);
-        continue;
-      }
       RowRanges points;
       shadows_.FindRanges(this->row(k), &points);
       shadows_.PutAxis(k, points, backward_[k]);
