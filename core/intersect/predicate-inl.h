@@ -87,6 +87,15 @@ HWY_INLINE uint32_t InGeneralRegister(uint32_t bits) {
   return bits;
 }
 
+// Keeps GCC 12 from reading what all of a triangle's forms are multiplied with from memory each
+// time, so that the terms of the forms, of which there are more, are not broadcast beside.
+template <class V>
+HWY_INLINE void InVectorRegisters([[maybe_unused]] Vec3V<V>* v) {
+#if HWY_COMPILER_GCC_ACTUAL && HWY_TARGET <= HWY_AVX3
+  asm("" : "+v"(v->x.raw), "+v"(v->y.raw), "+v"(v->z.raw));
+#endif
+}
+
 // Mask to integer, bit i for lane i. Only what StoreMaskBits wrote is read back, so that compilers
 // keep it in a register.
 template <class D, class M>

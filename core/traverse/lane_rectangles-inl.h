@@ -35,7 +35,12 @@ class LaneRectangles {
   void Put(const float* x, const float* y, float margin) {
     VectorRanges(x, x0_, x1_);
     VectorRanges(y, y0_, y1_);
-    margin_ = margin;
+    const ShaftD d;
+    const ShaftV by = hn::Set(d, margin);
+    for (size_t g = 0; g < kGroups; g += hn::Lanes(d)) {
+      for (float* row : {x0_, y0_}) hn::Store(hn::Sub(hn::Load(d, row + g), by), d, row + g);
+      for (float* row : {x1_, y1_}) hn::Store(hn::Add(hn::Load(d, row + g), by), d, row + g);
+    }
   }
   // Of which nothing is known.
   void Open(uint32_t group) {
@@ -43,14 +48,13 @@ class LaneRectangles {
     x1_[group] = y1_[group] = std::numeric_limits<float>::infinity();
   }
   HWY_INLINE LaneRectangle of(uint32_t group) const {
-    return {x0_[group] - margin_, x1_[group] + margin_, y0_[group] - margin_, y1_[group] + margin_};
+    return {x0_[group], x1_[group], y0_[group], y1_[group]};
   }
 
  private:
   static constexpr size_t kGroups = size_t{kShaftBlocks} * kShaftBlockRays / hn::MaxLanes(ShaftD());
 
   alignas(64) float x0_[kGroups], x1_[kGroups], y0_[kGroups], y1_[kGroups];
-  float margin_;
 };
 
 }  // namespace HWY_NAMESPACE

@@ -241,7 +241,8 @@ class OccludedPacketWalk {
     const LeafView leaf(scene_, ref);
     if (rays <= kFewRays) {
       TestOneByOne(leaf, groups, met);
-      return lanes_.live() == 0;
+      lanes_.CloseGroups();
+      return lanes_.open_groups() == 0;
     }
     const uint32_t relevant = PrepareOccluders(scene_.geometry, leaf, lanes_, &forms_);
     // A list first, then the tests, without a branch that depends on them: how many triangles a
@@ -253,7 +254,8 @@ class OccludedPacketWalk {
     TestRays(leaf, relevant, tests, test, &doubts);
     TestPairs(leaf, met, tests, test, &doubts);
     if (doubts.pair_count + doubts.ray_count > 0) Settle(leaf, test, doubts);
-    return lanes_.live() == 0;
+    lanes_.CloseGroups();
+    return lanes_.open_groups() == 0;
   }
 
   // Those of whose lanes the leaf blocks none.
@@ -337,6 +339,7 @@ class OccludedPacketWalk {
                              const Test& test, Doubts* doubts) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
+    size_t doubt_count = 0;
     for (size_t k = 0; k < tests.ray_count; ++k) {
       const uint32_t lane = tests.rays[k];
       uint32_t hits = 0, open = 0, own = 0;
@@ -354,30 +357,34 @@ class OccludedPacketWalk {
       const auto first_hit = static_cast<uint32_t>(std::countr_zero(hits | 1u << (leaf.count - 1)));
       lanes_.BlockLane(leaf.id(first_hit), lane, hits != 0);
       open = hits != 0 ? 0 : open & asked;
-      doubts->rays[doubts->ray_count] = {static_cast<uint16_t>(lane), static_cast<uint16_t>(open)};
-      doubts->ray_count += open != 0 ? 1 : 0;
+      doubts->rays[doubt_count] = {static_cast<uint16_t>(lane), static_cast<uint16_t>(open)};
+      doubt_count += open != 0 ? 1 : 0;
     }
+    doubts->ray_count = doubt_count;
     stats_->triangle_tests += tests.ray_count * static_cast<uint64_t>(std::popcount(relevant));
   }
 
   HWY_INLINE void TestPairs(const LeafView& leaf, const uint32_t* met, const Tests& tests,
                             const Test& test, Doubts* doubts) {
     const ShaftD d;
+    uint64_t asked_rays = 0;
+    size_t doubt_count = 0;
     for (size_t k = 0; k < tests.pair_count; ++k) {
       const uint32_t pair = tests.pairs[k], g = pair / kMaxLeafTriangles;
       const uint32_t i = pair % kMaxLeafTriangles, id = leaf.id(i);
       const uint32_t asked = met[g] & lanes_.active(g) & ~lanes_.SourceLanes(g, id);
       // Where a triangle has blocked all of a group, the group's pairs that follow end here.
       if (asked == 0) continue;
-      stats_->triangle_tests += static_cast<uint64_t>(std::popcount(asked));
+      asked_rays += static_cast<uint64_t>(std::popcount(asked));
       const auto said = test.InFloats(i, g * kLanes);
       const uint32_t hits = asked & MaskBits(d, said.hit);
       lanes_.Block(id, g, hits);
       const uint32_t open = asked & ~hits & MaskBits(d, said.open);
-      doubts->pairs[doubts->pair_count] = {static_cast<uint16_t>(pair),
-                                           static_cast<uint16_t>(open)};
-      doubts->pair_count += open != 0 ? 1 : 0;
+      doubts->pairs[doubt_count] = {static_cast<uint16_t>(pair), static_cast<uint16_t>(open)};
+      doubt_count += open != 0 ? 1 : 0;
     }
+    doubts->pair_count = doubt_count;
+    stats_->triangle_tests += asked_rays;
   }
 
   HWY_NOINLINE void Settle(const LeafView& leaf, const Test& test, const Doubts& doubts) {

@@ -50,7 +50,6 @@ class OriginLanes {
       : packet_(packet), lanes_(scene, packet, stats), shadows_(static_cast<size_t>(packet.count)) {
     // Any hit knows neither (TraceRay).
     SIGHTLINE_DCHECK(packet.near == nullptr && packet.unseen.count == 0);
-    open_groups_ = 0;
     for (uint32_t g = 0; g < groups(); ++g) open_groups_ |= (active(g) != 0 ? 1u : 0u) << g;
     PutAxes();
     PutPlanes();
@@ -58,7 +57,6 @@ class OriginLanes {
   }
 
   uint32_t groups() const { return lanes_.groups(); }
-  int live() const { return lanes_.live(); }  // Lanes still asked about.
   const RayPacket& packet() const { return packet_; }
   Vec3f apex() const { return packet_.origin; }
   float spread() const { return 0; }
@@ -191,17 +189,16 @@ class OriginLanes {
   HWY_INLINE uint32_t SourceLanes(uint32_t group, uint32_t id) const {
     return lanes_.SourceLanes(group, id);
   }
-  // Ends lanes: triangle `id` blocks them.
+  // Ends lanes: triangle `id` blocks them. CloseGroups must follow before groups are asked about.
   HWY_INLINE void Block(uint32_t id, uint32_t group, uint32_t hits) {
-    lanes_.Block(id, group, hits);
-    open_groups_ &= ~((lanes_.active(group) == 0 ? 1u : 0u) << group);
+    lanes_.Answer(id, group, hits);
   }
-  // Ends a lane, if it is `hit`: by triangle `id`.
+  // Ends a lane, if it is `hit`, likewise.
   HWY_INLINE void BlockLane(uint32_t id, size_t lane, bool hit) {
-    lanes_.BlockLane(id, lane, hit);
-    const size_t group = lane / hn::Lanes(D());
-    open_groups_ &= ~((lanes_.active(group) == 0 ? 1u : 0u) << group);
+    lanes_.AnswerLane(id, lane, hit);
   }
+  // Groups of which no lane is left are open no more.
+  HWY_INLINE void CloseGroups() { open_groups_ = lanes_.ActiveGroups(); }
   // A lane's own source.
   uint32_t source(size_t lane) const { return lanes_.source(lane); }
   // Lanes of a group that are still asked about.
@@ -305,7 +302,7 @@ class OriginLanes {
   bool has_frame_ = false;
   ShaftFrame frame_;
   LaneRectangles rectangles_;
-  uint32_t open_groups_;  // With a lane that is still asked about.
+  uint32_t open_groups_ = 0;  // With a lane that is still asked about.
 };
 
 }  // namespace HWY_NAMESPACE

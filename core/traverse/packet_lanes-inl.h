@@ -28,6 +28,7 @@
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate-inl.h"
 #include "core/traverse/leaf_view.h"
+#include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
 
@@ -267,12 +268,21 @@ class PacketLanes {
     return has_sources_ ? packet_.target_source[lane] : kNoTriangle;
   }
 
-  // Ends a lane, if it is `hit`: by triangle `id`.
-  HWY_INLINE void BlockLane(uint32_t id, size_t lane, bool hit) {
+  // Ends a lane, if it is `hit`, or lanes: by triangle `id`, for walks that ask for neither `live`
+  // nor limits.
+  HWY_INLINE void AnswerLane(uint32_t id, size_t lane, bool hit) {
     active_[lane / hn::Lanes(D())] &= ~((hit ? 1u : 0u) << lane % hn::Lanes(D()));
-    live_ -= hit ? 1 : 0;
     packet_.triangle[lane] = hit ? id : packet_.triangle[lane];
   }
+  HWY_INLINE void Answer(uint32_t id, uint32_t group, uint32_t hits) {
+    const hn::RebindToUnsigned<D> du;
+    active_[group] &= ~hits;
+    const uint32_t bits[2] = {hits};  // LoadMaskBits may read as many.
+    StoreWhere(hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(bits)), hn::Set(du, id), du,
+               packet_.triangle + group * hn::Lanes(du));
+  }
+  // Groups with lanes that are still asked about, a bit each.
+  HWY_INLINE uint32_t ActiveGroups() const { return GroupsOf(active_); }
 
   // Ends lanes: triangle `id` blocks them.
   void Block(uint32_t id, uint32_t group, uint32_t hits) {
@@ -325,7 +335,7 @@ class PacketLanes {
   int live_ = 0;
   bool has_sources_ = false;
   float first_limit_ = 0;
-  uint32_t active_[kMaxRays / 8];
+  alignas(64) uint32_t active_[kMaxRays / 8] = {};
   alignas(64) float direction_[3][kMaxRays];
   alignas(64) float inv_[3][kMaxRays];
   alignas(64) float direction_inf_[kMaxRays];

@@ -71,7 +71,7 @@ class ParallelLanes {
       const size_t left = count - at;
       active_[g] = left >= lanes ? (1u << lanes) - 1 : (1u << left) - 1;
       active_[g] &= ~LaneBits(packet.unasked, at, lanes);
-      live_ += std::popcount(active_[g]);
+      open_groups_ |= (active_[g] != 0 ? 1u : 0u) << g;
       hn::Store(hn::Set(du, kNoTriangle), du, packet.triangle + at);
     }
     static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
@@ -81,14 +81,11 @@ class ParallelLanes {
       backward_[k] = packet.direction[k] < 0;
       turn_[k] = backward_[k] ? -0.0f : 0.0f;
     }
-    open_groups_ = 0;
-    for (uint32_t g = 0; g < groups_; ++g) open_groups_ |= (active_[g] != 0 ? 1u : 0u) << g;
     PutShadows(scene);
     BoundGroups();
   }
 
   uint32_t groups() const { return groups_; }
-  int live() const { return live_; }  // Lanes still asked about.
   const ParallelPacket& packet() const { return packet_; }
   Vec3f apex() const { return apex_; }      // What `Own` is relative to.
   float spread() const { return spread_; }  // Bounds |P - apex|_1.
@@ -179,24 +176,21 @@ class ParallelLanes {
     return MaskBits(
         du, hn::Eq(hn::Load(du, packet_.origin_source + group * hn::Lanes(du)), hn::Set(du, id)));
   }
-  // Ends lanes: triangle `id` blocks them.
+  // Ends lanes: triangle `id` blocks them. CloseGroups must follow before groups are asked about.
   HWY_INLINE void Block(uint32_t id, uint32_t group, uint32_t hits) {
     const hn::RebindToUnsigned<D> du;
     active_[group] &= ~hits;
-    open_groups_ &= ~((active_[group] == 0 ? 1u : 0u) << group);
-    live_ -= std::popcount(hits);
     const uint32_t bits[2] = {hits};  // LoadMaskBits may read as many.
     StoreWhere(hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(bits)), hn::Set(du, id), du,
                packet_.triangle + group * hn::Lanes(du));
   }
-  // Ends a lane, if it is `hit`: by triangle `id`.
+  // Ends a lane, if it is `hit`, likewise.
   HWY_INLINE void BlockLane(uint32_t id, size_t lane, bool hit) {
-    const size_t group = lane / hn::Lanes(D());
-    active_[group] &= ~((hit ? 1u : 0u) << lane % hn::Lanes(D()));
-    open_groups_ &= ~((active_[group] == 0 ? 1u : 0u) << group);
-    live_ -= hit ? 1 : 0;
+    active_[lane / hn::Lanes(D())] &= ~((hit ? 1u : 0u) << lane % hn::Lanes(D()));
     packet_.triangle[lane] = hit ? id : packet_.triangle[lane];
   }
+  // Groups of which no lane is left are open no more.
+  HWY_INLINE void CloseGroups() { open_groups_ = GroupsOf(active_); }
   // A lane's own source.
   uint32_t source(size_t lane) const { return packet_.origin_source[lane]; }
   // Lanes of a group that are still asked about.
@@ -256,13 +250,12 @@ class ParallelLanes {
 
   ParallelPacket& packet_;
   uint32_t groups_ = 0;
-  int live_ = 0;
   bool has_sources_ = false;
   Vec3f apex_;
   float spread_ = 0;
   bool backward_[3];
-  uint32_t active_[kMaxRays / 8];
-  uint32_t open_groups_;  // With a lane that is still asked about.
+  alignas(64) uint32_t active_[kMaxRays / 8] = {};
+  uint32_t open_groups_ = 0;  // With a lane that is still asked about.
   LaneShadows shadows_;
   alignas(64) float moments_[3][LaneShadows::kRays];
   float scaled_[3];  // The direction, its largest component between 1 and 2.

@@ -142,7 +142,10 @@ class ShaftTest {
     const V zero = hn::Zero(d), underflow = hn::Set(d, kFloatUnderflow);
     Vec3V<V> v[kVectors];
     V along[kVectors], inner[kVectors];
-    for (size_t k = 0; k < kVectors; ++k) v[k] = rays.Own(k);
+    for (size_t k = 0; k < kVectors; ++k) {
+      v[k] = rays.Own(k);
+      InVectorRegisters(&v[k]);
+    }
     for (int e = 0; e < 3; ++e) {
       Along(term, forms_.edge[e], v, along);
       if constexpr (kParallel) {
@@ -159,7 +162,7 @@ class ShaftTest {
       if constexpr (!kParallel) bound = hn::MulAdd(bound, rays.OwnInf(k), underflow);
       // Some form is certainly negative; all are certainly positive.
       said[k].open = hn::Ge(hn::Add(inner[k], bound), zero);
-      said[k].hit = said[k].inside = hn::Gt(hn::Sub(inner[k], bound), zero);
+      said[k].hit = said[k].inside = hn::Gt(inner[k], bound);
     }
     if (!HasPlane()) return;
     // From the triangle's own corner, A: a point's side of the plane by this is good to the
