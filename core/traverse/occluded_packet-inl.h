@@ -123,6 +123,10 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
     }
     put(normal, forms->normal);
     hn::Store(normal_bound, d, forms->normal_bound + first);
+    hn::Store(corner[0].x, d, forms->corner[0] + first);
+    hn::Store(corner[0].y, d, forms->corner[1] + first);
+    hn::Store(corner[0].z, d, forms->corner[2] + first);
+    hn::Store(LeafIds(leaf, first), hn::RebindToUnsigned<ShaftD>(), forms->id + first);
     hn::Store(hn::Xor(hn::Set(d, 1.0f), flip), d, forms->turn + first);
   }
   return all;
@@ -252,7 +256,7 @@ class OccludedPacketWalk {
     const Test test(lanes_, leaf, forms_);
     Doubts doubts;
     TestRays(leaf, relevant, tests, test, &doubts);
-    TestPairs(leaf, met, tests, test, &doubts);
+    TestPairs(met, tests, test, &doubts);
     if (doubts.pair_count + doubts.ray_count > 0) Settle(leaf, test, doubts);
     lanes_.CloseGroups();
     return lanes_.open_groups() == 0;
@@ -364,14 +368,14 @@ class OccludedPacketWalk {
     stats_->triangle_tests += tests.ray_count * static_cast<uint64_t>(std::popcount(relevant));
   }
 
-  HWY_INLINE void TestPairs(const LeafView& leaf, const uint32_t* met, const Tests& tests,
-                            const Test& test, Doubts* doubts) {
+  HWY_INLINE void TestPairs(const uint32_t* met, const Tests& tests, const Test& test,
+                            Doubts* doubts) {
     const ShaftD d;
     uint64_t asked_rays = 0;
     size_t doubt_count = 0;
     for (size_t k = 0; k < tests.pair_count; ++k) {
       const uint32_t pair = tests.pairs[k], g = pair / kMaxLeafTriangles;
-      const uint32_t i = pair % kMaxLeafTriangles, id = leaf.id(i);
+      const uint32_t i = pair % kMaxLeafTriangles, id = forms_.id[i];
       const uint32_t asked = met[g] & lanes_.active(g) & ~lanes_.SourceLanes(g, id);
       // Where a triangle has blocked all of a group, the group's pairs that follow end here.
       if (asked == 0) continue;

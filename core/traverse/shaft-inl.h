@@ -327,7 +327,7 @@ class ShaftWalk {
     const ShaftD d;
     const uint32_t b = BlockOf(pair), i = TriangleOf(pair);
     const size_t at = size_t{b} * kShaftBlockRays;
-    const uint32_t asked = Asked(b, leaf.id(i));
+    const uint32_t asked = Asked(b, leaf_->forms().id[i]);
     *tests += static_cast<uint64_t>(std::popcount(asked));
     M hit[kBlockVectors];
     BlockLanes(asked, hit);
@@ -347,7 +347,7 @@ class ShaftWalk {
                        const M (&hit)[kBlockVectors]) {
     const size_t at = size_t{b} * kShaftBlockRays;
     if constexpr (kAny) {
-      const uint32_t id = leaf.id(i);
+      const uint32_t id = leaf_->forms().id[i];
       uint32_t blocked = 0;
       for (size_t k = 0; k < kBlockVectors; ++k) {
         blocked |= Block(id, at + k * kLanes, hit[k]) << (k * kLanes);

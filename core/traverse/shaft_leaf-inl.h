@@ -37,13 +37,15 @@ struct LeafForms {
   alignas(64) float edge_bound[kMaxLeafTriangles];      // Of all three. One origin: times |D|_inf.
   alignas(64) float normal[3][kMaxLeafTriangles];
   alignas(64) float normal_bound[kMaxLeafTriangles];  // Times |D|_inf, or |P-A|_inf.
-  alignas(64) float turn[kMaxLeafTriangles];          // -1 where it was turned round, else 1.
-  alignas(64) float depth[kMaxLeafTriangles];         // normal·(A-O), or normal·(A-R).
-  alignas(64) float depth_bound[kMaxLeafTriangles];   // One origin: its error. Parallel: of the
-                                                      // whole plane form per ray.
-  alignas(64) float nearest[kMaxLeafTriangles];       // Closest: the least depth in its box.
-  alignas(64) float inverse_lo[kMaxLeafTriangles];    // Closest: bounds of 1 / (normal·(A-O)).
-  alignas(64) float inverse_hi[kMaxLeafTriangles];    // +inf where it cannot be trusted.
+  alignas(64) float corner[3][kMaxLeafTriangles];     // A, as stored. Where ends are asked about.
+  alignas(64) uint32_t id[kMaxLeafTriangles];
+  alignas(64) float turn[kMaxLeafTriangles];         // -1 where it was turned round, else 1.
+  alignas(64) float depth[kMaxLeafTriangles];        // normal·(A-O), or normal·(A-R).
+  alignas(64) float depth_bound[kMaxLeafTriangles];  // One origin: its error. Parallel: of the
+                                                     // whole plane form per ray.
+  alignas(64) float nearest[kMaxLeafTriangles];      // Closest: the least depth in its box.
+  alignas(64) float inverse_lo[kMaxLeafTriangles];   // Closest: bounds of 1 / (normal·(A-O)).
+  alignas(64) float inverse_hi[kMaxLeafTriangles];   // +inf where it cannot be trusted.
   // Against a block of rays: forms, good to their margins, and the triangle's own rectangle of
   // slopes or offsets.
   alignas(64) float x0[kMaxLeafTriangles], x1[kMaxLeafTriangles];
@@ -224,9 +226,7 @@ class ShaftLeaf {
     }
     const hn::RebindToUnsigned<ShaftD> du;
     if (rays_.common_source() != kNoTriangle) {
-      const auto ids =
-          hn::LoadU(du, reinterpret_cast<const uint32_t*>(leaf.rows + 9 * leaf.stride + first));
-      relevant &= ~MaskBits(du, hn::Eq(ids, hn::Set(du, rays_.common_source())));
+      relevant &= ~MaskBits(du, hn::Eq(LeafIds(leaf, first), hn::Set(du, rays_.common_source())));
     }
     const uint32_t unsure = relevant & MaskBits(d, hn::Le(hn::Abs(turn), turn_bound));
     const uint32_t mask = rays_.packet().mask;
@@ -293,6 +293,8 @@ class ShaftLeaf {
         forms_.edge_bound);
     Put(edge_margin, first, forms_.edge_margin);
     Put(n, first, forms_.normal);
+    if (kParallel || rays_.segments()) Put(a, first, forms_.corner);
+    hn::Store(LeafIds(leaf, first), du, forms_.id + first);
     Put(depth, first, forms_.depth);
     Put(normal_bound, first, forms_.normal_bound);
     Put(hn::Xor(hn::Set(d, 1.0f), flip), first, forms_.turn);

@@ -167,8 +167,7 @@ class ShaftTest {
     if (!HasPlane()) return;
     // From the triangle's own corner, A: a point's side of the plane by this is good to the
     // triangle's own size, not to its distance from the apex. It settles points that lie near it.
-    const Vec3V<V> a = {term(leaf_.rows), term(leaf_.rows + leaf_.stride),
-                        term(leaf_.rows + 2 * leaf_.stride)};
+    const Vec3V<V> a = {term(forms_.corner[0]), term(forms_.corner[1]), term(forms_.corner[2])};
     for (size_t k = 0; k < kVectors; ++k) v[k] = SubV(rays.Point(k), a);
     Along(term, forms_.normal, v, along);
     const V normal_bound = term(forms_.normal_bound);
