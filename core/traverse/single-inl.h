@@ -178,10 +178,10 @@ class VisitFetcher {
     return base_[next] + size_t{ref.leaf_unit()} * bytes_[next];
   }
 
+  static constexpr size_t kMaxLines = kMaxLeafBytes / kCacheLine + 1;
   // Where the lines of a leaf of so many units begin, or with none of them a node's; the last one
   // again where there are no more. In a table: GCC 12 finds eleven minima by vectors, and takes
   // these apart again, which comes to some fifty instructions more.
-  static constexpr size_t kMaxLines = kMaxLeafBytes / kCacheLine + 1;
   struct Lines {
     uint16_t of[kMaxLeafTriangles / kUnitTriangles + 1][kMaxLines];
   };
