@@ -27,8 +27,8 @@
 #include "core/geometry/box_ray.h"
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate-inl.h"
+#include "core/traverse/lane_answers-inl.h"
 #include "core/traverse/leaf_view.h"
-#include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
 
@@ -271,18 +271,13 @@ class PacketLanes {
   // Ends a lane, if it is `hit`, or lanes: by triangle `id`, for walks that ask for neither `live`
   // nor limits.
   HWY_INLINE void AnswerLane(uint32_t id, size_t lane, bool hit) {
-    active_[lane / hn::Lanes(D())] &= ~((hit ? 1u : 0u) << lane % hn::Lanes(D()));
-    packet_.triangle[lane] = hit ? id : packet_.triangle[lane];
+    HWY_NAMESPACE::AnswerLane(id, lane, hit, active_, packet_.triangle);
   }
   HWY_INLINE void Answer(uint32_t id, uint32_t group, uint32_t hits) {
-    const hn::RebindToUnsigned<D> du;
-    active_[group] &= ~hits;
-    const uint32_t bits[2] = {hits};  // LoadMaskBits may read as many.
-    StoreWhere(hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(bits)), hn::Set(du, id), du,
-               packet_.triangle + group * hn::Lanes(du));
+    AnswerLanes(id, group, hits, active_, packet_.triangle);
   }
   // Groups with lanes that are still asked about, a bit each.
-  HWY_INLINE uint32_t ActiveGroups() const { return GroupsOf(active_); }
+  HWY_INLINE uint32_t ActiveGroups() const { return GroupsLeft(active_); }
 
   // Ends lanes: triangle `id` blocks them.
   void Block(uint32_t id, uint32_t group, uint32_t hits) {

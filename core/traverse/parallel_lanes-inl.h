@@ -21,9 +21,9 @@
 #include <limits>
 
 #include "core/accel/indexed_geometry.h"
-#include "core/base/masked_store-inl.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
+#include "core/traverse/lane_answers-inl.h"
 #include "core/traverse/lane_rectangles-inl.h"
 #include "core/traverse/lane_shadows-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
@@ -178,19 +178,14 @@ class ParallelLanes {
   }
   // Ends lanes: triangle `id` blocks them. CloseGroups must follow before groups are asked about.
   HWY_INLINE void Block(uint32_t id, uint32_t group, uint32_t hits) {
-    const hn::RebindToUnsigned<D> du;
-    active_[group] &= ~hits;
-    const uint32_t bits[2] = {hits};  // LoadMaskBits may read as many.
-    StoreWhere(hn::LoadMaskBits(du, reinterpret_cast<const uint8_t*>(bits)), hn::Set(du, id), du,
-               packet_.triangle + group * hn::Lanes(du));
+    AnswerLanes(id, group, hits, active_, packet_.triangle);
   }
   // Ends a lane, if it is `hit`, likewise.
   HWY_INLINE void BlockLane(uint32_t id, size_t lane, bool hit) {
-    active_[lane / hn::Lanes(D())] &= ~((hit ? 1u : 0u) << lane % hn::Lanes(D()));
-    packet_.triangle[lane] = hit ? id : packet_.triangle[lane];
+    AnswerLane(id, lane, hit, active_, packet_.triangle);
   }
   // Groups of which no lane is left are open no more.
-  HWY_INLINE void CloseGroups() { open_groups_ = GroupsOf(active_); }
+  HWY_INLINE void CloseGroups() { open_groups_ = GroupsLeft(active_); }
   // A lane's own source.
   uint32_t source(size_t lane) const { return packet_.origin_source[lane]; }
   // Lanes of a group that are still asked about.

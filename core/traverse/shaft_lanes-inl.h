@@ -63,18 +63,6 @@ HWY_INLINE void BlockLanes(uint32_t bits, ShaftM (&lanes)[kVectors]) {
   }
 }
 
-// The groups, a vector of lanes each, that have a lane: a bit each. Of 256 lanes; `lanes`, the bits
-// of each group's, is aligned as a vector.
-HWY_INLINE uint32_t GroupsOf(const uint32_t* lanes) {
-  const hn::RebindToUnsigned<ShaftD> du;
-  constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-  uint32_t groups = 0;
-  for (size_t g = 0; g < size_t{kShaftBlocks} * kShaftBlockRays / kLanes; g += kLanes) {
-    groups |= MaskBits(du, hn::Ne(hn::Load(du, lanes + g), hn::Zero(du))) << g;
-  }
-  return groups;
-}
-
 // hn::Iota of a value known at run time goes through memory, a number at a time.
 alignas(64) constexpr uint32_t kCountUp[kShaftBlocks] = {0, 1, 2,  3,  4,  5,  6,  7,
                                                          8, 9, 10, 11, 12, 13, 14, 15};
