@@ -27,8 +27,16 @@ size_t WordsOf(size_t points) { return points / 32 + 1; }
 PointBits::PointBits(std::span<const uint32_t> order, size_t points) : points_(points) {
   SIGHTLINE_CHECK_LE(order.size(), points);
   // Where no point is, the bit behind the last one's.
-  rank_.assign((points + kLanes - 1) / kLanes * kLanes, static_cast<uint32_t>(points));
-  for (size_t k = 0; k < order.size(); ++k) rank_[order[k]] = static_cast<uint32_t>(k);
+  own_ranks_.assign((points + kLanes - 1) / kLanes * kLanes, static_cast<uint32_t>(points));
+  for (size_t k = 0; k < order.size(); ++k) own_ranks_[order[k]] = static_cast<uint32_t>(k);
+  ranks_ = own_ranks_;
+}
+
+PointBits PointBits::ByRanks(std::span<const uint32_t> ranks, size_t points) {
+  SIGHTLINE_CHECK_EQ(ranks.size(), (points + kLanes - 1) / kLanes * kLanes);
+  PointBits bits(points);
+  bits.ranks_ = ranks;
+  return bits;
 }
 
 void PointBits::PutBack(std::span<uint8_t> rows) const {
@@ -54,7 +62,7 @@ void PointBits::PutBackSome(uint8_t* rows, std::vector<uint32_t>* given) const {
   }
   const auto one = hn::Set(d, 1), in_word = hn::Set(d, 31);
   for (size_t byte = 0; byte < row_bytes; ++byte) {
-    const auto rank = hn::LoadU(d, rank_.data() + kLanes * byte);
+    const auto rank = hn::LoadU(d, ranks_.data() + kLanes * byte);
     const auto word = hn::BitCast(di, hn::ShiftRight<5>(rank));
     const auto bit = hn::Shl(one, hn::And(rank, in_word));
     for (size_t k = 0; k < kRows; ++k) {

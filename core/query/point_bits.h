@@ -23,6 +23,13 @@ class PointBits {
   // Of `points` points, of which order[k] comes k-th and those that are not in `order` do not come.
   // REQUIRES: order names each point once at most; fewer than 2^32 - 1 points.
   PointBits(std::span<const uint32_t> order, size_t points);
+  // The same order, by where it has each of the points: `points` where it does not have it, and at
+  // the end, up to a multiple of eight. REQUIRES: that many; they must outlive this.
+  static PointBits ByRanks(std::span<const uint32_t> ranks, size_t points);
+
+  // A copy's own ranks would be another's.
+  PointBits(PointBits&&) = default;
+  PointBits& operator=(PointBits&&) = default;
 
   // A row is (points + 7) / 8 bytes, rows follow one another. Bit k of a row, least significant
   // first, is what the k-th of the order has, and 0 beyond them; then bit p is what point p has,
@@ -30,11 +37,14 @@ class PointBits {
   void PutBack(std::span<uint8_t> rows) const;
 
  private:
+  explicit PointBits(size_t points) : points_(points) {}
   template <size_t kRows>
   void PutBackSome(uint8_t* rows, std::vector<uint32_t>* given) const;
 
   size_t points_;
-  std::vector<uint32_t> rank_;  // By point, a whole vector of them at the end: where its bit is.
+  std::vector<uint32_t> own_ranks_;
+  std::span<const uint32_t>
+      ranks_;  // By point, a whole vector of them at the end: where its bit is.
 };
 
 }  // namespace sightline

@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "core/geometry/box3.h"
+#include "core/query/depth_layers.h"
 #include "core/query/point_parter.h"
 #include "hwy/highway.h"
 
@@ -34,6 +35,18 @@ constexpr double kLeastExcess = 1.25;
 constexpr double kLeastLights = 2;
 constexpr size_t kFewBlocks = 8;
 constexpr double kShuffled = 9;
+// How many times as much rays would have taken without points parted, about: 1.4 to 1.6 times over
+// foliage, where it matters most.
+constexpr float kPartingGain = 1.5f;
+// Sorting a point by depth costs about as many cycles. Where its rays take fewer than the second
+// number no look at a sample, a cycle a point, pays; where they take more than the third, points
+// parted do: what the two orders spare differs by a twentieth, what they cost by 25 cycles.
+constexpr float kLayersCost = 11, kLeastLayeredRays = 48, kMostLayeredRays = 500;
+
+// What share of their cycles rays spare by layers that make blocks so many times as narrow: by the
+// shadows and suns of foliage, tile by tile, 5 to 20 % for 1.05 times, 18 to 30 for twice, 25 to 40
+// for three times and 31 to 45 where it is more, the suns' shares the greater ones.
+float ShareSpared(double gain) { return static_cast<float>(0.42 * (1 - 0.7 / gain)); }
 
 Vec3d Extent(const Box3f& box) { return ToDouble(box.hi) - ToDouble(box.lo); }
 
@@ -181,6 +194,20 @@ bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> val
       static_cast<double>(samples) * (ray_cost > 0 ? double{ray_cost / kOrderCost} : 1.0);
   if (lights < kLeastLights) return false;
   return lights * (ExcessWidth(positions, valid, samples) - kLeastExcess) >= kWorthwhile;
+}
+
+std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
+                                      std::span<const uint8_t> valid, size_t samples,
+                                      float ray_cost, SimdTarget simd) {
+  if (positions.size() < kLeastOrderedPoints || samples == 0) return std::nullopt;
+  const float rays = static_cast<float>(samples) * ray_cost;
+  if (rays >= kLeastLayeredRays && rays < kMostLayeredRays) {
+    const DepthLayers layers(positions, valid);
+    const float spared = layers.gain() > 1 ? ShareSpared(layers.gain()) : 0;
+    if (rays * spared >= kLayersCost) return OwnOrder{layers.Order(), 1 / (1 - spared)};
+  }
+  if (!OrderingPays(positions, valid, samples, ray_cost)) return std::nullopt;
+  return OwnOrder{InSpatialOrder(positions, valid, simd), kPartingGain};
 }
 
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,

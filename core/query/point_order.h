@@ -11,6 +11,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -30,6 +31,18 @@ inline constexpr size_t kLeastOrderedPoints = 1024;
 // `ray_cost`: cycles that a ray took of late, in the order given; 0: not known.
 bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid, size_t samples,
                   float ray_cost = 0);
+
+// An order of the points' own.
+struct OwnOrder {
+  PartedPoints points;
+  float gain = 1;  // How many times as much rays would take without it, about.
+};
+// One that pays for so many samples, where the rays of a call are all it is for: parted in space
+// for many of them; for one or a few, whose rays take so many cycles, by layers of depth
+// (depth_layers.h) where that is all that makes blocks wide.
+std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
+                                      std::span<const uint8_t> valid, size_t samples,
+                                      float ray_cost, SimdTarget simd = SimdTarget::kBest);
 
 // The valid points, ordered so that every 2^k from a multiple of 2^k on, k >= 4, were parted from
 // the others by planes, or nearly so (point_parter.h): neighbours all. Coincident points and equal

@@ -33,6 +33,9 @@ constexpr size_t FirstPart(size_t count) {
 struct PartedPoints {
   AlignedVector<uint32_t> numbers;
   AlignedVector<Vec3f> positions;  // Of each of them.
+  // By point, where it stands in `numbers`, and how many points there are where it does not: as
+  // PointBits has them, a whole vector at the end. Or empty.
+  AlignedVector<uint32_t> ranks;
 };
 
 // The valid ones of as many points as there are flags, parted across their widest axis, and each

@@ -54,10 +54,6 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
   return absl::OkStatus();
 }
 
-// How many times as much rays would have taken without an order that paid, about: 1.4 to 1.6 times
-// over foliage, where it matters most.
-constexpr float kOrderedGain = 1.5f;
-
 // Has the tracer fetch at most `most` of the points from `first` on while it asks about others.
 void FetchMeanwhile(const PointRange& points, size_t first, size_t most, SampleTracer* tracer) {
   const size_t count = std::min(most, points.positions.size() - first);
@@ -97,10 +93,12 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   if (outputs.answered_by) tracer.RecordAnsweredBy();
   const float known_cost = shadow.hints != nullptr ? shadow.hints->ray_cost : 0;
   if (shadow.hints != nullptr) tracer.TakeHints(std::move(*shadow.hints));
-  PartedPoints order;
-  const bool ordered =
-      !shadow.ordered && OrderingPays(points.positions, points.valid, samples.size(), known_cost);
-  if (ordered) order = InSpatialOrder(points.positions, points.valid, options.simd);
+  std::optional<OwnOrder> own;
+  if (!shadow.ordered) {
+    own = OrderThatPays(points.positions, points.valid, samples.size(), known_cost, options.simd);
+  }
+  const bool ordered = own.has_value();
+  const PartedPoints none, &order = ordered ? own->points : none;
   const size_t group = tracer.GroupPoints();
   // What comes next is fetched while a group's last walks are under way: fetched earlier, it would
   // be gone again.
@@ -193,11 +191,15 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       }
     }
   }
-  if (ordered && outputs.bits) PointBits(order.numbers, n).PutBack(out.lit_bits);
+  if (ordered && outputs.bits) {
+    const PointBits bits =
+        order.ranks.empty() ? PointBits(order.numbers, n) : PointBits::ByRanks(order.ranks, n);
+    bits.PutBack(out.lit_bits);
+  }
   if (shadow.hints != nullptr) {
     float after = known_cost;
     if (const std::optional<float> took = tracer.RayCost(); took.has_value()) {
-      const float cost = *took * (ordered ? kOrderedGain : 1);
+      const float cost = *took * (ordered ? own->gain : 1);
       after = known_cost > 0 ? (known_cost + cost) / 2 : cost;
     }
     *shadow.hints = tracer.ReleaseHints();

@@ -39,6 +39,9 @@ TEST(PointBitsTest, EveryPointGetsItsOwn) {
     for (const uint32_t one_missing_of : {0u, 7u, 1u}) {
       const std::vector<uint32_t> order = SomeOrder(points, one_missing_of, rng);
       const PointBits bits(order, points);
+      std::vector<uint32_t> ranks((points + 7) / 8 * 8, static_cast<uint32_t>(points));
+      for (size_t k = 0; k < order.size(); ++k) ranks[order[k]] = static_cast<uint32_t>(k);
+      const PointBits by_ranks = PointBits::ByRanks(ranks, points);
       for (size_t row_count = 0; row_count <= 9; ++row_count) {
         std::vector<uint8_t> rows(row_count * row_bytes, 0);
         for (size_t row = 0; row < row_count; ++row) {
@@ -53,7 +56,10 @@ TEST(PointBitsTest, EveryPointGetsItsOwn) {
             expected[row * row_bytes + p / 8] |= uint8_t(Bit(rows, row_bytes, row, k) << (p % 8));
           }
         }
+        std::vector<uint8_t> others = rows;
         bits.PutBack(rows);
+        by_ranks.PutBack(others);
+        EXPECT_EQ(others, rows);
         EXPECT_EQ(rows, expected) << points << " points, " << order.size() << " in the order, "
                                   << row_count << " rows";
       }
