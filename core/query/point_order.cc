@@ -38,10 +38,11 @@ constexpr double kShuffled = 9;
 // How many times as much rays would have taken without points parted, about: 1.4 to 1.6 times over
 // foliage, where it matters most.
 constexpr float kPartingGain = 1.5f;
-// Sorting a point by depth costs about as many cycles. Where its rays take fewer than the second
-// number no look at a sample, a cycle a point, pays; where they take more than the third, points
-// parted do: what the two orders spare differs by a twentieth, what they cost by 25 cycles.
-constexpr float kLayersCost = 11, kLeastLayeredRays = 48, kMostLayeredRays = 500;
+// Sorting a point by depth costs some ten cycles, and must spare as many as the first number: rays
+// between buildings spare less than leaves' do. Where a point's rays take fewer than the second, no
+// look at a sample, a cycle a point, pays; where they take more than the third, points parted do:
+// what the two orders spare differs by a twentieth, what they cost by 25 cycles.
+constexpr float kLayersPay = 15, kLeastLayeredRays = 48, kMostLayeredRays = 500;
 
 // What share of their cycles rays spare by layers that make blocks so many times as narrow: by the
 // shadows and suns of foliage, tile by tile, 5 to 20 % for 1.05 times, 18 to 30 for twice, 25 to 40
@@ -204,7 +205,7 @@ std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
   if (rays >= kLeastLayeredRays && rays < kMostLayeredRays) {
     const DepthLayers layers(positions, valid);
     const float spared = layers.gain() > 1 ? ShareSpared(layers.gain()) : 0;
-    if (rays * spared >= kLayersCost) return OwnOrder{layers.Order(), 1 / (1 - spared)};
+    if (rays * spared >= kLayersPay) return OwnOrder{layers.Order(), 1 / (1 - spared)};
   }
   if (!OrderingPays(positions, valid, samples, ray_cost)) return std::nullopt;
   return OwnOrder{InSpatialOrder(positions, valid, simd), kPartingGain};
