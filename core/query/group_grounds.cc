@@ -68,7 +68,8 @@ bool GroupGrounds::Find(WalkStats* stats) {
     const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
     PointGrounds& block = grounds_[first / kBlockRays];
     block.count = static_cast<int>(count);
-    rows_.split(positions_.subspan(first, count), block.x, block.y, block.z);
+    Box3f box;  // Nobody asks for it.
+    rows_.split(positions_.subspan(first, count), block.x, block.y, block.z, &box);
     found += run_.kernels().find_grounds(
         scene_, sources_.empty() ? nullptr : sources_.data() + first, &block,
         has_clear_ ? &clear_[first / kBlockRays] : nullptr, stats);

@@ -87,20 +87,28 @@ class MeanWidth {
     ++count_;
   }
   double Get() const { return count_ > 0 ? sum_ / static_cast<double>(count_) : 0; }
+  size_t count() const { return count_; }
 
  private:
   double sum_ = 0;
   size_t count_ = 0;
 };
 
-// How wide a few small blocks are in the order given, in units of what they would be if they
-// divided the surface that all lie on among them.
-double WidthOnSurface(std::span<const Vec3f> positions, std::span<const uint8_t> valid) {
+// Whether a few small blocks are far wider in the order given than they would be if they divided the
+// surface that all lie on among them.
+bool AreShuffled(std::span<const Vec3f> positions, std::span<const uint8_t> valid) {
   // Multiples of the golden ratio keep no step with rows.
   constexpr double kGolden = 0.6180339887498949;
   const size_t there = positions.size() / kSmallBlock;
+  const double part = static_cast<double>(kSmallBlock) / static_cast<double>(positions.size());
   Box3f all;
   MeanWidth width;
+  const auto widths = [&] {
+    // Squares of the surface; or, where that is but a line, pieces of it.
+    const Vec3d e = Extent(all);
+    const double area = e.x * e.y + e.y * e.z + e.z * e.x;
+    return width.Get() / std::max(2 * std::sqrt(area * part), Norm1(all) * part);
+  };
   for (size_t i = 0; i < kFewBlocks; ++i) {
     const double at = kGolden * static_cast<double>(i);
     const size_t first =
@@ -119,13 +127,10 @@ double WidthOnSurface(std::span<const Vec3f> positions, std::span<const uint8_t>
     }
     all.Extend(block);
     width.Add(block);
+    // Two blocks of shuffled points reach over as much as many of them do.
+    if (width.count() == 2 && widths() < kShuffled / 3) return false;
   }
-  if (!(width.Get() > 0)) return 0;
-  const double part = static_cast<double>(kSmallBlock) / static_cast<double>(positions.size());
-  // Squares of the surface; or, where that is but a line, pieces of it.
-  const Vec3d e = Extent(all);
-  const double area = e.x * e.y + e.y * e.z + e.z * e.x;
-  return width.Get() / std::max(2 * std::sqrt(area * part), Norm1(all) * part);
+  return width.Get() > 0 && widths() >= kShuffled;
 }
 
 // How many times as wide blocks are in the order given as they would be in one of their own.
@@ -190,7 +195,7 @@ double ExcessWidth(std::span<const Vec3f> positions, std::span<const uint8_t> va
 bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> valid, size_t samples,
                   float ray_cost) {
   if (positions.size() < kLeastOrderedPoints || samples == 0) return false;
-  if (WidthOnSurface(positions, valid) >= kShuffled) return true;
+  if (AreShuffled(positions, valid)) return true;
   const double lights =
       static_cast<double>(samples) * (ray_cost > 0 ? double{ray_cost / kOrderCost} : 1.0);
   if (lights < kLeastLights) return false;

@@ -83,7 +83,8 @@ class PointParter {
     float* const* rows = rows_[0];
     const Di d;
     if (!valid.empty() && std::memchr(valid.data(), 0, valid.size()) == nullptr) {
-      SplitPoints(positions_, rows[0], rows[1], rows[2]);
+      Box3f box;  // Nobody asks for it.
+      SplitPoints(positions_, rows[0], rows[1], rows[2], &box);
       auto number = hn::Iota(d, 0);
       for (size_t i = 0; i < positions_.size(); i += kLanes) {
         hn::Store(number, d, reinterpret_cast<int32_t*>(rows[kNumber]) + i);

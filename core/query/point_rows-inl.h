@@ -76,7 +76,7 @@ class Coordinate {
   const decltype(hn::SetTableIndices(PointRowD(), kCoordinateLanes.order[0])) order_;
 };
 
-inline Box3f SplitPoints(std::span<const Vec3f> points, float* x, float* y, float* z) {
+inline void SplitPoints(std::span<const Vec3f> points, float* x, float* y, float* z, Box3f* box) {
   const PointRowD d;
   static_assert(sizeof(Vec3f) == 3 * sizeof(float));
   const Coordinate axes[3] = {Coordinate(0), Coordinate(1), Coordinate(2)};
@@ -95,19 +95,17 @@ inline Box3f SplitPoints(std::span<const Vec3f> points, float* x, float* y, floa
       hi[k] = hn::Max(hi[k], row);
     }
   }
-  Box3f box;
   for (int k = 0; k < 3; ++k) {
-    box.lo[k] = hn::GetLane(hn::MinOfLanes(d, lo[k]));
-    box.hi[k] = hn::GetLane(hn::MaxOfLanes(d, hi[k]));
+    box->lo[k] = hn::GetLane(hn::MinOfLanes(d, lo[k]));
+    box->hi[k] = hn::GetLane(hn::MaxOfLanes(d, hi[k]));
   }
   for (; i < points.size(); ++i) {
     for (int k = 0; k < 3; ++k) rows[k][i] = points[i][k];
-    box.Extend(points[i]);
+    box->Extend(points[i]);
   }
-  return box;
 }
 
-inline Box3f BoxOfPoints(std::span<const Vec3f> points) {
+inline void BoxOfPoints(std::span<const Vec3f> points, Box3f* box) {
   const PointRowD d;
   constexpr size_t kLanes = hn::MaxLanes(PointRowD());
   const auto least = hn::Set(d, std::numeric_limits<float>::infinity()), most = hn::Neg(least);
@@ -121,14 +119,12 @@ inline Box3f BoxOfPoints(std::span<const Vec3f> points) {
       hi[k] = hn::Max(hi[k], v);
     }
   }
-  Box3f box;
   for (size_t axis = 0; axis < 3; ++axis) {
     const Coordinate of(axis);
-    box.lo[axis] = hn::GetLane(hn::MinOfLanes(d, of.Of(lo[0], lo[1], lo[2])));
-    box.hi[axis] = hn::GetLane(hn::MaxOfLanes(d, of.Of(hi[0], hi[1], hi[2])));
+    box->lo[axis] = hn::GetLane(hn::MinOfLanes(d, of.Of(lo[0], lo[1], lo[2])));
+    box->hi[axis] = hn::GetLane(hn::MaxOfLanes(d, of.Of(hi[0], hi[1], hi[2])));
   }
-  for (; i < points.size(); ++i) box.Extend(points[i]);
-  return box;
+  for (; i < points.size(); ++i) box->Extend(points[i]);
 }
 
 inline void FreeBits(std::span<const uint32_t> ids, uint8_t* bits) {

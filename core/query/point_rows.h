@@ -5,7 +5,7 @@
 // Thread safety: pure functions.
 //
 //   const PointRowKernels& kernels = PointRowKernelsFor(SimdTarget::kBest);
-//   kernels.split(positions, x, y, z);
+//   kernels.split(positions, x, y, z, &box);
 //   kernels.free_bits(ids, lit_bits);
 #ifndef SIGHTLINE_CORE_QUERY_POINT_ROWS_H_
 #define SIGHTLINE_CORE_QUERY_POINT_ROWS_H_
@@ -20,11 +20,11 @@
 namespace sightline {
 
 struct PointRowKernels {
-  // x[i], y[i] and z[i] are the coordinates of points[i]. Rows are aligned to 64 bytes. Returns the
-  // box around the points.
-  Box3f (*split)(std::span<const Vec3f> points, float* x, float* y, float* z);
-  // That box alone.
-  Box3f (*box)(std::span<const Vec3f> points);
+  // x[i], y[i] and z[i] are the coordinates of points[i], *box is around them. Rows are aligned to
+  // 64 bytes.
+  void (*split)(std::span<const Vec3f> points, float* x, float* y, float* z, Box3f* box);
+  // The box alone.
+  void (*box)(std::span<const Vec3f> points, Box3f* box);
   // Bit i % 8 of bits[i / 8]: ids[i] is kNoTriangle; 0 past the last one, in (ids.size() + 7) / 8
   // bytes. Ids are aligned to 64 bytes, and read up to the end of the last 64.
   void (*free_bits)(std::span<const uint32_t> ids, uint8_t* bits);

@@ -69,39 +69,38 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
                          uint32_t* sources) {
   const size_t first = block * kBlockRays;
   const size_t count = std::min<size_t>(kBlockRays, positions_.size() - first);
-  boxes_[block] = LayOut(sample, first, count, x, y, z, sources);
+  LayOut(sample, first, count, x, y, z, sources, &boxes_[block]);
   boxes_known_[block] = t_min_ == 0;  // Else the ends depend on the sample.
   return static_cast<int>(count);
 }
 
 const Box3f& SampleTracer::BoxOf(size_t block) {
   if (!std::exchange(boxes_known_[block], true)) {
-    boxes_[block] = rows_.box(positions_.subspan(block * kBlockRays, PointsOf(block)));
+    rows_.box(positions_.subspan(block * kBlockRays, PointsOf(block)), &boxes_[block]);
   }
   return boxes_[block];
 }
 
 // A segment's point end is moved toward the light by t_min, in double, rounded once.
-Box3f SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count, float* x,
-                           float* y, float* z, uint32_t* sources) const {
+void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y,
+                          float* z, uint32_t* sources, Box3f* box) const {
   if (sources_.empty()) {
     std::fill_n(sources, count, kNoTriangle);
   } else {
     std::copy_n(sources_.data() + first, count, sources);
   }
   const std::span<const Vec3f> points = positions_.subspan(first, count);
-  if (t_min_ == 0) return rows_.split(points, x, y, z);
+  if (t_min_ == 0) return rows_.split(points, x, y, z, box);
   const Vec3d toward = ToDouble(sample.value);
-  Box3f box;
+  *box = {};
   for (size_t i = 0; i < count; ++i) {
     const Vec3d d = ToDouble(points[i]);
     const Vec3f p = ToFloat(d + (sample.directional ? toward : toward - d) * t_min_);
     x[i] = p.x;
     y[i] = p.y;
     z[i] = p.z;
-    box.Extend(p);
+    box->Extend(p);
   }
-  return box;
 }
 
 GradualFetch SampleTracer::ComingOf(size_t block) const {
@@ -391,8 +390,9 @@ absl::Status SampleTracer::TraceTiles(const LightSample& sample, uint32_t mask, 
       }
     };
     for_each_run([&](RayPacket& packet, size_t lane, size_t point, size_t points) {
+      Box3f box;  // Nobody asks for it.
       LayOut(sample, point, points, packet.target_x + lane, packet.target_y + lane,
-             packet.target_z + lane, packet.target_source + lane);
+             packet.target_z + lane, packet.target_source + lane, &box);
       packet.count = static_cast<int>(lane + points);
       if (large) return;
       // Those that a tile lacks are its last one again: the next tile keeps its lanes.
@@ -557,9 +557,12 @@ void SampleTracer::CopyLit(uint8_t* bits) const {
       rows_.free_bits({triangles(b), count}, bits + first / 8);
       continue;
     }
-    BlockBits lit;
-    for (size_t i = 0; i < lit.size(); ++i) lit[i] = static_cast<uint16_t>(~bits_[b][i]);
-    if (count < kBlockRays) lit[count / 16] &= static_cast<uint16_t>((1u << (count % 16)) - 1);
+    // By words, as they are copied: what is stored in parts is not there yet for a whole load.
+    std::array<uint64_t, kBlockRays / 64> lit;
+    static_assert(sizeof(lit) == sizeof(BlockBits));
+    std::memcpy(lit.data(), bits_[b].data(), sizeof(lit));
+    for (uint64_t& word : lit) word = ~word;
+    if (count < kBlockRays) lit[count / 64] &= (uint64_t{1} << count % 64) - 1;
     std::memcpy(bits + first / 8, lit.data(), (count + 7) / 8);  // Little-endian.
   }
 }

@@ -177,11 +177,11 @@ class SampleTracer {
     return record_answered_by_ ? answered_by_.data() + block * kBlockRays : nullptr;
   }
   // The points of a block, or some, as the ends of segments, or origins of rays, of `sample`: of a
-  // block how many, with the box around them in boxes_; of some that box.
+  // block how many, with the box around them in boxes_; of some with that box.
   int LayOut(const LightSample& sample, size_t block, float* x, float* y, float* z,
              uint32_t* sources);
-  Box3f LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y, float* z,
-               uint32_t* sources) const;
+  void LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y, float* z,
+              uint32_t* sources, Box3f* box) const;
 
   const IndexedGeometry& scene_;
   const QueryRun& run_;

@@ -33,7 +33,8 @@ TEST(PointRowsTest, SplitPointsAreThePointsBits) {
       }
       constexpr float kUntouched = -7;
       for (auto& row : rows->at) std::fill(std::begin(row), std::end(row), kUntouched);
-      PointRowKernelsFor(target).split(points, rows->at[0], rows->at[1], rows->at[2]);
+      Box3f box;
+      PointRowKernelsFor(target).split(points, rows->at[0], rows->at[1], rows->at[2], &box);
       for (size_t i = 0; i < kMost; ++i) {
         for (int k = 0; k < 3; ++k) {
           ASSERT_EQ(std::bit_cast<uint32_t>(rows->at[k][i]),
@@ -56,10 +57,11 @@ TEST(PointRowsTest, TheBoxIsThePoints) {
         for (int k = 0; k < 3; ++k) p[k] = static_cast<float>(rng.Uniform(-1, 1));
         truth.Extend(p);
       }
-      ASSERT_EQ(PointRowKernelsFor(target).split(points, rows->at[0], rows->at[1], rows->at[2]),
-                truth)
-          << count << " points";
-      ASSERT_EQ(PointRowKernelsFor(target).box(points), truth) << count << " points";
+      Box3f split, alone = {{1, 2, 3}, {4, 5, 6}};
+      PointRowKernelsFor(target).split(points, rows->at[0], rows->at[1], rows->at[2], &split);
+      PointRowKernelsFor(target).box(points, &alone);
+      ASSERT_EQ(split, truth) << count << " points";
+      ASSERT_EQ(alone, truth) << count << " points";
     }
   }
 }
