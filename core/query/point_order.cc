@@ -94,8 +94,8 @@ class MeanWidth {
   size_t count_ = 0;
 };
 
-// Whether a few small blocks are far wider in the order given than they would be if they divided the
-// surface that all lie on among them.
+// Whether a few small blocks are far wider in the order given than they would be if they divided
+// the surface that all lie on among them.
 bool AreShuffled(std::span<const Vec3f> positions, std::span<const uint8_t> valid) {
   // Multiples of the golden ratio keep no step with rows.
   constexpr double kGolden = 0.6180339887498949;
