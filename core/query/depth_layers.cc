@@ -26,6 +26,9 @@ constexpr size_t kBlock = kSmallestPart;
 static_assert(kBlock == 2 * kLanes);
 constexpr size_t kSampleBlocks = 32, kLeastSampleBlocks = 8;
 constexpr uint32_t kMostLayers = 64, kFewestLayers = 4;
+// Where blocks reach over less of all depths than this there is no need to look further. Those of a
+// tile of one surface, 64 pixels wide, reach over a sixteenth.
+constexpr double kLeastReach = 0.06;
 // Points are counted and put in their places in so many runs at once, so that neighbours in one
 // layer need not wait for each other.
 constexpr size_t kRuns = 4;
@@ -159,9 +162,9 @@ DepthLayers::DepthLayers(std::span<const Vec3f> positions, std::span<const uint8
     return;
   }
   const Reach deep = ReachAlong(frame.w, sample);
-  const double across = ReachAlong(frame.u, sample).block + ReachAlong(frame.v, sample).block;
   const float range = deep.most - deep.least, scale = kMostLayers / range;
-  if (!(range > 0) || !std::isfinite(scale)) return;
+  if (!(range > 0) || !std::isfinite(scale) || deep.block < kLeastReach * range) return;
+  const double across = ReachAlong(frame.u, sample).block + ReachAlong(frame.v, sample).block;
   std::array<uint32_t, kMostLayers> count =
       CountLayers(sample, frame.w * scale, deep.least * scale);
   // In layers, a block is no deeper than one of these. But a layer has a part of the pixels alone,

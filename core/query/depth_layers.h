@@ -30,8 +30,8 @@ class DepthLayers {
   DepthLayers(std::span<const Vec3f> positions, std::span<const uint8_t> valid);
 
   // How many times as wide blocks of sixteen are, about, in the order given as they would be in
-  // layers: less than 1 where layers would part what belongs together, 0 where nothing can be said
-  // (hardly any block is valid as a whole, or all points are one).
+  // layers: less than 1 where layers would part what belongs together, 0 where blocks are thin
+  // already, or nothing can be said (hardly any is valid as a whole, or all points are one).
   double gain() const { return gain_; }
 
   // The valid points, the layers one after another, every other one backward, so that where one
