@@ -51,7 +51,7 @@ class GradualFetch {
   }
 
  private:
-  static constexpr size_t kLinesAtOnce = 4;
+  static constexpr size_t kLinesAtOnce = 8;
   struct Row {
     uintptr_t at, end;
   };
