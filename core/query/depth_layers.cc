@@ -188,14 +188,12 @@ DepthLayers::DepthLayers(std::span<const Vec3f> positions, std::span<const uint8
   first_ = deep.least * (static_cast<float>(layers_) / range);
 }
 
-PartedPoints DepthLayers::Order() const {
-  SIGHTLINE_CHECK_GT(layers_, 0u) << "no layers were found";
+AlignedVector<uint8_t> DepthLayers::LayersOfPoints(size_t room) const {
   const Eight d;
   const hn::Rebind<uint8_t, Eight> d8;
   const size_t n = positions_.size();
-  const size_t run = (n + kRuns * kLanes - 1) / (kRuns * kLanes) * kLanes;
   AlignedVector<uint8_t> layer;
-  layer.ResizeUninitialized(kRuns * run);
+  layer.ResizeUninitialized(room);
   const V x_axis = hn::Set(d, axis_.x), y_axis = hn::Set(d, axis_.y), z_axis = hn::Set(d, axis_.z);
   const V first = hn::Set(d, first_);
   const auto put = [&](const Vec3f* points, uint8_t* layers) {
@@ -211,18 +209,26 @@ PartedPoints DepthLayers::Order() const {
     std::copy(positions_.begin() + static_cast<ptrdiff_t>(i), positions_.end(), last);
     put(last, layer.data() + i);
   }
-  // Behind all layers: what is not valid, and what fills the last run.
   const auto none = static_cast<uint8_t>(layers_);
-  std::memset(layer.data() + n, none, kRuns * run - n);
+  std::memset(layer.data() + n, none, room - n);
   if (std::memchr(valid_.data(), 0, n) != nullptr) {
     for (size_t p = 0; p < n; ++p) layer[p] = valid_[p] != 0 ? layer[p] : none;
   }
+  return layer;
+}
+
+PartedPoints DepthLayers::Order() const {
+  SIGHTLINE_CHECK_GT(layers_, 0u) << "no layers were found";
+  const size_t n = positions_.size();
+  const size_t run = (n + kRuns * kLanes - 1) / (kRuns * kLanes) * kLanes;
+  const AlignedVector<uint8_t> layer = LayersOfPoints(kRuns * run);
+  // Of each layer and run how many there are, then where the next one goes, and which way from
+  // there.
   std::array<std::array<uint32_t, kRuns>, kMostLayers + 1> place = {};
   for (size_t p = 0; p < run; ++p) {
     for (size_t r = 0; r < kRuns; ++r) ++place[layer[r * run + p]][r];
   }
-  // From how many there are to where the first of them goes, and which way the next.
-  std::array<int32_t, kMostLayers + 1> step;
+  std::array<int32_t, kMostLayers + 1> step = {};
   uint32_t before = 0, valid = 0;
   for (uint32_t l = 0; l <= layers_; ++l) {
     const bool backward = l % 2 != 0;

@@ -15,9 +15,11 @@
 #ifndef SIGHTLINE_CORE_QUERY_DEPTH_LAYERS_H_
 #define SIGHTLINE_CORE_QUERY_DEPTH_LAYERS_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 
+#include "core/base/aligned_vector.h"
 #include "core/geometry/vec3.h"
 #include "core/query/point_parter.h"
 
@@ -39,6 +41,10 @@ class DepthLayers {
   PartedPoints Order() const;
 
  private:
+  // The layer of each point; behind all layers, `layers_`, of those that are not valid, and of what
+  // there is room for besides.
+  AlignedVector<uint8_t> LayersOfPoints(size_t room) const;
+
   std::span<const Vec3f> positions_;
   std::span<const uint8_t> valid_;
   double gain_ = 0;
