@@ -355,7 +355,7 @@ void VerifyRound::RunShadows(PreparedPoints points) {
 }
 
 // AUTO again, as points come that are handed over in parts: each with what the ones before left,
-// and said to be in order.
+// and said to be in order, or brought into one, by depth or in space, as after rays that were dear.
 void VerifyRound::CompareBitByBit(const PreparedPoints& points,
                                   std::span<const LightSample> samples, double t_min,
                                   const ShadowResult& truth) {
@@ -363,6 +363,8 @@ void VerifyRound::CompareBitByBit(const PreparedPoints& points,
   Way way{Strategy::kAuto, BestSimdTarget()};
   way.bit_by_bit = true;
   const size_t n = points.size(), row = (n + 7) / 8, part = 1 + random_.Below(n);
+  const bool ordered = random_.Chance(0.5);
+  const float ray_cost = static_cast<float>(random_.Uniform(50, 1000));
   ShadowHints hints;
   const PointRange all = PointRange::All(points);
   for (size_t first = 0; first < n; first += part) {
@@ -371,9 +373,10 @@ void VerifyRound::CompareBitByBit(const PreparedPoints& points,
                            all.sources.empty() ? all.sources : all.sources.subspan(first, count),
                            all.valid.subspan(first, count)};
     ShadowResult got;
-    const absl::Status status = ComputeShadows(scene_.indexed, range, samples, {},
-                                               {.t_min = t_min, .ordered = true, .hints = &hints},
-                                               {.bits = true}, Ask(way), &got);
+    if (!ordered) hints.ray_cost = ray_cost;
+    const absl::Status status = ComputeShadows(
+        scene_.indexed, range, samples, {}, {.t_min = t_min, .ordered = ordered, .hints = &hints},
+        {.bits = true}, Ask(way), &got);
     SIGHTLINE_CHECK(status.ok()) << name_ << ", " << scene_.name << ": " << status;
     Compare("shadows", way, kSingle, count * samples.size(), [&](size_t i, std::string* what) {
       const size_t s = i / count, p = first + i % count;

@@ -29,12 +29,12 @@ TEST(GradualFetchTest, AsksForEveryRowInTurn) {
   EXPECT_EQ(Steps(fetch), 0u);
   fetch.Add(row.first(0));
   EXPECT_TRUE(fetch.done());
-  // Four lines of 64 bytes a step.
+  // Eight lines of 64 bytes a step.
   fetch.Add(row.first(1));
   EXPECT_EQ(Steps(fetch), 1u);
-  fetch.Add(row.first(256));
+  fetch.Add(row.first(512));
   EXPECT_EQ(Steps(fetch), 2u);
-  fetch.Add(row.first(257));
+  fetch.Add(row.first(513));
   EXPECT_EQ(Steps(fetch), 4u);
   fetch.Some();
   EXPECT_EQ(Steps(fetch), 3u);
