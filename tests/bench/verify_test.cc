@@ -38,6 +38,15 @@ TEST(VerifyTest, AllWaysAgreeOnRandomScenes) {
   RecordProperty("brute_force_rays", std::to_string(report.brute_force_rays));
 }
 
+// A tile of four hits under an area light: with AVX2, hulls took what fills a block's second vector
+// for points.
+TEST(VerifyTest, HullsOfAFewPointsHoldThemAll) {
+  const VerifyReport report =
+      Verify({}, {.seed = 20261128, .first_batch = 68, .batches = 1, .threads = 1});
+  for (const std::string& difference : report.differences) ADD_FAILURE() << difference;
+  EXPECT_EQ(report.different, 0u);
+}
+
 TEST(VerifyTest, TheNumberOfThreadsChangesNothing) {
   VerifyOptions options{
       .seed = 5, .batches = 2, .rounds_per_batch = 6, .max_random_triangles = 3000, .threads = 1};
