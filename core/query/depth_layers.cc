@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "core/base/check.h"
+#include "core/query/golden_places.h"
 #include "core/shaft/frame.h"
 #include "hwy/highway.h"
 
@@ -24,7 +25,9 @@ static_assert(hn::MaxLanes(Eight()) == kLanes, "x86-64-v3 holds eight floats in 
 
 constexpr size_t kBlock = kSmallestPart;
 static_assert(kBlock == 2 * kLanes);
+// Blocks that are looked at, an eighth of a tile's, and how many of them must be valid.
 constexpr size_t kSampleBlocks = 32, kLeastSampleBlocks = 8;
+// Foliage is best off in 16 to 64, and worse in 128: a layer's blocks reach over too much of a tile.
 constexpr uint32_t kMostLayers = 64, kFewestLayers = 4;
 // Where blocks reach over less of all depths than this there is no need to look further. Those of a
 // tile of one surface, 64 pixels wide, reach over a sixteenth.
@@ -50,11 +53,8 @@ struct Sample {
 // Blocks that are valid as wholes, here and there.
 void Take(std::span<const Vec3f> positions, std::span<const uint8_t> valid, Sample* sample) {
   const Eight d;
-  // Multiples of the golden ratio, in 2^-32, keep no step with rows.
-  constexpr uint32_t kGolden = 0x9e3779b1;
-  const size_t there = positions.size() / kBlock;
-  for (uint32_t i = 0; i < kSampleBlocks; ++i) {
-    const size_t first = (i * kGolden * uint64_t{there} >> 32) * kBlock;
+  for (size_t i = 0; i < kSampleBlocks; ++i) {
+    const size_t first = GoldenPlace(i, positions.size() / kBlock) * kBlock;
     if (std::memchr(valid.data() + first, 0, kBlock) != nullptr) continue;
     for (size_t half = 0; half < kBlock; half += kLanes) {
       V x, y, z;

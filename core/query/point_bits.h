@@ -42,9 +42,9 @@ class PointBits {
   void PutBackSome(uint8_t* rows, std::vector<uint32_t>* given) const;
 
   size_t points_;
-  std::vector<uint32_t> own_ranks_;
-  std::span<const uint32_t>
-      ranks_;  // By point, a whole vector of them at the end: where its bit is.
+  std::vector<uint32_t> own_ranks_;  // Empty where they are another's.
+  // By point, a whole vector of them at the end: where its bit is.
+  std::span<const uint32_t> ranks_;
 };
 
 }  // namespace sightline

@@ -7,6 +7,7 @@
 
 #include "core/geometry/box3.h"
 #include "core/query/depth_layers.h"
+#include "core/query/golden_places.h"
 #include "core/query/point_parter.h"
 #include "hwy/highway.h"
 
@@ -47,7 +48,10 @@ constexpr float kLayersPay = 15, kLeastLayeredRays = 48, kMostLayeredRays = 500;
 // What share of their cycles rays spare by layers that make blocks so many times as narrow: by the
 // shadows and suns of foliage, tile by tile, 5 to 20 % for 1.05 times, 18 to 30 for twice, 25 to 40
 // for three times and 31 to 45 where it is more, the suns' shares the greater ones.
-float ShareSpared(double gain) { return static_cast<float>(0.42 * (1 - 0.7 / gain)); }
+constexpr double kMostSpared = 0.42, kGainOfNone = 0.7;
+float ShareSpared(double gain) {
+  return static_cast<float>(kMostSpared * (1 - kGainOfNone / gain));
+}
 
 Vec3d Extent(const Box3f& box) { return ToDouble(box.hi) - ToDouble(box.lo); }
 
@@ -97,8 +101,6 @@ class MeanWidth {
 // Whether a few small blocks are far wider in the order given than they would be if they divided
 // the surface that all lie on among them.
 bool AreShuffled(std::span<const Vec3f> positions, std::span<const uint8_t> valid) {
-  // Multiples of the golden ratio keep no step with rows.
-  constexpr double kGolden = 0.6180339887498949;
   const size_t there = positions.size() / kSmallBlock;
   const double part = static_cast<double>(kSmallBlock) / static_cast<double>(positions.size());
   Box3f all;
@@ -110,9 +112,7 @@ bool AreShuffled(std::span<const Vec3f> positions, std::span<const uint8_t> vali
     return width.Get() / std::max(2 * std::sqrt(area * part), Norm1(all) * part);
   };
   for (size_t i = 0; i < kFewBlocks; ++i) {
-    const double at = kGolden * static_cast<double>(i);
-    const size_t first =
-        static_cast<size_t>((at - std::floor(at)) * static_cast<double>(there)) * kSmallBlock;
+    const size_t first = GoldenPlace(i, there) * kSmallBlock;
     Box3f block;
     if (std::memchr(valid.data() + first, 0, kSmallBlock) == nullptr) {
       block = BoxOfBlock(&positions[first]);
@@ -146,12 +146,8 @@ class Excess {
       const size_t before = sample.size();
       Box3f block;
       for (size_t k = 0; k < kSmallBlock; ++k) {
-        // Anywhere within the stride, so that points of several rows do not stand below each other:
-        // by the fraction of a multiple of the golden ratio, in 2^-32.
-        constexpr uint32_t kGolden = 0x9e3779b1;
-        const size_t number = first + k * stride;
-        const uint32_t fraction = static_cast<uint32_t>(number) * kGolden;
-        const size_t p = number + (fraction * uint64_t{stride} >> 32);
+        // Anywhere within the stride, so that points of several rows do not stand below each other.
+        const size_t number = first + k * stride, p = number + GoldenPlace(number, stride);
         if (!valid[p]) continue;
         block.Extend(positions[p]);
         sample.push_back(positions[p]);

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <limits>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -98,7 +99,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     own = OrderThatPays(points.positions, points.valid, samples.size(), known_cost, options.simd);
   }
   const bool ordered = own.has_value();
-  const PartedPoints none, &order = ordered ? own->points : none;
+  const PartedPoints order = ordered ? std::move(own->points) : PartedPoints();
   const size_t group = tracer.GroupPoints();
   // What comes next is fetched while a group's last walks are under way: fetched earlier, it would
   // be gone again.

@@ -91,7 +91,7 @@ struct HullBlocks {
     const float depth = reach(frame.w);
     // Points lie within kMostNorm1 times their depth.
     constexpr float kMostNorm1 = 4.4f;
-    constexpr float kNoEnd = std::numeric_limits<float>::infinity();
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
     for (int axis = 0; axis < 2; ++axis) {
       const Vec3f along = axis == 0 ? frame.u : frame.v;
       const float width = reach(along);
@@ -112,17 +112,17 @@ struct HullBlocks {
           hn::Store(slope, d, leans + b);
         }
         HWY_ALIGN float points[kShaftBlocks];
-        ReduceBlocks(
-            [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); },
-            [&](size_t at) HWY_ATTR {
-              const Vec3V<ShaftV> q = rays.Own(at);
-              const ShaftV x = hn::Mul(DotV(u, q), hn::Set(ShaftD(), sign));
-              const ShaftV beside =
-                  hn::NegMulAdd(hn::Set(ShaftD(), leans[at / kShaftBlockRays]), DotV(w, q), x);
-              // A block's second vector may hold nothing, not even numbers.
-              return hn::IfThenElse(LanesOf(bounds.open, at), beside, hn::Set(ShaftD(), -kNoEnd));
-            },
-            points);
+        ReduceBlocks([](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); },
+                     [&](size_t at) HWY_ATTR {
+                       const Vec3V<ShaftV> q = rays.Own(at);
+                       const ShaftV x = hn::Mul(DotV(u, q), hn::Set(ShaftD(), sign));
+                       const ShaftV beside = hn::NegMulAdd(
+                           hn::Set(ShaftD(), leans[at / kShaftBlockRays]), DotV(w, q), x);
+                       // A block's second vector may hold nothing, not even numbers.
+                       return hn::IfThenElse(LanesOf(bounds.open, at), beside,
+                                             hn::Set(ShaftD(), -kInfinity));
+                     },
+                     points);
         for (size_t b = 0; b < kShaftBlocks; b += hn::Lanes(d)) {
           const ShaftV slope = hn::Load(d, leans + b);
           const ShaftV lights = hn::MulAdd(hn::Abs(slope), hn::Set(d, depth), hn::Set(d, width));
