@@ -27,7 +27,7 @@ constexpr size_t kBlock = kSmallestPart;
 static_assert(kBlock == 2 * kLanes);
 // Blocks that are looked at, an eighth of a tile's, and how many of them must be valid.
 constexpr size_t kSampleBlocks = 32, kLeastSampleBlocks = 8;
-// Foliage is best off in 16 to 64, and worse in 128: a layer's blocks reach over too much of a tile.
+// Foliage is best off in 16 to 64, and worse in 128: blocks of a layer reach too far across a tile.
 constexpr uint32_t kMostLayers = 64, kFewestLayers = 4;
 // Where blocks reach over less of all depths than this there is no need to look further. Those of a
 // tile of one surface, 64 pixels wide, reach over a sixteenth.
