@@ -13,6 +13,9 @@ struct Determinant {
   double bound;
   // -1, +1, or 0 for "in doubt or zero".
   int sign() const { return value > bound ? 1 : value < -bound ? -1 : 0; }
+  // Each of its products has a factor that is zero: products of three numbers that are not, floats
+  // or differences of floats, do not underflow.
+  bool zero() const { return bound == 0; }
 };
 
 Determinant TripleProduct(Vec3d x, Vec3d y, Vec3d z) {
@@ -70,14 +73,14 @@ bool Combine(int e0, int e1, int e2, int side_of_origin, int toward) {
 int SideOfPlane(Vec3f a, Vec3f b, Vec3f c, Vec3f p) {
   const Vec3d ad = ToDouble(a);
   const Determinant det = TripleProduct(ToDouble(b) - ad, ToDouble(c) - ad, ToDouble(p) - ad);
-  if (const int sign = det.sign(); sign != 0) return sign;
+  if (const int sign = det.sign(); sign != 0 || det.zero()) return sign;
   return SignOfPoints(b, c, p, a);
 }
 
 int SideOfDirection(Vec3f a, Vec3f b, Vec3f c, Vec3f direction) {
   const Vec3d ad = ToDouble(a);
   const Determinant det = TripleProduct(ToDouble(b) - ad, ToDouble(c) - ad, ToDouble(direction));
-  if (const int sign = det.sign(); sign != 0) return sign;
+  if (const int sign = det.sign(); sign != 0 || det.zero()) return sign;
   return SignOfDirection(b, c, direction, a);
 }
 

@@ -61,7 +61,7 @@ struct HullForms {
   alignas(64) float lean[3][2][3][kHullRows];
   alignas(64) float bound[kHullRows], bound_scale[kHullRows];
   // Against P-A, as LeafForms'.
-  alignas(64) float normal[3][kHullRows], normal_bound[kHullRows], turn[kHullRows];
+  alignas(64) float normal[3][kHullRows], normal_bound[3][kHullRows], turn[kHullRows];
   // Against a block of rays, good to margin + margin_inverse / depth.
   HullForm edge_form[3], lean_form[3][2], plane_form;
   alignas(64) float margin[kHullRows], margin_inverse[kHullRows], plane_margin[kHullRows];
@@ -135,9 +135,9 @@ class HullLeaf {
     // Whether all samples are on one side of the plane, and on which.
     const V3 normal = CrossV(along[0], along[1]);
     const V normal_k = hn::Mul(along1[0], along1[1]);
-    const V normal_bound = hn::MulAdd(hn::Set(d, kFloatUnits), normal_k, underflow);
+    const V3 normal_bound = CrossBound(d, kFloatUnits, along[0], along[1]);
     const V depth = DotV(normal, corner[0]);
-    const V depth_bound = hn::MulAdd(normal_bound, NormInfV(corner[0]), underflow);
+    const V depth_bound = BoundAlong(d, normal_bound, corner[0]);
     const V spread = hn::Add(hn::Abs(DotV(normal, half[0])), hn::Abs(DotV(normal, half[1])));
     const V sides_bound =
         hn::MulAdd(normal_k, hn::Set(d, kLeanUnits * size + rest), hn::Add(depth_bound, spread));
@@ -289,12 +289,12 @@ class HullLeaf {
     }
     for (int k = 0; k < 3; ++k) {
       turned(forms_.normal[k]);
+      same(forms_.normal_bound[k]);
       same(forms_.plane_form.f[k]);
     }
     turned(forms_.turn);
-    for (float* const row : {forms_.bound, forms_.bound_scale, forms_.normal_bound, forms_.margin,
-                             forms_.margin_inverse, forms_.plane_margin, forms_.depth,
-                             forms_.depth_bound, forms_.reach}) {
+    for (float* const row : {forms_.bound, forms_.bound_scale, forms_.margin, forms_.margin_inverse,
+                             forms_.plane_margin, forms_.depth, forms_.depth_bound, forms_.reach}) {
       same(row);
     }
     for (auto& corner : forms_.corner) {

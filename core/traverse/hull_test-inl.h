@@ -73,12 +73,12 @@ class HullTest {
     const Vec3f corner = leaf.corner(0, i);
     const Vec3V<V> a = Broadcast(d, corner.x, corner.y, corner.z);
     const Vec3V<V> normal = Row(forms_.normal, row);
-    const V normal_bound = hn::Set(d, forms_.normal_bound[row]);
+    const Vec3V<V> normal_bound = Row(forms_.normal_bound, row);
     uint32_t beyond = 0, before = 0;
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const Vec3V<V> p = SubV(Points(at + k * kLanes), a);
       const V side = DotV(normal, p);
-      const V off = hn::MulAdd(normal_bound, NormInfV(p), hn::Set(d, kFloatUnderflow));
+      const V off = BoundAlong(d, normal_bound, p);
       beyond |= MaskBits(d, hn::Gt(side, off)) << (k * kLanes);
       before |= MaskBits(d, hn::Lt(side, hn::Neg(off))) << (k * kLanes);
     }

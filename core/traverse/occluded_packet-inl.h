@@ -69,12 +69,10 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
     const V along1[3] = {Norm1V(along[0]), Norm1V(along[1]), Norm1V(along[2])};
     const V3 from_apex[3] = {SubV(corner[0], apex), SubV(corner[1], apex), SubV(corner[2], apex)};
     const V3 normal = CrossV(along[0], along[1]);
-    const V normal_bound =
-        hn::MulAdd(hn::Set(d, kFloatUnits), hn::Mul(along1[0], along1[1]), underflow);
+    const V3 normal_bound = CrossBound(d, kFloatUnits, along[0], along[1]);
     // Which way the triangle is to be turned: by where the direction leads, or the origin's side.
     V turn = DotV(normal, kParallel ? common : from_apex[0]);
-    const V turn_bound =
-        hn::MulAdd(normal_bound, kParallel ? common_inf : NormInfV(from_apex[0]), underflow);
+    const V turn_bound = BoundAlong(d, normal_bound, kParallel ? common : from_apex[0]);
     uint32_t chosen = leaf.count - first >= hn::Lanes(d) ? (1u << hn::Lanes(d)) - 1
                                                          : (1u << (leaf.count - first)) - 1;
     if (lanes.common_source() != kNoTriangle) {
@@ -122,7 +120,9 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
                                forms);
     }
     put(normal, forms->normal);
-    hn::Store(normal_bound, d, forms->normal_bound + first);
+    hn::Store(normal_bound.x, d, forms->normal_bound[0] + first);
+    hn::Store(normal_bound.y, d, forms->normal_bound[1] + first);
+    hn::Store(normal_bound.z, d, forms->normal_bound[2] + first);
     hn::Store(corner[0].x, d, forms->corner[0] + first);
     hn::Store(corner[0].y, d, forms->corner[1] + first);
     hn::Store(corner[0].z, d, forms->corner[2] + first);

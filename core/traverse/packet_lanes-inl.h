@@ -41,7 +41,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 // hit.
 struct FacingTriangle {
   float edge[3][3], edge_bound[3];
-  float normal[3], normal_bound;
+  float normal[3], normal_bound[3];
   float a[3];
   float depth, depth_bound;  // normal·(A-O), and how far rounding may have taken it off.
   uint32_t lane;             // In its leaf.
@@ -221,7 +221,8 @@ class PacketLanes {
     if (packet_.segments) {
       const Vec3V<V> ap = SubV(Targets(first), Broadcast(d, f.a[0], f.a[1], f.a[2]));
       const V value = DotV(Broadcast(d, f.normal[0], f.normal[1], f.normal[2]), ap);
-      const V bound = hn::MulAdd(hn::Set(d, f.normal_bound), NormInfV(ap), underflow);
+      const V bound =
+          BoundAlong(d, Broadcast(d, f.normal_bound[0], f.normal_bound[1], f.normal_bound[2]), ap);
       open &= ~MaskBits(d, hn::Lt(hn::Add(value, bound), hn::Zero(d)));
       least = hn::Min(least, hn::Sub(value, bound));
     }
@@ -351,7 +352,7 @@ HWY_INLINE uint32_t TurnTriangles(const PacketLanes<kAny>& lanes, const LeafView
     if (todo == 0) continue;
     const OriginTriangles<V> t = PrepareTriangles(d, leaf.rows + first, leaf.stride, o);
     // From a vector per quantity to a record per triangle, through memory.
-    HWY_ALIGN float columns[21][kMaxLeafTriangles];
+    HWY_ALIGN float columns[23][kMaxLeafTriangles];
     const auto put = [&](int row, const Vec3V<V>& v) HWY_ATTR {
       hn::Store(v.x, d, columns[row]);
       hn::Store(v.y, d, columns[row + 1]);
@@ -363,10 +364,12 @@ HWY_INLINE uint32_t TurnTriangles(const PacketLanes<kAny>& lanes, const LeafView
     put(9, t.normal);
     put(12, t.a);
     put(15, {t.edge_bound[0], t.edge_bound[1], t.edge_bound[2]});
-    put(18, {t.normal_bound, t.origin_side, t.origin_bound});
+    put(18, t.normal_bound);
+    hn::Store(t.origin_side, d, columns[21]);
+    hn::Store(t.origin_bound, d, columns[22]);
     for (; todo != 0; todo &= todo - 1) {
       const uint32_t i = std::countr_zero(todo);
-      const int turn = lanes.Turn(leaf, first + i, columns[19][i], columns[20][i]);
+      const int turn = lanes.Turn(leaf, first + i, columns[21][i], columns[22][i]);
       if (turn == 0) continue;
       FacingTriangle& f = facing[count++];
       const float sign = static_cast<float>(turn);
@@ -375,10 +378,10 @@ HWY_INLINE uint32_t TurnTriangles(const PacketLanes<kAny>& lanes, const LeafView
         f.edge_bound[e] = columns[15 + e][i];
         f.normal[e] = sign * columns[9 + e][i];
         f.a[e] = columns[12 + e][i];
+        f.normal_bound[e] = columns[18 + e][i];
       }
-      f.normal_bound = columns[18][i];
-      f.depth = sign * columns[19][i];
-      f.depth_bound = columns[20][i];
+      f.depth = sign * columns[21][i];
+      f.depth_bound = columns[22][i];
       f.lane = first + i;
     }
   }

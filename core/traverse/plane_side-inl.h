@@ -24,8 +24,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 // The signs of sign·(v×w)·q for the vectors q = P - base, or q = P where `base` is null: 1, -1, or
 // 0 where doubles cannot tell. v and w are floats or differences of floats, `sign` is 1 or -1. The
-// bound is the float stage's (predicate-inl.h) with u = 2^-53: v and w err by u each, v×w by 3u of
-// |v|_1|w|_1 more, the dot product by 3u and q by u.
+// bound is the float stage's (predicate-inl.h), a permanent, with u = 2^-53: v and w err by u each,
+// v×w by 3u of it more, the dot product by 3u and q by u.
 constexpr double kDoubleUnits = 9 * 0x1p-53;
 inline ShaftV SideInDoubles(Vec3d v, Vec3d w, float sign, const Vec3f* base,
                             const Vec3V<ShaftV>& points) {
@@ -33,13 +33,18 @@ inline ShaftV SideInDoubles(Vec3d v, Vec3d w, float sign, const Vec3f* base,
   const hn::Half<ShaftD> half;
   const hn::Rebind<double, decltype(half)> dd;
   const Vec3d n = Cross(v, w) * static_cast<double>(sign);
-  const auto norm_1 = [](Vec3d x) { return std::abs(x.x) + std::abs(x.y) + std::abs(x.z); };
-  const auto bound = hn::Set(dd, kDoubleUnits * norm_1(v) * norm_1(w));
+  const auto permanent = [](double a, double b, double c, double d) {
+    return kDoubleUnits * (std::abs(a * b) + std::abs(c * d));
+  };
+  const Vec3d bound = {permanent(v.y, w.z, v.z, w.y), permanent(v.z, w.x, v.x, w.z),
+                       permanent(v.x, w.y, v.y, w.x)};
   const Vec3f from = base == nullptr ? Vec3f{0, 0, 0} : *base;
   const auto side = [&](auto x, auto y, auto z) HWY_ATTR {
     const auto q = DirectionInDoubles(half, from, /*segments=*/base != nullptr, x, y, z);
     const auto value = UnfusedDot(BroadcastInDoubles(dd, n), q);
-    const auto off = hn::Mul(bound, NormInfV(q));
+    const auto off = hn::MulAdd(hn::Set(dd, bound.x), hn::Abs(q.x),
+                                hn::MulAdd(hn::Set(dd, bound.y), hn::Abs(q.y),
+                                           hn::Mul(hn::Set(dd, bound.z), hn::Abs(q.z))));
     const auto one = hn::Set(dd, 1.0), zero = hn::Zero(dd);
     return hn::DemoteTo(
         half, hn::IfThenElse(hn::Gt(value, off), one,

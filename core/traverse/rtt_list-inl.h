@@ -85,7 +85,8 @@ class RttList {
       const V inf = hn::Set(d, MaxAbs(c));
       for (int k = 0; k < 4; ++k) {
         const V value = DotV(k == 3 ? t.normal : t.edge[k % 3], dir);
-        const V bound = hn::MulAdd(k == 3 ? t.normal_bound : t.edge_bound[k % 3], inf, underflow);
+        const V bound = k == 3 ? BoundAlong(d, t.normal_bound, dir)
+                               : hn::MulAdd(t.edge_bound[k % 3], inf, underflow);
         negative[k] = hn::And(negative[k], hn::Lt(hn::Add(value, bound), zero));
         positive[k] = hn::And(positive[k], hn::Gt(hn::Sub(value, bound), zero));
       }

@@ -402,14 +402,14 @@ class ShaftWalk {
     found_ = true;
     const Vec3V<V> normal =
         Broadcast(d, forms.normal[0][i], forms.normal[1][i], forms.normal[2][i]);
-    const V normal_bound = hn::Set(d, forms.normal_bound[i]);
+    const V rate_bound = hn::Set(d, forms.rate_bound[i]);
     const V inverse_lo = hn::Set(d, forms.inverse_lo[i]);
     const V inverse_hi = hn::Set(d, forms.inverse_hi[i]);
     const auto id = hn::Set(du, leaf.id(i));
     uint32_t open = 0;
     for (size_t k = 0; k < kVectors; ++k, at += kLanes) {
       const V rate = DotV(normal, rays_.Own(at));  // N·D.
-      const V bound = hn::MulAdd(normal_bound, rays_.OwnInf(at), hn::Set(d, kFloatUnderflow));
+      const V bound = hn::MulAdd(rate_bound, rays_.OwnInf(at), hn::Set(d, kFloatUnderflow));
       const V lo = hn::Mul(hn::Sub(rate, bound), inverse_lo);
       const V hi = hn::Mul(hn::Add(rate, bound), inverse_hi);
       const M sound =

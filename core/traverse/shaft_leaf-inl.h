@@ -36,8 +36,9 @@ struct LeafForms {
   alignas(64) float edge_offset[3][kMaxLeafTriangles];  // Parallel: e = offset - edge·q.
   alignas(64) float edge_bound[kMaxLeafTriangles];      // Of all three. One origin: times |D|_inf.
   alignas(64) float normal[3][kMaxLeafTriangles];
-  alignas(64) float normal_bound[kMaxLeafTriangles];  // Times |D|_inf, or |P-A|_inf.
-  alignas(64) float corner[3][kMaxLeafTriangles];     // A, as stored. Where ends are asked about.
+  alignas(64) float normal_bound[3][kMaxLeafTriangles];  // Along P-A (BoundAlong).
+  alignas(64) float rate_bound[kMaxLeafTriangles];       // Closest: times |D|_inf.
+  alignas(64) float corner[3][kMaxLeafTriangles];  // A, as stored. Where ends are asked about.
   alignas(64) uint32_t id[kMaxLeafTriangles];
   alignas(64) float turn[kMaxLeafTriangles];         // -1 where it was turned round, else 1.
   alignas(64) float depth[kMaxLeafTriangles];        // normal·(A-O), or normal·(A-R).
@@ -208,9 +209,8 @@ class ShaftLeaf {
     const V3 ab = SubV(b, a), bc = SubV(c, b), ca = SubV(a, c);
     const V ab1 = Norm1V(ab), bc1 = Norm1V(bc), ca1 = Norm1V(ca);
     const V underflow = hn::Set(d, kFloatUnderflow), units = hn::Set(d, kFloatUnits);
-    const V3 normal = CrossV(ab, bc);
+    const V3 normal = CrossV(ab, bc), normal_bound = CrossBound(d, kFloatUnits, ab, bc);
     const V normal_k = hn::Mul(ab1, bc1);
-    const V normal_bound = hn::MulAdd(units, normal_k, underflow);
     V depth = DotV(normal, oa);
     // Which way the triangle is to be turned: by the side the origin is on, or where D leads.
     V turn, turn_bound;
@@ -219,10 +219,10 @@ class ShaftLeaf {
       const Vec3f direction = rays_.packet().direction;
       common = Broadcast(d, direction.x, direction.y, direction.z);
       turn = DotV(normal, common);
-      turn_bound = hn::MulAdd(normal_bound, hn::Set(d, MaxAbs(direction)), underflow);
+      turn_bound = BoundAlong(d, normal_bound, common);
     } else {
       turn = depth;
-      turn_bound = hn::MulAdd(normal_bound, NormInfV(oa), underflow);
+      turn_bound = BoundAlong(d, normal_bound, oa);
     }
     const hn::RebindToUnsigned<ShaftD> du;
     if (rays_.common_source() != kNoTriangle) {
@@ -297,6 +297,10 @@ class ShaftLeaf {
     hn::Store(LeafIds(leaf, first), du, forms_.id + first);
     Put(depth, first, forms_.depth);
     Put(normal_bound, first, forms_.normal_bound);
+    if constexpr (!kAny) {
+      Put(hn::Add(hn::Add(normal_bound.x, normal_bound.y), normal_bound.z), first,
+          forms_.rate_bound);
+    }
     Put(hn::Xor(hn::Set(d, 1.0f), flip), first, forms_.turn);
     if constexpr (kParallel) {
       const V k = hn::Mul(normal_k, hn::Add(oa1, hn::Set(d, rays_.spread())));

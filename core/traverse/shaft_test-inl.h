@@ -170,10 +170,11 @@ class ShaftTest {
     const Vec3V<V> a = {term(forms_.corner[0]), term(forms_.corner[1]), term(forms_.corner[2])};
     for (size_t k = 0; k < kVectors; ++k) v[k] = SubV(rays.Point(k), a);
     Along(term, forms_.normal, v, along);
-    const V normal_bound = term(forms_.normal_bound);
+    const Vec3V<V> normal_bound = {term(forms_.normal_bound[0]), term(forms_.normal_bound[1]),
+                                   term(forms_.normal_bound[2])};
     for (size_t k = 0; k < kVectors; ++k) {
       const V plane = kParallel ? hn::Neg(along[k]) : along[k];
-      const V off = hn::MulAdd(normal_bound, NormInfV(v[k]), underflow);
+      const V off = BoundAlong(d, normal_bound, v[k]);
       said[k].open = hn::And(said[k].open, hn::Ge(hn::Add(plane, off), zero));
       said[k].hit = hn::And(said[k].hit, hn::Gt(plane, off));
     }

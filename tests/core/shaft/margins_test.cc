@@ -361,6 +361,16 @@ TEST_F(MarginsTest, FormsOverABlockOfRays) {
   EXPECT_LE(tiny.worst(), 1) << tiny;
 }
 
+// As CrossBound of predicate-inl.h.
+Vec3f CrossBoundF(Vec3f x, Vec3f y) {
+  const auto of = [&](int i, int j) {
+    const float permanent =
+        std::fma(std::abs(x[i]), std::abs(y[j]), std::abs(x[j]) * std::abs(y[i]));
+    return std::fma(kFloatUnits, permanent, kFloatUnderflow);
+  };
+  return {of(1, 2), of(2, 0), of(0, 1)};
+}
+
 // Bounds of the inverse of a hit's distance, without what the float stage's own bounds add.
 TEST_F(MarginsTest, InverseDistancesHoldTheHit) {
   hunt_.Run(
@@ -388,11 +398,15 @@ TEST_F(MarginsTest, InverseDistancesHoldTheHit) {
         const PredicateRay ray = PredicateRay::Ray(o, d);
         const Vec3f ab = b - a, bc = c - b, oa = a - o;
         Vec3f n = CrossF(ab, bc);
-        const float normal_bound = std::fma(kFloatUnits, Norm1(ab) * Norm1(bc), kFloatUnderflow);
+        const Vec3f normal_bound = CrossBoundF(ab, bc);
         float depth = DotF(n, oa), rate = DotF(n, d);
         if (depth < 0) n = -n, depth = -depth, rate = -rate;
-        const float depth_bound = std::fma(normal_bound, MaxAbs(oa), kFloatUnderflow);
-        const float rate_bound = std::fma(normal_bound, MaxAbs(d), kFloatUnderflow);
+        const float depth_bound =
+            std::fma(normal_bound.x, std::abs(oa.x),
+                     std::fma(normal_bound.y, std::abs(oa.y),
+                              std::fma(normal_bound.z, std::abs(oa.z), kFloatUnderflow)));
+        const float rate_bound =
+            std::fma(normal_bound.x + normal_bound.y + normal_bound.z, MaxAbs(d), kFloatUnderflow);
         // What the walk asks of a bound that it trusts (kTrustedDepth of shaft_leaf-inl.h, and
         // KeepCloser's `sound`).
         if (!(rate > 2 * rate_bound) || !(depth_bound <= 0x1p-8f * depth)) return std::nullopt;
