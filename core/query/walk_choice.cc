@@ -96,9 +96,7 @@ std::array<float, WalkChoice::kWalks> WalkChoice::Expected(float growth) const {
   const Costs& costs = kCosts[static_cast<size_t>(others_)];
   const float shaft = records_[kShafts].cost * growth;
   std::array<float, kWalks> expected = {shaft, kNever, kNever};
-  if (others_ == Others::kNone || !records_[kShafts].known() || shaft <= costs.try_packets) {
-    return expected;
-  }
+  if (ShaftIsCheap(growth)) return expected;
   const bool lost = shaft > kLost * costs.try_singles;
   if (!lost && records_[kShafts].blocks < costs.first_shafts) return expected;
   const auto of = [&](Walk walk) {
@@ -122,7 +120,13 @@ bool WalkChoice::ShaftsAreRare() const {
   return records_[kShafts].known() && records_[kShafts].since >= kFirstWait;
 }
 
+bool WalkChoice::ShaftIsCheap(float growth) const {
+  return others_ == Others::kNone || !records_[kShafts].known() ||
+         records_[kShafts].cost * growth <= kCosts[static_cast<size_t>(others_)].try_packets;
+}
+
 Strategy WalkChoice::Next(float growth) const {
+  if (ShaftIsCheap(growth)) return Strategy::kShaft;
   const std::array<float, kWalks> expected = Expected(growth);
   Walk next = Cheapest(expected);
   const float least = expected[next];
@@ -158,6 +162,8 @@ float WalkChoice::Learn(Strategy strategy, const WalkStats& before, const WalkSt
   Record& record = records_[walk];
   if (!record.known()) {
     record.wait = kFirstWait;
+  } else if (walk == kShafts && ShaftIsCheap(growth)) {
+    // Nothing else was in question.
   } else if (std::array<float, kWalks> others = Expected(growth); Cheapest(others) != walk) {
     // It was tried again.
     others[walk] = kNever;

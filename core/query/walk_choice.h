@@ -82,6 +82,8 @@ class WalkChoice {
     bool known() const { return blocks > 0; }
   };
 
+  // Whether nothing but a shaft is to be taken for such a block.
+  bool ShaftIsCheap(float growth) const;
   // What each will cost a ray of such a block; infinitely much if it should not be taken.
   std::array<float, kWalks> Expected(float growth) const;
   Walk Cheapest(const std::array<float, kWalks>& costs) const;

@@ -28,16 +28,17 @@ inline constexpr float kMaxSlope = 2.3f;
 // follow, so that slope rectangles fit what is asked about (an image row); along `axis` or zero,
 // any u will do. Returns false, and no frame, if `axis` has no direction.
 inline bool MakeShaftFrame(Vec3d axis, Vec3d sideways, ShaftFrame* frame) {
-  const double length = Length(axis);
-  if (!(length > 0) || !std::isfinite(length)) return false;
-  const Vec3d w = axis * (1.0 / length);
-  Vec3d u = sideways - w * Dot(w, sideways);
+  const double squared = Dot(axis, axis);
+  if (!(squared > 0) || !std::isfinite(squared)) return false;
+  // Across the axis, times its squared length, so that u need not wait for w.
+  Vec3d u = sideways * squared - axis * Dot(axis, sideways);
+  const Vec3d w = axis * (1.0 / std::sqrt(squared));
   // Cancellation leaves noise where `sideways` is nearly along the axis: then the coordinate axis
   // farthest from w. From kLeastShare on what is left of w in u is some 2^-32, a double's rounding
   // over that share: far below what floats hold of a frame.
   constexpr double kLeastShare = 0x1p-20;
   double kept = Dot(u, u);
-  if (!(kept > kLeastShare * kLeastShare * Dot(sideways, sideways))) {
+  if (!(kept > kLeastShare * kLeastShare * squared * squared * Dot(sideways, sideways))) {
     const Vec3d a = {std::abs(w.x), std::abs(w.y), std::abs(w.z)};
     const Vec3d e = a.x <= a.y && a.x <= a.z ? Vec3d{1, 0, 0}
                     : a.y <= a.z             ? Vec3d{0, 1, 0}

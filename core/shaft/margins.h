@@ -9,8 +9,9 @@
 // Slopes (kSlopeMargin). s = fl((u·D)/(w·D)). The terms of the numerator add up to at most |D|
 // (Cauchy-Schwarz), so it errs by at most 4.1u|D|, a segment's rounding of D included; so does the
 // denominator, which is at least 0.4|D|. With |s| <= 2.3 the quotient (a product with the
-// reciprocal) errs by 4.1u(1 + 2.3)/0.4 + 2u·2.3 < 39u. Every rectangle of slopes is widened by
-// 64u, and so holds its rays' true slopes.
+// reciprocal) errs by 4.1u(1 + 2.3)/0.4 + 2u·2.3 < 39u; where the reciprocal is but good to 3.3u
+// (InverseOf, for any hit), by 4.3u·2.3 instead, in all below 44u. Every rectangle of slopes is
+// widened by 64u, and so holds its rays' true slopes.
 //
 // Rays between others (kOutlineMargin). A camera's rays are sums of a term by column and one by
 // row, rounded: before the rounding (u per component; the doubles' own is far below) a tile's rays

@@ -260,8 +260,8 @@ class HullCutMaker {
       sum = sum + SumOfNormals(scene_.geometry, packet.target_source, rows, packet.count,
                                ToDouble(frame_.w));
     }
-    const double length = Length(sum);
-    return length > 0.125 ? ToFloat(sum * (1.0 / length)) : frame_.w;
+    const double size = MaxAbs(sum);
+    return size > kFlat ? ToFloat(sum * (1.0 / size)) : frame_.w;
   }
 
   const IndexedGeometry& scene_;

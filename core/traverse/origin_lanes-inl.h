@@ -210,7 +210,8 @@ class OriginLanes {
     const D d;
     const size_t lanes = hn::Lanes(d);
     Vec3V<V> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
-    for (uint32_t g = 0; g < groups(); ++g) {
+    // Every third group stands for all.
+    for (uint32_t g = 0; g < groups(); g += 3) {
       const Vec3V<V> own = Own(g * lanes);
       // Without those that lead nowhere: their groups are left open below.
       const V inf = OwnInf(g * lanes);
@@ -235,7 +236,7 @@ class OriginLanes {
       const Vec3V<V> own = Own(g * lanes);
       const V depth = DotV(w, own);
       aside |= (hn::AllTrue(d, FitsFrame(own, depth)) ? 0u : 1u) << g;
-      const V inverse = hn::Div(hn::Set(d, 1.0f), depth);
+      const V inverse = InverseOf(depth);
       hn::Store(hn::Mul(DotV(u, own), inverse), d, x + g * lanes);
       hn::Store(hn::Mul(DotV(v, own), inverse), d, y + g * lanes);
     }

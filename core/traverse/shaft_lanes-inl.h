@@ -38,6 +38,13 @@ struct RaySet {
   uint16_t rays[kShaftBlocks];
 };
 
+// 1 / x, good to 3.3u (u = 2^-24), of x and 1 / x that are normal: a reciprocal of 11 bits or more,
+// refined once. A quotient of sixteen lanes holds up what follows for as many cycles.
+HWY_INLINE ShaftV InverseOf(ShaftV x) {
+  const ShaftV rough = hn::ApproximateReciprocal(x);
+  return hn::MulAdd(rough, hn::NegMulAdd(x, rough, hn::Set(ShaftD(), 1.0f)), rough);
+}
+
 // Lanes at .. at + Lanes() of a row of bits, `at` a multiple of eight.
 HWY_INLINE ShaftM LanesOf(const uint16_t* bits, size_t at) {
   return hn::LoadMaskBits(ShaftD(), reinterpret_cast<const uint8_t*>(bits) + at / 8);

@@ -46,9 +46,11 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 static_assert(kShaftBlocks * kShaftBlockRays == RayPacket::kMaxRays);
 
-// Unit normals of the surface under some of `count` points, turned `along`, added up: long where it
-// is flat. Of their source triangles, or as neighbouring points have it where no source is known:
-// points come in fours by four, row by row or along a Morton curve.
+// Normals of the surface under some of `count` points, each at the scale of its largest component,
+// turned `along`, and added up: of a size above kFlat where it is flat, 2 at most. Of their source
+// triangles, or as neighbouring points have it where no source is known: points come in fours by
+// four, row by row or along a Morton curve.
+constexpr double kFlat = 0.125;
 inline Vec3d SumOfNormals(const SceneGeometry& geometry, const uint32_t* sources,
                           const float* const (&rows)[3], int count, Vec3d along) {
   const auto point = [&](int lane) {
@@ -71,8 +73,8 @@ inline Vec3d SumOfNormals(const SceneGeometry& geometry, const uint32_t* sources
       const Vec3d m = Cross(point(first + 5) - p, point(first + 10) - p);
       if (Dot(m, m) > Dot(n, n)) n = m;
     }
-    const double length = Length(n);
-    if (length > 0) sum = sum + n * ((Dot(n, along) < 0 ? -1.0 : 1.0) / length);
+    const double size = MaxAbs(n);
+    if (size > 0) sum = sum + n * ((Dot(n, along) < 0 ? -1.0 : 1.0) / size);
   }
   return sum;
 }
@@ -400,11 +402,16 @@ class ShaftRays {
     return !hn::AllTrue(du, hn::Eq(all, hn::Set(du, kNoTriangle)));
   }
 
-  // Where the rays lead.
+  // Where the rays lead: to the middle of their points, or of the rays.
   Vec3d Axis() const {
     if constexpr (kParallel) {
       return ToDouble(packet_.direction);
     } else {
+      if constexpr (kAny) {
+        if (const Box3f* box = packet_.point_box; box != nullptr && segments()) {
+          return (ToDouble(box->lo) + ToDouble(box->hi)) * 0.5 - ToDouble(apex_);
+        }
+      }
       const ShaftD d;
       const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
       Vec3V<ShaftV> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
@@ -458,8 +465,8 @@ class ShaftRays {
       } else {
         hn::Store(NormInfV(own), d, own_inf_ + i);
         fits = hn::And(fits, FitsFrame(own, z));
-        const ShaftV inverse = hn::Div(hn::Set(d, 1.0f), z);
-        hn::Store(inverse, d, inverse_z_ + i);
+        const ShaftV inverse = kAny ? InverseOf(z) : hn::Div(hn::Set(d, 1.0f), z);
+        if constexpr (!kAny) hn::Store(inverse, d, inverse_z_ + i);
         hn::Store(hn::Mul(x, inverse), d, x_ + i);
         hn::Store(hn::Mul(y, inverse), d, y_ + i);
       }
@@ -490,8 +497,7 @@ class ShaftRays {
     const float* const rows[3] = {row(0), row(1), row(2)};
     const Vec3d sum = SumOfNormals(scene_.geometry, sources(), rows, packet_.count,
                                    ToDouble(kParallel ? -frame_.w : frame_.w));
-    const double length = Length(sum);
-    cap_normal_ = length > 0.125 ? ToFloat(sum * (1.0 / length)) : kParallel ? -frame_.w : frame_.w;
+    cap_normal_ = MaxAbs(sum) > kFlat ? ToFloat(sum) : kParallel ? -frame_.w : frame_.w;
     cap_of_apex_ = -std::numeric_limits<float>::infinity();
     if constexpr (kParallel) {
       const Vec3d g = ToDouble(cap_normal_), d = ToDouble(common());
@@ -544,7 +550,7 @@ class ShaftRays {
   alignas(64) float own_rows_[3][kMaxRays];
   alignas(64) float own_inf_[kMaxRays];                        // |D|_inf; one origin only.
   alignas(64) float x_[kMaxRays], y_[kMaxRays], z_[kMaxRays];  // Slopes or offsets, and depths.
-  alignas(64) float inverse_z_[kMaxRays];                      // One origin only.
+  alignas(64) float inverse_z_[kMaxRays];                      // Closest hits only.
   alignas(64) float cap_[kMaxRays];                            // G·(P - C), margin included.
 };
 
