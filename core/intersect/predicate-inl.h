@@ -90,11 +90,10 @@ HWY_INLINE Vec3V<V> PermanentV(const Vec3V<V>& x, const Vec3V<V>& y) {
           hn::MulAdd(a.x, b.y, hn::Mul(a.y, b.x))};
 }
 
-// So many units of it, but for what underflow adds to the sum: how far (x × y)·z may be off, by the
-// components of z.
+// How far (x × y)·z may be off, by the components of z, but for what underflow adds to the sum.
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE Vec3V<V> CrossBound(D d, float of_one, const Vec3V<V>& x, const Vec3V<V>& y) {
-  const V units = hn::Set(d, of_one), underflow = hn::Set(d, kFloatUnderflow);
+HWY_INLINE Vec3V<V> CrossBound(D d, const Vec3V<V>& x, const Vec3V<V>& y) {
+  const V units = hn::Set(d, kFloatUnits), underflow = hn::Set(d, kFloatUnderflow);
   const Vec3V<V> permanent = PermanentV(x, y);
   return {hn::MulAdd(units, permanent.x, underflow), hn::MulAdd(units, permanent.y, underflow),
           hn::MulAdd(units, permanent.z, underflow)};
@@ -177,7 +176,7 @@ HWY_INLINE OriginTriangles<V> PrepareTriangles(D d, const float* HWY_RESTRICT ro
   t.edge_bound[1] = hn::MulAdd(units, hn::Mul(Norm1V(ob), bc1), underflow);
   t.edge_bound[2] = hn::MulAdd(units, hn::Mul(Norm1V(oc), ca1), underflow);
   t.normal = CrossV(ab, bc);
-  t.normal_bound = CrossBound(d, kFloatUnits, ab, bc);
+  t.normal_bound = CrossBound(d, ab, bc);
   t.origin_side = DotV(t.normal, oa);
   t.origin_bound = BoundAlong(d, t.normal_bound, oa);
   t.a = a;

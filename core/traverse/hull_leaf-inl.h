@@ -135,7 +135,7 @@ class HullLeaf {
     // Whether all samples are on one side of the plane, and on which.
     const V3 normal = CrossV(along[0], along[1]);
     const V normal_k = hn::Mul(along1[0], along1[1]);
-    const V3 normal_bound = CrossBound(d, kFloatUnits, along[0], along[1]);
+    const V3 normal_bound = CrossBound(d, along[0], along[1]);
     const V depth = DotV(normal, corner[0]);
     const V depth_bound = BoundAlong(d, normal_bound, corner[0]);
     const V spread = hn::Add(hn::Abs(DotV(normal, half[0])), hn::Abs(DotV(normal, half[1])));

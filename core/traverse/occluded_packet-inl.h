@@ -69,7 +69,7 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
     const V along1[3] = {Norm1V(along[0]), Norm1V(along[1]), Norm1V(along[2])};
     const V3 from_apex[3] = {SubV(corner[0], apex), SubV(corner[1], apex), SubV(corner[2], apex)};
     const V3 normal = CrossV(along[0], along[1]);
-    const V3 normal_bound = CrossBound(d, kFloatUnits, along[0], along[1]);
+    const V3 normal_bound = CrossBound(d, along[0], along[1]);
     // Which way the triangle is to be turned: by where the direction leads, or the origin's side.
     V turn = DotV(normal, kParallel ? common : from_apex[0]);
     const V turn_bound = BoundAlong(d, normal_bound, kParallel ? common : from_apex[0]);

@@ -209,7 +209,7 @@ class ShaftLeaf {
     const V3 ab = SubV(b, a), bc = SubV(c, b), ca = SubV(a, c);
     const V ab1 = Norm1V(ab), bc1 = Norm1V(bc), ca1 = Norm1V(ca);
     const V underflow = hn::Set(d, kFloatUnderflow), units = hn::Set(d, kFloatUnits);
-    const V3 normal = CrossV(ab, bc), normal_bound = CrossBound(d, kFloatUnits, ab, bc);
+    const V3 normal = CrossV(ab, bc), normal_bound = CrossBound(d, ab, bc);
     const V normal_k = hn::Mul(ab1, bc1);
     V depth = DotV(normal, oa);
     // Which way the triangle is to be turned: by the side the origin is on, or where D leads.
