@@ -273,12 +273,7 @@ class ShaftWalk {
   uint32_t VisitLeaf(ChildRef ref) {
     ++stats_->leaves;
     const LeafView leaf(scene_, ref);
-    stats_->shaft.triangles += leaf.count;
     const uint32_t relevant = leaf_->Prepare(leaf, bounds_, bounds_.all_far);
-    if (relevant == 0) {  // As in half of all leaves.
-      if (kAny && packet_.clear != nullptr) bounds_.open_blocks = OpenBlocks(bounds_.open);
-      return 0;
-    }
     found_ = false;
     BlockPairs touched;
     uint64_t tests = 0, covers = 0;
@@ -309,6 +304,7 @@ class ShaftWalk {
     stats_->triangle_tests += tests;
     stats_->shaft.covers += covers;
     const auto relevant_count = static_cast<uint32_t>(std::popcount(relevant));
+    stats_->shaft.triangles += leaf.count;
     stats_->shaft.relevant += relevant_count;
     stats_->shaft.pairs += covers + touched.count;
     return relevant_count;
