@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "core/geometry/permanent.h"
 #include "core/intersect/predicate.h"
 
 namespace sightline {
@@ -13,9 +14,7 @@ HitSource::HitSource(const IndexedGeometry& scene, Vec3f origin, uint32_t triang
   anchor = ToDouble(a);
   const Vec3d ab = ToDouble(b) - anchor, ac = ToDouble(c) - anchor;
   normal = Cross(ab, ac);
-  permanent = {std::abs(ab.y * ac.z) + std::abs(ab.z * ac.y),
-               std::abs(ab.z * ac.x) + std::abs(ab.x * ac.z),
-               std::abs(ab.x * ac.y) + std::abs(ab.y * ac.x)};
+  permanent = Permanent(ab, ac);
   closest = ClosestPoints(a, b, c);
   // An origin within the plane sees the triangle by a test of the papers' alone; either side will
   // do.

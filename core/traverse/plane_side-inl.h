@@ -14,6 +14,7 @@
 
 #include <cmath>
 
+#include "core/geometry/permanent.h"
 #include "core/intersect/hit-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 
@@ -33,11 +34,7 @@ inline ShaftV SideInDoubles(Vec3d v, Vec3d w, float sign, const Vec3f* base,
   const hn::Half<ShaftD> half;
   const hn::Rebind<double, decltype(half)> dd;
   const Vec3d n = Cross(v, w) * static_cast<double>(sign);
-  const auto permanent = [](double a, double b, double c, double d) {
-    return kDoubleUnits * (std::abs(a * b) + std::abs(c * d));
-  };
-  const Vec3d bound = {permanent(v.y, w.z, v.z, w.y), permanent(v.z, w.x, v.x, w.z),
-                       permanent(v.x, w.y, v.y, w.x)};
+  const Vec3d bound = Permanent(v, w) * kDoubleUnits;
   const Vec3f from = base == nullptr ? Vec3f{0, 0, 0} : *base;
   const auto side = [&](auto x, auto y, auto z) HWY_ATTR {
     const auto q = DirectionInDoubles(half, from, /*segments=*/base != nullptr, x, y, z);
