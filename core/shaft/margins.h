@@ -100,6 +100,8 @@
 // G·(P-C)}. G·(x-C) errs by 4u·sum |G_k||x_k - C_k|: kCapMargin is 5u of it, on both sides. With C
 // among the points it is a margin of the neighbourhood's size, so that a surface's own triangles,
 // which lie just behind points placed in front of it, are culled by their vertices.
+// Put to a node's boxes, G is a normal like the others: no component is above 2, where theirs are
+// within 3.3, and it is stored as it is, so that kBoxMargin has room.
 //
 // An area light's samples together (core/traverse/hull_leaf-inl.h)
 //

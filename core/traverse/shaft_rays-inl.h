@@ -46,11 +46,13 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 static_assert(kShaftBlocks * kShaftBlockRays == RayPacket::kMaxRays);
 
+// Normals that add up to less are of no surface that is flat.
+constexpr double kFlat = 0.125;
+
 // Normals of the surface under some of `count` points, each at the scale of its largest component,
-// turned `along`, and added up: of a size above kFlat where it is flat, 2 at most. Of their source
+// turned `along`, and added up: no component is above 2. Of their source
 // triangles, or as neighbouring points have it where no source is known: points come in fours by
 // four, row by row or along a Morton curve.
-constexpr double kFlat = 0.125;
 inline Vec3d SumOfNormals(const SceneGeometry& geometry, const uint32_t* sources,
                           const float* const (&rows)[3], int count, Vec3d along) {
   const auto point = [&](int lane) {
