@@ -45,18 +45,19 @@ HWY_AFTER_NAMESPACE();
 #include <array>
 #include <cmath>
 #include <iostream>
-#include <string>
-#include <vector>
 
 #include "core/intersect/predicate.h"
+#include "core/traverse/simd_target.h"
 #include "gtest/gtest.h"
 #include "tests/core/intersect/triangle_cases.h"
+#include "tests/core/traverse/kernels_fixture.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
 
 namespace sightline {
 namespace {
 
+using testing_support::AvailableTargets;
 using testing_support::ClampToRange;
 using testing_support::Hex;
 using testing_support::MoveByUlps;
@@ -67,17 +68,8 @@ using testing_support::TriangleCases;
 
 constexpr size_t kPoints = 16;
 
-struct Target {
-  std::string name;
-  void (*sides)(Vec3d, Vec3d, float, const Vec3f*, std::span<const Vec3f>, float*);
-};
-
-std::vector<Target> Targets() {
-  std::vector<Target> targets = {{"AVX2", &N_AVX2::SidesInDoubles}};
-  if ((hwy::SupportedTargets() & HWY_AVX3) != 0) {
-    targets.push_back({"AVX-512", &N_AVX3::SidesInDoubles});
-  }
-  return targets;
+auto* SidesFor(SimdTarget target) {
+  return target == SimdTarget::kAvx512 ? &N_AVX3::SidesInDoubles : &N_AVX2::SidesInDoubles;
 }
 
 // The case's own end, and others beside it.
@@ -97,7 +89,7 @@ std::array<Vec3f, kPoints> PointsAround(const TriangleCase& c, TestRng& rng) {
 // corner; else of the plane through the origin and an edge, along directions.
 template <class Fn>
 void ForManyCases(bool is_plane, const Fn& fn) {
-  for (const Target& target : Targets()) {
+  for (const SimdTarget target : AvailableTargets()) {
     TestRng rng;
     TriangleCases cases(rng);
     for (int64_t i = ScaledCount(40'000); i > 0; --i) {
@@ -108,9 +100,9 @@ void ForManyCases(bool is_plane, const Fn& fn) {
       std::array<float, kPoints> sides;
       std::array<int, kPoints> exact;
       if (is_plane) {
-        target.sides(ab, ToDouble(c.c) - a, sign, &c.a, points, sides.data());
+        SidesFor(target)(ab, ToDouble(c.c) - a, sign, &c.a, points, sides.data());
       } else {
-        target.sides(a - ToDouble(c.ray.origin), ab, sign, nullptr, points, sides.data());
+        SidesFor(target)(a - ToDouble(c.ray.origin), ab, sign, nullptr, points, sides.data());
       }
       for (size_t p = 0; p < kPoints; ++p) {
         exact[p] = static_cast<int>(sign) *
@@ -124,16 +116,16 @@ void ForManyCases(bool is_plane, const Fn& fn) {
 
 void ExpectCertainSidesAreExact(bool is_plane) {
   int64_t certain = 0, all = 0;
-  ForManyCases(is_plane, [&](const Target& target, const TriangleCase& c, const auto& sides,
-                             const auto& exact) {
-    for (size_t p = 0; p < kPoints; ++p) {
-      ++all;
-      if (sides[p] == 0) continue;
-      ++certain;
-      ASSERT_EQ(static_cast<int>(sides[p]), exact[p])
-          << target.name << ", point " << p << ", " << c;
-    }
-  });
+  ForManyCases(is_plane,
+               [&](SimdTarget target, const TriangleCase& c, const auto& sides, const auto& exact) {
+                 for (size_t p = 0; p < kPoints; ++p) {
+                   ++all;
+                   if (sides[p] == 0) continue;
+                   ++certain;
+                   ASSERT_EQ(static_cast<int>(sides[p]), exact[p])
+                       << SimdTargetName(target) << ", point " << p << ", " << c;
+                 }
+               });
   std::cout << 100.0 * static_cast<double>(certain) / static_cast<double>(all) << " % certain\n";
   EXPECT_GT(certain, all / 4);
 }

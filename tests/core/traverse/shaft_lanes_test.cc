@@ -37,36 +37,25 @@ HWY_AFTER_NAMESPACE();
 #include <array>
 #include <cmath>
 #include <iostream>
-#include <string>
-#include <vector>
 
+#include "core/traverse/simd_target.h"
 #include "gtest/gtest.h"
+#include "tests/core/traverse/kernels_fixture.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
 
 namespace sightline {
 namespace {
 
+using testing_support::AvailableTargets;
 using testing_support::ScaledCount;
 using testing_support::TestRng;
-
-struct Target {
-  std::string name;
-  void (*invert)(std::span<const float>, float*);
-};
-
-std::vector<Target> Targets() {
-  std::vector<Target> targets = {{"AVX2", &N_AVX2::Invert}};
-  if ((hwy::SupportedTargets() & HWY_AVX3) != 0) {
-    targets.push_back({"AVX-512", &N_AVX3::Invert});
-  }
-  return targets;
-}
 
 // As core/shaft/margins.h counts on: depths are between kLeastDepth and what coordinates allow.
 TEST(ShaftLanesTest, InversesAreGoodToThreeAndAThirdRoundings) {
   constexpr double kRoundings = 3.3, kRounding = 0x1p-24;
-  for (const Target& target : Targets()) {
+  for (const SimdTarget target : AvailableTargets()) {
+    auto* const invert = target == SimdTarget::kAvx512 ? &N_AVX3::Invert : &N_AVX2::Invert;
     TestRng rng;
     double worst = 0;
     for (int64_t i = ScaledCount(100'000); i > 0; --i) {
@@ -75,14 +64,14 @@ TEST(ShaftLanesTest, InversesAreGoodToThreeAndAThirdRoundings) {
         value = std::ldexp(static_cast<float>(rng.Uniform(1, 2)),
                            static_cast<int>(rng.Below(102)) - 60);
       }
-      target.invert(x, inverse.data());
+      invert(x, inverse.data());
       for (size_t k = 0; k < x.size(); ++k) {
         const double off = std::abs(double{inverse[k]} * double{x[k]} - 1) / kRounding;
-        ASSERT_LE(off, kRoundings) << target.name << ", x = " << x[k];
+        ASSERT_LE(off, kRoundings) << SimdTargetName(target) << ", x = " << x[k];
         worst = std::max(worst, off);
       }
     }
-    std::cout << target.name << ": within " << worst << " roundings\n";
+    std::cout << SimdTargetName(target) << ": within " << worst << " roundings\n";
   }
 }
 
