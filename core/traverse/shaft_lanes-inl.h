@@ -125,9 +125,17 @@ inline HWY_NOINLINE void BlockRanges(const float* values, const uint16_t* open, 
   const auto min = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); };
   const auto max = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); };
   if (open == nullptr) {
+    // Both before either is stored, so that the first step of their trees is taken once.
+    const ShaftD d;
     const auto all = [values](size_t at) HWY_ATTR { return hn::Load(ShaftD(), values + at); };
-    ReduceBlocks(min, all, least);
-    ReduceBlocks(max, all, most);
+    for (size_t first = 0; first < kShaftBlocks; first += hn::Lanes(d)) {
+      constexpr size_t kLanes = hn::MaxLanes(ShaftD());
+      const size_t at = first * kShaftBlockRays;
+      const ShaftV lo = ReduceTree<kLanes, kShaftBlockRays>(min, all, at);
+      const ShaftV hi = ReduceTree<kLanes, kShaftBlockRays>(max, all, at);
+      hn::Store(lo, d, least + first);
+      hn::Store(hi, d, most + first);
+    }
     return;
   }
   const ShaftV infinity = hn::Set(ShaftD(), std::numeric_limits<float>::infinity());
