@@ -93,13 +93,25 @@
 // N·(P-R) likewise with K = |B-A|_1|C-B|_1 and one more coefficient: + 21u·K·r. kEdgeMargin is
 // 128u.
 //
+// Sides of planes, of rays that run within the edges (PlaneBound, core/traverse/shaft_leaf-inl.h)
+//
+// s = N·(P-A) as computed errs by e <= b·|P-A|, where b·x is what BoundAlong says of a vector of
+// absolute components x. Whether a ray is blocked hangs on s only if its line meets the triangle,
+// in some H. With O and P on that line P - H = s/(N·(A-O)) (H-O), and along D it is s/(N·D) D, s
+// exact. So e <= b·|H-A| + r|s|, where r = b·|H-O| / |N·(A-O)|, or b·|D| / |N·D|. H lies between
+// the corners: |H-A| is at most the larger of |B-A| and |C-A|, |H-O| the largest of the corners',
+// component by component. Where r is below 1, an s whose computed sign is wrong is computed as at
+// most e - |s| <= b·|H-A|: one bound for all rays, of the triangle's own size, however far P is.
+// That r is below 1 is certain where |N·(A-O)|, or |N·D|, is computed as twice the numerator.
+//
 // Receivers' cap (kCapMargin)
 //
 // Segments from O to points P stay in {x : G·(x-C) <= most}, most = max(G·(O-C), G·(P-C)), for
 // whatever G and C are stored; rays from P along D with G·D <= 0 stay in {x : G·(x-C) <= max
-// G·(P-C)}. G·(x-C) errs by 4u·sum |G_k||x_k - C_k|: kCapMargin is 5u of it, on both sides. With C
-// among the points it is a margin of the neighbourhood's size, so that a surface's own triangles,
-// which lie just behind points placed in front of it, are culled by their vertices.
+// G·(P-C)}. G·(x-C) errs by 4u·sum |G_k||x_k - C_k|: kCapMargin is 5u of it, on both sides, for the
+// points of what their box allows. With C among the points it is a margin of the neighbourhood's
+// size, so that a surface's own triangles, which lie just behind points placed in front of it, are
+// culled by their vertices.
 // Put to a node's boxes, G is a normal like the others: no component is above 2, where theirs are
 // within 3.3, and it is stored as it is, so that kBoxMargin has room.
 //

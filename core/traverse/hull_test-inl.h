@@ -91,7 +91,7 @@ class HullTest {
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const size_t to = k * kLanes;
       const Vec3V<V> q = rays_.Own(at + to);
-      const V bound = hn::MulAdd(hn::Set(d, forms_.bound_scale[row]), rays_.OwnInf(at + to),
+      const V bound = hn::MulAdd(hn::Set(d, forms_.bound_scale[row]), hn::Set(d, rays_.most_inf()),
                                  hn::Set(d, forms_.bound[row]));
       hn::Store(bound, d, edges.bound + to);
       V most = hn::Set(d, kInfinity), least = most;

@@ -61,12 +61,13 @@ class HullWalk {
         fetcher_(scene.bvh) {}
 
   // False: the rays fit no frame.
-  bool Prepare() { return rays_.Prepare(); }
+  bool Prepare() {
+    return rays_.Prepare() && (rays_.Bound(rays_.all(), &bounds_) == 0 || rays_.Fits(bounds_));
+  }
 
   // From rest->cut, where what is left to be walked sample by sample comes. REQUIRES: Prepare() was
   // true.
   void Run(HullRest* rest, const CancelToken* cancel) {
-    rays_.Bound(rays_.all(), &bounds_);
     const HullBlocks blocks(light_, rays_, bounds_);
     blocks_ = &blocks;
     const auto none = static_cast<uint16_t>(~AllSamples());  // Those there are not.

@@ -73,6 +73,7 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
     // Which way the triangle is to be turned: by where the direction leads, or the origin's side.
     V turn = DotV(normal, kParallel ? common : from_apex[0]);
     const V turn_bound = BoundAlong(d, normal_bound, kParallel ? common : from_apex[0]);
+    const V approach = hn::Abs(turn);  // Before a turn that is settled takes its place.
     uint32_t chosen = leaf.count - first >= hn::Lanes(d) ? (1u << hn::Lanes(d)) - 1
                                                          : (1u << (leaf.count - first)) - 1;
     if (lanes.common_source() != kNoTriangle) {
@@ -111,18 +112,25 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
     V edge_k = hn::Max(hn::Max(along1[0], along1[1]), along1[2]);
     if constexpr (kParallel) edge_k = hn::Mul(edge_k, common_inf);
     edge_k = hn::Mul(edge_k, hn::Add(reach, spread));
-    hn::Store(hn::MulAdd(hn::Set(d, kParallel ? kParallelUnits : kFloatUnits), edge_k, underflow),
-              d, forms->edge_bound + first);
+    V edge_bound =
+        hn::MulAdd(hn::Set(d, kParallel ? kParallelUnits : kFloatUnits), edge_k, underflow);
+    if constexpr (!kParallel) {
+      edge_bound = hn::MulAdd(edge_bound, hn::Set(d, lanes.most_inf()), underflow);
+    }
+    PutBounds(edge_bound, first, forms->edge_most, forms->edge_least);
     if (lanes.frame() != nullptr) {
       const V margin = hn::MulAdd(hn::Add(reach, spread), hn::Set(d, kBoxMargin), underflow);
       PutRectangles<kParallel>({*lanes.frame(), {&from_apex[0], &from_apex[1], &from_apex[2]}},
                                {&from_apex1[0], &from_apex1[1], &from_apex1[2]}, margin, first,
                                forms);
     }
-    put(normal, forms->normal);
-    hn::Store(normal_bound.x, d, forms->normal_bound[0] + first);
-    hn::Store(normal_bound.y, d, forms->normal_bound[1] + first);
-    hn::Store(normal_bound.z, d, forms->normal_bound[2] + first);
+    put(kParallel ? V3{hn::Neg(normal.x), hn::Neg(normal.y), hn::Neg(normal.z)} : normal,
+        forms->normal);
+    const V off =
+        kParallel ? turn_bound
+                  : BoundAlong(d, normal_bound, MostV(from_apex[0], from_apex[1], from_apex[2]));
+    PutBounds(PlaneBound(normal_bound, along[0], along[2], approach, off), first, forms->plane_most,
+              forms->plane_least);
     hn::Store(corner[0].x, d, forms->corner[0] + first);
     hn::Store(corner[0].y, d, forms->corner[1] + first);
     hn::Store(corner[0].z, d, forms->corner[2] + first);

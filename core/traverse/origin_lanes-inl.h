@@ -51,6 +51,7 @@ class OriginLanes {
     // Any hit knows neither (TraceRay).
     SIGHTLINE_DCHECK(packet.near == nullptr && packet.unseen.count == 0);
     for (uint32_t g = 0; g < groups(); ++g) open_groups_ |= (active(g) != 0 ? 1u : 0u) << g;
+    PutMostInf();
     PutAxes();
     PutPlanes();
     PlaceGroups();
@@ -74,7 +75,8 @@ class OriginLanes {
     return {hn::Load(d, lanes_.direction_row(0) + at), hn::Load(d, lanes_.direction_row(1) + at),
             hn::Load(d, lanes_.direction_row(2) + at)};
   }
-  HWY_INLINE V OwnInf(size_t at) const { return hn::Load(D(), lanes_.direction_inf_row() + at); }
+  // |D|_inf is nowhere above it.
+  float most_inf() const { return most_inf_; }
   HWY_INLINE V Point(int axis, size_t at) const {
     return hn::Load(D(), (axis == 0   ? packet_.target_x
                           : axis == 1 ? packet_.target_y
@@ -85,9 +87,6 @@ class OriginLanes {
   HWY_INLINE Vec3V<V> OwnOf(size_t lane) const {
     return Broadcast(D(), lanes_.direction_row(0)[lane], lanes_.direction_row(1)[lane],
                      lanes_.direction_row(2)[lane]);
-  }
-  HWY_INLINE V OwnInfOf(size_t lane) const {
-    return hn::Set(D(), lanes_.direction_inf_row()[lane]);
   }
   HWY_INLINE Vec3V<V> PointOf(size_t lane) const {
     return Broadcast(D(), packet_.target_x[lane], packet_.target_y[lane], packet_.target_z[lane]);
@@ -205,6 +204,15 @@ class OriginLanes {
   uint32_t active(uint32_t group) const { return lanes_.active(group); }
 
  private:
+  HWY_INLINE V OwnInf(size_t at) const { return hn::Load(D(), lanes_.direction_inf_row() + at); }
+
+  void PutMostInf() {
+    const D d;
+    V most = hn::Zero(d);
+    for (uint32_t g = 0; g < groups(); ++g) most = hn::Max(most, OwnInf(g * hn::Lanes(d)));
+    most_inf_ = hn::GetLane(hn::MaxOfLanes(d, most));
+  }
+
   // Finds the frame, and the groups' places in it.
   void PlaceGroups() {
     const D d;
@@ -303,6 +311,7 @@ class OriginLanes {
   bool has_frame_ = false;
   ShaftFrame frame_;
   LaneRectangles rectangles_;
+  float most_inf_ = 0;
   uint32_t open_groups_ = 0;  // With a lane that is still asked about.
 };
 

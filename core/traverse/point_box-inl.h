@@ -95,6 +95,13 @@ inline Box3f BoxAround(const ParallelPacket& packet) {
   return BoxAround(packet, packet.origin_x, packet.origin_y, packet.origin_z);
 }
 
+// Bounds how far points of a box are from another one along each axis, but for a rounding.
+inline Vec3f FarthestFrom(const Box3f& box, Vec3f from) {
+  Vec3f far;
+  for (int k = 0; k < 3; ++k) far[k] = std::max(box.hi[k] - from[k], from[k] - box.lo[k]);
+  return far;
+}
+
 // The least coordinate in a box along an axis, or against it.
 inline float LeastIn(const Box3f& box, int axis, bool up) {
   return up ? box.lo[axis] : -box.hi[axis];

@@ -77,7 +77,14 @@ class ShaftWalk {
         fetcher_(scene.bvh) {}
 
   // False: the rays fit no frame.
-  bool Prepare() { return rays_.Prepare(); }
+  bool Prepare() {
+    if (!rays_.Prepare()) return false;
+    if constexpr (kAny) {
+      ray_count_ = Take(rays_.all());
+      return ray_count_ == 0 || rays_.Fits(bounds_);
+    }
+    return true;
+  }
 
   // From `cut`, or from the root if it is null. Returns false if `cancel` fired. REQUIRES:
   // Prepare() was true.
@@ -86,12 +93,13 @@ class ShaftWalk {
     if constexpr (!kAny) {
       FillRow(best_lo_, rays_.padded(), -kInfinity);
       FillRow(best_hi_, rays_.padded(), -kInfinity);
+      ray_count_ = Take(rays_.all());
     }
     if (!scene_.bvh.empty()) {
       ShaftLeaf<kAny, kParallel> leaf(scene_, rays_);
       leaf_ = &leaf;
       Pending stack[kStackSize];
-      if (!Walk(rays_.all(), cut, stack, 0)) return false;
+      if (!Walk(ray_count_, cut, stack, 0)) return false;
       if constexpr (kAny) {
         if (single_count_ > 0 && !TraceSingles()) return false;
       }
@@ -118,14 +126,19 @@ class ShaftWalk {
   // For closest hits `entry` is the depth that nothing in the child comes before.
   using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
 
-  // `depth` entries are on the stack; if there are none, begins at `cut` or the root. Returns false
-  // if cancelled.
-  bool Walk(const RaySet& set, const ShaftCut* cut, Pending* stack, int depth) {
+  // Takes up the rays of a set. Returns how many there are.
+  HWY_INLINE int Take(const RaySet& set) {
     FetchMeanwhile();
     const int rays = rays_.Bound(set, &bounds_);
-    if (rays == 0) return true;
     FetchMeanwhile();
     if constexpr (!kAny) UpdateFar();
+    return rays;
+  }
+
+  // The rays that were taken up, of which there are `rays`. `depth` entries are on the stack; if
+  // there are none, begins at `cut` or the root. Returns false if cancelled.
+  bool Walk(int rays, const ShaftCut* cut, Pending* stack, int depth) {
+    if (rays == 0) return true;
     if (depth == 0) {
       if constexpr (kAny) {
         if (packet_.first_leaf != RayPacket::kNoLeaf) {
@@ -200,9 +213,9 @@ class ShaftWalk {
     ++stats_->shaft.splits;
     Pending copy[kStackSize];
     std::copy_n(stack, depth, copy);
-    if (!Walk(halves[0], nullptr, copy, depth)) return false;
+    if (!Walk(Take(halves[0]), nullptr, copy, depth)) return false;
     packet_.first_leaf = RayPacket::kNoLeaf;  // Only what ends the last set is left behind.
-    return Walk(halves[1], nullptr, stack, depth);
+    return Walk(Take(halves[1]), nullptr, stack, depth);
   }
 
   // Leaves the rays of the present set that are still asked about to TraceSingles.
@@ -529,6 +542,7 @@ class ShaftWalk {
   size_t single_count_ = 0;
   ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
   const CancelToken* cancel_ = nullptr;
+  int ray_count_ = 0;        // Of the whole packet, asked about.
   uint64_t visited_ = 0;     // By all sets of rays: parts of a packet alone are too short to poll.
   ShaftBounds bounds_;       // Of the set being walked.
   float depth_of_apex_ = 0;  // w·O, with the margin of a node's depth.

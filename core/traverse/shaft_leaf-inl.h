@@ -34,16 +34,19 @@ struct LeafForms {
   // Against a ray's own vector q (D, or P - R).
   alignas(64) float edge[3][3][kMaxLeafTriangles];
   alignas(64) float edge_offset[3][kMaxLeafTriangles];  // Parallel: e = offset - edge·q.
-  alignas(64) float edge_bound[kMaxLeafTriangles];      // Of all three. One origin: times |D|_inf.
+  // Of all three and any of the rays: above the one they are positive, below the other one is not.
+  alignas(64) float edge_most[kMaxLeafTriangles], edge_least[kMaxLeafTriangles];
   alignas(64) float normal[3][kMaxLeafTriangles];
-  alignas(64) float normal_bound[3][kMaxLeafTriangles];  // Along P-A (BoundAlong).
-  alignas(64) float rate_bound[kMaxLeafTriangles];       // Closest: times |D|_inf.
-  alignas(64) float corner[3][kMaxLeafTriangles];  // A, as stored. Where ends are asked about.
+  alignas(64) float rate_bound[kMaxLeafTriangles];  // Closest: times |D|_inf.
+  // Where ends are asked about: A, as stored; and for rays within the edges, normal·(P-A) above
+  // the one where the plane comes before P, below the other where it does not. Parallel: of P-A
+  // and the normal turned round.
+  alignas(64) float corner[3][kMaxLeafTriangles];
+  alignas(64) float plane_most[kMaxLeafTriangles], plane_least[kMaxLeafTriangles];
   alignas(64) uint32_t id[kMaxLeafTriangles];
   alignas(64) float turn[kMaxLeafTriangles];         // -1 where it was turned round, else 1.
   alignas(64) float depth[kMaxLeafTriangles];        // normal·(A-O), or normal·(A-R).
-  alignas(64) float depth_bound[kMaxLeafTriangles];  // One origin: its error. Parallel: of the
-                                                     // whole plane form per ray.
+  alignas(64) float depth_bound[kMaxLeafTriangles];  // One origin: its error.
   alignas(64) float nearest[kMaxLeafTriangles];      // Closest: the least depth in its box.
   alignas(64) float inverse_lo[kMaxLeafTriangles];   // Closest: bounds of 1 / (normal·(A-O)).
   alignas(64) float inverse_hi[kMaxLeafTriangles];   // +inf where it cannot be trusted.
@@ -127,6 +130,35 @@ HWY_INLINE void PutRectangles(const FrameCorners& corners, const ShaftV* const (
   hn::Store(hn::IfThenElse(held, hn::Add(x1, widen), infinity), d, forms->x1 + first);
   hn::Store(hn::IfThenElse(held, hn::Sub(y0, widen), hn::Neg(infinity)), d, forms->y0 + first);
   hn::Store(hn::IfThenElse(held, hn::Add(y1, widen), infinity), d, forms->y1 + first);
+}
+
+// By component, the largest absolute value.
+HWY_INLINE Vec3V<ShaftV> MostV(const Vec3V<ShaftV>& a, const Vec3V<ShaftV>& b,
+                               const Vec3V<ShaftV>& c) {
+  return {hn::Max(hn::Max(hn::Abs(a.x), hn::Abs(b.x)), hn::Abs(c.x)),
+          hn::Max(hn::Max(hn::Abs(a.y), hn::Abs(b.y)), hn::Abs(c.y)),
+          hn::Max(hn::Max(hn::Abs(a.z), hn::Abs(b.z)), hn::Abs(c.z))};
+}
+
+// How large N·(P-A) may be and yet have the wrong sign, where P's ray runs within the edges
+// (margins.h). `approach` is |N·(A-O)|, or |N·D|, as computed, and `off` bounds how far that may be
+// off for any point of the triangle; infinite where they are too close.
+HWY_INLINE ShaftV PlaneBound(const Vec3V<ShaftV>& normal_bound, const Vec3V<ShaftV>& ab,
+                             const Vec3V<ShaftV>& ca, ShaftV approach, ShaftV off) {
+  const ShaftD d;
+  const ShaftV own =
+      BoundAlong(d, normal_bound,
+                 {hn::Max(hn::Abs(ab.x), hn::Abs(ca.x)), hn::Max(hn::Abs(ab.y), hn::Abs(ca.y)),
+                  hn::Max(hn::Abs(ab.z), hn::Abs(ca.z))});
+  return hn::IfThenElse(hn::Ge(approach, hn::Add(off, off)), own,
+                        hn::Set(d, std::numeric_limits<float>::infinity()));
+}
+
+// A form is certainly above zero where it is above *most, and below where it is below *least.
+HWY_INLINE void PutBounds(ShaftV bound, uint32_t first, float* most, float* least) {
+  const ShaftD d;
+  hn::Store(bound, d, most + first);
+  hn::Store(hn::Neg(bound), d, least + first);
 }
 
 template <bool kAny, bool kParallel>
@@ -224,6 +256,7 @@ class ShaftLeaf {
       turn = depth;
       turn_bound = BoundAlong(d, normal_bound, oa);
     }
+    const V approach = hn::Abs(turn);  // Before a turn that is settled takes its place.
     const hn::RebindToUnsigned<ShaftD> du;
     if (rays_.common_source() != kNoTriangle) {
       relevant &= ~MaskBits(du, hn::Eq(LeafIds(leaf, first), hn::Set(du, rays_.common_source())));
@@ -289,14 +322,25 @@ class ShaftLeaf {
       if constexpr (kParallel) Put(edge_offset[e], first, forms_.edge_offset[e]);
       for (int j = 0; j < 3; ++j) Put(frame[e][j], first, forms_.edge_form[e].f[j]);
     }
-    Put(hn::MulAdd(kParallel ? hn::Set(d, kParallelUnits) : units, edge_k, underflow), first,
-        forms_.edge_bound);
+    V edge_bound = hn::MulAdd(kParallel ? hn::Set(d, kParallelUnits) : units, edge_k, underflow);
+    if constexpr (!kParallel) {
+      edge_bound = hn::MulAdd(edge_bound, hn::Set(d, rays_.most_inf()), underflow);
+    }
+    PutBounds(edge_bound, first, forms_.edge_most, forms_.edge_least);
     Put(edge_margin, first, forms_.edge_margin);
-    Put(n, first, forms_.normal);
-    if (kParallel || rays_.segments()) Put(a, first, forms_.corner);
+    if constexpr (kParallel) {
+      Put({hn::Neg(n.x), hn::Neg(n.y), hn::Neg(n.z)}, first, forms_.normal);
+    } else {
+      Put(n, first, forms_.normal);
+    }
+    if (kParallel || rays_.segments()) {
+      Put(a, first, forms_.corner);
+      const V off = kParallel ? turn_bound : BoundAlong(d, normal_bound, MostV(oa, ob, oc));
+      PutBounds(PlaneBound(normal_bound, ab, ca, approach, off), first, forms_.plane_most,
+                forms_.plane_least);
+    }
     hn::Store(LeafIds(leaf, first), du, forms_.id + first);
     Put(depth, first, forms_.depth);
-    Put(normal_bound, first, forms_.normal_bound);
     if constexpr (!kAny) {
       Put(hn::Add(hn::Add(normal_bound.x, normal_bound.y), normal_bound.z), first,
           forms_.rate_bound);
@@ -304,7 +348,6 @@ class ShaftLeaf {
     Put(hn::Xor(hn::Set(d, 1.0f), flip), first, forms_.turn);
     if constexpr (kParallel) {
       const V k = hn::Mul(normal_k, hn::Add(oa1, hn::Set(d, rays_.spread())));
-      Put(hn::MulAdd(hn::Set(d, kParallelUnits), k, underflow), first, forms_.depth_bound);
       Put(hn::Neg(Along(axes_[0], n)), first, forms_.plane_form.f[0]);
       Put(hn::Neg(Along(axes_[1], n)), first, forms_.plane_form.f[1]);
       Put(depth, first, forms_.plane_form.f[2]);

@@ -143,6 +143,17 @@ class ShaftRays {
       apex_ = packet_.origin;
       has_cap_ = packet_.segments;
     }
+    Box3f box;  // Around the points, where ends are asked about.
+    if (has_cap_) {
+      box = BoxAround(packet_);
+      cap_at_ = point(count / 2);
+      reach_ = FarthestFrom(box, cap_at_);
+      if constexpr (kParallel) {
+        spread_ = reach_.x + reach_.y + reach_.z;
+      } else {
+        most_inf_ = MaxAbs(FarthestFrom(box, apex_));
+      }
+    }
     // Lanes 0 and 3 are neighbours in a row of a tile; points come as they come.
     const Vec3d sideways = ToDouble(point(std::min(3, count - 1))) - ToDouble(point(0));
     if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
@@ -167,7 +178,7 @@ class ShaftRays {
     float farthest = FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread_;
     if (has_cap_) farthest += Norm1(cap_at_);
     node_margin_ = kBoxMargin * farthest + kFloatUnderflow;
-    if constexpr (kAny) PlaceAxisCaps();
+    if constexpr (kAny) PlaceAxisCaps(box);
     return true;
   }
 
@@ -224,7 +235,10 @@ class ShaftRays {
     const ShaftD d;
     return {hn::Load(d, own_[0] + at), hn::Load(d, own_[1] + at), hn::Load(d, own_[2] + at)};
   }
+  // Closest hits only.
   ShaftV OwnInf(size_t at) const { return hn::Load(ShaftD(), own_inf_ + at); }
+  // |D|_inf is nowhere above it; one origin only.
+  float most_inf() const { return most_inf_; }
   ShaftV InverseDepth(size_t at) const { return hn::Load(ShaftD(), inverse_z_ + at); }
   // Ends of segments, origins of parallel rays.
   ShaftV Point(int axis, size_t at) const { return hn::Load(ShaftD(), row(axis) + at); }
@@ -307,6 +321,15 @@ class ShaftRays {
     return count;
   }
 
+  // Whether a frame can hold what was bounded, much as FitsFrame has it: of any hit's segments,
+  // which are not asked one by one.
+  bool Fits(const ShaftBounds& bounds) const {
+    if (!kAny || kParallel || !segments()) return true;
+    const float x = std::max(-bounds.left, bounds.right), y = std::max(-bounds.below, bounds.above);
+    constexpr float kMost = 1 / (kMinDepthShare * kMinDepthShare) - 1.01f;  // Of squared slopes.
+    return bounds.all_near >= kLeastDepth && x * x + y * y <= kMost;
+  }
+
   // Parts the open rays at the middle of their widest extent. False: one side would be empty.
   bool Split(const ShaftBounds& bounds, RaySet* halves) const {
     const ShaftD d;
@@ -351,7 +374,8 @@ class ShaftRays {
       apex_ = packet_.origin;
       frame_ = grid()->frame;
       for (int k = 0; k < 3; ++k) own_[k] = row(k);
-      FillRow(own_inf_, kMaxRays, grid()->norm_inf);
+      most_inf_ = grid()->norm_inf;
+      FillRow(own_inf_, kMaxRays, most_inf_);
       FillRow(packet_.triangle, kMaxRays, kNoTriangle);
       std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
       node_margin_ =
@@ -433,9 +457,11 @@ class ShaftRays {
     }
   }
 
-  // Places the rays in the frame; kCap: along the cap, too. False: they do not fit the frame.
+  // Places the rays in the frame; kCap: along the cap, too. False: they do not fit the frame; what
+  // Fits says is not asked.
   template <bool kCap>
   bool Place() {
+    constexpr bool kAsks = !kParallel && !(kAny && kCap);
     const ShaftD d;
     for (int k = 0; k < 3; ++k) own_[k] = own_rows_[k];
     const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
@@ -443,43 +469,44 @@ class ShaftRays {
     const Vec3V<ShaftV> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
     const Vec3V<ShaftV> w = Broadcast(d, frame_.w.x, frame_.w.y, frame_.w.z);
     const Vec3V<ShaftV> g = Broadcast(d, cap_normal_.x, cap_normal_.y, cap_normal_.z);
-    const Vec3V<ShaftV> g_abs = {hn::Abs(g.x), hn::Abs(g.y), hn::Abs(g.z)};
     const Vec3V<ShaftV> cap_at = Broadcast(d, cap_at_.x, cap_at_.y, cap_at_.z);
     ShaftV widest = hn::Zero(d);
     ShaftM fits = hn::FirstN(d, hn::Lanes(d));
     for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
       const Vec3V<ShaftV> p = Rows(i);
-      if constexpr (kCap) {
-        const Vec3V<ShaftV> q = SubV(p, cap_at);
-        const Vec3V<ShaftV> q_abs = {hn::Abs(q.x), hn::Abs(q.y), hn::Abs(q.z)};
-        hn::Store(hn::MulAdd(DotV(g_abs, q_abs), hn::Set(d, kCapMargin), DotV(g, q)), d, cap_ + i);
-      }
       const Vec3V<ShaftV> own = kParallel || segments() ? SubV(p, o) : p;
+      if constexpr (kCap) {
+        // Parallel: C is R.
+        hn::Store(DotV(g, kParallel ? own : SubV(p, cap_at)), d, cap_ + i);
+      }
       hn::Store(own.x, d, own_rows_[0] + i);
       hn::Store(own.y, d, own_rows_[1] + i);
       hn::Store(own.z, d, own_rows_[2] + i);
       const ShaftV x = DotV(u, own), y = DotV(v, own), z = DotV(w, own);
       hn::Store(z, d, z_ + i);
       if constexpr (kParallel) {
-        widest = hn::Max(widest, Norm1V(own));
         hn::Store(x, d, x_ + i);
         hn::Store(y, d, y_ + i);
       } else {
-        hn::Store(NormInfV(own), d, own_inf_ + i);
-        fits = hn::And(fits, FitsFrame(own, z));
+        if constexpr (kAsks) {
+          const ShaftV inf = NormInfV(own);
+          widest = hn::Max(widest, inf);
+          if constexpr (!kAny) hn::Store(inf, d, own_inf_ + i);
+          fits = hn::And(fits, FitsFrame(own, z));
+        }
         const ShaftV inverse = kAny ? InverseOf(z) : hn::Div(hn::Set(d, 1.0f), z);
         if constexpr (!kAny) hn::Store(inverse, d, inverse_z_ + i);
         hn::Store(hn::Mul(x, inverse), d, x_ + i);
         hn::Store(hn::Mul(y, inverse), d, y_ + i);
       }
     }
-    spread_ = hn::GetLane(hn::MaxOfLanes(d, widest));
+    if constexpr (!kAsks) return true;
+    most_inf_ = hn::GetLane(hn::MaxOfLanes(d, widest));
     return hn::AllTrue(d, fits);
   }
 
-  void PlaceAxisCaps() {
+  void PlaceAxisCaps(const Box3f& box) {
     if (!kParallel && !segments()) return;
-    const Box3f box = BoxAround(packet_);
     for (int k = 0; k < 3; ++k) {
       const float from = common()[k];
       if constexpr (kParallel) {
@@ -495,11 +522,12 @@ class ShaftRays {
   // surface where that is flat; along the axis if no source is known. None for parallel rays that
   // climb out of it.
   void TurnCap() {
-    cap_at_ = point(packet_.count / 2);
     const float* const rows[3] = {row(0), row(1), row(2)};
     const Vec3d sum = SumOfNormals(scene_.geometry, sources(), rows, packet_.count,
                                    ToDouble(kParallel ? -frame_.w : frame_.w));
     cap_normal_ = MaxAbs(sum) > kFlat ? ToFloat(sum) : kParallel ? -frame_.w : frame_.w;
+    const Vec3f g_abs = {std::abs(cap_normal_.x), std::abs(cap_normal_.y), std::abs(cap_normal_.z)};
+    cap_margin_ = kCapMargin * Dot(g_abs, reach_);
     cap_of_apex_ = -std::numeric_limits<float>::infinity();
     if constexpr (kParallel) {
       const Vec3d g = ToDouble(cap_normal_), d = ToDouble(common());
@@ -518,11 +546,11 @@ class ShaftRays {
     out->cap_most = std::numeric_limits<float>::infinity();
     if (has_cap_) {
       const ShaftD d;
-      ShaftV most = hn::Set(d, cap_of_apex_);
+      ShaftV most = hn::Set(d, -std::numeric_limits<float>::infinity());
       for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
         most = hn::IfThenElse(LanesOf(out->open, i), hn::Max(most, hn::Load(d, cap_ + i)), most);
       }
-      out->cap_most = hn::GetLane(hn::MaxOfLanes(d, most));
+      out->cap_most = std::max(hn::GetLane(hn::MaxOfLanes(d, most)) + cap_margin_, cap_of_apex_);
       // A node is put to it as to any other side; triangles by their own, narrower margin.
       cap = {cap_normal_, out->cap_most + Dot(cap_normal_, cap_at_ - apex_)};
     }
@@ -541,19 +569,21 @@ class ShaftRays {
   ShaftFrame frame_;
   Vec3f apex_;
   float spread_ = 0;
+  float most_inf_ = 0;
   float node_margin_ = 0;
   size_t padded_ = 0;
   bool has_cap_ = false, has_sources_ = false;
   Vec3f cap_normal_, cap_at_;
-  float cap_of_apex_ = 0;
+  Vec3f reach_;  // How far the points are from C along each axis.
+  float cap_of_apex_ = 0, cap_margin_ = 0;
   AxisCaps axis_caps_;
   RaySet all_;
   const float* own_[3];  // By axis: own_rows_, or the packet's, where those are what is wanted.
   alignas(64) float own_rows_[3][kMaxRays];
-  alignas(64) float own_inf_[kMaxRays];                        // |D|_inf; one origin only.
+  alignas(64) float own_inf_[kMaxRays];                        // |D|_inf; closest hits only.
   alignas(64) float x_[kMaxRays], y_[kMaxRays], z_[kMaxRays];  // Slopes or offsets, and depths.
   alignas(64) float inverse_z_[kMaxRays];                      // Closest hits only.
-  alignas(64) float cap_[kMaxRays];                            // G·(P - C), margin included.
+  alignas(64) float cap_[kMaxRays];                            // G·(P - C).
 };
 
 }  // namespace HWY_NAMESPACE

@@ -35,8 +35,7 @@ struct PairInDoubt {
   uint16_t pair, rays;
 };
 
-// Rays: a shaft's, or what has their Own, OwnInf, Point, common and segments
-// (occluded_packet-inl.h).
+// Rays: a shaft's, or what has their Own, Point, common and segments (occluded_packet-inl.h).
 template <bool kAny, bool kParallel, class Rays = ShaftRays<kAny, kParallel>>
 class ShaftTest {
  public:
@@ -120,7 +119,6 @@ class ShaftTest {
     const Rays& rays;
     size_t at;
     HWY_INLINE Vec3V<V> Own(size_t k) const { return rays.Own(at + k * kLanes); }
-    HWY_INLINE V OwnInf(size_t k) const { return rays.OwnInf(at + k * kLanes); }
     HWY_INLINE Vec3V<V> Point(size_t k) const {
       const size_t i = at + k * kLanes;
       return {rays.Point(0, i), rays.Point(1, i), rays.Point(2, i)};
@@ -130,7 +128,6 @@ class ShaftTest {
     const Rays& rays;
     size_t lane;
     HWY_INLINE Vec3V<V> Own(size_t) const { return rays.OwnOf(lane); }
-    HWY_INLINE V OwnInf(size_t) const { return rays.OwnInfOf(lane); }
     HWY_INLINE Vec3V<V> Point(size_t) const { return rays.PointOf(lane); }
   };
 
@@ -138,8 +135,6 @@ class ShaftTest {
   // part of a row of forms or corners.
   template <size_t kVectors, class Term, class OfRays>
   HWY_INLINE void Ask(const Term& term, const OfRays& rays, Floats (&said)[kVectors]) const {
-    const ShaftD d;
-    const V zero = hn::Zero(d), underflow = hn::Set(d, kFloatUnderflow);
     Vec3V<V> v[kVectors];
     V along[kVectors], inner[kVectors];
     for (size_t k = 0; k < kVectors; ++k) {
@@ -147,45 +142,43 @@ class ShaftTest {
       InVectorRegisters(&v[k]);
     }
     for (int e = 0; e < 3; ++e) {
-      Along(term, forms_.edge[e], v, along);
+      const Vec3V<V> form = Form(term, forms_.edge[e]);
       if constexpr (kParallel) {
         const V offset = term(forms_.edge_offset[e]);
-        for (size_t k = 0; k < kVectors; ++k) along[k] = hn::Sub(offset, along[k]);
+        for (size_t k = 0; k < kVectors; ++k) {
+          along[k] = hn::NegMulAdd(form.z, v[k].z, offset);
+          along[k] = hn::NegMulAdd(form.y, v[k].y, along[k]);
+          along[k] = hn::NegMulAdd(form.x, v[k].x, along[k]);
+        }
+      } else {
+        for (size_t k = 0; k < kVectors; ++k) along[k] = DotV(form, v[k]);
       }
       for (size_t k = 0; k < kVectors; ++k) {
         inner[k] = e == 0 ? along[k] : hn::Min(inner[k], along[k]);
       }
     }
-    const V edge_bound = term(forms_.edge_bound);
+    const V edge_most = term(forms_.edge_most), edge_least = term(forms_.edge_least);
     for (size_t k = 0; k < kVectors; ++k) {
-      V bound = edge_bound;
-      if constexpr (!kParallel) bound = hn::MulAdd(bound, rays.OwnInf(k), underflow);
       // Some form is certainly negative; all are certainly positive.
-      said[k].open = hn::Ge(hn::Add(inner[k], bound), zero);
-      said[k].hit = said[k].inside = hn::Gt(inner[k], bound);
+      said[k].open = hn::Ge(inner[k], edge_least);
+      said[k].hit = said[k].inside = hn::Gt(inner[k], edge_most);
     }
     if (!HasPlane()) return;
     // From the triangle's own corner, A: a point's side of the plane by this is good to the
     // triangle's own size, not to its distance from the apex. It settles points that lie near it.
-    const Vec3V<V> a = {term(forms_.corner[0]), term(forms_.corner[1]), term(forms_.corner[2])};
-    for (size_t k = 0; k < kVectors; ++k) v[k] = SubV(rays.Point(k), a);
-    Along(term, forms_.normal, v, along);
-    const Vec3V<V> normal_bound = {term(forms_.normal_bound[0]), term(forms_.normal_bound[1]),
-                                   term(forms_.normal_bound[2])};
+    const Vec3V<V> a = Form(term, forms_.corner);
+    const Vec3V<V> normal = Form(term, forms_.normal);
+    const V plane_most = term(forms_.plane_most), plane_least = term(forms_.plane_least);
     for (size_t k = 0; k < kVectors; ++k) {
-      const V plane = kParallel ? hn::Neg(along[k]) : along[k];
-      const V off = BoundAlong(d, normal_bound, v[k]);
-      said[k].open = hn::And(said[k].open, hn::Ge(hn::Add(plane, off), zero));
-      said[k].hit = hn::And(said[k].hit, hn::Gt(plane, off));
+      const V plane = DotV(normal, SubV(rays.Point(k), a));
+      said[k].open = hn::And(said[k].open, hn::Ge(plane, plane_least));
+      said[k].hit = hn::And(said[k].hit, hn::Gt(plane, plane_most));
     }
   }
 
-  // The triangles' form along each of v.
-  template <size_t kVectors, class Term>
-  static HWY_INLINE void Along(const Term& term, const float (&rows)[3][kMaxLeafTriangles],
-                               const Vec3V<V> (&v)[kVectors], V (&along)[kVectors]) {
-    const Vec3V<V> form = {term(rows[0]), term(rows[1]), term(rows[2])};
-    for (size_t k = 0; k < kVectors; ++k) along[k] = DotV(form, v[k]);
+  template <class Term>
+  static HWY_INLINE Vec3V<V> Form(const Term& term, const float (&rows)[3][kMaxLeafTriangles]) {
+    return {term(rows[0]), term(rows[1]), term(rows[2])};
   }
 
   // Whether a hit depends on the side of the triangle's plane that a point is on.
