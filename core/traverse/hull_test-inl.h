@@ -91,8 +91,9 @@ class HullTest {
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const size_t to = k * kLanes;
       const Vec3V<V> q = rays_.Own(at + to);
-      const V bound = hn::MulAdd(hn::Set(d, forms_.bound_scale[row]), hn::Set(d, rays_.most_inf()),
-                                 hn::Set(d, forms_.bound[row]));
+      const V bound =
+          hn::MulAdd(hn::Set(d, forms_.bound_scale[row]), hn::Set(d, MaxAbs(rays_.most_own())),
+                     hn::Set(d, forms_.bound[row]));
       hn::Store(bound, d, edges.bound + to);
       V most = hn::Set(d, kInfinity), least = most;
       for (int e = 0; e < 3; ++e) {

@@ -109,13 +109,14 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
       }
     }
     // One bound for the three, of the farthest corner and the longest edge.
-    V edge_k = hn::Max(hn::Max(along1[0], along1[1]), along1[2]);
-    if constexpr (kParallel) edge_k = hn::Mul(edge_k, common_inf);
-    edge_k = hn::Mul(edge_k, hn::Add(reach, spread));
-    V edge_bound =
-        hn::MulAdd(hn::Set(d, kParallel ? kParallelUnits : kFloatUnits), edge_k, underflow);
-    if constexpr (!kParallel) {
-      edge_bound = hn::MulAdd(edge_bound, hn::Set(d, lanes.most_inf()), underflow);
+    [[maybe_unused]] const V3 farthest = MostV(from_apex[0], from_apex[1], from_apex[2]);
+    V edge_bound;
+    if constexpr (kParallel) {
+      const V edge_k = hn::Mul(hn::Max(hn::Max(along1[0], along1[1]), along1[2]), common_inf);
+      edge_bound = hn::MulAdd(hn::Set(d, kParallelUnits), hn::Mul(edge_k, hn::Add(reach, spread)),
+                              underflow);
+    } else {
+      edge_bound = EdgeBound(farthest, MostV(along[0], along[1], along[2]), lanes.most_own());
     }
     PutBounds(edge_bound, first, forms->edge_most, forms->edge_least);
     if (lanes.frame() != nullptr) {
@@ -126,9 +127,7 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
     }
     put(kParallel ? V3{hn::Neg(normal.x), hn::Neg(normal.y), hn::Neg(normal.z)} : normal,
         forms->normal);
-    const V off =
-        kParallel ? turn_bound
-                  : BoundAlong(d, normal_bound, MostV(from_apex[0], from_apex[1], from_apex[2]));
+    const V off = kParallel ? turn_bound : BoundAlong(d, normal_bound, farthest);
     PutBounds(PlaneBound(normal_bound, along[0], along[2], approach, off), first, forms->plane_most,
               forms->plane_least);
     hn::Store(corner[0].x, d, forms->corner[0] + first);

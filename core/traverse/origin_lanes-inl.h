@@ -29,6 +29,7 @@
 #include "core/traverse/lane_rectangles-inl.h"
 #include "core/traverse/lane_shadows-inl.h"
 #include "core/traverse/packet_lanes-inl.h"
+#include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/trace_ray.h"
 
@@ -51,7 +52,7 @@ class OriginLanes {
     // Any hit knows neither (TraceRay).
     SIGHTLINE_DCHECK(packet.near == nullptr && packet.unseen.count == 0);
     for (uint32_t g = 0; g < groups(); ++g) open_groups_ |= (active(g) != 0 ? 1u : 0u) << g;
-    PutMostInf();
+    PutMost();
     PutAxes();
     PutPlanes();
     PlaceGroups();
@@ -75,8 +76,8 @@ class OriginLanes {
     return {hn::Load(d, lanes_.direction_row(0) + at), hn::Load(d, lanes_.direction_row(1) + at),
             hn::Load(d, lanes_.direction_row(2) + at)};
   }
-  // |D|_inf is nowhere above it.
-  float most_inf() const { return most_inf_; }
+  // By axis, |D| is nowhere above it.
+  Vec3f most_own() const { return most_own_; }
   HWY_INLINE V Point(int axis, size_t at) const {
     return hn::Load(D(), (axis == 0   ? packet_.target_x
                           : axis == 1 ? packet_.target_y
@@ -206,11 +207,16 @@ class OriginLanes {
  private:
   HWY_INLINE V OwnInf(size_t at) const { return hn::Load(D(), lanes_.direction_inf_row() + at); }
 
-  void PutMostInf() {
+  void PutMost() {
+    if (packet_.segments) {
+      most_own_ = FarthestFrom(BoxAround(packet_), packet_.origin);
+      return;
+    }
     const D d;
-    V most = hn::Zero(d);
-    for (uint32_t g = 0; g < groups(); ++g) most = hn::Max(most, OwnInf(g * hn::Lanes(d)));
-    most_inf_ = hn::GetLane(hn::MaxOfLanes(d, most));
+    V inf = hn::Zero(d);
+    for (uint32_t g = 0; g < groups(); ++g) inf = hn::Max(inf, OwnInf(g * hn::Lanes(d)));
+    const float most = hn::GetLane(hn::MaxOfLanes(d, inf));
+    most_own_ = {most, most, most};
   }
 
   // Finds the frame, and the groups' places in it.
@@ -311,7 +317,7 @@ class OriginLanes {
   bool has_frame_ = false;
   ShaftFrame frame_;
   LaneRectangles rectangles_;
-  float most_inf_ = 0;
+  Vec3f most_own_;
   uint32_t open_groups_ = 0;  // With a lane that is still asked about.
 };
 

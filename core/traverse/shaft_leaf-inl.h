@@ -140,6 +140,15 @@ HWY_INLINE Vec3V<ShaftV> MostV(const Vec3V<ShaftV>& a, const Vec3V<ShaftV>& b,
           hn::Max(hn::Max(hn::Abs(a.z), hn::Abs(b.z)), hn::Abs(c.z))};
 }
 
+// How far a triangle's edges' forms ((A-O)×(B-A))·D may be off: of the most that its corners are
+// from the origin, its edges are long and D leads, along each axis (predicate-inl.h).
+HWY_INLINE ShaftV EdgeBound(const Vec3V<ShaftV>& corners, const Vec3V<ShaftV>& edges,
+                            Vec3f directions) {
+  const ShaftD d;
+  return BoundAlong(d, CrossBound(d, corners, edges),
+                    Broadcast(d, directions.x, directions.y, directions.z));
+}
+
 // How large N·(P-A) may be and yet have the wrong sign, where P's ray runs within the edges
 // (margins.h). `approach` is |N·(A-O)|, or |N·D|, as computed, and `off` bounds how far that may be
 // off for any point of the triangle; infinite where they are too close.
@@ -240,7 +249,7 @@ class ShaftLeaf {
                                 hn::Set(d, kFloatUnderflow));
     const V3 ab = SubV(b, a), bc = SubV(c, b), ca = SubV(a, c);
     const V ab1 = Norm1V(ab), bc1 = Norm1V(bc), ca1 = Norm1V(ca);
-    const V underflow = hn::Set(d, kFloatUnderflow), units = hn::Set(d, kFloatUnits);
+    const V underflow = hn::Set(d, kFloatUnderflow);
     const V3 normal = CrossV(ab, bc), normal_bound = CrossBound(d, ab, bc);
     const V normal_k = hn::Mul(ab1, bc1);
     V depth = DotV(normal, oa);
@@ -322,11 +331,14 @@ class ShaftLeaf {
       if constexpr (kParallel) Put(edge_offset[e], first, forms_.edge_offset[e]);
       for (int j = 0; j < 3; ++j) Put(frame[e][j], first, forms_.edge_form[e].f[j]);
     }
-    V edge_bound = hn::MulAdd(kParallel ? hn::Set(d, kParallelUnits) : units, edge_k, underflow);
-    if constexpr (!kParallel) {
-      edge_bound = hn::MulAdd(edge_bound, hn::Set(d, rays_.most_inf()), underflow);
+    [[maybe_unused]] const V3 farthest = MostV(oa, ob, oc);
+    if constexpr (kParallel) {
+      PutBounds(hn::MulAdd(hn::Set(d, kParallelUnits), edge_k, underflow), first, forms_.edge_most,
+                forms_.edge_least);
+    } else {
+      PutBounds(EdgeBound(farthest, MostV(ab, bc, ca), rays_.most_own()), first, forms_.edge_most,
+                forms_.edge_least);
     }
-    PutBounds(edge_bound, first, forms_.edge_most, forms_.edge_least);
     Put(edge_margin, first, forms_.edge_margin);
     if constexpr (kParallel) {
       Put({hn::Neg(n.x), hn::Neg(n.y), hn::Neg(n.z)}, first, forms_.normal);
@@ -335,7 +347,7 @@ class ShaftLeaf {
     }
     if (kParallel || rays_.segments()) {
       Put(a, first, forms_.corner);
-      const V off = kParallel ? turn_bound : BoundAlong(d, normal_bound, MostV(oa, ob, oc));
+      const V off = kParallel ? turn_bound : BoundAlong(d, normal_bound, farthest);
       PutBounds(PlaneBound(normal_bound, ab, ca, approach, off), first, forms_.plane_most,
                 forms_.plane_least);
     }

@@ -151,7 +151,7 @@ class ShaftRays {
       if constexpr (kParallel) {
         spread_ = reach_.x + reach_.y + reach_.z;
       } else {
-        most_inf_ = MaxAbs(FarthestFrom(box, apex_));
+        most_own_ = FarthestFrom(box, apex_);
       }
     }
     // Lanes 0 and 3 are neighbours in a row of a tile; points come as they come.
@@ -237,8 +237,8 @@ class ShaftRays {
   }
   // Closest hits only.
   ShaftV OwnInf(size_t at) const { return hn::Load(ShaftD(), own_inf_ + at); }
-  // |D|_inf is nowhere above it; one origin only.
-  float most_inf() const { return most_inf_; }
+  // By axis, |D| is nowhere above it; one origin only.
+  Vec3f most_own() const { return most_own_; }
   ShaftV InverseDepth(size_t at) const { return hn::Load(ShaftD(), inverse_z_ + at); }
   // Ends of segments, origins of parallel rays.
   ShaftV Point(int axis, size_t at) const { return hn::Load(ShaftD(), row(axis) + at); }
@@ -374,8 +374,9 @@ class ShaftRays {
       apex_ = packet_.origin;
       frame_ = grid()->frame;
       for (int k = 0; k < 3; ++k) own_[k] = row(k);
-      most_inf_ = grid()->norm_inf;
-      FillRow(own_inf_, kMaxRays, most_inf_);
+      const float most = grid()->norm_inf;
+      most_own_ = {most, most, most};
+      FillRow(own_inf_, kMaxRays, most);
       FillRow(packet_.triangle, kMaxRays, kNoTriangle);
       std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
       node_margin_ =
@@ -501,7 +502,8 @@ class ShaftRays {
       }
     }
     if constexpr (!kAsks) return true;
-    most_inf_ = hn::GetLane(hn::MaxOfLanes(d, widest));
+    const float most = hn::GetLane(hn::MaxOfLanes(d, widest));
+    most_own_ = {most, most, most};
     return hn::AllTrue(d, fits);
   }
 
@@ -569,7 +571,7 @@ class ShaftRays {
   ShaftFrame frame_;
   Vec3f apex_;
   float spread_ = 0;
-  float most_inf_ = 0;
+  Vec3f most_own_;
   float node_margin_ = 0;
   size_t padded_ = 0;
   bool has_cap_ = false, has_sources_ = false;
