@@ -322,12 +322,12 @@ class ShaftRays {
   }
 
   // Whether a frame can hold what was bounded, much as FitsFrame has it: of any hit's segments,
-  // which are not asked one by one.
+  // which Prepare asks for their depths alone.
   bool Fits(const ShaftBounds& bounds) const {
     if (!kAny || kParallel || !segments()) return true;
     const float x = std::max(-bounds.left, bounds.right), y = std::max(-bounds.below, bounds.above);
     constexpr float kMost = 1 / (kMinDepthShare * kMinDepthShare) - 1.01f;  // Of squared slopes.
-    return bounds.all_near >= kLeastDepth && x * x + y * y <= kMost;
+    return x * x + y * y <= kMost;
   }
 
   // Parts the open rays at the middle of their widest extent. False: one side would be empty.
@@ -458,8 +458,8 @@ class ShaftRays {
     }
   }
 
-  // Places the rays in the frame; kCap: along the cap, too. False: they do not fit the frame; what
-  // Fits says is not asked.
+  // Places the rays in the frame; kCap: along the cap, too. False: they do not fit the frame, but
+  // for what Fits asks.
   template <bool kCap>
   bool Place() {
     constexpr bool kAsks = !kParallel && !(kAny && kCap);
@@ -489,7 +489,9 @@ class ShaftRays {
         hn::Store(x, d, x_ + i);
         hn::Store(y, d, y_ + i);
       } else {
-        if constexpr (kAsks) {
+        if constexpr (!kAsks) {
+          fits = hn::And(fits, hn::Ge(z, hn::Set(d, kLeastDepth)));
+        } else {
           const ShaftV inf = NormInfV(own);
           widest = hn::Max(widest, inf);
           if constexpr (!kAny) hn::Store(inf, d, own_inf_ + i);
@@ -501,9 +503,10 @@ class ShaftRays {
         hn::Store(hn::Mul(y, inverse), d, y_ + i);
       }
     }
-    if constexpr (!kAsks) return true;
-    const float most = hn::GetLane(hn::MaxOfLanes(d, widest));
-    most_own_ = {most, most, most};
+    if constexpr (kAsks) {
+      const float most = hn::GetLane(hn::MaxOfLanes(d, widest));
+      most_own_ = {most, most, most};
+    }
     return hn::AllTrue(d, fits);
   }
 
