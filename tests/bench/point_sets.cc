@@ -145,8 +145,8 @@ absl::StatusOr<PointSet> SurfacePoints(const IndexedGeometry& scene, const Surfa
   const size_t n = world.positions.size();
   PointSet set;
   set.positions.resize(n);
-  if (options.with_sources) set.sources.assign(n, kNoTriangle);
-  set.valid.assign(n, 1);
+  if (options.with_sources) set.sources.resize(n, kNoTriangle);
+  set.valid.resize(n, 1);
   for (size_t begin = 0; begin < n; begin += options.range) {
     set.ranges.push_back({begin, std::min<size_t>(options.range, n - begin)});
   }

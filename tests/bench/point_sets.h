@@ -16,6 +16,7 @@
 
 #include "absl/status/statusor.h"
 #include "core/accel/indexed_geometry.h"
+#include "core/base/aligned_vector.h"
 #include "core/base/parallel.h"
 #include "core/geometry/camera.h"
 #include "core/light/light.h"
@@ -28,10 +29,10 @@ struct PointSet {
   struct Range {
     size_t begin = 0, count = 0;
   };
-  std::vector<Vec3f> positions;
-  std::vector<uint32_t> sources;  // Empty unless asked for.
-  std::vector<uint8_t> valid;     // All 1: the others were left out.
-  std::vector<Range> ranges;      // They cover the points in order; none is empty.
+  AlignedVector<Vec3f> positions;
+  AlignedVector<uint32_t> sources;  // Empty unless asked for.
+  AlignedVector<uint8_t> valid;     // All 1: the others were left out.
+  std::vector<Range> ranges;        // They cover the points in order; none is empty.
 
   size_t size() const { return positions.size(); }
   std::span<const Vec3f> Positions(const Range& range) const {
