@@ -26,6 +26,7 @@
 #include "core/traverse/lane_answers-inl.h"
 #include "core/traverse/lane_rectangles-inl.h"
 #include "core/traverse/lane_shadows-inl.h"
+#include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/trace_ray.h"
 
@@ -56,7 +57,8 @@ class ParallelLanes {
       packet.origin_source[i] = kNoTriangle;
     }
     apex_ = packet.origin(packet.count / 2);
-    V widest = hn::Zero(d);
+    const Vec3f reach = FarthestFrom(BoxAround(packet), apex_);
+    spread_ = reach.x + reach.y + reach.z;
     const hn::RebindToUnsigned<D> du;
     auto sources = hn::Set(du, kNoTriangle);
     for (uint32_t g = 0; g < groups_; ++g) {
@@ -66,7 +68,6 @@ class ParallelLanes {
       hn::Store(own.x, d, own_[0] + at);
       hn::Store(own.y, d, own_[1] + at);
       hn::Store(own.z, d, own_[2] + at);
-      widest = hn::Max(widest, Norm1V(own));
       sources = hn::And(sources, hn::Load(du, packet.origin_source + at));
       const size_t left = count - at;
       active_[g] = left >= lanes ? (1u << lanes) - 1 : (1u << left) - 1;
@@ -76,7 +77,6 @@ class ParallelLanes {
     }
     static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
     has_sources_ = !hn::AllTrue(du, hn::Eq(sources, hn::Set(du, kNoTriangle)));
-    spread_ = hn::GetLane(hn::MaxOfLanes(d, widest));
     for (int k = 0; k < 3; ++k) {
       backward_[k] = packet.direction[k] < 0;
       turn_[k] = backward_[k] ? -0.0f : 0.0f;

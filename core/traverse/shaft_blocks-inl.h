@@ -51,14 +51,14 @@ class TriangleBlocks {
                           hn::Ge(hn::Load(d, bounds_.y1 + first), hn::Set(d, forms_.y0[i])))));
       const uint32_t pair_bits = i << kTriangleShift | static_cast<uint32_t>(first);
       const uint32_t blocks = MaskBits(d, in);
-      if ((blocks & (blocks - 1)) == 0) {
-        // One block at most, as where triangles are smaller than pixels: to ask its rays costs less
+      constexpr int kFewBlocks = kAny ? 2 : 1;
+      if (std::popcount(blocks) <= kFewBlocks) {
+        // So few blocks, as where triangles are smaller than pixels: to ask their rays costs less
         // than to ask what they might see.
-        const uint32_t block = std::countr_zero(blocks | 1u << (kLanes - 1));
-        bool listed = blocks != 0;
-        if constexpr (!kAny) listed &= forms_.nearest[i] <= bounds_.far[first + block];
-        touched->pairs[touched->count] = pair_bits + block;
-        touched->count += listed ? 1 : 0;
+        if constexpr (!kAny) {
+          in = hn::And(in, hn::Le(hn::Set(d, forms_.nearest[i]), hn::Load(d, bounds_.far + first)));
+        }
+        touched->count += ListLanes(pair_bits, in, touched->pairs + touched->count);
         continue;
       }
       V most = hn::Set(d, kInfinity), least = most;  // Over the edges: of largest, least values.

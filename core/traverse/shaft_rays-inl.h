@@ -553,7 +553,9 @@ class ShaftRays {
       const ShaftD d;
       ShaftV most = hn::Set(d, -std::numeric_limits<float>::infinity());
       for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
-        most = hn::IfThenElse(LanesOf(out->open, i), hn::Max(most, hn::Load(d, cap_ + i)), most);
+        const ShaftV own = hn::Load(d, cap_ + i);
+        most = out->whole ? hn::Max(most, own)
+                          : hn::IfThenElse(LanesOf(out->open, i), hn::Max(most, own), most);
       }
       out->cap_most = std::max(hn::GetLane(hn::MaxOfLanes(d, most)) + cap_margin_, cap_of_apex_);
       // A node is put to it as to any other side; triangles by their own, narrower margin.
