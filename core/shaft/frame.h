@@ -23,6 +23,9 @@ struct ShaftFrame {
 // sets are cut.
 inline constexpr float kMinDepthShare = 0.4f;
 inline constexpr float kMaxSlope = 2.3f;
+// The most that both slopes' squares may add up to for that: |D|² = (w·D)²(1 + x² + y²). Less by a
+// hundredth, where slopes and squares lose some 2^-20 in rounding.
+inline constexpr float kMostSquaredSlopes = 1 / (kMinDepthShare * kMinDepthShare) - 1 - 0.01f;
 
 // `axis`: where the rays lead, of any length but zero. `sideways`: a direction that u should
 // follow, so that slope rectangles fit what is asked about (an image row); along `axis` or zero,

@@ -326,8 +326,7 @@ class ShaftRays {
   bool Fits(const ShaftBounds& bounds) const {
     if (!kAny || kParallel || !segments()) return true;
     const float x = std::max(-bounds.left, bounds.right), y = std::max(-bounds.below, bounds.above);
-    constexpr float kMost = 1 / (kMinDepthShare * kMinDepthShare) - 1.01f;  // Of squared slopes.
-    return x * x + y * y <= kMost;
+    return x * x + y * y <= kMostSquaredSlopes;
   }
 
   // Parts the open rays at the middle of their widest extent. False: one side would be empty.
