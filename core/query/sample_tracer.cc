@@ -21,13 +21,6 @@ constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 // What a triangle covers is counted by as many rays (WalkStats).
 constexpr uint64_t kCoverRays = 16;
 
-template <typename Packet>
-void Reserve(size_t count, std::unique_ptr<Packet[]>* packets, size_t* size) {
-  if (*size >= count) return;
-  *packets = std::make_unique_for_overwrite<Packet[]>(count);
-  *size = count;
-}
-
 // WalkChoice::Growth of a block whose points, seen from their sample, are in this box.
 float GrowthOf(const Box3f& box, const LightSample& sample) {
   const Vec3f diagonal = box.hi - box.lo, way = sample.value - (box.lo + box.hi) * 0.5f;
@@ -180,9 +173,9 @@ bool SampleTracer::GroundsAnswer(size_t b, StatsScope* scope) {
 void SampleTracer::ReservePackets(size_t s) {
   parallel_traced_ = samples_[s].directional;
   if (parallel_traced_) {
-    Reserve(blocks(), &parallel_, &parallel_size_);
+    parallel_.Reserve(blocks());
   } else {
-    Reserve(blocks(), &packets_, &packets_size_);
+    packets_.Reserve(blocks());
   }
 }
 
@@ -354,7 +347,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
 
 absl::Status SampleTracer::TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope) {
   parallel_traced_ = packets_ready_ = false;
-  Reserve(blocks(), &packets_, &packets_size_);
+  packets_.Reserve(blocks());
   if (tile_packets_ == nullptr) {
     tile_packets_ = std::make_unique_for_overwrite<RayPacket[]>(kMostTilePackets);
     if (record_answered_by_) tile_answered_by_.resize(kMostTilePackets * kBlockRays);
@@ -525,7 +518,7 @@ absl::Status SampleTracer::TraceOneByOne(const LightSample& sample, uint32_t mas
   parallel_traced_ = false;
   packets_ready_ = false;
   std::fill(answered_by_.begin(), answered_by_.end(), AnsweredBy::kRay);
-  Reserve(blocks(), &packets_, &packets_size_);
+  packets_.Reserve(blocks());
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;
   for (size_t b = 0; b < blocks(); ++b) {

@@ -27,6 +27,7 @@
 #include "core/light/light.h"
 #include "core/query/group_grounds.h"
 #include "core/query/group_hulls.h"
+#include "core/query/packet_store.h"
 #include "core/query/point_rows.h"
 #include "core/query/query_run.h"
 #include "core/query/ray_block.h"
@@ -209,10 +210,9 @@ class SampleTracer {
   std::array<const ClearToward*, kGroupBlocks> clear_ = {};  // By block, as packets'.
   bool record_answered_by_;
   std::vector<AnsweredBy> answered_by_;  // By point, where it is recorded.
-  // By block; made when first needed, and not initialized.
-  size_t packets_size_ = 0, parallel_size_ = 0;
-  std::unique_ptr<RayPacket[]> packets_;
-  std::unique_ptr<ParallelPacket[]> parallel_;
+  // By block; reserved when first needed, and then as they happen to be.
+  PacketStore<RayPacket> packets_;
+  PacketStore<ParallelPacket> parallel_;
   std::array<Box3f, kGroupBlocks> boxes_;            // Around the points of either.
   std::array<bool, kGroupBlocks> boxes_known_ = {};  // Whether they are around points as they lie.
   // One for several small tiles, or those of a large one; made when first needed.
