@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstring>
 #include <utility>
 
@@ -20,6 +21,15 @@ constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 
 // What a triangle covers is counted by as many rays (WalkStats).
 constexpr uint64_t kCoverRays = 16;
+
+// Blocks of a group, of kGroupBlocks, that nothing has come near of for the next one to be asked
+// about as a whole. Of fewer, what it finds costs as much to find (core/traverse/DESIGN.md).
+constexpr size_t kMostlyClear = 8;
+
+// Whether a walk came to no triangle that might have blocked a ray.
+bool MetNothing(const WalkStats& before, const WalkStats& after) {
+  return after.triangle_tests == before.triangle_tests && after.shaft.covers == before.shaft.covers;
+}
 
 // WalkChoice::Growth of a block whose points, seen from their sample, are in this box.
 float GrowthOf(const Box3f& box, const LightSample& sample) {
@@ -163,11 +173,15 @@ bool SampleTracer::AskGrounds(size_t s, uint32_t mask, StatsScope* scope) {
 
 bool SampleTracer::GroundsAnswer(size_t b, StatsScope* scope) {
   if (known_points_[b] < PointsOf(b)) return false;
+  TakeBits(b, scope);
+  return true;
+}
+
+void SampleTracer::TakeBits(size_t b, StatsScope* scope) {
   by_bits_[b] = true;
   if (!coming_positions_.empty()) ComingOf(b).All();  // Its turn will not come.
   scope->Took(Strategy::kShaft);
   if (record_answered_by_) std::fill_n(AnsweredByOf(b), PointsOf(b), AnsweredBy::kShaft);
-  return true;
 }
 
 void SampleTracer::ReservePackets(size_t s) {
@@ -230,6 +244,18 @@ size_t SampleTracer::CoverBlocks(size_t s, size_t b, uint32_t mask, StatsScope* 
   return b == 0 && blocks() > 2 && CoverRange(s, 1, blocks(), mask, scope) ? blocks() : 1;
 }
 
+uint32_t SampleTracer::FindLitBlocks(size_t s, uint32_t mask, StatsScope* scope) {
+  if (hints_.clear[s] < kMostlyClear || !AsTheyAre() || known_points_ != KnownPoints{}) return 0;
+  for (size_t b = 0; b < blocks(); ++b) BoxOf(b);
+  const uint32_t lit =
+      run_.kernels().lit_boxes(scene_, samples_[s].value, samples_[s].source_triangle, mask,
+                               std::span<const Box3f>(boxes_.data(), blocks()), scope->walk());
+  for (uint32_t left = lit; left != 0; left &= left - 1) {
+    bits_[static_cast<size_t>(std::countr_zero(left))].fill(0);
+  }
+  return lit;
+}
+
 void SampleTracer::NoteCovers(size_t s, const WalkStats& before, const WalkStats& after) {
   // As many as half of a packet's vectors of rays.
   hints_.covered[s] = after.shaft.covers - before.shaft.covers >= kBlockRays / kCoverRays / 2;
@@ -259,7 +285,12 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   const ShaftCut* cut = nullptr;
   // Made for the first block that a walk has to answer.
   bool prepared = false;
+  uint32_t lit = 0;  // Blocks found to be so before any is walked, a bit each.
+  size_t clear = 0;  // Blocks that nothing comes near of.
   const auto prepare = [&] {
+    if (by_shafts && !by_hulls) lit = FindLitBlocks(s, mask, scope);
+    clear = static_cast<size_t>(std::popcount(lit));
+    if (clear == blocks()) return;
     for (size_t b = 0; b < blocks(); ++b) {
       RayPacket& packet = packets_[b];
       packet.origin = sample.value;
@@ -305,6 +336,10 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       }
     }
     if (!std::exchange(prepared, true)) prepare();
+    if ((lit >> b & 1) != 0) {
+      TakeBits(b, scope);
+      continue;
+    }
     const float growth = GrowthOf(boxes_[b], sample);
     const Strategy walk = by_shafts ? choice.Next(growth) : strategy;
     if (by_hulls) {
@@ -341,7 +376,9 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     *first_leaf = packets_[b].first_leaf;
     NoteBlock(s, b, walk, before, *scope->walk());
+    clear += MetNothing(before, *scope->walk()) ? 1 : 0;
   }
+  if (prepared) hints_.clear[s] = static_cast<uint8_t>(clear * kGroupBlocks / blocks());
   return absl::OkStatus();
 }
 

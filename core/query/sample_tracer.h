@@ -54,7 +54,8 @@ class SampleTracer {
         stats_(stats),
         record_answered_by_(run.options().count_answers),
         hints_{std::vector<uint32_t>(samples.size(), RayPacket::kNoLeaf),
-               std::vector<uint8_t>(samples.size(), false), std::vector<PatchHint>(samples.size())},
+               std::vector<uint8_t>(samples.size(), false), std::vector<PatchHint>(samples.size()),
+               std::vector<uint8_t>(samples.size(), 0)},
         light_of_(samples.size()) {
     for (size_t s = 1; s < samples.size(); ++s) {
       light_of_[s] = light_of_[s - 1] + (samples[s].light != samples[s - 1].light);
@@ -142,6 +143,8 @@ class SampleTracer {
   bool AskGrounds(size_t s, uint32_t mask, StatsScope* scope);
   // Answers block b if they hide all of its points.
   bool GroundsAnswer(size_t b, StatsScope* scope);
+  // Answers block b by its bits alone.
+  void TakeBits(size_t b, StatsScope* scope);
   absl::Status TraceByWalks(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   absl::Status TraceSegments(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
   // By tiles of kRtt, which need not divide blocks.
@@ -159,6 +162,10 @@ class SampleTracer {
   // walk(packet) of a block, while that is asked for.
   template <class Packet, class Walk>
   absl::Status FetchWhile(size_t block, Packet* packet, const Walk& walk);
+  // If nothing came near most blocks of the last group, asks about all of this one at once: those
+  // that sample s certainly reaches all of, a bit each, with their bits. 0 where some points are
+  // known.
+  uint32_t FindLitBlocks(size_t s, uint32_t mask, StatsScope* scope);
   // Takes note of whether a block's walk met a triangle that blocks most of it.
   void NoteCovers(size_t s, const WalkStats& before, const WalkStats& after);
   // The same of any walk that block b was just asked about by.
@@ -206,7 +213,8 @@ class SampleTracer {
   std::array<BlockBits, kGroupBlocks> bits_;
   // How many of a block's points the grounds hide from the sample that is being asked about: bits_
   // has them before its walk.
-  std::array<size_t, kGroupBlocks> known_points_ = {};
+  using KnownPoints = std::array<size_t, kGroupBlocks>;
+  KnownPoints known_points_ = {};
   std::array<const ClearToward*, kGroupBlocks> clear_ = {};  // By block, as packets'.
   bool record_answered_by_;
   std::vector<AnsweredBy> answered_by_;  // By point, where it is recorded.

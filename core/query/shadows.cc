@@ -44,7 +44,8 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
   if (shadow.hints != nullptr && !shadow.hints->first_leaves.empty() &&
       (shadow.hints->first_leaves.size() != samples.size() ||
        shadow.hints->covered.size() != samples.size() ||
-       shadow.hints->patches.size() != samples.size())) {
+       shadow.hints->patches.size() != samples.size() ||
+       shadow.hints->clear.size() != samples.size())) {
     return absl::InvalidArgumentError(absl::StrCat("hints of ", shadow.hints->first_leaves.size(),
                                                    " light samples for ", samples.size(),
                                                    "; they are good for one set of samples alone"));

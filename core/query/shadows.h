@@ -52,6 +52,7 @@ struct ShadowHints {
   std::vector<uint32_t> first_leaves;  // By sample.
   std::vector<uint8_t> covered;        // Whether one triangle there blocked many points at once.
   std::vector<PatchHint> patches;      // By sample.
+  std::vector<uint8_t> clear;          // By sample: how many of a group's blocks nothing came near.
   WalkChoices walks;                   // By light, counted from 0.
   float ray_cost = 0;                  // Cycles a ray, about, in the order given; 0: not known.
 };

@@ -20,6 +20,7 @@
 #include "core/traverse/kd_packet-inl.h"
 #include "core/traverse/kd_single-inl.h"
 #include "core/traverse/leaf_cover-inl.h"
+#include "core/traverse/lit_boxes-inl.h"
 #include "core/traverse/occluded_packet-inl.h"
 #include "core/traverse/packet-inl.h"
 #include "core/traverse/patch_cover-inl.h"
@@ -56,6 +57,7 @@ const Kernels& TargetKernels() {
       .cut_parallel_shaft = &CutShaft<true>,
       .cut_hull = &CutHull,
       .trace_hull = &TraceHull,
+      .lit_boxes = &LitBoxes,
       .cover_points = &CoverPoints<false>,
       .cover_parallel_points = &CoverPoints<true>,
       .cover_by_patch = &CoverByPatch<false>,

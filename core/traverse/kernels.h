@@ -65,6 +65,12 @@ using TraceHullFn = bool (*)(const IndexedGeometry& scene, const LightHull& ligh
                              HullRest* rest, uint16_t* blocked, const CancelToken* cancel,
                              WalkStats* stats);
 
+// Which of up to sixteen boxes, none of them empty, nothing keeps from `origin`, a bit each: no
+// segment from there to a point in the box is blocked, whatever triangles points name as their own.
+// It need not find all, and gives up soon. `origin_source` and `mask` as in a packet.
+using LitBoxesFn = uint32_t (*)(const IndexedGeometry& scene, Vec3f origin, uint32_t origin_source,
+                                uint32_t mask, std::span<const Box3f> boxes, WalkStats* stats);
+
 // Whether all segments from `common` to points in the box, or all rays from them along it, are
 // blocked by a triangle of the leaf, or by two that share an edge. `sources` are the points' own
 // triangles, or none; `common_source` and `mask` as in a packet.
@@ -118,6 +124,7 @@ struct Kernels {
   CutParallelFn cut_parallel_shaft;
   CutHullFn cut_hull;
   TraceHullFn trace_hull;
+  LitBoxesFn lit_boxes;
   CoverPointsFn cover_points, cover_parallel_points;  // By segments; by rays.
   CoverByPatchFn cover_by_patch, cover_parallel_by_patch;
   FindGroundsFn find_grounds;

@@ -37,7 +37,10 @@ class TriangleBlocks {
       : rays_(rays), bounds_(bounds), forms_(forms) {}
 
   // One relevant triangle against all blocks. Returns those that it covers, a bit each, and lists
-  // those that it may touch otherwise.
+  // those that it may touch otherwise. Where no more than kFewBlocks are in its rectangle, as where
+  // triangles are smaller than pixels, these are listed as they are: to ask their rays costs less
+  // than to ask what they might see.
+  template <int kFewBlocks = kAny ? 2 : 1>
   HWY_INLINE uint32_t List(uint32_t i, BlockPairs* touched) const {
     const ShaftD d;
     uint32_t covered = 0;
@@ -51,10 +54,7 @@ class TriangleBlocks {
                           hn::Ge(hn::Load(d, bounds_.y1 + first), hn::Set(d, forms_.y0[i])))));
       const uint32_t pair_bits = i << kTriangleShift | static_cast<uint32_t>(first);
       const uint32_t blocks = MaskBits(d, in);
-      constexpr int kFewBlocks = kAny ? 2 : 1;
       if (std::popcount(blocks) <= kFewBlocks) {
-        // So few blocks, as where triangles are smaller than pixels: to ask their rays costs less
-        // than to ask what they might see.
         if constexpr (!kAny) {
           in = hn::And(in, hn::Le(hn::Set(d, forms_.nearest[i]), hn::Load(d, bounds_.far + first)));
         }

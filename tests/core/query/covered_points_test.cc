@@ -175,5 +175,64 @@ TEST(CoveredPointsTest, ACeilingOverAllNeedsNoWalk) {
   EXPECT_EQ(got.stats.shaft.covers, count / 16);
 }
 
+// Where nothing came near the points before, one walk for all of a tile says that nothing does, and
+// nobody is laid out or walked for; where something does come near, all is asked about again.
+TEST(CoveredPointsTest, WhatNothingComesNearIsLitByOneWalk) {
+  TestRng rng;
+  ObjectInput room;  // Floor and ceiling in so many pieces that leaves hold one of them alone.
+  for (int piece = 0; piece < 200; ++piece) {
+    const auto first = static_cast<uint32_t>(room.vertices.size());
+    const double x = piece % 10 - 1, y = piece / 10 % 10 - 1, z = piece < 100 ? 0 : 3;
+    for (const Vec3d& corner : {Vec3d{x, y, z}, {x + 1, y, z}, {x + 1, y + 1, z}, {x, y + 1, z}}) {
+      room.vertices.push_back(corner);
+    }
+    for (const uint32_t corner : {0u, 1u, 2u, 0u, 2u, 3u}) room.indices.push_back(first + corner);
+  }
+  for (int i = 0; i < 40; ++i) {  // Above the last points alone.
+    const double x = rng.Uniform(0, 8), y = rng.Uniform(6, 8), z = rng.Uniform(0.2, 1);
+    const auto first = static_cast<uint32_t>(room.vertices.size());
+    for (const Vec3d& corner : {Vec3d{x, y, z}, {x + 0.3, y, z}, {x, y + 0.3, z}}) {
+      room.vertices.push_back(corner);
+    }
+    for (const uint32_t corner : {0u, 1u, 2u}) room.indices.push_back(first + corner);
+  }
+  const IndexedGeometry scene = MakeScene({room});
+  constexpr size_t kTile = 4096, kTiles = 16;
+  std::vector<Vec3f> positions;
+  for (size_t i = 0; i < kTile * kTiles; ++i) {  // A tile is half a unit of y deep.
+    const size_t square = i % kTile / 256, row = i / kTile * 2 + square / 8;
+    positions.push_back({static_cast<float>(square % 8) + static_cast<float>(i % 16) / 16 + 0.03f,
+                         static_cast<float>(row) / 4 + static_cast<float>(i % 256 / 16) / 64, 0});
+  }
+  const std::vector<uint8_t> valid(positions.size(), 1);
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point({4, 4, 2.5}), 0, {}, &samples).ok());
+  for (const SimdTarget simd : {SimdTarget::kAvx2, SimdTarget::kBest}) {
+    ShadowHints hints;
+    size_t by_one_walk = 0, blocked = 0;
+    for (size_t tile = 0; tile < kTiles; ++tile) {
+      const PointRange points{std::span(positions).subspan(tile * kTile, kTile),
+                              {},
+                              std::span(valid).subspan(tile * kTile, kTile)};
+      ShadowResult got, truth;
+      const ShadowOutputs outputs{.bits = true, .answered_by = true};
+      ASSERT_TRUE(ComputeShadows(scene, points, samples, {}, {.ordered = true, .hints = &hints},
+                                 outputs, {.simd = simd}, &got)
+                      .ok());
+      ASSERT_TRUE(ComputeShadows(scene, points, samples, {}, {}, outputs,
+                                 {.strategy = Strategy::kBruteForce}, &truth)
+                      .ok());
+      EXPECT_EQ(got.lit_bits, truth.lit_bits) << "tile " << tile;
+      for (const AnsweredBy by : got.answered_by) ASSERT_NE(by, AnsweredBy::kNoRay);
+      // The root, and next to nothing else, for sixteen packets.
+      by_one_walk += got.stats.nodes < 16 ? 1 : 0;
+      for (const uint8_t byte : truth.lit_bits) blocked += byte != 0xFF ? 1 : 0;
+    }
+    EXPECT_GE(by_one_walk, size_t{8});
+    EXPECT_LE(by_one_walk, size_t{12});
+    EXPECT_GT(blocked, size_t{100});
+  }
+}
+
 }  // namespace
 }  // namespace sightline
