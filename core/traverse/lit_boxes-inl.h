@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Which boxes of points a light certainly reaches, all of each. They are put to the tree together,
-// as the blocks of one shaft (shaft-inl.h) whose rays run to their corners: what bounds these, their
-// slopes, depths and forms, bounds all segments to points between them. No ray is tested. A box that
-// some triangle may touch is given up.
+// as the blocks of one shaft (shaft-inl.h) whose rays run to their corners: what bounds these,
+// their slopes, depths and forms, bounds all segments to points between them. No ray is tested. A
+// box that some triangle may touch is given up.
 //
 // Thread safety: pure functions.
 
