@@ -2,6 +2,7 @@
 #include "core/query/shadows.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstring>
 #include <limits>
@@ -20,18 +21,40 @@
 namespace sightline {
 namespace {
 
+// What a range of points may hold beside their positions: as much, or nothing.
+template <typename T>
+bool FitsOrEmpty(std::span<const T> row, const PointRange& points) {
+  return row.empty() || row.size() == points.positions.size();
+}
+template <typename T>
+std::span<const T> PartOf(std::span<const T> row, size_t first, size_t count) {
+  return row.empty() ? row : row.subspan(first, count);
+}
+
+// The flags of `count` points that are all valid, where none were given: of a usual range they
+// stay in caches, and `more` holds those of a longer one.
+std::span<const uint8_t> AllValid(size_t count, std::vector<uint8_t>* more) {
+  static constexpr auto kAllValid = [] {
+    std::array<uint8_t, 2 * kGroupRays> flags{};
+    flags.fill(1);
+    return flags;
+  }();
+  if (count <= kAllValid.size()) return std::span(kAllValid).first(count);
+  more->assign(count, 1);
+  return *more;
+}
+
 absl::Status CheckArguments(const PointRange& points, std::span<const LightSample> samples,
                             std::span<const double> weights, const ShadowOptions& shadow,
                             const ShadowOutputs& outputs) {
   const size_t n = points.positions.size();
-  if ((!points.sources.empty() && points.sources.size() != n) || points.valid.size() != n) {
+  if (!FitsOrEmpty(points.sources, points) || !FitsOrEmpty(points.valid, points)) {
     return absl::InvalidArgumentError(absl::StrCat("a point range holds ", n, " positions, ",
                                                    points.sources.size(), " sources and ",
                                                    points.valid.size(), " validity flags"));
   }
   const PointRange& coming = shadow.next;
-  if ((!coming.sources.empty() && coming.sources.size() != coming.positions.size()) ||
-      coming.valid.size() != coming.positions.size()) {
+  if (!FitsOrEmpty(coming.sources, coming) || !FitsOrEmpty(coming.valid, coming)) {
     return absl::InvalidArgumentError(absl::StrCat(
         "the points that come next hold ", coming.positions.size(), " positions, ",
         coming.sources.size(), " sources and ", coming.valid.size(), " validity flags"));
@@ -59,10 +82,8 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
 // Has the tracer fetch at most `most` of the points from `first` on while it asks about others.
 void FetchMeanwhile(const PointRange& points, size_t first, size_t most, SampleTracer* tracer) {
   const size_t count = std::min(most, points.positions.size() - first);
-  tracer->FetchMeanwhile(
-      points.positions.subspan(first, count),
-      points.sources.empty() ? points.sources : points.sources.subspan(first, count),
-      points.valid.subspan(first, count));
+  tracer->FetchMeanwhile(points.positions.subspan(first, count),
+                         PartOf(points.sources, first, count), PartOf(points.valid, first, count));
 }
 
 }  // namespace
@@ -87,6 +108,9 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   if (outputs.answered_by) out.answered_by.assign(samples.size() * n, AnsweredBy::kNoRay);
   const HitKind kind = outputs.blockers ? HitKind::kClosest : HitKind::kAny;
 
+  std::vector<uint8_t> more_flags;
+  const std::span<const uint8_t> valid_points =
+      points.valid.empty() ? AllValid(n, &more_flags) : points.valid;
   // Points that do not follow one another are gathered here.
   std::vector<Vec3f> positions;
   std::vector<uint32_t> sources;
@@ -97,7 +121,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   if (shadow.hints != nullptr) tracer.TakeHints(std::move(*shadow.hints));
   std::optional<OwnOrder> own;
   if (!shadow.ordered) {
-    own = OrderThatPays(points.positions, points.valid, samples.size(), known_cost, options.simd);
+    own = OrderThatPays(points.positions, valid_points, samples.size(), known_cost, options.simd);
   }
   const bool ordered = own.has_value();
   const PartedPoints order = ordered ? std::move(own->points) : PartedPoints();
@@ -118,7 +142,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       count = most;
       next += count;
     } else {
-      const uint8_t* valid = points.valid.data() + first;
+      const uint8_t* valid = valid_points.data() + first;
       const void* not_valid = std::memchr(valid, 0, most);
       count = not_valid == nullptr ? most : static_cast<const uint8_t*>(not_valid) - valid;
       next += count;
@@ -126,9 +150,8 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
     // Mostly they follow one another and are taken where they are.
     const bool dense = !ordered && count > 0 && (next == end || count == group) && first % 8 == 0;
     if (dense) {
-      tracer.SetPoints(
-          points.positions.subspan(first, count),
-          points.sources.empty() ? points.sources : points.sources.subspan(first, count));
+      tracer.SetPoints(points.positions.subspan(first, count),
+                       PartOf(points.sources, first, count));
     } else if (ordered) {
       if (!points.sources.empty()) {
         sources.resize(count);
@@ -141,7 +164,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       index.resize(positions.size());
       next = first;
       for (count = 0; next < end && count < group; ++next) {
-        if (!points.valid[next]) continue;
+        if (!valid_points[next]) continue;
         positions[count] = points.positions[next];
         if (!points.sources.empty()) sources[count] = points.sources[next];
         index[count++] = next;

@@ -49,7 +49,6 @@ void AppendInBlockOrder(const TileRect& tile, const TileResult& result, bool wit
         if (point == kNone || !result.points.valid[point]) continue;
         set->positions.push_back(result.points.positions[point]);
         if (with_sources) set->sources.push_back(result.points.sources[point]);
-        set->valid.push_back(1);
       }
     }
   }
@@ -146,7 +145,6 @@ absl::StatusOr<PointSet> SurfacePoints(const IndexedGeometry& scene, const Surfa
   PointSet set;
   set.positions.resize(n);
   if (options.with_sources) set.sources.resize(n, kNoTriangle);
-  set.valid.resize(n, 1);
   for (size_t begin = 0; begin < n; begin += options.range) {
     set.ranges.push_back({begin, std::min<size_t>(options.range, n - begin)});
   }

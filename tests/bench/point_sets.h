@@ -25,13 +25,13 @@
 
 namespace sightline::bench {
 
+// All of them valid: the others were left out.
 struct PointSet {
   struct Range {
     size_t begin = 0, count = 0;
   };
   AlignedVector<Vec3f> positions;
   AlignedVector<uint32_t> sources;  // Empty unless asked for.
-  AlignedVector<uint8_t> valid;     // All 1: the others were left out.
   std::vector<Range> ranges;        // They cover the points in order; none is empty.
 
   size_t size() const { return positions.size(); }
@@ -42,7 +42,7 @@ struct PointSet {
     return {Positions(range),
             sources.empty() ? std::span<const uint32_t>()
                             : std::span(sources).subspan(range.begin, range.count),
-            std::span(valid).subspan(range.begin, range.count)};
+            {}};
   }
 };
 

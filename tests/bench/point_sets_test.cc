@@ -47,7 +47,6 @@ void ExpectRangesCover(const PointSet& set) {
     EXPECT_EQ(set.Slice(range).sources.size(), set.sources.empty() ? 0 : range.count);
   }
   EXPECT_EQ(end, set.size());
-  EXPECT_EQ(std::count(set.valid.begin(), set.valid.end(), 1), static_cast<ptrdiff_t>(set.size()));
 }
 
 TEST(ViewHitsTest, EveryHitOnceTileByTileInSquares) {

@@ -226,7 +226,9 @@ TEST(CoveredPointsTest, WhatNothingComesNearIsLitByOneWalk) {
       for (const AnsweredBy by : got.answered_by) ASSERT_NE(by, AnsweredBy::kNoRay);
       // The root and next to nothing else, for sixteen packets; no node where each is asked, and
       // finds that nothing is in reach of the tile.
-      if (tile == 0) EXPECT_EQ(got.stats.nodes, 0u);
+      if (tile == 0) {
+        EXPECT_EQ(got.stats.nodes, 0u);
+      }
       by_one_walk += got.stats.nodes > 0 && got.stats.nodes < 16 && got.stats.triangle_tests == 0;
       for (const uint8_t byte : truth.lit_bits) blocked += byte != 0xFF ? 1 : 0;
     }

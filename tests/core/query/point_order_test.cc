@@ -327,6 +327,35 @@ TEST(PointOrderTest, SourcesMayBeLeftOut) {
   EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("4096 positions, 3 sources"));
 }
 
+// Where all points are valid nobody needs to say so, of few, of a group's and of many; and flags
+// that are there are heeded: as many as points.
+TEST(PointOrderTest, FlagsMayBeLeftOut) {
+  TestRng rng;
+  const IndexedGeometry scene = IndexObjects({MakeClosedSphere(16, 24, 0.4, {0, 0, 0.5})}, Vec3d{});
+  std::vector<LightSample> samples;
+  ASSERT_TRUE(AppendSamples(Light::Point({0.1, 0.2, -3}), 0, {}, &samples).ok());
+  ASSERT_TRUE(AppendSamples(Light::Directional({0.3, 0.1, -1}), 1, {}, &samples).ok());
+  const Points rows = MakeRows(128);
+  for (const Points& points : {rows, Permuted(rows, Shuffled(rows.positions.size(), rng))}) {
+    for (const size_t count : {size_t{0}, size_t{5}, size_t{4096}, points.positions.size()}) {
+      const std::span<const Vec3f> positions = std::span(points.positions).first(count);
+      const std::vector<uint8_t> ones(count, 1);
+      ShadowResult flagged, plain;
+      ASSERT_TRUE(
+          ComputeShadows(scene, {positions, {}, ones}, samples, {}, {}, {}, {}, &flagged).ok());
+      ASSERT_TRUE(ComputeShadows(scene, {positions, {}, {}}, samples, {},
+                                 {.next = {positions, {}, {}}}, {}, {}, &plain)
+                      .ok());
+      EXPECT_EQ(flagged.lit_bits, plain.lit_bits);
+      if (count == 0) continue;  // No flag would do.
+      EXPECT_EQ(ComputeShadows(scene, {positions, {}, std::span(ones).first(count - 1)}, samples,
+                               {}, {}, {}, {}, &plain)
+                    .code(),
+                absl::StatusCode::kInvalidArgument);
+    }
+  }
+}
+
 TEST(PointOrderTest, ShuffledPointsGetTheirOwnAnswers) {
   TestRng rng;
   const IndexedGeometry scene = IndexObjects({MakeClosedSphere(16, 24, 0.4, {0, 0, 0.5})}, Vec3d{});
