@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The packets of a tracer, in memory that its thread keeps for the next one: a call for a tile is
-// over in some ten microseconds, of which a hundred kilobytes taken and given back would be three
-// in a hundred. A thread keeps no more than the largest array that it has used. Internal to
-// core/query.
+// over in some ten or twenty microseconds, of which a hundred kilobytes taken and given back would
+// be one or two in a hundred. A thread keeps no more than the largest array that it has used.
+// Internal to core/query.
 //
 // Thread safety: a store belongs to the thread that made it, which is to end it, too.
 //

@@ -9,15 +9,9 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
-#include "core/traverse/rtt.h"
 
 namespace sightline {
 namespace {
-
-// The packets that a tile takes, and the tiles that a packet holds, at most.
-constexpr size_t kMostTilePackets =
-    (RttTileRays(kMaxRttAntialiasing) + kBlockRays - 1) / kBlockRays;
-constexpr size_t kMostPacketTiles = kBlockRays / RttTileRays(1);
 
 // What a triangle covers is counted by as many rays (WalkStats).
 constexpr uint64_t kCoverRays = 16;
@@ -25,6 +19,8 @@ constexpr uint64_t kCoverRays = 16;
 // Blocks of a group, of kGroupBlocks, that nothing has come near of for the next one to be asked
 // about as a whole. Of fewer, what it finds costs as much to find (core/traverse/DESIGN.md).
 constexpr size_t kMostlyClear = 8;
+
+static_assert(kGroupBlocks * 16 <= RayPacket::kMaxRays, "a group's boxes are a shaft's blocks");
 
 // Whether a walk came to no triangle that might have blocked a ray.
 bool MetNothing(const WalkStats& before, const WalkStats& after) {
@@ -315,7 +311,17 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
   };
   uint32_t* const first_leaf = &hints_.first_leaves[s];
+  // As after a walk that finds all lit.
+  const auto take_lit = [&](size_t b) {
+    TakeBits(b, scope);
+    *first_leaf = RayPacket::kNoLeaf;
+    hints_.covered[s] = false;
+  };
   for (size_t b = 0; b < blocks(); ++b) {
+    if ((lit >> b & 1) != 0) {
+      take_lit(b);
+      continue;
+    }
     if (GroundsAnswer(b, scope)) continue;
     BlockBits& known = bits_[b];
     size_t known_points = known_points_[b];
@@ -337,7 +343,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     if (!std::exchange(prepared, true)) prepare();
     if ((lit >> b & 1) != 0) {
-      TakeBits(b, scope);
+      take_lit(b);
       continue;
     }
     const float growth = GrowthOf(boxes_[b], sample);
@@ -378,78 +384,8 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     NoteBlock(s, b, walk, before, *scope->walk());
     clear += MetNothing(before, *scope->walk()) ? 1 : 0;
   }
-  if (prepared) hints_.clear[s] = static_cast<uint8_t>(clear * kGroupBlocks / blocks());
-  return absl::OkStatus();
-}
-
-absl::Status SampleTracer::TraceTiles(const LightSample& sample, uint32_t mask, StatsScope* scope) {
-  parallel_traced_ = packets_ready_ = false;
-  packets_.Reserve(blocks());
-  if (tile_packets_ == nullptr) {
-    tile_packets_ = std::make_unique_for_overwrite<RayPacket[]>(kMostTilePackets);
-    if (record_answered_by_) tile_answered_by_.resize(kMostTilePackets * kBlockRays);
-  }
-  const std::span<RayPacket> packets(tile_packets_.get(), kMostTilePackets);
-  for (size_t i = 0; i < packets.size(); ++i) {
-    packets[i].origin = sample.value;
-    packets[i].segments = true;
-    packets[i].mask = mask;
-    packets[i].origin_source = sample.source_triangle;
-    packets[i].answered_by =
-        record_answered_by_ ? tile_answered_by_.data() + i * kBlockRays : nullptr;
-  }
-  const size_t tile = RttTileRays(run_.options().rtt_antialiasing), all = positions_.size();
-  const bool large = tile > kBlockRays;
-  const size_t most = large ? 1 : kBlockRays / tile;  // Tiles that are asked about together.
-  for (size_t first = 0, tiles_before = 0; first < all;) {
-    // Where each one's points begin, and where the last one's end.
-    size_t begin[kMostPacketTiles + 1] = {first}, count = 0;
-    for (; count < most && first < all; ++count) {
-      const size_t end =
-          tile_ends_.empty() ? std::min(first + tile, all) : size_t{tile_ends_[tiles_before++]};
-      SIGHTLINE_CHECK(end > first && end - first <= tile) << first << " to " << end;
-      begin[count + 1] = first = end;
-    }
-    // fn(packet, lane, point, count) for points in lanes that follow one another.
-    const auto for_each_run = [&](const auto& fn) {
-      for (size_t i = 0; i < count; ++i) {
-        for (size_t at = begin[i]; at < begin[i + 1]; at += kBlockRays) {
-          const size_t part = (at - begin[i]) / kBlockRays;
-          fn(packets[part], i * tile, at, std::min<size_t>(kBlockRays, begin[i + 1] - at));
-        }
-      }
-    };
-    for_each_run([&](RayPacket& packet, size_t lane, size_t point, size_t points) {
-      Box3f box;  // Nobody asks for it.
-      LayOut(sample, point, points, packet.target_x + lane, packet.target_y + lane,
-             packet.target_z + lane, packet.target_source + lane, &box);
-      packet.count = static_cast<int>(lane + points);
-      if (large) return;
-      // Those that a tile lacks are its last one again: the next tile keeps its lanes.
-      const auto fill = [&](auto* row) {
-        std::fill_n(row + lane + points, tile - points, row[lane + points - 1]);
-      };
-      fill(packet.target_x);
-      fill(packet.target_y);
-      fill(packet.target_z);
-      fill(packet.target_source);
-    });
-    const size_t parts = (begin[1] - begin[0] + kBlockRays - 1) / kBlockRays;
-    SL_RETURN_IF_ERROR(large
-                           ? TraceRttTile(scene_, run_, kind_, packets.first(parts), scope->walk())
-                           : TracePacketBlock(scene_, run_, kind_, Strategy::kRtt, packets.data(),
-                                              nullptr, scope->walk()));
-    scope->Took(Strategy::kRtt);
-    for_each_run([&](const RayPacket& packet, size_t lane, size_t point, size_t points) {
-      for (size_t i = 0; i < points; ++i) {
-        RayPacket& block = packets_[(point + i) / kBlockRays];
-        block.triangle[(point + i) % kBlockRays] = packet.triangle[lane + i];
-        block.t[(point + i) % kBlockRays] = packet.t[lane + i];
-      }
-      if (!record_answered_by_) return;
-      std::copy_n(packet.answered_by + lane, points, answered_by_.data() + point);
-    });
-  }
+  // What needed no walk, as what was dark as a whole, says that something is near.
+  hints_.clear[s] = static_cast<uint8_t>(prepared ? clear * kGroupBlocks / blocks() : 0);
   return absl::OkStatus();
 }
 

@@ -31,11 +31,12 @@ class LitBoxesTest : public KernelsFixture {
   };
 
   // Whether one of the points, each the end of a segment from `light`, is blocked.
-  bool AnyBlocked(const IndexedGeometry& scene, Vec3f light, uint32_t light_source,
+  bool AnyBlocked(const IndexedGeometry& scene, Vec3f light, uint32_t light_source, uint32_t mask,
                   std::span<const Vec3f> points) {
     std::vector<TraceRay> rays;
     for (const Vec3f p : points) {
-      rays.push_back({.ray = PredicateRay::Segment(light, p), .from_source = light_source});
+      rays.push_back(
+          {.ray = PredicateRay::Segment(light, p), .mask = mask, .from_source = light_source});
     }
     std::vector<Hit> hits(rays.size());
     WalkStats stats;
@@ -60,15 +61,14 @@ class LitBoxesTest : public KernelsFixture {
     return points;
   }
 
-  void Ask(const IndexedGeometry& scene, Vec3f light, uint32_t light_source,
+  void Ask(const IndexedGeometry& scene, Vec3f light, uint32_t light_source, uint32_t mask,
            std::span<const Box3f> boxes, TestRng& rng, Counts* counts) {
     WalkStats stats;
-    const uint32_t said =
-        kernels().lit_boxes(scene, light, light_source, 0xFFFFFFFFu, boxes, &stats);
+    const uint32_t said = kernels().lit_boxes(scene, light, light_source, mask, boxes, &stats);
     EXPECT_EQ(said >> boxes.size(), 0u);
     for (size_t b = 0; b < boxes.size(); ++b) {
       ++counts->asked;
-      const bool blocked = AnyBlocked(scene, light, light_source, PointsOf(boxes[b], rng));
+      const bool blocked = AnyBlocked(scene, light, light_source, mask, PointsOf(boxes[b], rng));
       const bool is_said = (said >> b & 1) != 0;
       counts->said += is_said ? 1 : 0;
       counts->lit += blocked ? 0 : 1;
@@ -112,7 +112,8 @@ TEST_P(LitBoxesTest, NothingIsBlockedOfWhatIsSaidToBeLit) {
           }
           box.Extend(other);
         }
-        Ask(scene.indexed, light, source, boxes, rng, &counts);
+        const uint32_t mask = rng.Chance(0.7) ? 0xFFFFFFFFu : 1u << rng.Below(4);
+        Ask(scene.indexed, light, source, mask, boxes, rng, &counts);
       }
     }
   }
@@ -144,7 +145,7 @@ TEST_P(LitBoxesTest, MostOfWhatIsLitInARoomIsFound) {
       boxes[b].Extend(lo);
       boxes[b].Extend(hi);
     }
-    Ask(scene, light, kNoTriangle, boxes, rng, &counts);
+    Ask(scene, light, kNoTriangle, 0xFFFFFFFFu, boxes, rng, &counts);
   }
   EXPECT_LT(counts.lit, counts.asked);
   EXPECT_GT(counts.said, counts.lit * 3 / 4);
@@ -156,6 +157,8 @@ TEST_P(LitBoxesTest, AllOrNone) {
   TestRng rng;
   const IndexedGeometry empty = IndexObjects({}, Vec3d{});
   const IndexedGeometry sheet = IndexObjects({MakeGrid(16, 0, {-8, 1, -8}, rng)}, Vec3d{});
+  // Over the first eight alone, seen from x = 0.
+  const IndexedGeometry half = IndexObjects({MakeGrid(4, 0, {-3.75, 1, -2}, rng)}, Vec3d{});
   std::array<Box3f, 16> boxes;
   for (size_t b = 0; b < boxes.size(); ++b) {
     const float x = 0.1f * static_cast<float>(b);
@@ -168,6 +171,7 @@ TEST_P(LitBoxesTest, AllOrNone) {
                                std::span(boxes).first(count), &stats);
   };
   EXPECT_EQ(lit(sheet, 9, 16), 0u);
+  EXPECT_EQ(lit(half, 1.5f, 16), 0xFF00u);
   EXPECT_EQ(lit(sheet, 0.5f, 16), 0xFFFFu);
   EXPECT_EQ(lit(empty, 9, 16), 0xFFFFu);
   EXPECT_EQ(lit(empty, 9, 3), 7u);
