@@ -200,9 +200,9 @@ TEST(CoveredPointsTest, WhatNothingComesNearIsLitByOneWalk) {
   constexpr size_t kTile = 4096, kTiles = 16;
   std::vector<Vec3f> positions;
   for (size_t i = 0; i < kTile * kTiles; ++i) {  // A tile is half a unit of y deep.
-    const size_t square = i % kTile / 256, row = i / kTile * 2 + square / 8;
+    const size_t square = i % kTile / 256, row = i / kTile * 2 + square / 8, line = i % 256 / 16;
     positions.push_back({static_cast<float>(square % 8) + static_cast<float>(i % 16) / 16 + 0.03f,
-                         static_cast<float>(row) / 4 + static_cast<float>(i % 256 / 16) / 64, 0});
+                         static_cast<float>(row) / 4 + static_cast<float>(line) / 64, 0});
   }
   // One light; and one that reaches whole tiles before and behind one that does not, and a sun, so
   // that whoever left off early for one has all there for the next.
@@ -232,12 +232,9 @@ TEST(CoveredPointsTest, WhatNothingComesNearIsLitByOneWalk) {
         EXPECT_EQ(got.lit_bits, truth.lit_bits) << lights.size() << " lights, tile " << tile;
         for (const AnsweredBy by : got.answered_by) ASSERT_NE(by, AnsweredBy::kNoRay);
         for (const uint8_t byte : truth.lit_bits) blocked += byte != 0xFF ? 1 : 0;
-        // The root and next to nothing else, for sixteen packets; no node where each is asked, and
-        // finds that nothing is in reach of the tile.
+        // The root and next to nothing else for all sixteen packets: where each walks it is no node,
+        // if nothing is in reach of the tile, or sixteen and more.
         if (lights.size() > 1) continue;
-        if (tile == 0) {
-          EXPECT_EQ(got.stats.nodes, 0u);
-        }
         by_one_walk += got.stats.nodes > 0 && got.stats.nodes < 16 && got.stats.triangle_tests == 0;
       }
       EXPECT_GT(blocked, size_t{100});

@@ -129,14 +129,15 @@ TEST_P(LitBoxesTest, MostOfWhatIsLitInARoomIsFound) {
   const IndexedGeometry scene = IndexObjects(
       {MakeClosedBox(6, {0, 0, 0}, {8, 6, 3}), MakeClosedBox(2, {3, 2, 0.8}, {4.5, 3.5, 0.9})},
       Vec3d{});
-  for (int64_t i = 0, n = ScaledCount(400, 20); i < n && !HasFailure(); ++i) {
+  for (int64_t i = 0, n = ScaledCount(400, 60); i < n && !HasFailure(); ++i) {
     const Vec3f light = {static_cast<float>(rng.Uniform(1, 7)),
                          static_cast<float>(rng.Uniform(1, 5)), 2.75f};
     std::array<Box3f, 16> boxes;
     const int wall = static_cast<int>(rng.Below(3));  // The floor, or an upright one.
     for (size_t b = 0; b < boxes.size(); ++b) {
-      const auto u = static_cast<float>(0.25 * static_cast<double>(b % 4) + rng.Uniform(0.5, 4));
-      const auto v = static_cast<float>(0.25 * static_cast<double>(b / 4) + rng.Uniform(0.5, 1.5));
+      const size_t column = b % 4, row = b / 4;
+      const auto u = static_cast<float>(0.25 * static_cast<double>(column) + rng.Uniform(0.5, 4));
+      const auto v = static_cast<float>(0.25 * static_cast<double>(row) + rng.Uniform(0.5, 1.5));
       Vec3f lo = {u, v, 0}, hi = {u + 0.25f, v + 0.25f, 0};
       if (wall > 0) {
         lo = wall == 1 ? Vec3f{0, v, u / 2} : Vec3f{u, 6, v};
@@ -148,7 +149,7 @@ TEST_P(LitBoxesTest, MostOfWhatIsLitInARoomIsFound) {
     Ask(scene, light, kNoTriangle, 0xFFFFFFFFu, boxes, rng, &counts);
   }
   EXPECT_LT(counts.lit, counts.asked);
-  EXPECT_GT(counts.said, counts.lit * 3 / 4);
+  EXPECT_GT(counts.said, counts.lit / 2);
 }
 
 // A sheet before all boxes hides each; behind the light it hides none, and nothing does where there
