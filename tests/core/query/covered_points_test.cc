@@ -232,8 +232,8 @@ TEST(CoveredPointsTest, WhatNothingComesNearIsLitByOneWalk) {
         EXPECT_EQ(got.lit_bits, truth.lit_bits) << lights.size() << " lights, tile " << tile;
         for (const AnsweredBy by : got.answered_by) ASSERT_NE(by, AnsweredBy::kNoRay);
         for (const uint8_t byte : truth.lit_bits) blocked += byte != 0xFF ? 1 : 0;
-        // The root and next to nothing else for all sixteen packets: where each walks it is no node,
-        // if nothing is in reach of the tile, or sixteen and more.
+        // The root and next to nothing else for all sixteen packets: where each walks it is no
+        // node, if nothing is in reach of the tile, or sixteen and more.
         if (lights.size() > 1) continue;
         by_one_walk += got.stats.nodes > 0 && got.stats.nodes < 16 && got.stats.triangle_tests == 0;
       }
