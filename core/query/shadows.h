@@ -32,8 +32,8 @@ namespace sightline {
 struct PointRange {
   std::span<const Vec3f> positions;
   std::span<const uint32_t> sources;  // By point, or empty: no point names a triangle.
-  // By point, 0 or 1, or empty: all of them are valid. Who knows that spares a light a hundredth of
-  // its time, in which flags come from memory.
+  // By point, 0 or 1, or empty: all of them are valid, and so finite. Who knows that spares a light
+  // a hundredth of its time, in which flags come from memory.
   std::span<const uint8_t> valid;
 
   static PointRange All(const PreparedPoints& points) {
