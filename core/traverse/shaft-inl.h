@@ -41,6 +41,7 @@
 #include "core/traverse/shaft_blocks-inl.h"
 #include "core/traverse/shaft_cut-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
+#include "core/traverse/shaft_node-inl.h"
 #include "core/traverse/shaft_pair-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/shaft_test-inl.h"
@@ -251,12 +252,10 @@ class ShaftWalk {
   // depth.
   HWY_INLINE int VisitNode(const BvhNode& node, Pending* stack, int depth) {
     ++stats_->nodes;
-    const hn::CappedTag<float, kBvhWidth> d8;
-    using V8 = hn::Vec<decltype(d8)>;
-    auto met = MeetsSides(node, bounds_.sides, rays_.node_margin());
-    met = hn::And(met, hn::Ge(WithinWedges(d8, bounds_.wedges, node.bounds), hn::Zero(d8)));
+    const ShaftNodeD d8;
+    using V8 = hn::Vec<ShaftNodeD>;
+    auto met = MayMeet(node, bounds_, rays_);
     if constexpr (kAny) {
-      met = hn::And(met, BeyondCaps(d8, rays_.axis_caps(), node.bounds));
       return depth + PushChildren(d8, node, met, stack + depth);
     } else {
       const Vec3f w = rays_.frame().w;

@@ -129,7 +129,7 @@ TEST_P(LitBoxesTest, MostOfWhatIsLitInARoomIsFound) {
   const IndexedGeometry scene = IndexObjects(
       {MakeClosedBox(6, {0, 0, 0}, {8, 6, 3}), MakeClosedBox(2, {3, 2, 0.8}, {4.5, 3.5, 0.9})},
       Vec3d{});
-  for (int64_t i = 0, n = ScaledCount(400, 60); i < n && !HasFailure(); ++i) {
+  for (int i = 0; i < 400 && !HasFailure(); ++i) {
     const Vec3f light = {static_cast<float>(rng.Uniform(1, 7)),
                          static_cast<float>(rng.Uniform(1, 5)), 2.75f};
     std::array<Box3f, 16> boxes;
@@ -149,7 +149,7 @@ TEST_P(LitBoxesTest, MostOfWhatIsLitInARoomIsFound) {
     Ask(scene, light, kNoTriangle, 0xFFFFFFFFu, boxes, rng, &counts);
   }
   EXPECT_LT(counts.lit, counts.asked);
-  EXPECT_GT(counts.said, counts.lit / 2);
+  EXPECT_GT(counts.said, counts.lit * 3 / 4);
 }
 
 // A sheet before all boxes hides each; behind the light it hides none, and nothing does where there
