@@ -67,6 +67,21 @@ HWY_INLINE V CompressLanes(D d, V v, M chosen) {
   return hn::Compress(v, chosen);
 }
 
+// Eight lanes of four bytes, those whose bits are set in `chosen` first.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE V CompressLanesByBits(D d, V v, uint32_t chosen) {
+  static_assert(sizeof(hn::TFromD<D>) == sizeof(uint32_t) && hn::MaxLanes(d) == 8);
+#if HWY_TARGET == HWY_AVX2
+  const hn::Rebind<uint8_t, D> bytes;
+  const auto order =
+      hn::PromoteTo(hn::RebindToUnsigned<D>(), hn::LoadU(bytes, kLaneOrders[chosen].data()));
+  return hn::TableLookupLanes(v, hn::IndicesFromVec(d, order));
+#else
+  const auto bits = static_cast<uint8_t>(chosen);
+  return hn::Compress(v, hn::LoadMaskBits(d, &bits));
+#endif
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace sightline
 HWY_AFTER_NAMESPACE();

@@ -38,6 +38,7 @@
 #include "core/traverse/shaft_pair-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/single-inl.h"
+#include "core/traverse/visit_fetcher-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {

@@ -29,6 +29,7 @@
 #include "core/traverse/shaft_node-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/single-inl.h"
+#include "core/traverse/visit_fetcher-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {

@@ -39,6 +39,7 @@
 #include "core/traverse/shaft_test-inl.h"
 #include "core/traverse/single-inl.h"
 #include "core/traverse/trace_ray.h"
+#include "core/traverse/visit_fetcher-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {

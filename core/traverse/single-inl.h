@@ -30,7 +30,7 @@
 #include "core/intersect/ray_forms-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/trace_ray.h"
-#include "hwy/cache_control.h"
+#include "core/traverse/visit_fetcher-inl.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -125,91 +125,6 @@ HWY_INLINE void KeepCloser(const LeafView& leaf, uint32_t lane, const TraceRay& 
   if (hit < *best && hit.t > query.near) *best = hit;
 }
 
-constexpr size_t kCacheLine = 64;
-
-// What a walk does next.
-enum NextVisit : uint32_t { kVisitNode, kVisitLeaf, kVisitEnd };
-
-// Where the nodes and the leaves of a BVH lie. Fetches what a walk will visit, without a branch:
-// which of the two that is cannot be foretold.
-class VisitFetcher {
- public:
-  HWY_INLINE explicit VisitFetcher(const Bvh& bvh)
-      : base_{reinterpret_cast<const char*>(bvh.nodes.data()),
-              bvh.has_leaf_rows() ? reinterpret_cast<const char*>(bvh.leaves.data())
-                                  : reinterpret_cast<const char*>(bvh.leaf_ids.data()),
-              reinterpret_cast<const char*>(bvh.nodes.data())},
-        bytes_{
-            sizeof(BvhNode),
-            bvh.has_leaf_rows() ? kUnitFloats * sizeof(float) : kUnitTriangles * sizeof(uint32_t),
-            0},
-        lines_(bvh.has_leaf_rows() ? &kRowLines : &kIdLines),
-        leaves_are_far_(bvh.leaves.size() * sizeof(float) > kNearLeafBytes) {}
-
-  // Whether a leaf's later lines, too, are worth asking for beforehand.
-  HWY_INLINE bool leaves_are_far() const { return leaves_are_far_; }
-
-  // A node, or as much of a leaf.
-  HWY_INLINE void Fetch(NextVisit next, ChildRef ref) const {
-    const char* const at = At(next, ref);
-    for (size_t i = 0; i < sizeof(BvhNode); i += kCacheLine) hwy::Prefetch(at + i);
-  }
-  // A node or a leaf, all of it. REQUIRES: not empty.
-  HWY_INLINE void FetchAll(ChildRef ref) const {
-    const NextVisit next = ref.is_leaf() ? kVisitLeaf : kVisitNode;
-    const char* const at = At(next, ref);
-    const size_t units[2] = {0, ref.leaf_units()};
-    for (const uint16_t line : lines_->of[units[next]]) hwy::Prefetch(at + line);
-  }
-  // The rest of a leaf. Lines of one that has fewer are its last.
-  HWY_INLINE void FetchRest(ChildRef leaf) const {
-    const char* const at = At(kVisitLeaf, leaf);
-    for (size_t i = sizeof(BvhNode) / kCacheLine; i < kMaxLines; ++i) {
-      hwy::Prefetch(at + lines_->of[leaf.leaf_units()][i]);
-    }
-  }
-
- private:
-  static constexpr size_t kMaxLeafBytes = kMaxLeafTriangles * kLeafRows * sizeof(float);
-  // Up to here leaves stay in a cache whose latency a walk's other work hides.
-  static constexpr size_t kNearLeafBytes = size_t{16} << 20;
-  HWY_INLINE const char* At(NextVisit next, ChildRef ref) const {
-    static_assert(ChildRef::Inner(1).leaf_unit() == 1, "a node's number lies where a leaf's does");
-    return base_[next] + size_t{ref.leaf_unit()} * bytes_[next];
-  }
-
-  static constexpr size_t kMaxLines = kMaxLeafBytes / kCacheLine + 1;
-  // Where the lines of a leaf of so many units begin, or with none of them a node's; the last one
-  // again where there are no more. In a table: GCC 12 finds eleven minima by vectors, and takes
-  // these apart again, which comes to some fifty instructions more.
-  struct Lines {
-    uint16_t of[kMaxLeafTriangles / kUnitTriangles + 1][kMaxLines];
-  };
-  static constexpr Lines LinesOf(size_t unit_bytes) {
-    Lines lines = {};
-    for (size_t units = 0; units < std::size(lines.of); ++units) {
-      const size_t last = (units == 0 ? sizeof(BvhNode) : units * unit_bytes) - 1;
-      size_t at = 0;
-      for (uint16_t& line : lines.of[units]) {
-        line = static_cast<uint16_t>(std::min(at, last));
-        at += kCacheLine;
-      }
-    }
-    return lines;
-  }
-  static const Lines kRowLines, kIdLines;
-
-  const char* base_[3];
-  size_t bytes_[3];
-  const Lines* lines_;
-  bool leaves_are_far_;
-};
-
-inline constexpr VisitFetcher::Lines VisitFetcher::kRowLines =
-    VisitFetcher::LinesOf(kUnitFloats * sizeof(float));
-inline constexpr VisitFetcher::Lines VisitFetcher::kIdLines =
-    VisitFetcher::LinesOf(kUnitTriangles * sizeof(uint32_t));
-
 // A child to visit; for closest hits with its entry, so that those behind a hit are passed over.
 // Trivial: a walk's stack is not initialized.
 struct PendingAny {
@@ -302,6 +217,16 @@ HWY_INLINE int PushNearestOnTop(const BvhNode& node, uint32_t met, const float* 
 template <bool kAny>
 class alignas(kCacheLine) SingleWalk {
  public:
+  // Children of a node, bit by bit, and for closest hits where they are entered.
+  struct MetAny {
+    uint32_t children;
+  };
+  struct MetClosest {
+    alignas(sizeof(float) * kBvhWidth) float entries[kBvhWidth];
+    uint32_t children;
+  };
+  using MetChildren = std::conditional_t<kAny, MetAny, MetClosest>;
+
   // Both are kept by reference until the walk has ended. REQUIRES: something to hit.
   HWY_INLINE void Start(const IndexedGeometry& scene, const TraceRay& query) {
     scene_ = &scene;
@@ -315,9 +240,11 @@ class alignas(kCacheLine) SingleWalk {
       stack_[depth_++] = {-std::numeric_limits<float>::infinity(), ChildRef::Empty().bits()};
     }
     const PredicateRay& ray = query.ray;
-    box_ray_ = BoxRay::Make(ray.origin, ray.RoundedDirection());
+    const BoxRay box_ray = BoxRay::Make(ray.origin, ray.RoundedDirection());
+    origin_ = box_ray.origin;
     for (uint32_t k = 0; k < 3; ++k) {
-      const uint32_t near = std::signbit(box_ray_.inv[k]) ? k + 3 : k;
+      turned_inv_[k] = -box_ray.inv[k];
+      const uint32_t near = std::signbit(box_ray.inv[k]) ? k + 3 : k;
       near_[k] = near * sizeof(BvhNode::bounds[0]);
       far_[k] = (2 * k + 3 - near) * sizeof(BvhNode::bounds[0]);
     }
@@ -329,25 +256,70 @@ class alignas(kCacheLine) SingleWalk {
     }
   }
 
-  // What comes next, children behind the limit passed over.
-  HWY_INLINE NextVisit FindNext() {
+  // The child to visit, those behind the limit passed over, or none at the end.
+  HWY_INLINE ChildRef FindNext() {
     while (stack_[depth_ - 1].after(limit_)) --depth_;
-    const ChildRef ref = next();
-    static_assert(kVisitLeaf == 1 && kVisitEnd == 2);
-    return static_cast<NextVisit>((ref.bits() >> 31) + (ref.is_empty() ? 1u : 0u));
+    return next();
   }
-  // The child to visit, or none at the end.
+  // The same once more.
   HWY_INLINE ChildRef next() const { return stack_[depth_ - 1].ref(); }
 
-  HWY_INLINE void VisitNode(WalkStats* stats) {
-    const ChildRef ref = stack_[--depth_].ref();
-    TestNode(scene_->bvh.nodes[ref.node()], stats);
+  // What is next is visited in two steps, with nothing between them: several walks take the first
+  // by turns, then the second. A step has fewer operations that wait for one another than a whole
+  // visit, so that a core, which looks a few hundred instructions ahead, works on more walks at
+  // once. First a node's children are put to the ray,
+  HWY_INLINE void TestNode(const BvhNode& node, MetChildren* met) const {
+    const hn::CappedTag<float, kBvhWidth> d;
+    static_assert(hn::MaxLanes(d) == kBvhWidth, "a node's eight boxes fill one vector");
+    using V = hn::Vec<decltype(d)>;
+    const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+    static_assert(offsetof(BvhNode, bounds) == 0);
+    const auto faces = [&](uint32_t offset) HWY_ATTR {
+      return hn::Load(
+          d, reinterpret_cast<const float*>(reinterpret_cast<const char*>(&node) + offset));
+    };
+    V entry = hn::Neg(infinity), exit = infinity;
+    for (int k = 0; k < 3; ++k) {
+      // Both factors turned, so that faces are taken away as they lie in memory. The running value
+      // stays second: a NaN (see core/geometry/box_ray.h) is passed over.
+      const V o = hn::Set(d, origin_[k]), inv = hn::Set(d, turned_inv_[k]);
+      entry = hn::Max(hn::Mul(hn::Sub(o, faces(near_[k])), inv), entry);
+      exit = hn::Min(hn::Mul(hn::Sub(o, faces(far_[k])), inv), exit);
+    }
+    const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
+    const V limit = hn::Set(d, limit_), from_origin = hn::Max(entry, hn::Zero(d));
+    if constexpr (kAny) {
+      // The limit is positive: an entry below zero may count as zero for both.
+      const hn::RebindToUnsigned<decltype(d)> du;
+      met->children =
+          MaskBits(du, hn::And(hn::RebindMask(du, hn::Le(from_origin, hn::Min(last, limit))),
+                               hn::Ne(ChildBits(du, node), hn::Set(du, ChildRef::Empty().bits()))));
+    } else {
+      met->children = MaskBits(d, hn::And(hn::Le(from_origin, last), hn::Le(entry, limit)));
+      hn::Store(entry, d, met->entries);
+    }
   }
-  // A leaf is visited in two steps, with nothing between them: several walks take the first one by
-  // turns, which has no branch to be foretold, and those that have something left the second.
+  // then those that it meets take the node's place. Returns what FindNext would.
+  HWY_INLINE ChildRef EnterNode(const BvhNode& node, const MetChildren& met) {
+    if constexpr (kAny) {
+      const hn::CappedTag<uint32_t, kBvhWidth> d;
+      const uint32_t below = stack_[depth_ - 2].ref_bits;
+      hn::StoreU(CompressLanesByBits(d, ChildBits(d, node), met.children), d,
+                 reinterpret_cast<uint32_t*>(stack_ + depth_ - 1));
+      depth_ += std::popcount(met.children) - 1;
+      // Not read back: what was stored as a part of a vector comes late. Chosen by arithmetic, lest
+      // a compiler makes a branch of it.
+      const uint32_t top = node.child[31 - std::countl_zero(met.children | 1)].bits();
+      const uint32_t if_none = 0u - ((met.children - 1) >> 31);
+      return ChildRef::FromBits((top & ~if_none) | (below & if_none));
+    } else {
+      depth_ = PushNearestOnTop(node, met.children, met.entries, stack_, depth_ - 1);
+      return FindNext();
+    }
+  }
+  // A leaf's first step has no branch to be foretold. Those that have something left take a second.
   HWY_INLINE LeafLanes VisitLeaf(WalkStats* stats) {
     const LeafView leaf(*scene_, stack_[--depth_].ref());
-    ++stats->leaves;
     stats->triangle_tests += leaf.count;
     return ClassifyLeaf(leaf, query_->ray);
   }
@@ -373,40 +345,15 @@ class alignas(kCacheLine) SingleWalk {
  private:
   using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
 
-  HWY_INLINE void TestNode(const BvhNode& node, WalkStats* stats) {
-    const hn::CappedTag<float, kBvhWidth> d;
-    static_assert(hn::MaxLanes(d) == kBvhWidth, "a node's eight boxes fill one vector");
-    using V = hn::Vec<decltype(d)>;
-    ++stats->nodes;
-    const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
-    static_assert(offsetof(BvhNode, bounds) == 0);
-    const auto faces = [&](uint32_t offset) HWY_ATTR {
-      return reinterpret_cast<const float*>(reinterpret_cast<const char*>(&node) + offset);
-    };
-    V entry = hn::Neg(infinity), exit = infinity;
-    for (int k = 0; k < 3; ++k) {
-      const V o = hn::Set(d, box_ray_.origin[k]), inv = hn::Set(d, box_ray_.inv[k]);
-      // The running value stays second: a NaN (see core/geometry/box_ray.h) is passed over.
-      entry = hn::Max(hn::Mul(hn::Sub(hn::Load(d, faces(near_[k])), o), inv), entry);
-      exit = hn::Min(hn::Mul(hn::Sub(hn::Load(d, faces(far_[k])), o), inv), exit);
-    }
-    const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
-    const V limit = hn::Set(d, limit_), from_origin = hn::Max(entry, hn::Zero(d));
-    if constexpr (kAny) {
-      // The limit is positive: an entry below zero may count as zero for both.
-      const auto met = hn::Le(from_origin, hn::Min(last, limit));
-      depth_ += PushChildren(d, node, met, stack_ + depth_);
-    } else {
-      const auto met = hn::And(hn::Le(from_origin, last), hn::Le(entry, limit));
-      HWY_ALIGN float entries[kBvhWidth];
-      hn::Store(entry, d, entries);
-      depth_ = PushNearestOnTop(node, MaskBits(d, met), entries, stack_, depth_);
-    }
+  template <class D>
+  static HWY_INLINE hn::Vec<D> ChildBits(D d, const BvhNode& node) {
+    static_assert(sizeof(ChildRef) == sizeof(uint32_t));
+    return hn::Load(d, reinterpret_cast<const uint32_t*>(node.child));
   }
 
   const IndexedGeometry* scene_ = nullptr;
   const TraceRay* query_ = nullptr;
-  BoxRay box_ray_;
+  Vec3f origin_, turned_inv_;  // A BoxRay's, the reciprocals turned.
   uint32_t near_[3], far_[3];  // Bytes from a node to its near and far faces, by axis.
   float limit_ = 0;            // Nodes entered after this hold no hit that counts.
   Hit best_;
@@ -424,10 +371,23 @@ template <bool kAny>
 bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, std::span<Hit> hits,
                  const CancelToken* cancel, WalkStats* stats) {
   using Walk = SingleWalk<kAny>;
+  struct Turn {
+    Walk* walk;
+    const char* at;  // What it visits.
+
+    const BvhNode& node() const { return *reinterpret_cast<const BvhNode*>(at); }
+  };
+  // By what is next, so many of it.
   struct Round {
-    uint32_t count[3] = {};  // By what is next.
-    Walk* walks[3][kTurns];
-    std::span<Walk* const> next(NextVisit visit) const { return {walks[visit], count[visit]}; }
+    uint64_t counts = 0;
+    Turn turns[3][kTurns];
+
+    static uint32_t CountOf(uint64_t counts, uint32_t visit) {
+      return counts >> 16 * visit & 0xffff;
+    }
+    std::span<const Turn> next(NextVisit visit) const {
+      return {turns[visit], CountOf(counts, visit)};
+    }
   };
   // Begins to live when its first ray does: a call may be about a few.
   union Place {
@@ -436,20 +396,25 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   };
   Place places[kTurns];
   Round rounds[2];
-  LeafLanes found[kTurns];  // In leaves, of the walks in found_by.
+  typename Walk::MetChildren met[kTurns];  // Of those at a node.
+  LeafLanes found[kTurns];                 // In leaves, of the walks in found_by.
   Walk* found_by[kTurns];
   Round* now = &rounds[0];
   Round* then = &rounds[1];
   size_t next_ray = 0;
   const VisitFetcher fetcher(scene.bvh);
-  const auto file = [&](Walk* walk) HWY_ATTR {
-    const NextVisit next = walk->FindNext();
-    fetcher.Fetch(next, walk->next());
-    then->walks[next][then->count[next]++] = walk;
+  // The next round's counts, all in one register: what is counted by its kind in memory waits for
+  // the walk before, whose kind is known late.
+  uint64_t counts = 0;
+  const auto file = [&](Walk* walk, ChildRef ref) HWY_ATTR {
+    static_assert(kVisitLeaf == 1 && kVisitEnd == 2);
+    const auto next = static_cast<NextVisit>((ref.bits() >> 31) + (ref.is_empty() ? 1u : 0u));
+    then->turns[next][Round::CountOf(counts, next)] = {walk, fetcher.Fetch(next, ref)};
+    counts += uint64_t{1} << 16 * next;
   };
   const auto start = [&](Walk* walk) HWY_ATTR {
     walk->Start(scene, rays[next_ray++]);
-    file(walk);
+    file(walk, walk->FindNext());
   };
   if (cancel != nullptr && cancel->cancelled()) return false;
   if (scene.bvh.empty()) {
@@ -461,26 +426,30 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     // Not std::construct_at, which would set every walk's stack to zero.
     start(::new (static_cast<void*>(&places[i].walk)) Walk);
   }
-  while (then->count[0] + then->count[1] + then->count[2] > 0) {
+  while (counts != 0) {
     std::swap(now, then);
-    std::fill_n(then->count, 3, 0u);
-    const auto in_leaves = now->next(kVisitLeaf);
+    now->counts = std::exchange(counts, 0);
+    const auto in_nodes = now->next(kVisitNode), in_leaves = now->next(kVisitLeaf);
+    stats->nodes += in_nodes.size();
+    stats->leaves += in_leaves.size();
     if (fetcher.leaves_are_far()) {
-      for (const Walk* walk : in_leaves) fetcher.FetchRest(walk->next());
+      for (const Turn& turn : in_leaves) fetcher.FetchRest(turn.walk->next());
     }
-    for (Walk* walk : now->next(kVisitNode)) {
-      walk->VisitNode(stats);
-      file(walk);
+    for (size_t i = 0; i < in_nodes.size(); ++i) {
+      in_nodes[i].walk->TestNode(in_nodes[i].node(), &met[i]);
+    }
+    for (size_t i = 0; i < in_nodes.size(); ++i) {
+      file(in_nodes[i].walk, in_nodes[i].walk->EnterNode(in_nodes[i].node(), met[i]));
     }
     uint32_t some_left = 0;
-    for (Walk* walk : in_leaves) {
-      found[some_left] = walk->VisitLeaf(stats);
-      found_by[some_left] = walk;
+    for (const Turn& turn : in_leaves) {
+      found[some_left] = turn.walk->VisitLeaf(stats);
+      found_by[some_left] = turn.walk;
       some_left += found[some_left].left != 0 ? 1 : 0;
     }
     for (uint32_t i = 0; i < some_left; ++i) found_by[i]->Settle(found[i], stats);
-    for (Walk* walk : in_leaves) file(walk);
-    for (Walk* walk : now->next(kVisitEnd)) {
+    for (const Turn& turn : in_leaves) file(turn.walk, turn.walk->FindNext());
+    for (const auto& [walk, at] : now->next(kVisitEnd)) {
       hits[static_cast<size_t>(&walk->query() - rays.data())] = walk->best();
       if (next_ray == rays.size()) continue;
       if (next_ray % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
