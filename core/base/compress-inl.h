@@ -41,15 +41,19 @@ constexpr LaneOrders MakeLaneOrders() {
 alignas(64) inline constexpr LaneOrders kLaneOrders = MakeLaneOrders();
 
 #if HWY_TARGET == HWY_AVX2
-// Eight lanes, as numbers of four bytes: those of `chosen`, whose bits go to *bits, then the
-// others.
+// Eight lanes, as numbers of four bytes: those whose bits are set in `chosen`, then the others.
+template <class D>
+HWY_INLINE hn::Vec<hn::RebindToUnsigned<D>> LaneOrder(D /*d*/, uint32_t chosen) {
+  const hn::Rebind<uint8_t, D> bytes;
+  return hn::PromoteTo(hn::RebindToUnsigned<D>(), hn::LoadU(bytes, kLaneOrders[chosen].data()));
+}
+// The same of `chosen`, whose bits go to *bits.
 template <class D, class M>
 HWY_INLINE hn::Vec<hn::RebindToUnsigned<D>> ChosenFirst(D d, M chosen, uint8_t* bits) {
   uint8_t stored[8];  // As many as StoreMaskBits may write.
   hn::StoreMaskBits(d, chosen, stored);
   *bits = stored[0];
-  const hn::Rebind<uint8_t, D> bytes;
-  return hn::PromoteTo(hn::RebindToUnsigned<D>(), hn::LoadU(bytes, kLaneOrders[stored[0]].data()));
+  return LaneOrder(d, stored[0]);
 }
 #endif
 
@@ -67,18 +71,16 @@ HWY_INLINE V CompressLanes(D d, V v, M chosen) {
   return hn::Compress(v, chosen);
 }
 
-// Eight lanes of four bytes, those whose bits are set in `chosen` first.
+// The same for eight lanes, by the bits of `chosen`, which has no others: where they are known
+// anyway.
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE V CompressLanesByBits(D d, V v, uint32_t chosen) {
   static_assert(sizeof(hn::TFromD<D>) == sizeof(uint32_t) && hn::MaxLanes(d) == 8);
 #if HWY_TARGET == HWY_AVX2
-  const hn::Rebind<uint8_t, D> bytes;
-  const auto order =
-      hn::PromoteTo(hn::RebindToUnsigned<D>(), hn::LoadU(bytes, kLaneOrders[chosen].data()));
-  return hn::TableLookupLanes(v, hn::IndicesFromVec(d, order));
+  return hn::TableLookupLanes(v, hn::IndicesFromVec(d, LaneOrder(d, chosen)));
 #else
-  const auto bits = static_cast<uint8_t>(chosen);
-  return hn::Compress(v, hn::LoadMaskBits(d, &bits));
+  const uint8_t bits[8] = {static_cast<uint8_t>(chosen)};  // As many as LoadMaskBits may read.
+  return hn::Compress(v, hn::LoadMaskBits(d, bits));
 #endif
 }
 

@@ -17,6 +17,7 @@
 #include <bit>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <new>
 #include <span>
@@ -141,17 +142,27 @@ struct PendingClosest {
   bool after(float limit) const { return entry > limit; }
 };
 
+// A node's children, as the bits of their references, and those of `met` that there are.
+template <class D>
+HWY_INLINE hn::Vec<D> ChildBits(D d, const BvhNode& node) {
+  static_assert(sizeof(ChildRef) == sizeof(uint32_t));
+  return hn::Load(d, reinterpret_cast<const uint32_t*>(node.child));
+}
+template <class D, class M>
+HWY_INLINE hn::Mask<D> UsedOf(D d, const BvhNode& node, M met) {
+  return hn::And(hn::RebindMask(d, met),
+                 hn::Ne(ChildBits(d, node), hn::Set(d, ChildRef::Empty().bits())));
+}
+
 // Pushes the children `met`, in no particular order, without a branch. Writes kBvhWidth entries
 // from `end` on; returns how many count.
 template <class D, class M>
 HWY_INLINE int PushChildren(D /*d*/, const BvhNode& node, M met, PendingAny* end) {
   const hn::RebindToUnsigned<D> du;
-  static_assert(sizeof(PendingAny) == sizeof(uint32_t) && sizeof(ChildRef) == sizeof(uint32_t));
-  const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node.child));
-  const auto used =
-      hn::And(hn::RebindMask(du, met), hn::Ne(children, hn::Set(du, ChildRef::Empty().bits())));
+  static_assert(sizeof(PendingAny) == sizeof(uint32_t));
+  const auto used = UsedOf(du, node, met);
   // Compressed in a register: a compressing store is microcode.
-  hn::StoreU(CompressLanes(du, children, used), du, reinterpret_cast<uint32_t*>(end));
+  hn::StoreU(CompressLanes(du, ChildBits(du, node), used), du, reinterpret_cast<uint32_t*>(end));
   return static_cast<int>(hn::CountTrue(du, used));
 }
 
@@ -217,7 +228,8 @@ HWY_INLINE int PushNearestOnTop(const BvhNode& node, uint32_t met, const float* 
 template <bool kAny>
 class alignas(kCacheLine) SingleWalk {
  public:
-  // Children of a node, bit by bit, and for closest hits where they are entered.
+  // Children of a node, bit by bit: those that there are, or for closest hits perhaps some that
+  // there are not, and where each is entered.
   struct MetAny {
     uint32_t children;
   };
@@ -267,7 +279,9 @@ class alignas(kCacheLine) SingleWalk {
   // What is next is visited in two steps, with nothing between them: several walks take the first
   // by turns, then the second. A step has fewer operations that wait for one another than a whole
   // visit, so that a core, which looks a few hundred instructions ahead, works on more walks at
-  // once. First a node's children are put to the ray,
+  // once.
+  //
+  // A node's first step finds out which of its children the ray meets.
   HWY_INLINE void TestNode(const BvhNode& node, MetChildren* met) const {
     const hn::CappedTag<float, kBvhWidth> d;
     static_assert(hn::MaxLanes(d) == kBvhWidth, "a node's eight boxes fill one vector");
@@ -291,26 +305,27 @@ class alignas(kCacheLine) SingleWalk {
     if constexpr (kAny) {
       // The limit is positive: an entry below zero may count as zero for both.
       const hn::RebindToUnsigned<decltype(d)> du;
-      met->children =
-          MaskBits(du, hn::And(hn::RebindMask(du, hn::Le(from_origin, hn::Min(last, limit))),
-                               hn::Ne(ChildBits(du, node), hn::Set(du, ChildRef::Empty().bits()))));
+      met->children = MaskBits(du, UsedOf(du, node, hn::Le(from_origin, hn::Min(last, limit))));
     } else {
       met->children = MaskBits(d, hn::And(hn::Le(from_origin, last), hn::Le(entry, limit)));
       hn::Store(entry, d, met->entries);
     }
   }
-  // then those that it meets take the node's place. Returns what FindNext would.
+  // In the second they take the node's place. Returns what FindNext would. REQUIRES: `node` is
+  // next, and `met` is what TestNode said of it.
   HWY_INLINE ChildRef EnterNode(const BvhNode& node, const MetChildren& met) {
     if constexpr (kAny) {
       const hn::CappedTag<uint32_t, kBvhWidth> d;
-      const uint32_t below = stack_[depth_ - 2].ref_bits;
-      hn::StoreU(CompressLanesByBits(d, ChildBits(d, node), met.children), d,
-                 reinterpret_cast<uint32_t*>(stack_ + depth_ - 1));
-      depth_ += std::popcount(met.children) - 1;
+      const uint32_t children = met.children;
+      const int depth = depth_;
+      const uint32_t below = stack_[depth - 2].ref_bits;
+      hn::StoreU(CompressLanesByBits(d, ChildBits(d, node), children), d,
+                 reinterpret_cast<uint32_t*>(stack_ + depth - 1));
+      depth_ = depth + std::popcount(children) - 1;
       // Not read back: what was stored as a part of a vector comes late. Chosen by arithmetic, lest
-      // a compiler makes a branch of it.
-      const uint32_t top = node.child[31 - std::countl_zero(met.children | 1)].bits();
-      const uint32_t if_none = 0u - ((met.children - 1) >> 31);
+      // a compiler makes a branch of it; less than one is none, since there are eight bits.
+      const uint32_t top = node.child[31 - std::countl_zero(children | 1)].bits();
+      const uint32_t if_none = 0u - ((children - 1) >> 31);
       return ChildRef::FromBits((top & ~if_none) | (below & if_none));
     } else {
       depth_ = PushNearestOnTop(node, met.children, met.entries, stack_, depth_ - 1);
@@ -345,12 +360,6 @@ class alignas(kCacheLine) SingleWalk {
  private:
   using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
 
-  template <class D>
-  static HWY_INLINE hn::Vec<D> ChildBits(D d, const BvhNode& node) {
-    static_assert(sizeof(ChildRef) == sizeof(uint32_t));
-    return hn::Load(d, reinterpret_cast<const uint32_t*>(node.child));
-  }
-
   const IndexedGeometry* scene_ = nullptr;
   const TraceRay* query_ = nullptr;
   Vec3f origin_, turned_inv_;  // A BoxRay's, the reciprocals turned.
@@ -365,6 +374,20 @@ class alignas(kCacheLine) SingleWalk {
 // nearer caches their stacks.
 constexpr int kTurns = 32;
 
+// How many walks do what next, all in one number, which stays in a register: what is counted by its
+// kind in memory waits for the walk before, whose kind is known late.
+class VisitCounts {
+ public:
+  uint32_t of(NextVisit visit) const { return bits_ >> (kBits * visit) & ((1u << kBits) - 1); }
+  void Add(NextVisit visit) { bits_ += uint64_t{1} << (kBits * visit); }
+  bool any() const { return bits_ != 0; }
+
+ private:
+  static constexpr uint32_t kBits = 16;
+  static_assert(kTurns < 1 << kBits);
+  uint64_t bits_ = 0;
+};
+
 // Rays in rounds: first all that visit a node, then all that visit a leaf. Whether a ray does one
 // or the other cannot be foretold; a branch on it would cost as much as the visit.
 template <bool kAny>
@@ -373,21 +396,14 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   using Walk = SingleWalk<kAny>;
   struct Turn {
     Walk* walk;
-    const char* at;  // What it visits.
+    const char* at;  // Where the node or the leaf lies that it visits.
 
     const BvhNode& node() const { return *reinterpret_cast<const BvhNode*>(at); }
   };
-  // By what is next, so many of it.
   struct Round {
-    uint64_t counts = 0;
-    Turn turns[3][kTurns];
-
-    static uint32_t CountOf(uint64_t counts, uint32_t visit) {
-      return counts >> 16 * visit & 0xffff;
-    }
-    std::span<const Turn> next(NextVisit visit) const {
-      return {turns[visit], CountOf(counts, visit)};
-    }
+    VisitCounts counts;
+    Turn turns[3][kTurns];  // By what is next.
+    std::span<const Turn> next(NextVisit visit) const { return {turns[visit], counts.of(visit)}; }
   };
   // Begins to live when its first ray does: a call may be about a few.
   union Place {
@@ -403,14 +419,12 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   Round* then = &rounds[1];
   size_t next_ray = 0;
   const VisitFetcher fetcher(scene.bvh);
-  // The next round's counts, all in one register: what is counted by its kind in memory waits for
-  // the walk before, whose kind is known late.
-  uint64_t counts = 0;
+  VisitCounts filed;  // In the next round.
   const auto file = [&](Walk* walk, ChildRef ref) HWY_ATTR {
-    static_assert(kVisitLeaf == 1 && kVisitEnd == 2);
+    static_assert(kVisitNode == 0 && kVisitLeaf == 1 && kVisitEnd == 2);
     const auto next = static_cast<NextVisit>((ref.bits() >> 31) + (ref.is_empty() ? 1u : 0u));
-    then->turns[next][Round::CountOf(counts, next)] = {walk, fetcher.Fetch(next, ref)};
-    counts += uint64_t{1} << 16 * next;
+    then->turns[next][filed.of(next)] = {walk, fetcher.Fetch(next, ref)};
+    filed.Add(next);
   };
   const auto start = [&](Walk* walk) HWY_ATTR {
     walk->Start(scene, rays[next_ray++]);
@@ -426,9 +440,9 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     // Not std::construct_at, which would set every walk's stack to zero.
     start(::new (static_cast<void*>(&places[i].walk)) Walk);
   }
-  while (counts != 0) {
+  while (filed.any()) {
     std::swap(now, then);
-    now->counts = std::exchange(counts, 0);
+    now->counts = std::exchange(filed, {});
     const auto in_nodes = now->next(kVisitNode), in_leaves = now->next(kVisitLeaf);
     stats->nodes += in_nodes.size();
     stats->leaves += in_leaves.size();
@@ -449,11 +463,11 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     }
     for (uint32_t i = 0; i < some_left; ++i) found_by[i]->Settle(found[i], stats);
     for (const Turn& turn : in_leaves) file(turn.walk, turn.walk->FindNext());
-    for (const auto& [walk, at] : now->next(kVisitEnd)) {
-      hits[static_cast<size_t>(&walk->query() - rays.data())] = walk->best();
+    for (const Turn& turn : now->next(kVisitEnd)) {
+      hits[static_cast<size_t>(&turn.walk->query() - rays.data())] = turn.walk->best();
       if (next_ray == rays.size()) continue;
       if (next_ray % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
-      start(walk);
+      start(turn.walk);
     }
   }
   return true;

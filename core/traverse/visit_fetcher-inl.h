@@ -47,7 +47,7 @@ class VisitFetcher {
   // Whether a leaf's later lines, too, are worth asking for beforehand.
   HWY_INLINE bool leaves_are_far() const { return leaves_are_far_; }
 
-  // A node, or as much of a leaf. Returns where it lies.
+  // A node, or as much of a leaf; at the end the root once more. Returns where it lies.
   HWY_INLINE const char* Fetch(NextVisit next, ChildRef ref) const {
     const char* const at = At(next, ref);
     for (size_t i = 0; i < sizeof(BvhNode); i += kCacheLine) hwy::Prefetch(at + i);
@@ -73,8 +73,7 @@ class VisitFetcher {
   // Up to here leaves stay in a cache whose latency a walk's other work hides.
   static constexpr size_t kNearLeafBytes = size_t{16} << 20;
   HWY_INLINE const char* At(NextVisit next, ChildRef ref) const {
-    static_assert(ChildRef::Inner(1).leaf_unit() == 1, "a node's number lies where a leaf's does");
-    return base_[next] + size_t{ref.leaf_unit()} * bytes_[next];
+    return base_[next] + size_t{ref.bits() & kNumber[next]} * bytes_[next];
   }
 
   static constexpr size_t kMaxLines = kMaxLeafBytes / kCacheLine + 1;
@@ -97,6 +96,10 @@ class VisitFetcher {
     return lines;
   }
   static const Lines kRowLines, kIdLines;
+
+  // The bits of a reference that are a node's number, a leaf's first unit, and nothing.
+  static constexpr uint32_t kNumber[3] = {~ChildRef::kLeafBit, ChildRef::FromBits(~0u).leaf_unit(),
+                                          0};
 
   const char* base_[3];
   size_t bytes_[3];
