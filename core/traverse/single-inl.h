@@ -15,7 +15,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -32,6 +31,7 @@
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/trace_ray.h"
 #include "core/traverse/visit_fetcher-inl.h"
+#include "core/traverse/walk_starts-inl.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -239,10 +239,11 @@ class alignas(kCacheLine) SingleWalk {
   };
   using MetChildren = std::conditional_t<kAny, MetAny, MetClosest>;
 
-  // Both are kept by reference until the walk has ended. REQUIRES: something to hit.
-  HWY_INLINE void Start(const IndexedGeometry& scene, const TraceRay& query) {
+  // Begins the next of `starts`. The scene and the query are kept by reference until the walk has
+  // ended. Returns what FindNext would. REQUIRES: something to hit.
+  HWY_INLINE ChildRef Start(const IndexedGeometry& scene, WalkStarts<kAny>* starts) {
     scene_ = &scene;
-    query_ = &query;
+    query_ = &starts->Take(&ray_);
     best_ = Hit();
     depth_ = 0;
     // Below everything: where a walk comes to its end without having to ask.
@@ -251,26 +252,18 @@ class alignas(kCacheLine) SingleWalk {
     } else {
       stack_[depth_++] = {-std::numeric_limits<float>::infinity(), ChildRef::Empty().bits()};
     }
-    const PredicateRay& ray = query.ray;
-    const BoxRay box_ray = BoxRay::Make(ray.origin, ray.RoundedDirection());
-    origin_ = box_ray.origin;
-    for (uint32_t k = 0; k < 3; ++k) {
-      turned_inv_[k] = -box_ray.inv[k];
-      const uint32_t near = std::signbit(box_ray.inv[k]) ? k + 3 : k;
-      near_[k] = near * sizeof(BvhNode::bounds[0]);
-      far_[k] = (2 * k + 3 - near) * sizeof(BvhNode::bounds[0]);
-    }
-    limit_ = ray.segment ? kSegmentEnd : std::numeric_limits<float>::infinity();
     if constexpr (kAny) {
-      stack_[depth_++] = {ChildRef::Inner(0).bits()};
+      ++depth_;  // The root's place: it has been visited.
+      return EnterNode(scene.bvh.nodes[0], {ray_.root});
     } else {
       stack_[depth_++] = {0.0f, ChildRef::Inner(0).bits()};
+      return next();
     }
   }
 
   // The child to visit, those behind the limit passed over, or none at the end.
   HWY_INLINE ChildRef FindNext() {
-    while (stack_[depth_ - 1].after(limit_)) --depth_;
+    while (stack_[depth_ - 1].after(ray_.limit)) --depth_;
     return next();
   }
   // The same once more.
@@ -296,12 +289,12 @@ class alignas(kCacheLine) SingleWalk {
     for (int k = 0; k < 3; ++k) {
       // Both factors turned, so that faces are taken away as they lie in memory. The running value
       // stays second: a NaN (see core/geometry/box_ray.h) is passed over.
-      const V o = hn::Set(d, origin_[k]), inv = hn::Set(d, turned_inv_[k]);
-      entry = hn::Max(hn::Mul(hn::Sub(o, faces(near_[k])), inv), entry);
-      exit = hn::Min(hn::Mul(hn::Sub(o, faces(far_[k])), inv), exit);
+      const V o = hn::Set(d, ray_.origin[k]), inv = hn::Set(d, ray_.minus_inv[k]);
+      entry = hn::Max(hn::Mul(hn::Sub(o, faces(ray_.near[k])), inv), entry);
+      exit = hn::Min(hn::Mul(hn::Sub(o, faces(ray_.far[k])), inv), exit);
     }
     const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
-    const V limit = hn::Set(d, limit_), from_origin = hn::Max(entry, hn::Zero(d));
+    const V limit = hn::Set(d, ray_.limit), from_origin = hn::Max(entry, hn::Zero(d));
     if constexpr (kAny) {
       // The limit is positive: an entry below zero may count as zero for both.
       const hn::RebindToUnsigned<decltype(d)> du;
@@ -340,6 +333,17 @@ class alignas(kCacheLine) SingleWalk {
   }
   HWY_INLINE void Settle(LeafLanes found, WalkStats* stats) {
     const LeafView leaf(*scene_, stack_[depth_].ref());  // The one just visited.
+    if constexpr (kAny) {
+      // Nearly all that come here end by a triangle that certainly blocks.
+      const uint32_t certain = found.hit & found.left;
+      const uint32_t id = leaf.id(std::countr_zero(certain) % kMaxLeafTriangles);
+      if (certain != 0 && id != query_->from_source && id != query_->to_source &&
+          !MustAskObjects(scene_->geometry, query_->mask)) [[likely]] {
+        best_ = {0.0f, id};
+        depth_ = 1;
+        return;
+      }
+    }
     const bool stopped =
         SettleLeaf(leaf, found, *query_, scene_->geometry, stats, [&](uint32_t lane) HWY_ATTR {
           if constexpr (kAny) {
@@ -350,7 +354,7 @@ class alignas(kCacheLine) SingleWalk {
             return false;
           }
         });
-    if (best_.t < limit_) limit_ = best_.t;
+    if (best_.t < ray_.limit) ray_.limit = best_.t;
     if (stopped) depth_ = 1;  // Any further hit is of no interest.
   }
 
@@ -360,11 +364,9 @@ class alignas(kCacheLine) SingleWalk {
  private:
   using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
 
+  RayTerms ray_;
   const IndexedGeometry* scene_ = nullptr;
   const TraceRay* query_ = nullptr;
-  Vec3f origin_, turned_inv_;  // A BoxRay's, the reciprocals turned.
-  uint32_t near_[3], far_[3];  // Bytes from a node to its near and far faces, by axis.
-  float limit_ = 0;            // Nodes entered after this hold no hit that counts.
   Hit best_;
   int depth_ = 0;
   Pending stack_[1 + kBvhStackSize + kBvhWidth];
@@ -417,7 +419,12 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   Walk* found_by[kTurns];
   Round* now = &rounds[0];
   Round* then = &rounds[1];
-  size_t next_ray = 0;
+  if (cancel != nullptr && cancel->cancelled()) return false;
+  if (scene.bvh.empty()) {
+    std::fill_n(hits.begin(), rays.size(), Hit());
+    return true;
+  }
+  WalkStarts<kAny> starts(scene.bvh.nodes[0], rays);
   const VisitFetcher fetcher(scene.bvh);
   VisitCounts filed;  // In the next round.
   const auto file = [&](Walk* walk, ChildRef ref) HWY_ATTR {
@@ -426,17 +433,9 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     then->turns[next][filed.of(next)] = {walk, fetcher.Fetch(next, ref)};
     filed.Add(next);
   };
-  const auto start = [&](Walk* walk) HWY_ATTR {
-    walk->Start(scene, rays[next_ray++]);
-    file(walk, walk->FindNext());
-  };
-  if (cancel != nullptr && cancel->cancelled()) return false;
-  if (scene.bvh.empty()) {
-    std::fill_n(hits.begin(), rays.size(), Hit());
-    return true;
-  }
+  const auto start = [&](Walk* walk) HWY_ATTR { file(walk, walk->Start(scene, &starts)); };
   static_assert(std::is_trivially_destructible_v<Walk>);
-  for (int i = 0; i < kTurns && next_ray < rays.size(); ++i) {
+  for (int i = 0; i < kTurns && starts.any_left(); ++i) {
     // Not std::construct_at, which would set every walk's stack to zero.
     start(::new (static_cast<void*>(&places[i].walk)) Walk);
   }
@@ -465,11 +464,14 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     for (const Turn& turn : in_leaves) file(turn.walk, turn.walk->FindNext());
     for (const Turn& turn : now->next(kVisitEnd)) {
       hits[static_cast<size_t>(&turn.walk->query() - rays.data())] = turn.walk->best();
-      if (next_ray == rays.size()) continue;
-      if (next_ray % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
+      if (!starts.any_left()) continue;
+      if (starts.count() % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) {
+        return false;
+      }
       start(turn.walk);
     }
   }
+  if constexpr (kAny) stats->nodes += rays.size();  // The root, which WalkStarts visits.
   return true;
 }
 
