@@ -6,11 +6,7 @@
 #include "absl/strings/str_cat.h"
 
 namespace sightline {
-namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
-}  // namespace
+namespace {}  // namespace
 
 ObjStatements::int_type ObjStatements::underflow() {
   chunk_.clear();

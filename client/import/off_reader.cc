@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/import/off_reader.h"
 
-#include <limits>
 #include <optional>
 #include <vector>
 
@@ -15,7 +14,6 @@
 namespace sightline {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 // The shortest lines: "0 0 0" and "0", each with its end, which the last line may lack.
 constexpr size_t kShortestVertex = 6, kShortestFace = 2;
 

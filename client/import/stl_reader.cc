@@ -2,7 +2,6 @@
 #include "client/import/stl_reader.h"
 
 #include <cstring>
-#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -17,7 +16,6 @@ namespace sightline {
 namespace {
 
 constexpr size_t kBinaryHeader = 80, kBinaryPrefix = 84, kBinaryTriangle = 50;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // One object under construction: corners in, shared vertices and triangles out.
 class SolidBuilder {

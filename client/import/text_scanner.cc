@@ -14,8 +14,6 @@
 namespace sightline {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
 // "1.#INF", "-1.#IND00", "1.#QNAN", "1.#SNAN": what Microsoft's printf wrote before 2015.
 std::optional<double> ParseMicrosoftSpecial(std::string_view token) {
   const bool negative = !token.empty() && token.front() == '-';

@@ -15,6 +15,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -26,6 +27,9 @@ namespace sightline {
 
 inline bool IsBlank(char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; }
 inline bool IsLineEnd(char c) { return c == '\n' || c == '\r'; }
+
+// What stands for a coordinate that is no number.
+inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // The whole token as a double: decimals with an optional sign and exponent, `inf` and `nan` in any
 // case, and the forms of old Microsoft libraries (1.#INF, -1.#IND, 1.#QNAN). Too large becomes

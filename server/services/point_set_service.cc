@@ -46,7 +46,7 @@ absl::Status FindPointSet(const QueryEnvironment& env, const std::string& name,
 }
 
 // See upload_job.h.
-class CreateSteps {
+class CreatePointSetSteps {
  public:
   using Request = v1::CreatePointSetRequest;
   static constexpr Operation kOperation = Operation::kCreatePointSet;
@@ -54,7 +54,7 @@ class CreateSteps {
   using Upload = PointUpload;
   using Header = PointSetHeader;
 
-  CreateSteps(const QueryEnvironment& env, const Client& client)
+  CreatePointSetSteps(const QueryEnvironment& env, const Client& client)
       : env_(env), client_(client), charge_(env.point_sets) {}
 
   RequestLog& requests() const { return env_.point_sets.requests(); }
@@ -137,7 +137,7 @@ class CreateSteps {
 
 grpc::ServerReadReactor<v1::CreatePointSetRequest>* PointSetService::CreatePointSet(
     grpc::CallbackServerContext* context, v1::PointSet* response) {
-  return StartUpload<CreateSteps>(*context, response, env_, slots_);
+  return StartUpload<CreatePointSetSteps>(*context, response, env_, slots_);
 }
 
 grpc::ServerUnaryReactor* PointSetService::GetPointSet(grpc::CallbackServerContext*,

@@ -67,7 +67,7 @@ class SceneSteps {
   const Client client_;
 };
 
-class CreateSteps : public SceneSteps {
+class CreateSceneSteps : public SceneSteps {
  public:
   using Request = v1::CreateSceneRequest;
   static constexpr Operation kOperation = Operation::kCreateScene;
@@ -163,7 +163,7 @@ absl::StatusOr<size_t> ParseObjectToken(const std::string& token, size_t objects
 
 grpc::ServerReadReactor<v1::CreateSceneRequest>* SceneService::CreateScene(
     grpc::CallbackServerContext* context, v1::Scene* response) {
-  return StartUpload<CreateSteps>(*context, response, env_, slots_);
+  return StartUpload<CreateSceneSteps>(*context, response, env_, slots_);
 }
 
 grpc::ServerReadReactor<v1::UpdateSceneRequest>* SceneService::UpdateScene(

@@ -18,7 +18,7 @@
 namespace sightline {
 namespace {
 
-constexpr char kSpec[] = "hall:30000";
+constexpr char kHallSpec[] = "hall:30000";
 constexpr uint32_t kTile = 16, kAcross = 16;
 // Of a call that asks for nothing and the tile's time in process. Seen: 1.1 to 1.6; a wait of a
 // millisecond makes it five and more.
@@ -39,11 +39,11 @@ double MicrosecondsOf(const Call& call) {
 TEST(LatencyTest, ATileAloneWaitsForNobody) {
   const ServerHarness engine;
   v1::Scene built;
-  ASSERT_TRUE(engine.CreateBuiltin("known", absl::StrCat("builtin:", kSpec), &built).ok());
+  ASSERT_TRUE(engine.CreateBuiltin("known", absl::StrCat("builtin:", kHallSpec), &built).ok());
   const std::shared_ptr<const Scene> scene = *engine.server->scenes().Pin("known", 0);
-  const Camera camera = ViewCamera(FirstView(kSpec), kTile * kAcross, kTile * kAcross);
+  const Camera camera = ViewCamera(FirstView(kHallSpec), kTile * kAcross, kTile * kAcross);
 
-  const ServingProcess server({absl::StrCat("--scene=known=builtin:", kSpec)});
+  const ServingProcess server({absl::StrCat("--scene=known=builtin:", kHallSpec)});
   const std::shared_ptr<grpc::Channel> channel = server.Channel();
   const auto capabilities = v1::CapabilityService::NewStub(channel);
   const auto visibility = v1::VisibilityService::NewStub(channel);

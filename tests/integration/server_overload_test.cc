@@ -29,7 +29,7 @@ using testing::ElementsAre;
 using testing::Pair;
 
 // Rays against each of 20,000 triangles.
-constexpr char kSpec[] = "sphere:20000";
+constexpr char kOverloadedSpec[] = "sphere:20000";
 constexpr char kSceneFlag[] = "--scene=heavy=builtin:sphere:20000";
 constexpr uint32_t kImage = 512;
 // What an item takes one thread, or more, so that refusing others beside it is a small part.
@@ -104,7 +104,7 @@ class OverloadTest : public testing::Test {
     v1::QueryOptions* const options = request.mutable_header()->mutable_stream()->mutable_options();
     options->set_strategy(v1::STRATEGY_BRUTE_FORCE);
     options->set_statistics(true);
-    EncodeTestCamera(ViewCamera(FirstView(kSpec), kImage, kImage),
+    EncodeTestCamera(ViewCamera(FirstView(kOverloadedSpec), kImage, kImage),
                      request.mutable_header()->mutable_camera());
     return request;
   }

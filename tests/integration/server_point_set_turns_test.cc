@@ -17,7 +17,7 @@ namespace {
 
 using testing_support::Until;
 
-constexpr char kSpec[] = "sphere:2000";
+constexpr char kSphereSpec[] = "sphere:2000";
 constexpr uint32_t kImage = 512;
 
 // Every ray against every triangle, so that a picture takes its time.
@@ -25,7 +25,7 @@ v1::TraceTilesRequest Header(v1::Strategy strategy) {
   v1::TraceTilesRequest request;
   request.mutable_header()->mutable_stream()->set_scene("scenes/heavy");
   request.mutable_header()->mutable_stream()->mutable_options()->set_strategy(strategy);
-  EncodeTestCamera(ViewCamera(FirstView(kSpec), kImage, kImage),
+  EncodeTestCamera(ViewCamera(FirstView(kSphereSpec), kImage, kImage),
                    request.mutable_header()->mutable_camera());
   return request;
 }
@@ -38,7 +38,7 @@ class CameraSet {
     v1::CreatePointSetRequest request;
     v1::CreatePointSetHeader* const header = request.mutable_header();
     header->set_parent("scenes/heavy");
-    EncodeTestCamera(ViewCamera(FirstView(kSpec), side, side),
+    EncodeTestCamera(ViewCamera(FirstView(kSphereSpec), side, side),
                      header->mutable_camera()->mutable_camera());
     header->mutable_camera()->mutable_options()->set_strategy(v1::STRATEGY_BRUTE_FORCE);
     writer_ = harness.point_sets->CreatePointSet(&context_, &set_);

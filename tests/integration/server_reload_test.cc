@@ -32,7 +32,7 @@ using testing_support::TestAuthority;
 
 constexpr char kFirstToken[] = "first-0123456789abcdef";
 constexpr char kSecondToken[] = "second-0123456789abcdef";
-constexpr char kMetricsToken[] = "metrics-0123456789abcdef";
+constexpr char kScrapeToken[] = "metrics-0123456789abcdef";
 // Nothing here happens because time has passed.
 constexpr char kNever[] = "--reload-interval=24h";
 constexpr char kOften[] = "--reload-interval=100ms";
@@ -49,7 +49,7 @@ class ReloadTest : public ::testing::Test {
   }
   std::string WriteAccess(const std::string& token) const {
     return Write("access", absl::StrCat("query token reader plain:", token,
-                                        "\nmetrics token prometheus plain:", kMetricsToken, "\n"));
+                                        "\nmetrics token prometheus plain:", kScrapeToken, "\n"));
   }
   std::vector<std::string> AccessFlags(const std::string& reload) const {
     return {"--access-file", WriteAccess(kFirstToken), "--metrics-listen=127.0.0.1:0", reload};
@@ -78,7 +78,7 @@ class ReloadTest : public ::testing::Test {
   }
   static double Count(const ServingProcess& server, const std::string& name) {
     return testing_support::MetricOf(server.metrics_port(), name,
-                                     absl::StrCat("Authorization: Bearer ", kMetricsToken, "\r\n"));
+                                     absl::StrCat("Authorization: Bearer ", kScrapeToken, "\r\n"));
   }
   // Until the server has counted so many in all.
   static testing::AssertionResult UntilCounted(const ServingProcess& server,

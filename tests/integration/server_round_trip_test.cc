@@ -18,7 +18,7 @@
 namespace sightline {
 namespace {
 
-constexpr char kSpec[] = "builtin:room:15000";
+constexpr char kRoomSpec[] = "builtin:room:15000";
 constexpr char kName[] = "room:15000";
 
 class RoundTripTest : public testing::Test {
@@ -27,7 +27,7 @@ class RoundTripTest : public testing::Test {
     v1::Scene scene;
     v1::CreateSceneRequest request;
     request.mutable_header()->set_scene_id("room");
-    request.mutable_header()->mutable_builtin()->set_spec(kSpec);
+    request.mutable_header()->mutable_builtin()->set_spec(kRoomSpec);
     request.mutable_header()->mutable_kd_tree();  // For the strategies that want one.
     const grpc::Status status = harness_.CreateScene({request}, &scene);
     ASSERT_TRUE(status.ok()) << status.error_message();
@@ -231,7 +231,7 @@ TEST_F(RoundTripTest, PartsMakeTheWhole) {
   options.limits.target_reply_bytes = 1024;
   ServerHarness harness(options);
   v1::Scene scene;
-  ASSERT_TRUE(harness.CreateBuiltin("room", kSpec, &scene).ok());
+  ASSERT_TRUE(harness.CreateBuiltin("room", kRoomSpec, &scene).ok());
   TileStream stream(harness, TileHeader(Strategy::kPacket));
   stream.Write(TileRequest(7, 1, 0, 95, 63));
   const auto replies = stream.ReadAll();

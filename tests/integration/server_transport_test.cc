@@ -27,8 +27,6 @@ namespace {
 using testing_support::MetricOf;
 using testing_support::Until;
 
-constexpr uint64_t kMiB = 1 << 20;
-
 double ActiveCalls(const ServingProcess& server) {
   return MetricOf(server.metrics_port(), "sightline_active_calls");
 }
@@ -38,7 +36,7 @@ double ActiveCalls(const ServingProcess& server) {
 // would come too late.
 TEST(TransportTest, BombsAreNotExpanded) {
   ServingProcess server({"--scene=box=builtin:box:1000"});
-  constexpr uint64_t kExpanded = 256 * kMiB;
+  constexpr uint64_t kExpanded = uint64_t{256} << 20;
   const std::string zeros(kExpanded, '\0');
   v1::TestSegmentsRequest segments;
   segments.mutable_item()->set_segments(zeros);

@@ -12,7 +12,7 @@ using import_testing::ImportError;
 using import_testing::MustImport;
 using testing::ElementsAre;
 
-constexpr char kSquare[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+constexpr char kSquareVertices[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 
 TEST(ObjTest, KeepsEveryDigitOfADouble) {
   const ImportedScene scene = MustImport(
@@ -25,7 +25,7 @@ TEST(ObjTest, KeepsEveryDigitOfADouble) {
 
 TEST(ObjTest, CutsPolygonsAsAFanFromTheirFirstCorner) {
   const ImportedScene scene =
-      MustImport(std::string(kSquare) + "v 0 0.5 0\nf 3 4 5 1 2\n", MeshFormat::kObj);
+      MustImport(std::string(kSquareVertices) + "v 0 0.5 0\nf 3 4 5 1 2\n", MeshFormat::kObj);
   EXPECT_EQ(scene.report.polygons, 1u);
   EXPECT_EQ(scene.report.polygons_fanned, 1u);
   EXPECT_EQ(scene.report.triangles, 3u);
@@ -36,7 +36,7 @@ TEST(ObjTest, CutsPolygonsAsAFanFromTheirFirstCorner) {
 
 TEST(ObjTest, ReadsEveryFormOfACorner) {
   const ImportedScene scene = MustImport(
-      std::string(kSquare) +
+      std::string(kSquareVertices) +
           "vt 0 0\nvn 0 0 1\nf 1 2 3\nf 1/1 2/1 3/1\nf 1//1 2//1 3//1\nf 1/1/1 2/1/1 3/1/1\n"
           "f 1// 2// 3//\nf 1/ 2/ 3/\nf -4 -3 -2\n\tf  1\t2  3  # a comment\n",
       MeshFormat::kObj);
@@ -47,7 +47,7 @@ TEST(ObjTest, ReadsEveryFormOfACorner) {
 
 TEST(ObjTest, NamesObjectsAfterObjectsAndGroups) {
   const ImportedScene scene = MustImport(
-      std::string(kSquare) +
+      std::string(kSquareVertices) +
           "f 1 2 3\no house\nf 1 2 3\ng roof left\nf 1 2 4\ng\nf 2 3 4\no shed\nf 1 2 3\n"
           "g roof left\nf 1 2 3\no house\nf 1 3 4\n",
       MeshFormat::kObj);
@@ -59,7 +59,7 @@ TEST(ObjTest, NamesObjectsAfterObjectsAndGroups) {
 
 TEST(ObjTest, DropsFacesWithBadIndicesAndCountsThem) {
   const ImportedScene scene = MustImport(
-      std::string(kSquare) +
+      std::string(kSquareVertices) +
           "f 1 2 3\nf 0 1 2\nf 1 2 5\nf -5 -1 -2\nf 1 2 x\nf 1 2 4294967297\nf 1 2 3000000000\n"
           "f 1 2 99999999999999999999\nf 1 2\nf 1\nf\n",
       MeshFormat::kObj);
@@ -76,7 +76,7 @@ TEST(ObjTest, LetsFacesNameVerticesThatFollow) {
 
 TEST(ObjTest, KeepsNonFiniteVerticesAsNaNAndCountsThem) {
   const ImportedScene scene =
-      MustImport(std::string(kSquare) +
+      MustImport(std::string(kSquareVertices) +
                      "v nan 0 0\nv 0 inf 0\nv 1.#IND 0 0\nv 0 0\nv 0 zero 0\n"
                      "f 1 2 3\nf 1 2 5\nf 1 2 6\nf 1 2 8\n",
                  MeshFormat::kObj);
@@ -95,9 +95,9 @@ TEST(ObjTest, JoinsContinuedLinesAndTakesAnyLineEnd) {
 }
 
 TEST(ObjTest, CountsPointsAndLinesAndIgnoresMaterials) {
-  const ImportedScene scene = MustImport(
-      std::string("mtllib nowhere.mtl\nusemtl none\n") + kSquare + "p 1 2\nl 1 2 3\nf 1 2 3\ns 1\n",
-      MeshFormat::kObj);
+  const ImportedScene scene = MustImport(std::string("mtllib nowhere.mtl\nusemtl none\n") +
+                                             kSquareVertices + "p 1 2\nl 1 2 3\nf 1 2 3\ns 1\n",
+                                         MeshFormat::kObj);
   EXPECT_EQ(scene.report.skipped_primitives, 2u);
   EXPECT_TRUE(scene.report.warnings.empty());
 }
@@ -111,11 +111,11 @@ TEST(ObjTest, ReadsAByteOrderMarkAndLongLines) {
 TEST(ObjTest, KeepsToTheTriangleLimit) {
   ImportOptions options;
   options.max_triangles = 2;
-  EXPECT_EQ(
-      MustImport(std::string(kSquare) + "f 1 2 3 4\n", MeshFormat::kObj, options).report.triangles,
-      2u);
+  EXPECT_EQ(MustImport(std::string(kSquareVertices) + "f 1 2 3 4\n", MeshFormat::kObj, options)
+                .report.triangles,
+            2u);
   EXPECT_IMPORT_ERROR(
-      ImportError(std::string(kSquare) + "f 1 2 3 4\nf 1 2 3\n", MeshFormat::kObj, options),
+      ImportError(std::string(kSquareVertices) + "f 1 2 3 4\nf 1 2 3\n", MeshFormat::kObj, options),
       kResourceExhausted, "max_triangles, 2");
 }
 

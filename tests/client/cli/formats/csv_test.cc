@@ -22,7 +22,7 @@ CsvTable Parse(const std::string& text) {
   return table.ok() ? *table : CsvTable();
 }
 
-std::string Error(const std::string& text) {
+std::string CsvError(const std::string& text) {
   const absl::StatusOr<CsvTable> table = ParseCsv(text, "P.csv");
   EXPECT_EQ(table.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(table.status().message()), HasSubstr("P.csv"));
@@ -63,24 +63,24 @@ TEST(CsvTest, NumbersAreRoundedOnce) {
 }
 
 TEST(CsvTest, MistakesNameTheirLine) {
-  EXPECT_THAT(Error(""), HasSubstr("no row"));
-  EXPECT_THAT(Error("x,y,z\n"), HasSubstr("no row"));
-  EXPECT_THAT(Error("points\n"), HasSubstr("no row"));
-  EXPECT_THAT(Error("# nothing\n\n"), HasSubstr("no row"));
-  EXPECT_THAT(Error("1,2,3\n4,5\n"), AllOf(HasSubstr("line 2"), HasSubstr("2 columns")));
-  EXPECT_THAT(Error("x,y,z\n1,2\n"), AllOf(HasSubstr("line 2"), HasSubstr("2 columns")));
-  EXPECT_THAT(Error("1,2,3\n4,5,six\n"),
+  EXPECT_THAT(CsvError(""), HasSubstr("no row"));
+  EXPECT_THAT(CsvError("x,y,z\n"), HasSubstr("no row"));
+  EXPECT_THAT(CsvError("points\n"), HasSubstr("no row"));
+  EXPECT_THAT(CsvError("# nothing\n\n"), HasSubstr("no row"));
+  EXPECT_THAT(CsvError("1,2,3\n4,5\n"), AllOf(HasSubstr("line 2"), HasSubstr("2 columns")));
+  EXPECT_THAT(CsvError("x,y,z\n1,2\n"), AllOf(HasSubstr("line 2"), HasSubstr("2 columns")));
+  EXPECT_THAT(CsvError("1,2,3\n4,5,six\n"),
               AllOf(HasSubstr("line 2"), HasSubstr("column 3"), HasSubstr("six")));
   // A first line with a slip is no header: it must not vanish.
-  EXPECT_THAT(Error("1,2x,3\n4,5,6\n"), AllOf(HasSubstr("line 1"), HasSubstr("2x")));
-  EXPECT_THAT(Error("1,2,3\nx,y,z\n"), HasSubstr("line 2"));
-  EXPECT_THAT(Error("x,y,z\na,b,c\n1,2,3\n"), HasSubstr("line 2"));
-  EXPECT_THAT(Error("1,2,3,\n"), HasSubstr("column 4"));
-  EXPECT_THAT(Error("1,5;2,5;3,5\n"), testing::AnyOf(HasSubstr("point"), HasSubstr("no row")));
-  EXPECT_THAT(Error("x;y;z\n1,5;2;3\n"), HasSubstr("write decimals with a point"));
-  EXPECT_THAT(Error(std::string("1,2,3\n4,5,\0\n", 12)), HasSubstr("zero byte"));
-  EXPECT_THAT(Error("1,2,+-3\n"), HasSubstr("+-3"));
-  EXPECT_THAT(Error("1,2," + std::string(100000, 'a')), HasSubstr("..."));
+  EXPECT_THAT(CsvError("1,2x,3\n4,5,6\n"), AllOf(HasSubstr("line 1"), HasSubstr("2x")));
+  EXPECT_THAT(CsvError("1,2,3\nx,y,z\n"), HasSubstr("line 2"));
+  EXPECT_THAT(CsvError("x,y,z\na,b,c\n1,2,3\n"), HasSubstr("line 2"));
+  EXPECT_THAT(CsvError("1,2,3,\n"), HasSubstr("column 4"));
+  EXPECT_THAT(CsvError("1,5;2,5;3,5\n"), testing::AnyOf(HasSubstr("point"), HasSubstr("no row")));
+  EXPECT_THAT(CsvError("x;y;z\n1,5;2;3\n"), HasSubstr("write decimals with a point"));
+  EXPECT_THAT(CsvError(std::string("1,2,3\n4,5,\0\n", 12)), HasSubstr("zero byte"));
+  EXPECT_THAT(CsvError("1,2,+-3\n"), HasSubstr("+-3"));
+  EXPECT_THAT(CsvError("1,2," + std::string(100000, 'a')), HasSubstr("..."));
 }
 
 TEST(CsvTest, NoRandomTextCrashes) {

@@ -47,7 +47,7 @@ std::string Bytes(std::initializer_list<T> values, bool big_endian = false) {
   return bytes;
 }
 
-std::string Error(const std::string& bytes) {
+std::string NpyError(const std::string& bytes) {
   const absl::StatusOr<NpyArray> array = ParseNpy(bytes, "P.npy");
   EXPECT_FALSE(array.ok());
   EXPECT_EQ(array.status().code(), absl::StatusCode::kInvalidArgument);
@@ -147,34 +147,36 @@ TEST(NpyTest, ScalarsAndEmptyArrays) {
 }
 
 TEST(NpyTest, HostileFilesGetErrorsThatSayWhy) {
-  EXPECT_THAT(Error(""), HasSubstr("empty"));
-  EXPECT_THAT(Error("1,2,3\n"), HasSubstr("np.save"));
-  EXPECT_THAT(Error(std::string("\x93NUMPY\x01", 7)), HasSubstr("ends within"));
-  EXPECT_THAT(Error(File(Header("<f8", false, "(1,)"), Bytes<double>({1}), 9)),
+  EXPECT_THAT(NpyError(""), HasSubstr("empty"));
+  EXPECT_THAT(NpyError("1,2,3\n"), HasSubstr("np.save"));
+  EXPECT_THAT(NpyError(std::string("\x93NUMPY\x01", 7)), HasSubstr("ends within"));
+  EXPECT_THAT(NpyError(File(Header("<f8", false, "(1,)"), Bytes<double>({1}), 9)),
               HasSubstr("version 9"));
   // A header length beyond the file, and one beyond sense.
-  EXPECT_THAT(Error(std::string("\x93NUMPY\x02\x00\xff\xff\xff\x7f", 12)),
+  EXPECT_THAT(NpyError(std::string("\x93NUMPY\x02\x00\xff\xff\xff\x7f", 12)),
               HasSubstr("ends within"));
-  EXPECT_THAT(Error(File(std::string(20000, ' '), "", 2)), HasSubstr("20000"));
-  EXPECT_THAT(Error(File("nonsense", "")), HasSubstr("dictionary"));
-  EXPECT_THAT(Error(File("{'descr': '<f8'}", "")), HasSubstr("lacks"));
-  EXPECT_THAT(Error(File("{'descr': [('x', '<f8')], 'fortran_order': False, 'shape': (1,)}", "")),
-              HasSubstr("records"));
-  EXPECT_THAT(Error(File(Header("|O", false, "(1,)"), "x")), HasSubstr("astype"));
-  EXPECT_THAT(Error(File(Header("<c16", false, "(1,)"), "x")), HasSubstr("<c16"));
-  EXPECT_THAT(Error(File(Header("<f8", false, "(-1,)"), "x")), HasSubstr("shape"));
-  EXPECT_THAT(Error(File(Header("<f8", false, "(99999999999999999999,)"), "x")),
+  EXPECT_THAT(NpyError(File(std::string(20000, ' '), "", 2)), HasSubstr("20000"));
+  EXPECT_THAT(NpyError(File("nonsense", "")), HasSubstr("dictionary"));
+  EXPECT_THAT(NpyError(File("{'descr': '<f8'}", "")), HasSubstr("lacks"));
+  EXPECT_THAT(
+      NpyError(File("{'descr': [('x', '<f8')], 'fortran_order': False, 'shape': (1,)}", "")),
+      HasSubstr("records"));
+  EXPECT_THAT(NpyError(File(Header("|O", false, "(1,)"), "x")), HasSubstr("astype"));
+  EXPECT_THAT(NpyError(File(Header("<c16", false, "(1,)"), "x")), HasSubstr("<c16"));
+  EXPECT_THAT(NpyError(File(Header("<f8", false, "(-1,)"), "x")), HasSubstr("shape"));
+  EXPECT_THAT(NpyError(File(Header("<f8", false, "(99999999999999999999,)"), "x")),
               HasSubstr("shape"));
   // A shape whose product overflows must not be believed.
-  EXPECT_THAT(Error(File(Header("<f8", false, "(4294967296, 4294967296)"), Bytes<double>({1}))),
+  EXPECT_THAT(NpyError(File(Header("<f8", false, "(4294967296, 4294967296)"), Bytes<double>({1}))),
               HasSubstr("cut short"));
-  EXPECT_THAT(Error(File(Header("<f8", false, "(2, 3)"), Bytes<double>({1, 2, 3, 4, 5}))),
+  EXPECT_THAT(NpyError(File(Header("<f8", false, "(2, 3)"), Bytes<double>({1, 2, 3, 4, 5}))),
               testing::AllOf(HasSubstr("(2, 3)"), HasSubstr("<f8"), HasSubstr("40 bytes")));
-  EXPECT_THAT(Error(File(Header("<f8", false, "(1,)"), Bytes<double>({1, 2}))),
+  EXPECT_THAT(NpyError(File(Header("<f8", false, "(1,)"), Bytes<double>({1, 2}))),
               HasSubstr("16 bytes"));
-  EXPECT_THAT(Error(File(Header("<f8", false, "()"), "")), HasSubstr("cut short"));
-  EXPECT_THAT(Error(File(Header("<i8", false, "(1,)"), Bytes<int64_t>({(int64_t{1} << 53) + 1}))),
-              HasSubstr("2^53"));
+  EXPECT_THAT(NpyError(File(Header("<f8", false, "()"), "")), HasSubstr("cut short"));
+  EXPECT_THAT(
+      NpyError(File(Header("<i8", false, "(1,)"), Bytes<int64_t>({(int64_t{1} << 53) + 1}))),
+      HasSubstr("2^53"));
 }
 
 TEST(NpyTest, NoFlippedOrCutFileCrashes) {
