@@ -6,7 +6,6 @@
 #include "absl/strings/str_cat.h"
 
 namespace sightline {
-namespace {}  // namespace
 
 ObjStatements::int_type ObjStatements::underflow() {
   chunk_.clear();

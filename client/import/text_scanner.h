@@ -28,7 +28,7 @@ namespace sightline {
 inline bool IsBlank(char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; }
 inline bool IsLineEnd(char c) { return c == '\n' || c == '\r'; }
 
-// What stands for a coordinate that is no number.
+// What stands for a number that is none.
 inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // The whole token as a double: decimals with an optional sign and exponent, `inf` and `nan` in any

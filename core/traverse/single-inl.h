@@ -253,7 +253,7 @@ class alignas(kCacheLine) SingleWalk {
       stack_[depth_++] = {-std::numeric_limits<float>::infinity(), ChildRef::Empty().bits()};
     }
     if constexpr (kAny) {
-      ++depth_;  // The root's place: it has been visited.
+      ++depth_;  // The root's place, which is not read: its first step has been taken.
       return EnterNode(scene.bvh.nodes[0], {ray_.root});
     } else {
       stack_[depth_++] = {0.0f, ChildRef::Inner(0).bits()};
@@ -334,11 +334,11 @@ class alignas(kCacheLine) SingleWalk {
   HWY_INLINE void Settle(LeafLanes found, WalkStats* stats) {
     const LeafView leaf(*scene_, stack_[depth_].ref());  // The one just visited.
     if constexpr (kAny) {
-      // Nearly all that come here end by a triangle that certainly blocks.
+      // Most that come here end by a triangle that certainly blocks.
       const uint32_t certain = found.hit & found.left;
       const uint32_t id = leaf.id(std::countr_zero(certain) % kMaxLeafTriangles);
       if (certain != 0 && id != query_->from_source && id != query_->to_source &&
-          !MustAskObjects(scene_->geometry, query_->mask)) [[likely]] {
+          !query_->unseen.Holds(id) && !MustAskObjects(scene_->geometry, query_->mask)) [[likely]] {
         best_ = {0.0f, id};
         depth_ = 1;
         return;

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // How single rays' walks begin, a vector of rays at a time: what nodes' boxes are put to, and where
-// any hit will do the root, which all rays visit. Begun one by one, that was a fifth of what a
-// segment in a room takes (DESIGN.md).
+// any hit will do the root, which all rays visit.
 //
 // Thread safety: a call's own.
 
@@ -21,8 +20,10 @@
 
 #include "core/accel/bvh.h"
 #include "core/geometry/box_ray.h"
+#include "core/geometry/vec3.h"
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate-inl.h"
+#include "core/intersect/predicate.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
 

@@ -67,12 +67,14 @@ set(SIGHTLINE_TEST_ENVIRONMENT
     "TSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/deploy/tsan.supp"
     "UBSAN_OPTIONS=print_stacktrace=1")
 
-# Which targets the presets with CMAKE_UNITY_BUILD compile several files at a time of: what speaks gRPC compiles in
-# a fraction of the time, since most of it is headers' own. Not core, much of which is compiled once per instruction
-# set; nor what protoc writes; nor tests/support, where GCC 12 would see the overlap that is none (above). Other
-# presets, clang-tidy's among them, compile each file by itself: it has to include what it uses.
+# Which targets CMAKE_UNITY_BUILD (release and what shares its folder) compiles several files at a time of: server,
+# client and their tests, which then take a fraction of the time, since most of it is gRPC's headers. Not core and
+# what is mostly its headers (tests/bench, tests/property), much of which is compiled once per instruction set; nor
+# what protoc writes; nor tests/support, where GCC 12 would see the overlap that is none (above). The other presets,
+# the suite's fuzz and clang-tidy's among them, compile each file by itself: it has to include what it uses.
 function(sightline_choose_unity NAME)
-  if(CMAKE_CURRENT_SOURCE_DIR MATCHES "/(core|proto|bench|fuzz|property|support)(/|$)")
+  cmake_path(RELATIVE_PATH CMAKE_CURRENT_SOURCE_DIR BASE_DIRECTORY "${PROJECT_SOURCE_DIR}" OUTPUT_VARIABLE folder)
+  if(folder MATCHES "^((tests/)?(core|proto)|tests/(bench|property|support))(/|$)")
     set_target_properties(${NAME} PROPERTIES UNITY_BUILD OFF)
   endif()
 endfunction()
