@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Every ray begins as box_ray.h has it by itself, whatever the rays that begin beside it are, on each
-// instruction set that walks are compiled for and this machine has. Bit for bit, but that one NaN is
-// as good as another. Rays are finite, as all are.
+// Every ray begins as box_ray.h has it by itself, whatever the rays that begin beside it are, on
+// each instruction set that walks are compiled for and this machine has. Bit for bit, but that one
+// NaN is as good as another. Rays are finite, as all are.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "tests/core/traverse/walk_starts_test.cc"
 #ifndef HWY_DISABLED_TARGETS
