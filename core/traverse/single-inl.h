@@ -334,7 +334,7 @@ class alignas(kCacheLine) SingleWalk {
   HWY_INLINE void Settle(LeafLanes found, WalkStats* stats) {
     const LeafView leaf(*scene_, stack_[depth_].ref());  // The one just visited.
     if constexpr (kAny) {
-      // Most that come here end by a triangle that certainly blocks.
+      // One triangle that certainly blocks is enough: nothing is asked about those in doubt.
       const uint32_t certain = found.hit & found.left;
       const uint32_t id = leaf.id(std::countr_zero(certain) % kMaxLeafTriangles);
       if (certain != 0 && id != query_->from_source && id != query_->to_source &&

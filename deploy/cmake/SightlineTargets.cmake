@@ -68,7 +68,7 @@ set(SIGHTLINE_TEST_ENVIRONMENT
     "UBSAN_OPTIONS=print_stacktrace=1")
 
 # Which targets CMAKE_UNITY_BUILD (release and what shares its folder) compiles several files at a time of: server,
-# client and their tests, which then take a fraction of the time, since most of it is gRPC's headers. Not core and
+# client and their tests, which then take a fraction of the time: gRPC's headers are read once for all. Not core and
 # what is mostly its headers (tests/bench, tests/property), much of which is compiled once per instruction set; nor
 # what protoc writes; nor tests/support, where GCC 12 would see the overlap that is none (above). The other presets,
 # the suite's fuzz and clang-tidy's among them, compile each file by itself: it has to include what it uses.
