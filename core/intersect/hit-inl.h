@@ -16,7 +16,6 @@
 #include <limits>
 
 #include "core/geometry/box3.h"
-#include "core/geometry/box_ray.h"
 #include "core/intersect/predicate-inl.h"
 #include "hwy/highway.h"
 
@@ -55,18 +54,6 @@ struct TriangleWeights {
     return {Cross(ad - o, bd - ad), Cross(cd - o, ad - cd)};
   }
 };
-
-// SlabReciprocal of core/geometry/box_ray.h, lane by lane.
-template <class D, class V = hn::Vec<D>>
-HWY_INLINE Vec3V<V> SlabReciprocals(D d, const Vec3V<V>& v) {
-  const V least = hn::Set(d, std::numeric_limits<float>::min());
-  const V nan = hn::Set(d, std::numeric_limits<float>::quiet_NaN());
-  const auto reciprocal = [&](V c) HWY_ATTR {
-    const auto subnormal = hn::And(hn::Lt(hn::Abs(c), least), hn::Ne(c, hn::Zero(d)));
-    return hn::IfThenElse(subnormal, nan, hn::Div(hn::Set(d, 1.0f), c));
-  };
-  return {reciprocal(v.x), reciprocal(v.y), reciprocal(v.z)};
-}
 
 // Half a float vector's lanes, promoted: D = target - O for a segment.
 template <class DH, class VH, class DD = hn::Rebind<double, DH>>

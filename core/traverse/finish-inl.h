@@ -19,6 +19,7 @@
 #include <limits>
 
 #include "core/base/fill-inl.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/intersect/hit-inl.h"
 #include "core/traverse/ready_triangles-inl.h"
 #include "core/traverse/trace_ray.h"

@@ -22,6 +22,7 @@
 
 #include "core/accel/kd_tree.h"
 #include "core/base/cancel.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/traverse/kd_single-inl.h"
 #include "core/traverse/leaf_range.h"
 #include "core/traverse/packet_lanes-inl.h"
@@ -88,8 +89,7 @@ class KdVectorWalk {
   // MayHoldHit of every lane.
   static HWY_INLINE M MayHold(V entry, V exit) {
     const D d;
-    return hn::Le(hn::Max(entry, hn::Zero(d)),
-                  hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
+    return hn::Le(hn::Max(entry, hn::Zero(d)), ExitWithMargin(d, exit));
   }
 
   // BoxEntry and BoxExit of the root's cell.
@@ -99,9 +99,7 @@ class KdVectorWalk {
     *exit = hn::Set(d, std::numeric_limits<float>::infinity());
     const Vec3f lo = tree_.bounds.lo - lanes_.origin(), hi = tree_.bounds.hi - lanes_.origin();
     for (int k = 0; k < 3; ++k) {
-      const V a = hn::Mul(hn::Set(d, lo[k]), inv_[k]), b = hn::Mul(hn::Set(d, hi[k]), inv_[k]);
-      *entry = hn::Max(hn::IfNegativeThenElse(inv_[k], b, a), *entry);
-      *exit = hn::Min(hn::IfNegativeThenElse(inv_[k], a, b), *exit);
+      CutSlab(d, inv_[k], hn::Set(d, lo[k]), hn::Set(d, hi[k]), entry, exit);
     }
   }
 

@@ -24,6 +24,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/base/check.h"
 #include "core/geometry/box_ray.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/shaft/frame.h"
 #include "core/shaft/margins.h"
 #include "core/traverse/lane_rectangles-inl.h"
@@ -163,21 +164,15 @@ class OriginLanes {
     V entry = hn::Zero(d), exit = hn::Set(d, lanes_.first_limit());
     for (int k = 0; k < 3; ++k) {
       const V inv = hn::Load(d, lanes_.inv_row(k) + at);
-      const V a = hn::Mul(hn::Set(d, box.first[k]), inv);
-      const V b = hn::Mul(hn::Set(d, box.second[k]), inv);
+      const V first = hn::Set(d, box.first[k]), second = hn::Set(d, box.second[k]);
       if (axes_[k].shared) {
-        entry = hn::Max(a, entry);
-        exit = hn::Min(b, exit);
+        entry = hn::Max(hn::Mul(first, inv), entry);
+        exit = hn::Min(hn::Mul(second, inv), exit);
       } else {
-        // By sign, not by minimum: a face on the ray's line gives NaN, which must stay with its own
-        // face; and the running value second, which NaN leaves as it is.
-        entry = hn::Max(hn::IfNegativeThenElse(inv, b, a), entry);
-        exit = hn::Min(hn::IfNegativeThenElse(inv, a, b), exit);
+        CutSlab(d, inv, first, second, &entry, &exit);
       }
     }
-    const M met =
-        hn::Le(entry, hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
-    return MaskBits(d, met) & lanes_.active(group);
+    return MaskBits(d, hn::Le(entry, ExitWithMargin(d, exit))) & lanes_.active(group);
   }
 
   // Those of the groups `asked` (bit g for group g) of which some lane may enter a child's box.

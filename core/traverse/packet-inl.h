@@ -22,6 +22,7 @@
 #endif
 
 #include "core/base/cancel.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/packet_lanes-inl.h"
 #include "core/traverse/single-inl.h"
@@ -111,10 +112,8 @@ class PacketWalk {
       exit = hn::Min(hn::Max(hn::Mul(far, i0), hn::Mul(far, i1)), exit);
     }
     hn::Store(entry, d8, entries);
-    const auto met =
-        hn::And(hn::Le(hn::Max(entry, hn::Zero(d8)),
-                       hn::MulAdd(exit, hn::Set(d8, kBoxExitScale), hn::Set(d8, kBoxExitShift))),
-                hn::Le(entry, hn::Set(d8, limit_)));
+    const auto met = hn::And(hn::Le(hn::Max(entry, hn::Zero(d8)), ExitWithMargin(d8, exit)),
+                             hn::Le(entry, hn::Set(d8, limit_)));
     return MaskBits(d8, met) & ((1u << node.child_count) - 1);
   }
 

@@ -25,6 +25,7 @@
 #include "core/base/fill-inl.h"
 #include "core/base/masked_store-inl.h"
 #include "core/geometry/box_ray.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate-inl.h"
 #include "core/traverse/lane_answers-inl.h"
@@ -152,15 +153,9 @@ class PacketLanes {
     *entry = hn::Set(d, -std::numeric_limits<float>::infinity());
     V exit = hn::Set(d, std::numeric_limits<float>::infinity());
     for (int k = 0; k < 3; ++k) {
-      const V inv = hn::Load(d, inv_[k] + first);
-      const V a = hn::Mul(hn::Set(d, lo[k]), inv), b = hn::Mul(hn::Set(d, hi[k]), inv);
-      // By sign, not by minimum: a face on the ray's line gives NaN, which must stay with its own
-      // face; and the running value second, which NaN leaves as it is.
-      *entry = hn::Max(hn::IfNegativeThenElse(inv, b, a), *entry);
-      exit = hn::Min(hn::IfNegativeThenElse(inv, a, b), exit);
+      CutSlab(d, hn::Load(d, inv_[k] + first), hn::Set(d, lo[k]), hn::Set(d, hi[k]), entry, &exit);
     }
-    return hn::Le(hn::Max(*entry, hn::Zero(d)),
-                  hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift)));
+    return hn::Le(hn::Max(*entry, hn::Zero(d)), ExitWithMargin(d, exit));
   }
   HWY_INLINE M WithinLimits(uint32_t group, V entry) const {
     return hn::Le(entry, hn::Load(D(), limit_of_ + group * hn::Lanes(D())));

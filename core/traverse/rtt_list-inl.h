@@ -30,6 +30,7 @@
 #include <span>
 
 #include "core/accel/indexed_geometry.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate-inl.h"
 #include "core/traverse/leaf_view.h"

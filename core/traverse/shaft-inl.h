@@ -33,6 +33,7 @@
 #include "core/base/check.h"
 #include "core/base/fill-inl.h"
 #include "core/base/masked_store-inl.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/intersect/hit.h"
 #include "core/traverse/clear_leaves-inl.h"
 #include "core/traverse/finish-inl.h"

@@ -26,7 +26,7 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
 #include "core/base/compress-inl.h"
-#include "core/geometry/box_ray.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/intersect/ray_forms-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/trace_ray.h"
@@ -293,7 +293,7 @@ class alignas(kCacheLine) SingleWalk {
       entry = hn::Max(hn::Mul(hn::Sub(o, faces(ray_.near[k])), inv), entry);
       exit = hn::Min(hn::Mul(hn::Sub(o, faces(ray_.far[k])), inv), exit);
     }
-    const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
+    const V last = ExitWithMargin(d, exit);
     const V limit = hn::Set(d, ray_.limit), from_origin = hn::Max(entry, hn::Zero(d));
     if constexpr (kAny) {
       // The limit is positive: an entry below zero may count as zero for both.

@@ -21,7 +21,7 @@
 #include "core/accel/bvh.h"
 #include "core/geometry/box_ray.h"
 #include "core/geometry/vec3.h"
-#include "core/intersect/hit-inl.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/intersect/predicate-inl.h"
 #include "core/intersect/predicate.h"
 #include "core/traverse/trace_ray.h"
@@ -115,14 +115,12 @@ class WalkStarts {
     for (uint32_t c = 0; c < root_.child_count; ++c) {
       V entry = hn::Neg(infinity), exit = infinity;
       for (int k = 0; k < 3; ++k) {
-        // The running value stays second: a NaN (see core/geometry/box_ray.h) is passed over.
         const V lo = hn::Sub(hn::Set(d, root_.bounds[k][c]), origin[k]);
         const V hi = hn::Sub(hn::Set(d, root_.bounds[k + 3][c]), origin[k]);
-        entry = hn::Max(hn::Mul(hn::IfNegativeThenElse(inv[k], hi, lo), inv[k]), entry);
-        exit = hn::Min(hn::Mul(hn::IfNegativeThenElse(inv[k], lo, hi), inv[k]), exit);
+        CutSlab(d, inv[k], lo, hi, &entry, &exit);
       }
-      const V last = hn::MulAdd(exit, hn::Set(d, kBoxExitScale), hn::Set(d, kBoxExitShift));
-      const auto met = hn::Le(hn::Max(entry, hn::Zero(d)), hn::Min(last, limit));
+      const V last = hn::Min(ExitWithMargin(d, exit), limit);
+      const auto met = hn::Le(hn::Max(entry, hn::Zero(d)), last);
       children =
           hn::Or(children, hn::IfThenElseZero(hn::RebindMask(du, met), hn::Set(du, 1u << c)));
     }

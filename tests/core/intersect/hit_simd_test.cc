@@ -10,6 +10,7 @@
 #include "hwy/foreach_target.h"
 // clang-format on
 
+#include "core/geometry/box_ray.h"
 #include "core/intersect/hit-inl.h"
 #include "core/intersect/predicate.h"
 #include "hwy/highway.h"
