@@ -16,6 +16,7 @@
 #include <limits>
 
 #include "core/geometry/box3.h"
+#include "core/intersect/box_ray-inl.h"
 #include "core/intersect/predicate-inl.h"
 #include "hwy/highway.h"
 
@@ -257,15 +258,9 @@ HWY_INLINE V EvaluateHits(D d, const Terms& terms, Vec3f origin, bool segments,
   } else {
     entry = hn::Set(d, -std::numeric_limits<float>::infinity());
     exit = hn::Set(d, std::numeric_limits<float>::infinity());
-    const auto slab = [&](V inv_k, V lo_k, V hi_k) HWY_ATTR {
-      const V lo = hn::Mul(lo_k, inv_k), hi = hn::Mul(hi_k, inv_k);
-      // The running value second: NaN is passed over (core/geometry/box_ray.h).
-      entry = hn::Max(hn::IfNegativeThenElse(inv_k, hi, lo), entry);
-      exit = hn::Min(hn::IfNegativeThenElse(inv_k, lo, hi), exit);
-    };
-    slab(inv.x, terms.Lo(0), terms.Hi(0));
-    slab(inv.y, terms.Lo(1), terms.Hi(1));
-    slab(inv.z, terms.Lo(2), terms.Hi(2));
+    CutSlab(d, inv.x, terms.Lo(0), terms.Hi(0), &entry, &exit);
+    CutSlab(d, inv.y, terms.Lo(1), terms.Hi(1), &entry, &exit);
+    CutSlab(d, inv.z, terms.Lo(2), terms.Hi(2), &entry, &exit);
   }
   if (segments) distance = hn::IfThenElse(hn::Le(distance, one), distance, one);
   distance = hn::IfThenElse(hn::Le(distance, exit), distance, exit);
