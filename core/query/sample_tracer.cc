@@ -83,7 +83,9 @@ const Box3f& SampleTracer::BoxOf(size_t block) {
 // A segment's point end is moved toward the light by t_min, in double, rounded once.
 void SampleTracer::LayOut(const LightSample& sample, size_t first, size_t count, float* x, float* y,
                           float* z, uint32_t* sources, Box3f* box) const {
-  if (sources_.empty()) {
+  if (sources == nullptr) {
+    // Not wanted.
+  } else if (sources_.empty()) {
     std::fill_n(sources, count, kNoTriangle);
   } else {
     std::copy_n(sources_.data() + first, count, sources);
@@ -178,6 +180,18 @@ void SampleTracer::TakeBits(size_t b, StatsScope* scope) {
   if (!coming_positions_.empty()) ComingOf(b).All();  // Its turn will not come.
   scope->Took(Strategy::kShaft);
   if (record_answered_by_) std::fill_n(AnsweredByOf(b), PointsOf(b), AnsweredBy::kShaft);
+}
+
+void SampleTracer::TakeBlocked(size_t b, Strategy walk, size_t known_points, uint32_t* triangles) {
+  BlockBits& known = bits_[b];
+  if (BlockedOf(walk) == nullptr) {
+    if (known_points > 0) rows_.set_where(known, kSomeTriangle, triangles);
+    return;
+  }
+  by_bits_[b] = true;
+  for (size_t i = 0; i < known.size(); ++i) {
+    known[i] = static_cast<uint16_t>(blocked_[i] | (known_points > 0 ? known[i] : 0));
+  }
 }
 
 void SampleTracer::ReservePackets(size_t s) {
@@ -296,7 +310,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       packet.answered_by = AnsweredByOf(b);
       if (!packets_ready_) {
         packet.count = LayOut(sample, b, packet.target_x, packet.target_y, packet.target_z,
-                              packet.target_source);
+                              sources_.empty() ? nullptr : packet.target_source);
       }
       packet.unasked = KnownOf(b);
       packet.clear = clear_[b];
@@ -362,14 +376,14 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
       if (by_hulls) packet->unasked = known_points > 0 ? known.data() : nullptr;
+      packet->blocked = BlockedOf(walk);
       absl::Status traced = TracePacketBlock(scene_, run_, kind_, walk, packet, cut, scope->walk());
       packet->unasked = nullptr;
+      packet->blocked = nullptr;
       return traced;
     }));
-    if (known_points > 0) {
-      rows_.set_where(known, kSomeTriangle, packets_[b].triangle);
-      if (record_answered_by_) MarkKnown(b, known, by_hulls);
-    }
+    if (known_points > 0 && record_answered_by_) MarkKnown(b, known, by_hulls);
+    TakeBlocked(b, walk, known_points, packets_[b].triangle);
     scope->Took(walk);
     if (by_shafts) {
       WalkStats after = *scope->walk();
@@ -439,7 +453,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
       packet.answered_by = AnsweredByOf(b);
       if (!parallel_ready_) {
         packet.count = LayOut(sample, b, packet.origin_x, packet.origin_y, packet.origin_z,
-                              packet.origin_source);
+                              sources_.empty() ? nullptr : packet.origin_source);
       }
       packet.unasked = KnownOf(b);
       packet.clear = clear_[b];
@@ -470,12 +484,13 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
     }
     const WalkStats before = *scope->walk();
     SL_RETURN_IF_ERROR(FetchWhile(b, &parallel_[b], [&](ParallelPacket* packet) {
-      return TraceParallelBlock(scene_, run_, walk, packet, cut, scope->walk());
+      packet->blocked = BlockedOf(walk);
+      absl::Status traced = TraceParallelBlock(scene_, run_, walk, packet, cut, scope->walk());
+      packet->blocked = nullptr;
+      return traced;
     }));
-    if (known_points_[b] > 0) {
-      rows_.set_where(bits_[b], kSomeTriangle, parallel_[b].triangle);
-      if (record_answered_by_) MarkKnown(b, bits_[b], /*by_hull=*/false);
-    }
+    if (known_points_[b] > 0 && record_answered_by_) MarkKnown(b, bits_[b], /*by_hull=*/false);
+    TakeBlocked(b, walk, known_points_[b], parallel_[b].triangle);
     scope->Took(walk);
     if (by_shafts) {
       cycles_ += choice.Learn(walk, before, *scope->walk(), PointsOf(b) - known_points_[b], growth);

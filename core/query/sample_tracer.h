@@ -143,6 +143,12 @@ class SampleTracer {
   bool AskGrounds(size_t s, uint32_t mask, StatsScope* scope);
   // Answers block b if they hide all of its points.
   bool GroundsAnswer(size_t b, StatsScope* scope);
+  // Where a walk says by bits what it finds; null: it says which triangles.
+  uint16_t* BlockedOf(Strategy walk) {
+    return walk == Strategy::kShaft && kind_ == HitKind::kAny ? blocked_.data() : nullptr;
+  }
+  // Takes what a walk has said of block b, of which so many points were known in bits_ before it.
+  void TakeBlocked(size_t b, Strategy walk, size_t known_points, uint32_t* triangles);
   // Answers block b by its bits alone.
   void TakeBits(size_t b, StatsScope* scope);
   absl::Status TraceByWalks(size_t s, uint32_t mask, Strategy strategy, StatsScope* scope);
@@ -211,6 +217,7 @@ class SampleTracer {
   bool parallel_traced_ = false;
   std::array<bool, kGroupBlocks> by_bits_ = {};
   std::array<BlockBits, kGroupBlocks> bits_;
+  BlockBits blocked_;  // Of the block that is being walked for.
   // How many of a block's points the grounds hide from the sample that is being asked about: bits_
   // has them before its walk.
   using KnownPoints = std::array<size_t, kGroupBlocks>;

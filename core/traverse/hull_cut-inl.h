@@ -27,6 +27,7 @@
 #include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_cut.h"
 #include "core/traverse/shaft_rays-inl.h"
+#include "core/traverse/surface_normal-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
@@ -257,8 +258,8 @@ class HullCutMaker {
     for (size_t p = 0; p < packets_.size(); p += step) {
       const RayPacket& packet = packets_[p];
       const float* const rows[3] = {packet.target_x, packet.target_y, packet.target_z};
-      sum = sum + SumOfNormals(scene_.geometry, packet.target_source, rows, packet.count,
-                               ToDouble(frame_.w));
+      const uint32_t* const sources = packet.sourceless ? nullptr : packet.target_source;
+      sum = sum + SumOfNormals(scene_.geometry, sources, rows, packet.count, ToDouble(frame_.w));
     }
     const double size = MaxAbs(sum);
     return size > kFlat ? ToFloat(sum * (1.0 / size)) : frame_.w;

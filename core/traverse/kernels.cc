@@ -26,8 +26,8 @@
 #include "core/traverse/patch_cover-inl.h"
 #include "core/traverse/point_ground-inl.h"
 #include "core/traverse/rtt-inl.h"
-#include "core/traverse/shaft-inl.h"
 #include "core/traverse/single-inl.h"
+#include "core/traverse/trace_shaft-inl.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -47,10 +47,9 @@ class LitBoxesWalk {
     packet_.origin_source = origin_source;
     packet_.mask = mask;
     packet_.sourceless = true;
+    packet_.blocked = blocked_;
     packet_.count = static_cast<int>(boxes.size()) * kShaftBlockRays;
     packet_.point_box = &all_;
-    // Read where the shaft's cap is turned along the surface.
-    FillRow(packet_.target_source, static_cast<size_t>(packet_.count), kNoTriangle);
     FillRow(&least_[0][0][0], sizeof(least_) / sizeof(float), -kInfinity);
     for (size_t b = 0; b < boxes.size(); ++b) {
       const Box3f& box = boxes[b];
@@ -152,6 +151,7 @@ class LitBoxesWalk {
   const IndexedGeometry& scene_;
   WalkStats* const stats_;
   RayPacket packet_;
+  uint16_t blocked_[kShaftBlocks];  // Never said, since no ray is asked about.
   Box3f all_;
   ShaftRays<true, false> rays_;
   const VisitFetcher fetcher_;

@@ -85,7 +85,7 @@ class PacketLanes {
     for (int i = packet.count; i < padded_; ++i) {
       limit_of_[i] = -std::numeric_limits<float>::infinity();  // Enters nothing.
     }
-    if (packet.segments) {
+    if (packet.segments && !packet.sourceless) {
       static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
       const hn::RebindToUnsigned<D> du;
       auto all = hn::Set(du, kNoTriangle);

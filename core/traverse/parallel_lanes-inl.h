@@ -68,7 +68,7 @@ class ParallelLanes {
       hn::Store(own.x, d, own_[0] + at);
       hn::Store(own.y, d, own_[1] + at);
       hn::Store(own.z, d, own_[2] + at);
-      sources = hn::And(sources, hn::Load(du, packet.origin_source + at));
+      if (!packet.sourceless) sources = hn::And(sources, hn::Load(du, packet.origin_source + at));
       const size_t left = count - at;
       active_[g] = left >= lanes ? (1u << lanes) - 1 : (1u << left) - 1;
       active_[g] &= ~LaneBits(packet.unasked, at, lanes);
@@ -187,7 +187,9 @@ class ParallelLanes {
   // Groups of which no lane is left are open no more.
   HWY_INLINE void CloseGroups() { open_groups_ = GroupsLeft(active_); }
   // A lane's own source.
-  uint32_t source(size_t lane) const { return packet_.origin_source[lane]; }
+  uint32_t source(size_t lane) const {
+    return has_sources_ ? packet_.origin_source[lane] : kNoTriangle;
+  }
   // Lanes of a group that are still asked about.
   uint32_t active(uint32_t group) const { return active_[group]; }
 

@@ -37,8 +37,6 @@
 #include "core/intersect/hit.h"
 #include "core/traverse/clear_leaves-inl.h"
 #include "core/traverse/finish-inl.h"
-#include "core/traverse/occluded_packet-inl.h"
-#include "core/traverse/packet-inl.h"
 #include "core/traverse/shaft_blocks-inl.h"
 #include "core/traverse/shaft_cut-inl.h"
 #include "core/traverse/shaft_leaf-inl.h"
@@ -46,6 +44,7 @@
 #include "core/traverse/shaft_pair-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
 #include "core/traverse/shaft_test-inl.h"
+#include "core/traverse/single-inl.h"
 #include "core/traverse/visit_fetcher-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -98,6 +97,7 @@ class ShaftWalk {
       FillRow(best_hi_, rays_.padded(), -kInfinity);
       ray_count_ = Take(rays_.all());
     }
+    if constexpr (kAny) lit_ = RaySet{};
     if (!scene_.bvh.empty()) {
       ShaftLeaf<kAny, kParallel> leaf(scene_, rays_);
       leaf_ = &leaf;
@@ -105,7 +105,11 @@ class ShaftWalk {
       if (!Walk(ray_count_, cut, stack, 0)) return false;
       if constexpr (kAny) {
         if (single_count_ > 0 && !TraceSingles()) return false;
+        SayBlocked();
       }
+    } else if constexpr (kAny) {
+      lit_ = rays_.all();
+      SayBlocked();
     }
     if constexpr (!kAny) FinishHits(ready_, packet_);
     return true;
@@ -177,7 +181,10 @@ class ShaftWalk {
         }
         limit = std::max<uint32_t>(kSplitBudget, kSingleWork * rays) + 1;
       }
-      if (depth == 0) return true;
+      if (depth == 0) {
+        if constexpr (kAny) KeepLit();
+        return true;
+      }
       const Pending pending = stack[--depth];
       if (pending.after(bounds_.all_far)) continue;
       if (++visited_ % kPollInterval == 0 && cancel_ != nullptr && cancel_->cancelled())
@@ -233,6 +240,19 @@ class ShaftWalk {
     bounds_.open_blocks = 0;
   }
 
+  // Of the present set, whose walk is over, those still asked about are lit.
+  HWY_INLINE void KeepLit() {
+    const hn::CappedTag<uint16_t, kShaftBlocks> d;
+    hn::Store(hn::Or(hn::Load(d, lit_.rays), hn::Load(d, bounds_.open)), d, lit_.rays);
+  }
+  // What is left of all rays is blocked.
+  HWY_INLINE void SayBlocked() {
+    if (packet_.blocked == nullptr) return;
+    const hn::CappedTag<uint16_t, kShaftBlocks> d;
+    hn::StoreU(hn::AndNot(hn::Load(d, lit_.rays), hn::LoadU(d, rays_.all().rays)), d,
+               packet_.blocked);
+  }
+
   // Each from the root, all of them by turns. Returns false if cancelled.
   HWY_NOINLINE bool TraceSingles() {
     TraceRay rays[Packet::kMaxRays];
@@ -244,7 +264,11 @@ class ShaftWalk {
     stats_->shaft.singles += count;
     if (!TraceSingle<kAny>(scene_, {rays, count}, hits, cancel_, stats_)) return false;
     for (size_t i = 0; i < count; ++i) {
-      packet_.triangle[singles_[i]] = hits[i].triangle;
+      const uint32_t lane = singles_[i];
+      if (packet_.blocked == nullptr) packet_.triangle[lane] = hits[i].triangle;
+      if (hits[i].triangle == kNoTriangle) {
+        lit_.rays[lane / kShaftBlockRays] |= static_cast<uint16_t>(1u << lane % kShaftBlockRays);
+      }
       if (packet_.answered_by != nullptr) packet_.answered_by[singles_[i]] = AnsweredBy::kRay;
     }
     return true;
@@ -401,7 +425,9 @@ class ShaftWalk {
   HWY_INLINE uint32_t Block(uint32_t id, size_t at, M hit) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
-    StoreWhere(hn::RebindMask(du, hit), hn::Set(du, id), du, packet_.triangle + at);
+    if (packet_.blocked == nullptr) {
+      StoreWhere(hn::RebindMask(du, hit), hn::Set(du, id), du, packet_.triangle + at);
+    }
     return MaskBits(d, hit);
   }
 
@@ -539,6 +565,7 @@ class ShaftWalk {
   }
   [[no_unique_address]] Ready ready_;
   const VisitFetcher fetcher_;
+  alignas(32) RaySet lit_;             // Any hit: of sets whose walks are over.
   uint8_t singles_[Packet::kMaxRays];  // Lanes put off.
   size_t single_count_ = 0;
   ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
@@ -551,46 +578,6 @@ class ShaftWalk {
   // Closest hits: bounds of 1/t of the nearest triangle so far; -inf before there is one.
   alignas(64) float best_lo_[RayPacket::kMaxRays], best_hi_[RayPacket::kMaxRays];
 };
-
-// Rays that no frame holds walk as a packet.
-template <bool kAny>
-bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut* cut,
-                const CancelToken* cancel, WalkStats* stats) {
-  SIGHTLINE_DCHECK(packet.near == nullptr && packet.unseen.count == 0);  // It knows neither.
-  if (packet.count == 0) return true;
-  if (cut != nullptr && cut->node_count == 0) {
-    // Nothing is in reach of any ray.
-    FillRow(packet.triangle, static_cast<size_t>(packet.count), kNoTriangle);
-    if constexpr (!kAny) FillMisses(packet, 0, static_cast<size_t>(packet.count));
-    return true;
-  }
-  ShaftWalk<kAny, false> walk(scene, packet, stats);
-  if (walk.Prepare()) return walk.Run(cut, cancel);
-  MarkAll(packet, AnsweredBy::kPacket);
-  if constexpr (kAny) {
-    return TraceOccludedPacket<OriginLanes>(scene, packet, cancel, stats);
-  } else {
-    return TraceClosestPacket(scene, packet, cancel, stats);
-  }
-}
-
-// Rays that no frame holds walk by themselves.
-inline bool TraceParallelShaft(const IndexedGeometry& scene, ParallelPacket& packet,
-                               const ShaftCut* cut, const CancelToken* cancel, WalkStats* stats) {
-  if (packet.count == 0) return true;
-  ShaftWalk<true, true> walk(scene, packet, stats);
-  if (walk.Prepare()) return walk.Run(cut, cancel);
-  MarkAll(packet, AnsweredBy::kRay);
-  TraceRay rays[ParallelPacket::kMaxRays];
-  Hit hits[ParallelPacket::kMaxRays];
-  const size_t count = static_cast<size_t>(packet.count);
-  for (size_t i = 0; i < count; ++i) {
-    rays[i] = packet.trace_ray(static_cast<int>(i));
-  }
-  if (!TraceSingle<true>(scene, {rays, count}, hits, cancel, stats)) return false;
-  for (size_t i = 0; i < count; ++i) packet.triangle[i] = hits[i].triangle;
-  return true;
-}
 
 }  // namespace HWY_NAMESPACE
 }  // namespace sightline

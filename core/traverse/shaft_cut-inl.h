@@ -89,13 +89,13 @@ class CutMaker {
       axis = ToDouble(first.direction);
     } else {
       apex_ = first.origin;
+      Box3f all;
       for (const Packet& packet : packets_) {
-        for (const int lane : {0, packet.count / 2, packet.count - 1}) {
-          const Vec3d own = Own(packet, lane);
-          const double size = MaxAbs(own);
-          if (size > 0) axis = axis + own * (1.0 / size);
-        }
+        const Box3f box = BoxAround(packet);
+        if (!box.empty()) all.Extend(box);
       }
+      axis = (ToDouble(all.lo) + ToDouble(all.hi)) * 0.5;
+      if (Segments()) axis = axis - ToDouble(apex_);
     }
     const Vec3d sideways = Own(first, std::min(3, first.count - 1)) - Own(first, 0);
     return MakeShaftFrame(axis, sideways, &frame_);

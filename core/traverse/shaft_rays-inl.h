@@ -36,6 +36,7 @@
 #include "core/traverse/point_box-inl.h"
 #include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/shaft_sides-inl.h"
+#include "core/traverse/surface_normal-inl.h"
 #include "core/traverse/trace_ray.h"
 #include "hwy/highway.h"
 
@@ -45,41 +46,6 @@ namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 static_assert(kShaftBlocks * kShaftBlockRays == RayPacket::kMaxRays);
-
-// Normals that add up to less are of no surface that is flat.
-constexpr double kFlat = 0.125;
-
-// Normals of the surface under some of `count` points, each at the scale of its largest component,
-// turned `along`, and added up: no component is above 2. Of their source
-// triangles, or as neighbouring points have it where no source is known: points come in fours by
-// four, row by row or along a Morton curve.
-inline Vec3d SumOfNormals(const SceneGeometry& geometry, const uint32_t* sources,
-                          const float* const (&rows)[3], int count, Vec3d along) {
-  const auto point = [&](int lane) {
-    lane = std::min(lane, count - 1);
-    return Vec3d{rows[0][lane], rows[1][lane], rows[2][lane]};
-  };
-  Vec3d sum;
-  for (int k = 2; k < 8; k += 4) {
-    const int lane = count * k / 8;
-    Vec3d n;
-    if (sources[lane] < geometry.triangles.size()) {
-      const auto [a, b, c] = geometry.Corners(sources[lane]);
-      const Vec3d ad = ToDouble(a);
-      n = Cross(ToDouble(b) - ad, ToDouble(c) - ad);
-    } else {
-      const int first = lane / kShaftBlockRays * kShaftBlockRays;
-      const Vec3d p = point(first);
-      // A row and a column of either order; the other's three points are in line.
-      n = Cross(point(first + 3) - p, point(first + 12) - p);
-      const Vec3d m = Cross(point(first + 5) - p, point(first + 10) - p);
-      if (Dot(m, m) > Dot(n, n)) n = m;
-    }
-    const double size = MaxAbs(n);
-    if (size > 0) sum = sum + n * ((Dot(n, along) < 0 ? -1.0 : 1.0) / size);
-  }
-  return sum;
-}
 
 // Rays that a frame can hold. A square that underflows or overflows fails the test, and the rays go
 // another way.
@@ -159,7 +125,7 @@ class ShaftRays {
     if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
     if (has_cap_) TurnCap();
     if (!(has_cap_ ? Place<true>() : Place<false>())) return false;
-    FillRow(packet_.triangle, padded_, kNoTriangle);
+    if (!kAny || packet_.blocked == nullptr) FillRow(packet_.triangle, padded_, kNoTriangle);
     if (count == kMaxRays) {
       std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
     } else {
@@ -173,7 +139,6 @@ class ShaftRays {
         all_.rays[b] &= static_cast<uint16_t>(~packet_.unasked[b]);
       }
     }
-    SIGHTLINE_DCHECK(!packet_.sourceless || !FindSources());
     has_sources_ = (kParallel || segments()) && !packet_.sourceless && FindSources();
     float farthest = FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_) + spread_;
     if (has_cap_) farthest += Norm1(cap_at_);
@@ -233,7 +198,12 @@ class ShaftRays {
   Packet& packet() { return packet_; }
   Vec3V<ShaftV> Own(size_t at) const {
     const ShaftD d;
-    return {hn::Load(d, own_[0] + at), hn::Load(d, own_[1] + at), hn::Load(d, own_[2] + at)};
+    if constexpr (kAny) {
+      // Taken anew: a difference costs a test no more than what is stored for it, and less is.
+      return SubV(Rows(at), Broadcast(d, own_from_.x, own_from_.y, own_from_.z));
+    } else {
+      return {hn::Load(d, own_[0] + at), hn::Load(d, own_[1] + at), hn::Load(d, own_[2] + at)};
+    }
   }
   // Closest hits only.
   ShaftV OwnInf(size_t at) const { return hn::Load(ShaftD(), own_inf_ + at); }
@@ -463,7 +433,11 @@ class ShaftRays {
   bool Place() {
     constexpr bool kAsks = !kParallel && !(kAny && kCap);
     const ShaftD d;
-    for (int k = 0; k < 3; ++k) own_[k] = own_rows_[k];
+    if constexpr (!kAny) {
+      for (int k = 0; k < 3; ++k) own_[k] = own_rows_[k];
+    }
+    own_from_ = kParallel || segments() ? apex_ : Vec3f{0, 0, 0};
+    ShaftV cap_most = hn::Set(d, -std::numeric_limits<float>::infinity());
     const Vec3V<ShaftV> o = Broadcast(d, apex_.x, apex_.y, apex_.z);
     const Vec3V<ShaftV> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
     const Vec3V<ShaftV> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);
@@ -477,11 +451,13 @@ class ShaftRays {
       const Vec3V<ShaftV> own = kParallel || segments() ? SubV(p, o) : p;
       if constexpr (kCap) {
         // Parallel: C is R.
-        hn::Store(DotV(g, kParallel ? own : SubV(p, cap_at)), d, cap_ + i);
+        cap_most = hn::Max(cap_most, DotV(g, kParallel ? own : SubV(p, cap_at)));
       }
-      hn::Store(own.x, d, own_rows_[0] + i);
-      hn::Store(own.y, d, own_rows_[1] + i);
-      hn::Store(own.z, d, own_rows_[2] + i);
+      if constexpr (!kAny) {
+        hn::Store(own.x, d, own_rows_[0] + i);
+        hn::Store(own.y, d, own_rows_[1] + i);
+        hn::Store(own.z, d, own_rows_[2] + i);
+      }
       const ShaftV x = DotV(u, own), y = DotV(v, own), z = DotV(w, own);
       hn::Store(z, d, z_ + i);
       if constexpr (kParallel) {
@@ -506,6 +482,7 @@ class ShaftRays {
       const float most = hn::GetLane(hn::MaxOfLanes(d, widest));
       most_own_ = {most, most, most};
     }
+    if constexpr (kCap) cap_most_ = hn::GetLane(hn::MaxOfLanes(d, cap_most));
     return hn::AllTrue(d, fits);
   }
 
@@ -527,7 +504,8 @@ class ShaftRays {
   // climb out of it.
   void TurnCap() {
     const float* const rows[3] = {row(0), row(1), row(2)};
-    const Vec3d sum = SumOfNormals(scene_.geometry, sources(), rows, packet_.count,
+    const uint32_t* const known = packet_.sourceless ? nullptr : sources();
+    const Vec3d sum = SumOfNormals(scene_.geometry, known, rows, packet_.count,
                                    ToDouble(kParallel ? -frame_.w : frame_.w));
     cap_normal_ = MaxAbs(sum) > kFlat ? ToFloat(sum) : kParallel ? -frame_.w : frame_.w;
     const Vec3f g_abs = {std::abs(cap_normal_.x), std::abs(cap_normal_.y), std::abs(cap_normal_.z)};
@@ -545,18 +523,24 @@ class ShaftRays {
     }
   }
 
+  // The most of G·(P - C) of the points `open` alone.
+  HWY_NOINLINE float CapMost(const uint16_t* open) const {
+    const ShaftD d;
+    const Vec3V<ShaftV> g = Broadcast(d, cap_normal_.x, cap_normal_.y, cap_normal_.z);
+    const Vec3V<ShaftV> cap_at = Broadcast(d, cap_at_.x, cap_at_.y, cap_at_.z);
+    ShaftV most = hn::Set(d, -std::numeric_limits<float>::infinity());
+    for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
+      most = hn::IfThenElse(LanesOf(open, i), hn::Max(most, DotV(g, SubV(Rows(i), cap_at))), most);
+    }
+    return hn::GetLane(hn::MaxOfLanes(d, most));
+  }
+
   void MakeSides(const FrameRectangle& held, ShaftBounds* out) const {
     ReceiversCap cap;
     out->cap_most = std::numeric_limits<float>::infinity();
     if (has_cap_) {
-      const ShaftD d;
-      ShaftV most = hn::Set(d, -std::numeric_limits<float>::infinity());
-      for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
-        const ShaftV own = hn::Load(d, cap_ + i);
-        most = out->whole ? hn::Max(most, own)
-                          : hn::IfThenElse(LanesOf(out->open, i), hn::Max(most, own), most);
-      }
-      out->cap_most = std::max(hn::GetLane(hn::MaxOfLanes(d, most)) + cap_margin_, cap_of_apex_);
+      const float most = out->whole ? cap_most_ : CapMost(out->open);
+      out->cap_most = std::max(most + cap_margin_, cap_of_apex_);
       // A node is put to it as to any other side; triangles by their own, narrower margin.
       cap = {cap_normal_, out->cap_most + Dot(cap_normal_, cap_at_ - apex_)};
     }
@@ -580,16 +564,18 @@ class ShaftRays {
   size_t padded_ = 0;
   bool has_cap_ = false, has_sources_ = false;
   Vec3f cap_normal_, cap_at_;
-  Vec3f reach_;  // How far the points are from C along each axis.
+  float cap_most_ = 0;  // The most of G·(P - C).
+  Vec3f own_from_;      // What `own` is taken from the packet's rows by; any hit.
+  Vec3f reach_;         // How far the points are from C along each axis.
   float cap_of_apex_ = 0, cap_margin_ = 0;
   AxisCaps axis_caps_;
   RaySet all_;
-  const float* own_[3];  // By axis: own_rows_, or the packet's, where those are what is wanted.
+  // By axis: own_rows_, or the packet's, where those are what is wanted. Closest hits only.
+  const float* own_[3];
   alignas(64) float own_rows_[3][kMaxRays];
   alignas(64) float own_inf_[kMaxRays];                        // |D|_inf; closest hits only.
   alignas(64) float x_[kMaxRays], y_[kMaxRays], z_[kMaxRays];  // Slopes or offsets, and depths.
   alignas(64) float inverse_z_[kMaxRays];                      // Closest hits only.
-  alignas(64) float cap_[kMaxRays];                            // G·(P - C).
 };
 
 }  // namespace HWY_NAMESPACE

@@ -65,8 +65,8 @@ struct alignas(64) RayPacket {
   // the one behind that blocked the last ray, or kNoLeaf: what darkens one packet may darken the
   // next.
   uint32_t first_leaf = kNoLeaf;
-  // No lane in use has a target_source (a ParallelPacket's: origin_source). Where it is not said,
-  // whoever wants to know looks.
+  // No lane has a source, so that nobody reads target_source (a ParallelPacket's: origin_source),
+  // and it need not be filled. Where it is not said, whoever wants to know looks.
   bool sourceless = false;
   // Any hit: asked for meanwhile, as far as a walk gets to it (shafts do); null: nothing.
   GradualFetch* meanwhile = nullptr;
@@ -78,6 +78,10 @@ struct alignas(64) RayPacket {
   const uint16_t* unasked = nullptr;
   // Any hit, over the BVH: leaves that block none of some blocks' others; null: none are known.
   const ClearToward* clear = nullptr;
+  // Any hit, shafts: where to say which lanes are blocked, a bit each, sixteen to a number, all
+  // kMaxRays of them (those `unasked` or out of use are not); `triangle` says nothing then. Null:
+  // `triangle` says it.
+  uint16_t* blocked = nullptr;
   // Any hit, packets over the BVH: where the walk begins; null: at the root. (Shafts are handed
   // theirs.)
   const ShaftCut* cut = nullptr;
@@ -108,11 +112,12 @@ struct alignas(64) RayPacket {
     TraceRay ray = {.ray = this->ray(lane),
                     .mask = mask,
                     .from_source = origin_source,
-                    .to_source = segments ? target_source[lane] : kNoTriangle,
+                    .to_source = segments ? source(lane) : kNoTriangle,
                     .unseen = unseen};
     if (near != nullptr) ray.near = near[lane];
     return ray;
   }
+  uint32_t source(int lane) const { return sourceless ? kNoTriangle : target_source[lane]; }
   Hit hit(int lane) const { return {t[lane], triangle[lane]}; }
 
   // The question of `lanes` lanes from `first` on, as another packet's, which has no grid. What
@@ -127,6 +132,7 @@ struct alignas(64) RayPacket {
     to->grid = nullptr;
     to->unasked = nullptr;
     to->clear = nullptr;
+    to->blocked = nullptr;
     to->cut = cut;
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
@@ -137,7 +143,7 @@ struct alignas(64) RayPacket {
     std::copy_n(target_x + first, lanes, to->target_x);
     std::copy_n(target_y + first, lanes, to->target_y);
     std::copy_n(target_z + first, lanes, to->target_z);
-    std::copy_n(target_source + first, lanes, to->target_source);
+    if (!sourceless) std::copy_n(target_source + first, lanes, to->target_source);
   }
 };
 
@@ -157,6 +163,7 @@ struct alignas(64) ParallelPacket {
   AnsweredBy* answered_by = nullptr;         // As in RayPacket.
   const uint16_t* unasked = nullptr;         // As in RayPacket.
   const ClearToward* clear = nullptr;        // As in RayPacket.
+  uint16_t* blocked = nullptr;               // As in RayPacket.
   const ShaftCut* cut = nullptr;             // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
@@ -170,6 +177,7 @@ struct alignas(64) ParallelPacket {
     to->direction_source = direction_source;
     to->unasked = nullptr;
     to->clear = nullptr;
+    to->blocked = nullptr;
     to->cut = cut;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
@@ -179,17 +187,16 @@ struct alignas(64) ParallelPacket {
     std::copy_n(origin_x + first, lanes, to->origin_x);
     std::copy_n(origin_y + first, lanes, to->origin_y);
     std::copy_n(origin_z + first, lanes, to->origin_z);
-    std::copy_n(origin_source + first, lanes, to->origin_source);
+    if (!sourceless) std::copy_n(origin_source + first, lanes, to->origin_source);
   }
 
   Vec3f origin(int lane) const { return {origin_x[lane], origin_y[lane], origin_z[lane]}; }
   PredicateRay ray(int lane) const { return PredicateRay::Ray(origin(lane), direction); }
+  uint32_t source(int lane) const { return sourceless ? kNoTriangle : origin_source[lane]; }
   // The lane's ray by itself.
   TraceRay trace_ray(int lane) const {
-    return {.ray = ray(lane),
-            .mask = mask,
-            .from_source = origin_source[lane],
-            .to_source = direction_source};
+    return {
+        .ray = ray(lane), .mask = mask, .from_source = source(lane), .to_source = direction_source};
   }
 };
 
