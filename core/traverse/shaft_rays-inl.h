@@ -199,7 +199,7 @@ class ShaftRays {
   Vec3V<ShaftV> Own(size_t at) const {
     const ShaftD d;
     if constexpr (kAny) {
-      // Taken anew: a difference costs a test no more than what is stored for it, and less is.
+      // Not stored: a test takes three differences as fast as it would load them.
       return SubV(Rows(at), Broadcast(d, own_from_.x, own_from_.y, own_from_.z));
     } else {
       return {hn::Load(d, own_[0] + at), hn::Load(d, own_[1] + at), hn::Load(d, own_[2] + at)};
