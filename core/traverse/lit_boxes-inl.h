@@ -47,7 +47,6 @@ class LitBoxesWalk {
     packet_.origin_source = origin_source;
     packet_.mask = mask;
     packet_.sourceless = true;
-    packet_.blocked = blocked_;
     packet_.count = static_cast<int>(boxes.size()) * kShaftBlockRays;
     packet_.point_box = &all_;
     FillRow(&least_[0][0][0], sizeof(least_) / sizeof(float), -kInfinity);
@@ -151,7 +150,6 @@ class LitBoxesWalk {
   const IndexedGeometry& scene_;
   WalkStats* const stats_;
   RayPacket packet_;
-  uint16_t blocked_[kShaftBlocks];  // Never said, since no ray is asked about.
   Box3f all_;
   ShaftRays<true, false> rays_;
   const VisitFetcher fetcher_;

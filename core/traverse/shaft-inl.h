@@ -81,6 +81,9 @@ class ShaftWalk {
   // False: the rays fit no frame.
   bool Prepare() {
     if (!rays_.Prepare()) return false;
+    if (!kAny || packet_.blocked == nullptr) {
+      FillRow(packet_.triangle, rays_.padded(), kNoTriangle);
+    }
     if constexpr (kAny) {
       ray_count_ = Take(rays_.all());
       return ray_count_ == 0 || rays_.Fits(bounds_);

@@ -125,7 +125,6 @@ class ShaftRays {
     if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
     if (has_cap_) TurnCap();
     if (!(has_cap_ ? Place<true>() : Place<false>())) return false;
-    if (!kAny || packet_.blocked == nullptr) FillRow(packet_.triangle, padded_, kNoTriangle);
     if (count == kMaxRays) {
       std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
     } else {
@@ -199,7 +198,7 @@ class ShaftRays {
   Vec3V<ShaftV> Own(size_t at) const {
     const ShaftD d;
     if constexpr (kAny) {
-      // Not stored: a test takes three differences as fast as it would load them.
+      // Taken in each test, not stored once: walks are faster so (DESIGN.md).
       return SubV(Rows(at), Broadcast(d, own_from_.x, own_from_.y, own_from_.z));
     } else {
       return {hn::Load(d, own_[0] + at), hn::Load(d, own_[1] + at), hn::Load(d, own_[2] + at)};
@@ -346,7 +345,6 @@ class ShaftRays {
       const float most = grid()->norm_inf;
       most_own_ = {most, most, most};
       FillRow(own_inf_, kMaxRays, most);
-      FillRow(packet_.triangle, kMaxRays, kNoTriangle);
       std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
       node_margin_ =
           kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_)) + kFloatUnderflow;
