@@ -100,8 +100,8 @@ class Piece {
   }
 
   // The cheapest last: walks for any hit take the last child first, and of two that may both hold
-  // one the cheaper is the better to begin with (core/traverse/DESIGN.md). Those of one cost stay
-  // as they are.
+  // one the cheaper is the better to begin with (core/traverse/EXPERIMENTS.md). Those of one cost
+  // stay as they are.
   void SortByCost(Children& children) const {
     for (int i = 1; i < children.count; ++i) {
       const uint32_t child = children.binary[i];

@@ -17,7 +17,7 @@ namespace {
 constexpr uint64_t kCoverRays = 16;
 
 // Blocks of a group, of kGroupBlocks, that nothing has come near of for the next one to be asked
-// about as a whole. Of fewer, what it finds costs as much to find (core/traverse/DESIGN.md).
+// about as a whole. Of fewer, what it finds costs as much to find (core/traverse/EXPERIMENTS.md).
 constexpr size_t kMostlyClear = 8;
 
 static_assert(kGroupBlocks * 16 <= RayPacket::kMaxRays, "a group's boxes are a shaft's blocks");

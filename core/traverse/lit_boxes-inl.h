@@ -92,7 +92,7 @@ class LitBoxesWalk {
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
   // Work (nodes + 2·leaves + relevant triangles) after which all boxes are given up. Measured: 35
-  // and 100 are as good to half a percent (core/traverse/DESIGN.md).
+  // and 100 are as good to half a percent (core/traverse/EXPERIMENTS.md).
   static constexpr uint32_t kMostWork = 60;
 
   // Sixteen of a row, `hi` where a bit is set.

@@ -198,7 +198,7 @@ class ShaftRays {
   Vec3V<ShaftV> Own(size_t at) const {
     const ShaftD d;
     if constexpr (kAny) {
-      // Taken in each test, not stored once: walks are faster so (DESIGN.md).
+      // Taken in each test, not stored once: walks are faster so (EXPERIMENTS.md).
       return SubV(Rows(at), Broadcast(d, own_from_.x, own_from_.y, own_from_.z));
     } else {
       return {hn::Load(d, own_[0] + at), hn::Load(d, own_[1] + at), hn::Load(d, own_[2] + at)};
