@@ -292,6 +292,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   // With t_min the points differ from sample to sample.
   const bool by_hulls =
       by_shafts && !choice.ShaftsAreRare() && hulls_.Find(s, /*alone=*/t_min_ != 0);
+  if (!by_hulls || s == hulls_.begin()) seeds_.fill({});
   const ShaftCut* cut = nullptr;
   // Made for the first block that a walk has to answer.
   bool prepared = false;
@@ -316,6 +317,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       packet.clear = clear_[b];
       packet.point_box = packet.unasked == nullptr ? &boxes_[b] : nullptr;
       packet.sourceless = sources_.empty();
+      packet.seed = &seeds_[by_hulls ? b : 0];
     }
     packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
     if (by_hulls) {
@@ -443,6 +445,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
   ReservePackets(s);
   const bool by_shafts = strategy == Strategy::kShaft;
   WalkChoice& choice = hints_.walks.Of(light_of_[s], OtherWalks(run_, RayForm::kParallel, kind_));
+  seeds_[0].made = false;
   bool laid_out = false;
   const auto lay_out = [&] {
     for (size_t b = 0; b < blocks(); ++b) {
@@ -459,6 +462,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
       packet.clear = clear_[b];
       packet.point_box = packet.unasked == nullptr ? &boxes_[b] : nullptr;
       packet.sourceless = sources_.empty();
+      packet.seed = &seeds_[0];
     }
     parallel_ready_ = t_min_ == 0;
   };

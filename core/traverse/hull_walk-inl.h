@@ -63,7 +63,8 @@ class HullWalk {
 
   // False: the rays fit no frame.
   bool Prepare() {
-    return rays_.Prepare() && (rays_.Bound(rays_.all(), &bounds_) == 0 || rays_.Fits(bounds_));
+    return rays_.Prepare(/*alone=*/true) &&
+           (rays_.Bound(rays_.all(), &bounds_) == 0 || rays_.Fits(bounds_));
   }
 
   // From rest->cut, where what is left to be walked sample by sample comes. REQUIRES: Prepare() was

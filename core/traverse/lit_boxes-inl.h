@@ -66,7 +66,7 @@ class LitBoxesWalk {
   }
 
   uint32_t Run() {
-    if (!rays_.Prepare()) return 0;
+    if (!rays_.Prepare(/*alone=*/true)) return 0;
     rays_.Bound(rays_.all(), &bounds_);
     if (!rays_.Fits(bounds_)) return 0;
     if (scene_.bvh.empty()) return bounds_.open_blocks;

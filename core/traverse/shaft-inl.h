@@ -80,13 +80,10 @@ class ShaftWalk {
 
   // False: the rays fit no frame.
   bool Prepare() {
-    if (!rays_.Prepare()) return false;
+    // They may fit one of their own where they do not fit their neighbours'.
+    if (!Place(/*alone=*/false) && !(rays_.seeded() && Place(/*alone=*/true))) return false;
     if (!kAny || packet_.blocked == nullptr) {
       FillRow(packet_.triangle, rays_.padded(), kNoTriangle);
-    }
-    if constexpr (kAny) {
-      ray_count_ = Take(rays_.all());
-      return ray_count_ == 0 || rays_.Fits(bounds_);
     }
     return true;
   }
@@ -135,6 +132,16 @@ class ShaftWalk {
 
   // For closest hits `entry` is the depth that nothing in the child comes before.
   using Pending = std::conditional_t<kAny, PendingAny, PendingClosest>;
+
+  // Has the rays placed; for any hit takes them up. False: they fit no frame, or not this one.
+  bool Place(bool alone) {
+    if (!rays_.Prepare(alone)) return false;
+    if constexpr (kAny) {
+      ray_count_ = Take(rays_.all());
+      return ray_count_ == 0 || rays_.Fits(bounds_);
+    }
+    return true;
+  }
 
   // Takes up the rays of a set. Returns how many there are.
   HWY_INLINE int Take(const RaySet& set) {

@@ -88,9 +88,9 @@ class ShaftRays {
 
   ShaftRays(const IndexedGeometry& scene, Packet& packet) : packet_(packet), scene_(scene) {}
 
-  // Finds the frame and places the rays in it. False: they do not fit one (they spread too far
-  // around the origin, or have no direction).
-  bool Prepare() {
+  // Finds the frame and places the rays in it. `alone`: whatever neighbours have left. False: they do
+  // not fit one (they spread too far around the origin, or have no direction).
+  bool Prepare(bool alone) {
     if constexpr (!kAny) {
       if (grid() != nullptr) {
         PrepareGrid();
@@ -120,10 +120,14 @@ class ShaftRays {
         most_own_ = FarthestFrom(box, apex_);
       }
     }
-    // Lanes 0 and 3 are neighbours in a row of a tile; points come as they come.
-    const Vec3d sideways = ToDouble(point(std::min(3, count - 1))) - ToDouble(point(0));
-    if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
-    if (has_cap_) TurnCap();
+    if (!TakeSeed(alone)) {
+      // Lanes 0 and 3 are neighbours in a row of a tile; points come as they come.
+      const Vec3d sideways = ToDouble(point(std::min(3, count - 1))) - ToDouble(point(0));
+      if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
+      if (has_cap_) TurnCap();
+      LeaveSeed();
+    }
+    if (has_cap_) PlaceCap();
     if (!(has_cap_ ? Place<true>() : Place<false>())) return false;
     if (count == kMaxRays) {
       std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
@@ -168,6 +172,8 @@ class ShaftRays {
     }
   }
   bool has_cap() const { return has_cap_; }
+  // Whether there is a frame that neighbours have made.
+  bool seeded() const { return seeded_; }
   Vec3f cap_normal() const { return cap_normal_; }
   Vec3f cap_at() const { return cap_at_; }
   const AxisCaps& axis_caps() const { return axis_caps_; }  // Any hit.
@@ -497,15 +503,35 @@ class ShaftRays {
     }
   }
 
+  // Whether neighbours have left a frame, and how the cap is turned.
+  bool TakeSeed(bool alone) {
+    seeded_ = false;
+    if constexpr (kAny) {
+      const ShaftSeed* const seed = packet_.seed;
+      if (seed == nullptr || !seed->made || alone || !has_cap_) return false;
+      frame_ = seed->frame;
+      cap_normal_ = seed->cap_normal;
+      seeded_ = true;
+    }
+    return seeded_;
+  }
+  void LeaveSeed() {
+    if constexpr (kAny) {
+      if (packet_.seed != nullptr && has_cap_) *packet_.seed = {true, frame_, cap_normal_};
+    }
+  }
+
   // The receivers' cap: along the mean of some of their sources' normals, so that it lies on their
-  // surface where that is flat; along the axis if no source is known. None for parallel rays that
-  // climb out of it.
+  // surface where that is flat; along the axis if no source is known.
   void TurnCap() {
     const float* const rows[3] = {row(0), row(1), row(2)};
     const uint32_t* const known = packet_.sourceless ? nullptr : sources();
     const Vec3d sum = SumOfNormals(scene_.geometry, known, rows, packet_.count,
                                    ToDouble(kParallel ? -frame_.w : frame_.w));
     cap_normal_ = MaxAbs(sum) > kFlat ? ToFloat(sum) : kParallel ? -frame_.w : frame_.w;
+  }
+  // None for parallel rays that climb out of it.
+  void PlaceCap() {
     const Vec3f g_abs = {std::abs(cap_normal_.x), std::abs(cap_normal_.y), std::abs(cap_normal_.z)};
     cap_margin_ = kCapMargin * Dot(g_abs, reach_);
     cap_of_apex_ = -std::numeric_limits<float>::infinity();
@@ -560,7 +586,7 @@ class ShaftRays {
   Vec3f most_own_;
   float node_margin_ = 0;
   size_t padded_ = 0;
-  bool has_cap_ = false, has_sources_ = false;
+  bool has_cap_ = false, has_sources_ = false, seeded_ = false;
   Vec3f cap_normal_, cap_at_;
   float cap_most_ = 0;  // The most of G·(P - C).
   Vec3f own_from_;      // What `own` is taken from the packet's rows by; any hit.

@@ -18,6 +18,7 @@
 #include "core/traverse/answered_by.h"
 #include "core/traverse/gradual_fetch.h"
 #include "core/traverse/pixel_grid.h"
+#include "core/traverse/shaft_seed.h"
 #include "core/traverse/shaft_stats.h"
 
 namespace sightline {
@@ -82,6 +83,9 @@ struct alignas(64) RayPacket {
   // kMaxRays of them (those `unasked` or out of use are not); `triangle` says nothing then. Null:
   // `triangle` says it.
   uint16_t* blocked = nullptr;
+  // Any hit, shafts: what those of neighbouring packets before have left to this one, or this one is
+  // to leave to them; null: nothing.
+  ShaftSeed* seed = nullptr;
   // Any hit, packets over the BVH: where the walk begins; null: at the root. (Shafts are handed
   // theirs.)
   const ShaftCut* cut = nullptr;
@@ -133,6 +137,7 @@ struct alignas(64) RayPacket {
     to->unasked = nullptr;
     to->clear = nullptr;
     to->blocked = nullptr;
+    to->seed = nullptr;
     to->cut = cut;
     to->want_barycentrics = want_barycentrics;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
@@ -164,6 +169,7 @@ struct alignas(64) ParallelPacket {
   const uint16_t* unasked = nullptr;         // As in RayPacket.
   const ClearToward* clear = nullptr;        // As in RayPacket.
   uint16_t* blocked = nullptr;               // As in RayPacket.
+  ShaftSeed* seed = nullptr;                 // As in RayPacket.
   const ShaftCut* cut = nullptr;             // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
@@ -178,6 +184,7 @@ struct alignas(64) ParallelPacket {
     to->unasked = nullptr;
     to->clear = nullptr;
     to->blocked = nullptr;
+    to->seed = nullptr;
     to->cut = cut;
     to->answered_by = answered_by == nullptr ? nullptr : answered_by + first;
     to->sourceless = sourceless;
