@@ -20,6 +20,10 @@ constexpr uint64_t kCoverRays = 16;
 // about as a whole. Of fewer, what it finds costs as much to find (core/traverse/EXPERIMENTS.md).
 constexpr size_t kMostlyClear = 8;
 
+// Blocks that follow one another, a row of a tile, whose shafts share a seed. All of a group's: half
+// a percent slower (core/traverse/EXPERIMENTS.md).
+constexpr size_t kSeedBlocks = 4;
+
 static_assert(kGroupBlocks * 16 <= RayPacket::kMaxRays, "a group's boxes are a shaft's blocks");
 
 // Whether a walk came to no triangle that might have blocked a ray.
@@ -292,6 +296,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   // With t_min the points differ from sample to sample.
   const bool by_hulls =
       by_shafts && !choice.ShaftsAreRare() && hulls_.Find(s, /*alone=*/t_min_ != 0);
+  // A hull's samples are as good as one for a block's frame.
   if (!by_hulls || s == hulls_.begin()) seeds_.fill({});
   const ShaftCut* cut = nullptr;
   // Made for the first block that a walk has to answer.
@@ -317,7 +322,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       packet.clear = clear_[b];
       packet.point_box = packet.unasked == nullptr ? &boxes_[b] : nullptr;
       packet.sourceless = sources_.empty();
-      packet.seed = &seeds_[by_hulls ? b : 0];
+      packet.seed = &seeds_[by_hulls ? b : b / kSeedBlocks];
     }
     packets_ready_ = t_min_ == 0;  // Else the ends depend on the sample.
     if (by_hulls) {
@@ -445,7 +450,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
   ReservePackets(s);
   const bool by_shafts = strategy == Strategy::kShaft;
   WalkChoice& choice = hints_.walks.Of(light_of_[s], OtherWalks(run_, RayForm::kParallel, kind_));
-  seeds_[0].made = false;
+  seeds_.fill({});
   bool laid_out = false;
   const auto lay_out = [&] {
     for (size_t b = 0; b < blocks(); ++b) {
@@ -462,7 +467,7 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
       packet.clear = clear_[b];
       packet.point_box = packet.unasked == nullptr ? &boxes_[b] : nullptr;
       packet.sourceless = sources_.empty();
-      packet.seed = &seeds_[0];
+      packet.seed = &seeds_[b / kSeedBlocks];
     }
     parallel_ready_ = t_min_ == 0;
   };

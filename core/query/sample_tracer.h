@@ -234,7 +234,7 @@ class SampleTracer {
   std::unique_ptr<RayPacket[]> tile_packets_;
   std::vector<AnsweredBy> tile_answered_by_;  // By lane of these, where it is recorded.
   ShaftCut cut_;
-  // By block, of an area light's samples; the first one is all blocks', of others.
+  // Of the sample that is being asked about, by so many blocks; of a hull's samples, by block.
   std::array<ShaftSeed, kGroupBlocks> seeds_;
   ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
   double cycles_ = 0;  // What WalkChoice has learned.

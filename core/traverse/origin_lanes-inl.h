@@ -214,8 +214,8 @@ class OriginLanes {
     most_own_ = {most, most, most};
   }
 
-  // Finds the frame, and the groups' places in it.
-  void PlaceGroups() {
+  // Around the rays' own axis.
+  void MakeFrame() {
     const D d;
     const size_t lanes = hn::Lanes(d);
     Vec3V<V> sum = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
@@ -235,6 +235,18 @@ class OriginLanes {
     const Vec3d sideways =
         ToDouble(packet_.target(std::min(3, packet_.count - 1))) - ToDouble(packet_.target(0));
     has_frame_ = MakeShaftFrame(axis, sideways, &frame_);
+  }
+
+  // Finds the frame, and the groups' places in it.
+  void PlaceGroups() {
+    const D d;
+    const size_t lanes = hn::Lanes(d);
+    if (packet_.seed != nullptr && packet_.seed->made) {
+      frame_ = packet_.seed->frame;
+      has_frame_ = true;
+    } else {
+      MakeFrame();
+    }
     if (!has_frame_) return;
     const Vec3V<V> u = Broadcast(d, frame_.u.x, frame_.u.y, frame_.u.z);
     const Vec3V<V> v = Broadcast(d, frame_.v.x, frame_.v.y, frame_.v.z);

@@ -120,12 +120,19 @@ class ShaftRays {
         most_own_ = FarthestFrom(box, apex_);
       }
     }
-    if (!TakeSeed(alone)) {
+    ShaftSeed* const seed = kAny && has_cap_ ? packet_.seed : nullptr;
+    seeded_ = seed != nullptr && seed->made && !alone;
+    if (seeded_) {
+      frame_ = seed->frame;
+      cap_normal_ = seed->cap_normal;
+    } else {
       // Lanes 0 and 3 are neighbours in a row of a tile; points come as they come.
       const Vec3d sideways = ToDouble(point(std::min(3, count - 1))) - ToDouble(point(0));
       if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
       if (has_cap_) TurnCap();
-      LeaveSeed();
+      if constexpr (kAny) {
+        if (seed != nullptr) *seed = {true, frame_, cap_normal_};
+      }
     }
     if (has_cap_) PlaceCap();
     if (!(has_cap_ ? Place<true>() : Place<false>())) return false;
@@ -500,24 +507,6 @@ class ShaftRays {
         const bool up = from >= row(k)[packet_.count / 2];
         axis_caps_.CapSegments(k, up, LeastIn(box, k, up), up ? from : -from);
       }
-    }
-  }
-
-  // Whether neighbours have left a frame, and how the cap is turned.
-  bool TakeSeed(bool alone) {
-    seeded_ = false;
-    if constexpr (kAny) {
-      const ShaftSeed* const seed = packet_.seed;
-      if (seed == nullptr || !seed->made || alone || !has_cap_) return false;
-      frame_ = seed->frame;
-      cap_normal_ = seed->cap_normal;
-      seeded_ = true;
-    }
-    return seeded_;
-  }
-  void LeaveSeed() {
-    if constexpr (kAny) {
-      if (packet_.seed != nullptr && has_cap_) *packet_.seed = {true, frame_, cap_normal_};
     }
   }
 

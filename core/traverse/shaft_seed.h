@@ -13,7 +13,7 @@
 namespace sightline {
 
 struct ShaftSeed {
-  bool made = false;  // The first shaft that is asked makes it.
+  bool made = false;  // By the first shaft that is asked.
   ShaftFrame frame;
   Vec3f cap_normal;  // Of the receivers' cap (margins.h).
 };

@@ -83,8 +83,8 @@ struct alignas(64) RayPacket {
   // kMaxRays of them (those `unasked` or out of use are not); `triangle` says nothing then. Null:
   // `triangle` says it.
   uint16_t* blocked = nullptr;
-  // Any hit, shafts: what those of neighbouring packets before have left to this one, or this one is
-  // to leave to them; null: nothing.
+  // Any hit: what shafts of neighbouring packets have left to this one's walk, or its shaft is to
+  // leave to them; null: nothing.
   ShaftSeed* seed = nullptr;
   // Any hit, packets over the BVH: where the walk begins; null: at the root. (Shafts are handed
   // theirs.)
