@@ -20,8 +20,8 @@ constexpr uint64_t kCoverRays = 16;
 // about as a whole. Of fewer, what it finds costs as much to find (core/traverse/EXPERIMENTS.md).
 constexpr size_t kMostlyClear = 8;
 
-// Blocks that follow one another, a row of a tile, whose shafts share a seed. All of a group's: half
-// a percent slower (core/traverse/EXPERIMENTS.md).
+// Blocks that follow one another, a row of a tile, whose shafts share a seed. With all of a group's
+// they are half a percent slower (core/traverse/EXPERIMENTS.md).
 constexpr size_t kSeedBlocks = 4;
 
 static_assert(kGroupBlocks * 16 <= RayPacket::kMaxRays, "a group's boxes are a shaft's blocks");

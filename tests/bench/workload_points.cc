@@ -148,7 +148,7 @@ class PointWorkload : public Workload {
 
   uint64_t OurDigest() const override {
     uint64_t digest = 0;
-    for (const ShadowResult& range : ours_) digest = AddToDigest(digest, range.lit_bits);
+    for (size_t r = 0; r < ran_; ++r) digest = AddToDigest(digest, ours_[r].lit_bits);
     return digest;
   }
 
