@@ -88,8 +88,9 @@ class ShaftRays {
 
   ShaftRays(const IndexedGeometry& scene, Packet& packet) : packet_(packet), scene_(scene) {}
 
-  // Finds the frame and places the rays in it. `alone`: in one of their own, whatever neighbours have
-  // left. False: they do not fit (they spread too far around the origin, or have no direction).
+  // Finds the frame and places the rays in it. `alone`: in one of their own, whatever neighbours
+  // have left. False: they do not fit (they spread too far around the origin, or have no
+  // direction).
   bool Prepare(bool alone) {
     if constexpr (!kAny) {
       if (grid() != nullptr) {
