@@ -297,7 +297,8 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   const bool by_hulls =
       by_shafts && !choice.ShaftsAreRare() && hulls_.Find(s, /*alone=*/t_min_ != 0);
   // A hull's samples are as good as one for a block's frame.
-  if (!by_hulls || s == hulls_.begin()) seeds_.fill({});
+  if (!by_hulls || !seeds_by_block_ || s == hulls_.begin()) seeds_.fill({});
+  seeds_by_block_ = by_hulls;
   const ShaftCut* cut = nullptr;
   // Made for the first block that a walk has to answer.
   bool prepared = false;

@@ -234,8 +234,9 @@ class SampleTracer {
   std::unique_ptr<RayPacket[]> tile_packets_;
   std::vector<AnsweredBy> tile_answered_by_;  // By lane of these, where it is recorded.
   ShaftCut cut_;
-  // Of the sample that is being asked about, by so many blocks; of a hull's samples, by block.
+  // By block of a hull's samples, or of one sample by so many blocks.
   std::array<ShaftSeed, kGroupBlocks> seeds_;
+  bool seeds_by_block_ = false;
   ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
   double cycles_ = 0;  // What WalkChoice has learned.
   uint64_t rays_ = 0;

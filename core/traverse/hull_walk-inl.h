@@ -63,8 +63,10 @@ class HullWalk {
 
   // False: the rays fit no frame.
   bool Prepare() {
-    return rays_.Prepare(/*alone=*/true) &&
-           (rays_.Bound(rays_.all(), &bounds_) == 0 || rays_.Fits(bounds_));
+    if (!rays_.Prepare(/*alone=*/true)) return false;
+    if (rays_.Bound(rays_.all(), &bounds_) != 0 && !rays_.Fits(bounds_)) return false;
+    rays_.LeaveSeed();
+    return true;
   }
 
   // From rest->cut, where what is left to be walked sample by sample comes. REQUIRES: Prepare() was

@@ -237,11 +237,19 @@ class OriginLanes {
     has_frame_ = MakeShaftFrame(axis, sideways, &frame_);
   }
 
+  // Whether a neighbour's shaft has left a frame that may hold these rays.
+  bool HasSeed() const {
+    if (packet_.seed == nullptr || !packet_.seed->made || packet_.point_box == nullptr)
+      return false;
+    const Box3f& box = *packet_.point_box;
+    return packet_.seed->LeadsTo((box.lo + box.hi) * 0.5f - packet_.origin);
+  }
+
   // Finds the frame, and the groups' places in it.
   void PlaceGroups() {
     const D d;
     const size_t lanes = hn::Lanes(d);
-    if (packet_.seed != nullptr && packet_.seed->made) {
+    if (HasSeed()) {
       frame_ = packet_.seed->frame;
       has_frame_ = true;
     } else {

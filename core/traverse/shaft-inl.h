@@ -138,7 +138,8 @@ class ShaftWalk {
     if (!rays_.Prepare(alone)) return false;
     if constexpr (kAny) {
       ray_count_ = Take(rays_.all());
-      return ray_count_ == 0 || rays_.Fits(bounds_);
+      if (ray_count_ != 0 && !rays_.Fits(bounds_)) return false;
+      rays_.LeaveSeed();
     }
     return true;
   }

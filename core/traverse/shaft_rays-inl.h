@@ -102,7 +102,7 @@ class ShaftRays {
     const size_t lanes = hn::Lanes(d);
     const int count = packet_.count;
     padded_ = (count + lanes - 1) / lanes * lanes;
-    for (size_t i = count; i < padded_; ++i) PadLane(i, count - 1);
+    for (size_t i = count; i < padded_; ++i) packet_.PadLane(i, count - 1);
     if constexpr (kParallel) {
       apex_ = packet_.origin(count / 2);
       has_cap_ = true;
@@ -121,19 +121,15 @@ class ShaftRays {
         most_own_ = FarthestFrom(box, apex_);
       }
     }
-    ShaftSeed* const seed = kAny && has_cap_ ? packet_.seed : nullptr;
-    seeded_ = seed != nullptr && seed->made && !alone;
+    seeded_ = !alone && HasSeedFor(box);
     if (seeded_) {
-      frame_ = seed->frame;
-      cap_normal_ = seed->cap_normal;
+      frame_ = packet_.seed->frame;
+      cap_normal_ = packet_.seed->cap_normal;
     } else {
       // Lanes 0 and 3 are neighbours in a row of a tile; points come as they come.
       const Vec3d sideways = ToDouble(point(std::min(3, count - 1))) - ToDouble(point(0));
       if (!MakeShaftFrame(Axis(), sideways, &frame_)) return false;
       if (has_cap_) TurnCap();
-      if constexpr (kAny) {
-        if (seed != nullptr) *seed = {true, frame_, cap_normal_};
-      }
     }
     if (has_cap_) PlaceCap();
     if (!(has_cap_ ? Place<true>() : Place<false>())) return false;
@@ -180,8 +176,16 @@ class ShaftRays {
     }
   }
   bool has_cap() const { return has_cap_; }
-  // Whether there is a frame that neighbours have made.
+  // Whether the frame is one that neighbours have made.
   bool seeded() const { return seeded_; }
+  // Leaves it to them if it is not. REQUIRES: it holds the rays.
+  void LeaveSeed() {
+    if constexpr (kAny) {
+      if (!seeded_ && has_cap_ && packet_.seed != nullptr) {
+        *packet_.seed = {true, frame_, cap_normal_};
+      }
+    }
+  }
   Vec3f cap_normal() const { return cap_normal_; }
   Vec3f cap_at() const { return cap_at_; }
   const AxisCaps& axis_caps() const { return axis_caps_; }  // Any hit.
@@ -384,21 +388,6 @@ class ShaftRays {
     return {hn::Load(d, row(0) + at), hn::Load(d, row(1) + at), hn::Load(d, row(2) + at)};
   }
 
-  // Lanes out of use copy the last one in use, and are never active.
-  void PadLane(size_t lane, size_t last) {
-    if constexpr (kParallel) {
-      packet_.origin_x[lane] = packet_.origin_x[last];
-      packet_.origin_y[lane] = packet_.origin_y[last];
-      packet_.origin_z[lane] = packet_.origin_z[last];
-      packet_.origin_source[lane] = kNoTriangle;
-    } else {
-      packet_.target_x[lane] = packet_.target_x[last];
-      packet_.target_y[lane] = packet_.target_y[last];
-      packet_.target_z[lane] = packet_.target_z[last];
-      packet_.target_source[lane] = kNoTriangle;
-    }
-  }
-
   // Whether some lane has a source.
   bool FindSources() const {
     static_assert(kNoTriangle == 0xFFFFFFFFu, "all bits, so that And keeps it");
@@ -509,6 +498,12 @@ class ShaftRays {
         axis_caps_.CapSegments(k, up, LeastIn(box, k, up), up ? from : -from);
       }
     }
+  }
+
+  // Whether neighbours have left a frame that may hold what is in this box.
+  bool HasSeedFor(const Box3f& box) const {
+    if (!kAny || !has_cap_ || packet_.seed == nullptr || !packet_.seed->made) return false;
+    return kParallel || packet_.seed->LeadsTo((box.lo + box.hi) * 0.5f - apex_);
   }
 
   // The receivers' cap: along the mean of some of their sources' normals, so that it lies on their

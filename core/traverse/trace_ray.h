@@ -122,6 +122,13 @@ struct alignas(64) RayPacket {
     return ray;
   }
   uint32_t source(int lane) const { return sourceless ? kNoTriangle : target_source[lane]; }
+  // A lane out of use as a copy of one that is not, so that whole vectors can be asked about.
+  void PadLane(size_t lane, size_t as) {
+    target_x[lane] = target_x[as];
+    target_y[lane] = target_y[as];
+    target_z[lane] = target_z[as];
+    target_source[lane] = kNoTriangle;
+  }
   Hit hit(int lane) const { return {t[lane], triangle[lane]}; }
 
   // The question of `lanes` lanes from `first` on, as another packet's, which has no grid. What
@@ -169,7 +176,7 @@ struct alignas(64) ParallelPacket {
   const uint16_t* unasked = nullptr;         // As in RayPacket.
   const ClearToward* clear = nullptr;        // As in RayPacket.
   uint16_t* blocked = nullptr;               // As in RayPacket.
-  ShaftSeed* seed = nullptr;                 // As in RayPacket.
+  ShaftSeed* seed = nullptr;                 // As in RayPacket; of shafts alone.
   const ShaftCut* cut = nullptr;             // As in RayPacket.
   alignas(64) float origin_x[kMaxRays], origin_y[kMaxRays], origin_z[kMaxRays];
   alignas(64) uint32_t origin_source[kMaxRays];  // kNoTriangle: none.
@@ -200,6 +207,12 @@ struct alignas(64) ParallelPacket {
   Vec3f origin(int lane) const { return {origin_x[lane], origin_y[lane], origin_z[lane]}; }
   PredicateRay ray(int lane) const { return PredicateRay::Ray(origin(lane), direction); }
   uint32_t source(int lane) const { return sourceless ? kNoTriangle : origin_source[lane]; }
+  void PadLane(size_t lane, size_t as) {  // As in RayPacket.
+    origin_x[lane] = origin_x[as];
+    origin_y[lane] = origin_y[as];
+    origin_z[lane] = origin_z[as];
+    origin_source[lane] = kNoTriangle;
+  }
   // The lane's ray by itself.
   TraceRay trace_ray(int lane) const {
     return {

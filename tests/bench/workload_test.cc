@@ -13,7 +13,8 @@
 namespace sightline::bench {
 namespace {
 
-// Units differ in how many ranges they have: views see different parts of a scene.
+// Units of shadows, suns and area lights differ in how many ranges they have: views see different
+// parts of a scene.
 TEST(WorkloadTest, ADigestIsOfTheLastRunAlone) {
   ThreadPool pool(2);
   auto source = ReadScene("builtin:sphere:20000", "");
