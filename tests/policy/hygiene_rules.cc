@@ -104,6 +104,10 @@ std::vector<std::string> CheckNoLeftovers(const SourceFile& file) {
 }
 
 std::vector<std::string> CheckLength(const SourceFile& file) {
+  const auto is_blank = [](const std::string& line) { return line.empty(); };
+  if (file.HasExtension(".md") && std::ranges::all_of(file.lines, is_blank)) {
+    return {Finding(file, 0, "holds nothing")};
+  }
   if (file.lines.size() <= kMaxLines || file.HasExtension("LICENSE")) return {};
   const auto is_listed = [&](const LongFile& entry) { return entry.path == file.path; };
   if (std::ranges::any_of(kLongFiles, is_listed)) return {};

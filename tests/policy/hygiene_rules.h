@@ -24,7 +24,8 @@ std::vector<std::string> CheckNoMachinePaths(const SourceFile& file);
 // Nothing is left to be done later in the text of the code.
 std::vector<std::string> CheckNoLeftovers(const SourceFile& file);
 
-// Sources of more than 600 lines are listed, with the reason, in hygiene_rules.cc.
+// Sources of more than 600 lines are listed, with the reason, in hygiene_rules.cc. Documents hold
+// something.
 std::vector<std::string> CheckLength(const SourceFile& file);
 
 // C++ and proto: 100 columns (code points), no tabs, no blanks at line ends.

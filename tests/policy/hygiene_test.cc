@@ -86,6 +86,8 @@ TEST(HygieneTest, PlantedLength) {
   std::string text(600, '\n');
   EXPECT_THAT(CheckLength(MakeFile("core/a.cc", text)), IsEmpty());
   EXPECT_THAT(CheckLength(MakeFile("core/a.cc", text + "x")), ElementsAre(HasSubstr("601 lines")));
+  EXPECT_THAT(CheckLength(MakeFile("core/a.md", "\n")), ElementsAre(HasSubstr("holds nothing")));
+  EXPECT_THAT(CheckLength(MakeFile("core/a.md", "# A\n")), IsEmpty());
 }
 
 TEST(HygieneTest, PlantedLines) {
