@@ -26,6 +26,7 @@ class ShaftSeedTest : public KernelsFixture {
   template <class Packet, class TracePacket>
   void Check(const IndexedGeometry& scene, Packet* packet, const TracePacket& trace) {
     std::vector<TraceRay> queries;
+    queries.reserve(RayPacket::kMaxRays);
     for (int lane = 0; lane < packet->count; ++lane) queries.push_back(packet->trace_ray(lane));
     std::vector<Hit> truth(queries.size());
     WalkStats stats;
