@@ -40,6 +40,24 @@ class ShaftSeedTest : public KernelsFixture {
     }
   }
 
+  // trace_packets(scene, rays, seed) of some groups of packets, each of which has a seed.
+  template <class TracePackets>
+  void ForEachGroup(const TracePackets& trace_packets) {
+    int64_t seeds = 0;
+    for (const NastyScene& scene : MakeNastyScenes(rng_)) {
+      SCOPED_TRACE(scene.name);
+      NastyRays rays(scene.indexed, rng_);
+      for (int64_t group = 0, groups = ScaledCount(12, 2); group < groups; ++group) {
+        ShaftSeed seed;
+        trace_packets(scene.indexed, rays, &seed);
+        seeds += seed.made ? 1 : 0;
+      }
+    }
+    EXPECT_GT(seeds, 0);
+    EXPECT_GT(blocked_, lit_ / 20);
+    EXPECT_GT(lit_, blocked_ / 20);
+  }
+
   // Now and then all of a packet's points are near one, so that it fits some frame.
   Vec3f Near(Vec3f middle) {
     Vec3f point = middle;
@@ -56,84 +74,64 @@ SIGHTLINE_FOR_EACH_TARGET(ShaftSeedTest);
 
 TEST_P(ShaftSeedTest, SegmentsThatShareOneGiveBruteForcesAnswers) {
   const auto packet = std::make_unique<RayPacket>();
-  int64_t seeds = 0;
-  for (const NastyScene& scene : MakeNastyScenes(rng_)) {
-    SCOPED_TRACE(scene.name);
-    NastyRays rays(scene.indexed, rng_);
-    for (int64_t group = 0, groups = ScaledCount(12, 2); group < groups; ++group) {
-      ShaftSeed seed;
-      const Vec3f origin = rays.Point();
-      const uint32_t source = rays.Source();
-      for (int i = 0; i < 5; ++i) {
-        rays.FillPacket(
-            rng_.Chance(0.5) ? RayPacket::kMaxRays : 1 + static_cast<int>(rng_.Below(256)),
-            packet.get());
-        if (rng_.Chance(0.6)) {
-          const Vec3f middle = rays.Point();
-          for (int lane = 0; lane < packet->count; ++lane) {
-            const Vec3f point = Near(middle);
-            packet->target_x[lane] = point.x;
-            packet->target_y[lane] = point.y;
-            packet->target_z[lane] = point.z;
-          }
-        }
-        // As a light's samples have it, now and then.
-        packet->origin = rng_.Chance(0.7) ? origin : Near(origin);
-        packet->origin_source = source;
-        packet->segments = true;
-        packet->seed = &seed;
-        using Walk = decltype(kernels().occluded_packet);
-        for (const Walk walk : {kernels().occluded_packet, Walk{nullptr}}) {
-          Check(scene.indexed, packet.get(), [&] {
-            WalkStats stats;
-            return walk != nullptr
-                       ? walk(scene.indexed, *packet, nullptr, &stats)
-                       : kernels().occluded_shaft(scene.indexed, *packet, nullptr, nullptr, &stats);
-          });
-        }
+  ForEachGroup([&](const IndexedGeometry& scene, NastyRays& rays, ShaftSeed* seed) {
+    const Vec3f origin = rays.Point();
+    const uint32_t source = rays.Source();
+    for (int i = 0; i < 5; ++i) {
+      rays.FillPacket(
+          rng_.Chance(0.5) ? RayPacket::kMaxRays : 1 + static_cast<int>(rng_.Below(256)),
+          packet.get());
+      const bool narrow = rng_.Chance(0.6);
+      const Vec3f middle = rays.Point();
+      Box3f box;
+      for (int lane = 0; lane < packet->count; ++lane) {
+        const Vec3f point = narrow ? Near(middle) : packet->target(lane);
+        packet->target_x[lane] = point.x;
+        packet->target_y[lane] = point.y;
+        packet->target_z[lane] = point.z;
+        box.Extend(point);
       }
-      seeds += seed.made ? 1 : 0;
+      // As a light's samples have it, now and then.
+      packet->origin = rng_.Chance(0.7) ? origin : Near(origin);
+      packet->origin_source = source;
+      packet->segments = true;
+      packet->point_box = &box;  // Without it packets' walks take no seed.
+      packet->seed = seed;
+      Check(scene, packet.get(), [&] {
+        WalkStats stats;
+        return kernels().occluded_packet(scene, *packet, nullptr, &stats);
+      });
+      Check(scene, packet.get(), [&] {
+        WalkStats stats;
+        return kernels().occluded_shaft(scene, *packet, nullptr, nullptr, &stats);
+      });
     }
-  }
-  EXPECT_GT(seeds, 0);
-  EXPECT_GT(blocked_, lit_ / 20);
-  EXPECT_GT(lit_, blocked_ / 20);
+  });
 }
 
 TEST_P(ShaftSeedTest, ParallelRaysThatShareOneGiveBruteForcesAnswers) {
   const auto packet = std::make_unique<ParallelPacket>();
-  int64_t seeds = 0;
-  for (const NastyScene& scene : MakeNastyScenes(rng_)) {
-    SCOPED_TRACE(scene.name);
-    NastyRays rays(scene.indexed, rng_);
-    for (int64_t group = 0, groups = ScaledCount(12, 2); group < groups; ++group) {
-      ShaftSeed seed;
-      packet->direction = rays.Target(rays.Point(), /*segment=*/false);
-      packet->direction_source = rays.Source();
-      packet->seed = &seed;
-      for (int i = 0; i < 5; ++i) {
-        packet->count = 1 + static_cast<int>(rng_.Below(RayPacket::kMaxRays));
-        const Vec3f middle = rays.Point();
-        const bool narrow = rng_.Chance(0.7);
-        for (int lane = 0; lane < packet->count; ++lane) {
-          const Vec3f origin = narrow ? Near(middle) : rays.Point();
-          packet->origin_x[lane] = origin.x;
-          packet->origin_y[lane] = origin.y;
-          packet->origin_z[lane] = origin.z;
-          packet->origin_source[lane] = rays.Source();
-        }
-        Check(scene.indexed, packet.get(), [&] {
-          WalkStats stats;
-          return kernels().occluded_parallel_shaft(scene.indexed, *packet, nullptr, nullptr,
-                                                   &stats);
-        });
+  ForEachGroup([&](const IndexedGeometry& scene, NastyRays& rays, ShaftSeed* seed) {
+    packet->direction = rays.Target(rays.Point(), /*segment=*/false);
+    packet->direction_source = rays.Source();
+    packet->seed = seed;
+    for (int i = 0; i < 5; ++i) {
+      packet->count = 1 + static_cast<int>(rng_.Below(RayPacket::kMaxRays));
+      const Vec3f middle = rays.Point();
+      const bool narrow = rng_.Chance(0.7);
+      for (int lane = 0; lane < packet->count; ++lane) {
+        const Vec3f origin = narrow ? Near(middle) : rays.Point();
+        packet->origin_x[lane] = origin.x;
+        packet->origin_y[lane] = origin.y;
+        packet->origin_z[lane] = origin.z;
+        packet->origin_source[lane] = rays.Source();
       }
-      seeds += seed.made ? 1 : 0;
+      Check(scene, packet.get(), [&] {
+        WalkStats stats;
+        return kernels().occluded_parallel_shaft(scene, *packet, nullptr, nullptr, &stats);
+      });
     }
-  }
-  EXPECT_GT(seeds, 0);
-  EXPECT_GT(blocked_, lit_ / 20);
-  EXPECT_GT(lit_, blocked_ / 20);
+  });
 }
 
 // A frame at the origin holds what is within some sixty degrees of its axis.
