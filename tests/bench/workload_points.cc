@@ -9,6 +9,7 @@
 // peer cannot be told: both then answer the same question. The points are placed off their
 // surfaces, so that neither needs to know.
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <utility>
 
@@ -29,9 +30,11 @@ constexpr int kBoxLights = 64;
 // Queries of one unit of `points`, at least: some tenths of a second of the slower side.
 constexpr uint64_t kUnitQueries = 16'000'000;
 
-// Parts of a unit's ranges that each thread takes, one after another. A part's ranges follow one
-// another, so that each call is told what comes next.
-constexpr size_t kTurns = 16;
+// A thread takes such a part of its share of a unit's ranges that nobody has taken yet, time and
+// again: ranges that follow one another, so that each call is told what comes next. The last ones
+// are handed out one by one, as tiles of other workloads are, so that no thread waits long for
+// another.
+constexpr size_t kShareOfRest = 2;
 
 constexpr size_t kPeerPoints = 1 << 16;
 static_assert(kPeerPoints % 8 == 0, "a bit each, in bytes");
@@ -91,17 +94,15 @@ class PointWorkload : public Workload {
 
   void RunOurs(size_t unit) override {
     ran_ = units_[unit].ranges;
-    const size_t turns = kTurns * static_cast<size_t>(pool_.threads());
-    pool_.ParallelFor(ran_, (ran_ + turns - 1) / turns, [&](size_t begin, size_t end) {
-      const PointSet& set = sets_[units_[unit].set];
-      ShadowHints hints;
-      for (size_t r = begin; r < end; ++r) {
-        ShadowOptions shadow = {.hints = &hints};
-        if (r + 1 < ran_) shadow.next = set.Slice(RangeOf(unit, r + 1));
-        const absl::Status status =
-            ComputeShadows(scene_, set.Slice(RangeOf(unit, r)), units_[unit].samples, {}, shadow,
-                           {.bits = true}, options(), &ours_[r]);
-        SIGHTLINE_CHECK(status.ok()) << status;
+    const size_t threads = static_cast<size_t>(pool_.threads());
+    std::atomic<size_t> taken = 0;
+    pool_.ParallelFor(threads, 1, [&](size_t, size_t) {
+      size_t begin = taken.load(std::memory_order_relaxed);
+      while (begin < ran_) {
+        const size_t some = std::max<size_t>((ran_ - begin) / (kShareOfRest * threads), 1);
+        if (!taken.compare_exchange_weak(begin, begin + some, std::memory_order_relaxed)) continue;
+        RunRanges(unit, begin, begin + some);
+        begin = taken.load(std::memory_order_relaxed);
       }
     });
   }
@@ -155,6 +156,20 @@ class PointWorkload : public Workload {
  private:
   const PointSet::Range& RangeOf(size_t unit, size_t r) const {
     return sets_[units_[unit].set].ranges[units_[unit].first_range + r];
+  }
+
+  // Ranges that follow one another.
+  void RunRanges(size_t unit, size_t begin, size_t end) {
+    const PointSet& set = sets_[units_[unit].set];
+    ShadowHints hints;
+    for (size_t r = begin; r < end; ++r) {
+      ShadowOptions shadow = {.hints = &hints};
+      if (r + 1 < ran_) shadow.next = set.Slice(RangeOf(unit, r + 1));
+      const absl::Status status =
+          ComputeShadows(scene_, set.Slice(RangeOf(unit, r)), units_[unit].samples, {}, shadow,
+                         {.bits = true}, options(), &ours_[r]);
+      SIGHTLINE_CHECK(status.ok()) << status;
+    }
   }
 
   // Every light_step-th sample: rows of the others stay as they are.
