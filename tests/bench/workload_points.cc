@@ -30,10 +30,9 @@ constexpr int kBoxLights = 64;
 // Queries of one unit of `points`, at least: some tenths of a second of the slower side.
 constexpr uint64_t kUnitQueries = 16'000'000;
 
-// A thread takes such a part of its share of a unit's ranges that nobody has taken yet, time and
-// again: ranges that follow one another, so that each call is told what comes next. The last ones
-// are handed out one by one, as tiles of other workloads are, so that no thread waits long for
-// another.
+// Ranges are handed out in runs, so that each call is told what comes next: time and again a thread
+// takes one in so many of its share of those that are left. The last runs are of one range each, as
+// tiles of other workloads are, so that no thread waits long for another.
 constexpr size_t kShareOfRest = 2;
 
 constexpr size_t kPeerPoints = 1 << 16;
@@ -158,7 +157,7 @@ class PointWorkload : public Workload {
     return sets_[units_[unit].set].ranges[units_[unit].first_range + r];
   }
 
-  // Ranges that follow one another.
+  // A run of ranges.
   void RunRanges(size_t unit, size_t begin, size_t end) {
     const PointSet& set = sets_[units_[unit].set];
     ShadowHints hints;
