@@ -4,8 +4,8 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/parallel.h"
 #include "gtest/gtest.h"
+#include "tests/bench/test_scene.h"
 #include "tests/bench/workload.h"
 #include "tests/support/random.h"
 
@@ -89,14 +89,10 @@ TEST(PeerOrderTest, EqualAndFlatPointsKeepTheirOrder) {
 
 // Sorted or not, in any mode, the peer says the same of every point.
 TEST(PeerOrderTest, SortedModesGiveTheSameBits) {
-  const auto source = ReadScene("builtin:sphere:3000", "");
-  ASSERT_TRUE(source.ok()) << source.status();
-  ThreadPool pool(2);
-  const auto scene = IndexScene(*source, {}, pool);
-  ASSERT_TRUE(scene.ok()) << scene.status();
+  TestScene sphere("builtin:sphere:3000");
   const auto device = EmbreeDevice::Open(2, SimdTarget::kBest);
   ASSERT_TRUE(device.ok()) << device.status();
-  const PeerMesh mesh(scene->geometry);
+  const PeerMesh mesh(sphere.scene.geometry);
   const auto peer = EmbreeScene::Build(**device, mesh, {});
   ASSERT_TRUE(peer.ok()) << peer.status();
   WorkloadSpec spec;
@@ -104,7 +100,7 @@ TEST(PeerOrderTest, SortedModesGiveTheSameBits) {
   spec.points = 1001;
   spec.lights = "lights";
   spec.shuffled = true;
-  const auto workload = MakeWorkload(spec, *source, *scene, pool);
+  const auto workload = MakeWorkload(spec, sphere.source, sphere.scene, sphere.pool);
   ASSERT_TRUE(workload.ok()) << workload.status();
   size_t sorted = 0;
   for (const PeerMode mode : (*workload)->peer_modes()) {

@@ -8,21 +8,14 @@
 
 #include "core/base/check.h"
 #include "gtest/gtest.h"
-#include "tests/bench/bench_scene.h"
+#include "tests/bench/test_scene.h"
 #include "tests/bench/workload.h"
 
 namespace sightline::bench {
 namespace {
 
-struct Hall {
-  Hall() : pool(2) {
-    auto read = ReadScene("builtin:hall:30000", "");
-    SIGHTLINE_CHECK(read.ok()) << read.status();
-    source = *std::move(read);
-    auto built = IndexScene(source, {}, pool);
-    SIGHTLINE_CHECK(built.ok()) << built.status();
-    scene = *std::move(built);
-  }
+struct Hall : TestScene {
+  Hall() : TestScene("builtin:hall:30000") {}
   // The first view's.
   Camera View(uint32_t width, uint32_t height) const {
     const BuiltinView& view = source.views[0];
@@ -30,9 +23,6 @@ struct Hall {
     SIGHTLINE_CHECK(camera.ok()) << camera.status();
     return *camera;
   }
-  ThreadPool pool;
-  SceneSource source;
-  IndexedGeometry scene;
 };
 
 bool Same(Vec3f a, Vec3f b) { return a.x == b.x && a.y == b.y && a.z == b.z; }

@@ -9,43 +9,29 @@
 
 #include "core/base/check.h"
 #include "gtest/gtest.h"
-#include "tests/bench/bench_scene.h"
+#include "tests/bench/test_scene.h"
 
 namespace sightline::bench {
 namespace {
 
-class WorkloadTest : public ::testing::Test {
- protected:
-  void SetUp() override {
-    auto source = ReadScene("builtin:sphere:20000", "");
-    ASSERT_TRUE(source.ok()) << source.status();
-    source_ = *std::move(source);
-    auto scene = IndexScene(source_, {}, pool_);
-    ASSERT_TRUE(scene.ok()) << scene.status();
-    scene_ = *std::move(scene);
-  }
-
-  // A small view's.
-  std::unique_ptr<Workload> Make(const std::string& name, ThreadPool& pool) {
-    WorkloadSpec spec;
-    spec.name = name;
-    spec.width = 300;
-    spec.height = 200;
-    auto made = MakeWorkload(spec, source_, scene_, pool);
-    SIGHTLINE_CHECK(made.ok()) << made.status();
-    return *std::move(made);
-  }
-
-  ThreadPool pool_{2};
-  SceneSource source_;
-  IndexedGeometry scene_;
-};
+// A small view's.
+std::unique_ptr<Workload> MakeSmall(const std::string& name, const TestScene& from,
+                                    ThreadPool& pool) {
+  WorkloadSpec spec;
+  spec.name = name;
+  spec.width = 300;
+  spec.height = 200;
+  auto made = MakeWorkload(spec, from.source, from.scene, pool);
+  SIGHTLINE_CHECK(made.ok()) << made.status();
+  return *std::move(made);
+}
 
 // Units of these differ in how many ranges they have: views see different parts of a scene.
-TEST_F(WorkloadTest, ADigestIsOfTheLastRunAlone) {
+TEST(WorkloadTest, ADigestIsOfTheLastRunAlone) {
+  TestScene sphere("builtin:sphere:20000");
   for (const std::string name : {"shadow", "sun", "area"}) {
     SCOPED_TRACE(name);
-    const std::unique_ptr<Workload> workload = Make(name, pool_);
+    const std::unique_ptr<Workload> workload = MakeSmall(name, sphere, sphere.pool);
     for (size_t unit = 0; unit < workload->units(); ++unit) {
       workload->RunOurs(unit);
       const uint64_t digest = workload->OurDigest();
@@ -56,13 +42,14 @@ TEST_F(WorkloadTest, ADigestIsOfTheLastRunAlone) {
   }
 }
 
-TEST_F(WorkloadTest, ThreadsTakeAllRangesBetweenThem) {
+TEST(WorkloadTest, ThreadsTakeAllRangesBetweenThem) {
+  const TestScene sphere("builtin:sphere:20000");
   ThreadPool one(1);
-  const std::unique_ptr<Workload> alone = Make("shadow", one);
+  const std::unique_ptr<Workload> alone = MakeSmall("shadow", sphere, one);
   for (const int threads : {2, 3, 7}) {
     SCOPED_TRACE(threads);
     ThreadPool several(threads);
-    const std::unique_ptr<Workload> together = Make("shadow", several);
+    const std::unique_ptr<Workload> together = MakeSmall("shadow", sphere, several);
     for (size_t unit = 0; unit < alone->units(); ++unit) {
       alone->RunOurs(unit);
       together->RunOurs(unit);
