@@ -75,13 +75,9 @@ class SampleTracer {
                  std::span<const uint32_t> tile_ends = {});
 
   // What is to be read next, of points to come: fetched bit by bit while the coming sample's blocks
-  // are walked. Kept by reference until then.
+  // are asked about. Kept by reference until then.
   void FetchMeanwhile(std::span<const Vec3f> positions, std::span<const uint32_t> sources,
-                      std::span<const uint8_t> valid) {
-    coming_positions_ = positions;
-    coming_sources_ = sources;
-    coming_valid_ = valid;
-  }
+                      std::span<const uint8_t> valid);
 
   // Sample s. One that is a point starts the segments, one that is a direction is what rays from
   // the points run toward. REQUIRES: it is valid. On success triangle(i) is the first blocker of
@@ -163,9 +159,11 @@ class SampleTracer {
   size_t CoverBlocks(size_t s, size_t b, uint32_t mask, StatsScope* scope);
   // Around the points of a block, as they lie.
   const Box3f& BoxOf(size_t block);
-  // The share of the coming points that is asked for while a block is traced.
-  GradualFetch ComingOf(size_t block) const;
-  // walk(packet) of a block, while that is asked for.
+  // How many of the points to come may be asked for while block b is, so many groups ahead.
+  size_t Ahead(size_t groups, size_t b) const;
+  // A few of them, while no walk is under way.
+  void FetchSome();
+  // walk(packet) of a block, while some are asked for.
   template <class Packet, class Walk>
   absl::Status FetchWhile(size_t block, Packet* packet, const Walk& walk);
   // If nothing came near most blocks of the last group, asks about all of this one at once: those
@@ -208,9 +206,7 @@ class SampleTracer {
   QueryStats* const stats_;
   std::span<const Vec3f> positions_;
   std::span<const uint32_t> sources_, tile_ends_;
-  std::span<const Vec3f> coming_positions_;
-  std::span<const uint32_t> coming_sources_;
-  std::span<const uint8_t> coming_valid_;
+  GradualFetch coming_;
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
   // Where the last results are: a block's in its packet, or in bits alone, of the points blocked.

@@ -79,11 +79,11 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
   return absl::OkStatus();
 }
 
-// Has the tracer fetch at most `most` of the points from `first` on while it asks about others.
-void FetchMeanwhile(const PointRange& points, size_t first, size_t most, SampleTracer* tracer) {
-  const size_t count = std::min(most, points.positions.size() - first);
-  tracer->FetchMeanwhile(points.positions.subspan(first, count),
-                         PartOf(points.sources, first, count), PartOf(points.valid, first, count));
+// Has the tracer fetch points from `first` on while it asks about others.
+void FetchMeanwhile(const PointRange& points, size_t first, SampleTracer* tracer) {
+  const size_t count = points.positions.size() - first;
+  tracer->FetchMeanwhile(points.positions.subspan(first), PartOf(points.sources, first, count),
+                         PartOf(points.valid, first, count));
 }
 
 }  // namespace
@@ -179,7 +179,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
       if (!samples[s].valid) continue;
       if (s == last_sample && (!ordered || next == end)) {
         const bool last = next == end;
-        FetchMeanwhile(last ? shadow.next : points, last ? 0 : next, group, &tracer);
+        FetchMeanwhile(last ? shadow.next : points, last ? 0 : next, &tracer);
       }
       SL_RETURN_IF_ERROR(tracer.Trace(s));
       if (outputs.bits) {

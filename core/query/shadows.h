@@ -57,6 +57,7 @@ struct ShadowHints {
   std::vector<uint8_t> clear;          // By sample: how many of a group's blocks nothing came near.
   WalkChoices walks;                   // By light, counted from 0.
   float ray_cost = 0;                  // Cycles a ray, about, in the order given; 0: not known.
+  uintptr_t fetched = 0;               // Up to where points to come were asked for (GradualFetch).
 };
 
 struct ShadowOptions {
@@ -69,9 +70,12 @@ struct ShadowOptions {
   // What the points before these left behind, taken over and left to those that follow; may be
   // null.
   ShadowHints* hints = nullptr;
-  // The points of the call to come, brought into the cache while those of this one are walked:
-  // where they lie in memory, waiting for them costs a light a tenth of its time. May be empty, and
-  // need only outlive this call.
+  // The points that come next, in that order: those of the call to come and, where they are known
+  // and lie behind each other, of those after it. Some of them, up to four groups of 4,096, are
+  // brought into the cache while those of this call are walked for, which takes less than waiting
+  // for them: where points lie in memory, that is a tenth of a light's time, and half of it where
+  // next to no walk is needed. Hints say up to where that was done. May be empty, and need only
+  // outlive this call.
   PointRange next = {};
 };
 

@@ -157,13 +157,20 @@ class PointWorkload : public Workload {
     return sets_[units_[unit].set].ranges[units_[unit].first_range + r];
   }
 
+  // The points of ranges begin .. end - 1.
+  PointSet::Range RangesOf(size_t unit, size_t begin, size_t end) const {
+    const PointSet::Range& first = RangeOf(unit, begin);
+    const PointSet::Range& last = RangeOf(unit, end - 1);
+    return {first.begin, last.begin + last.count - first.begin};
+  }
+
   // A run of ranges.
   void RunRanges(size_t unit, size_t begin, size_t end) {
     const PointSet& set = sets_[units_[unit].set];
     ShadowHints hints;
     for (size_t r = begin; r < end; ++r) {
       ShadowOptions shadow = {.hints = &hints};
-      if (r + 1 < ran_) shadow.next = set.Slice(RangeOf(unit, r + 1));
+      if (r + 1 < ran_) shadow.next = set.Slice(RangesOf(unit, r + 1, ran_));
       const absl::Status status =
           ComputeShadows(scene_, set.Slice(RangeOf(unit, r)), units_[unit].samples, {}, shadow,
                          {.bits = true}, options(), &ours_[r]);

@@ -440,6 +440,28 @@ TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
       }
     }
   }
+  // A light whose points come range by range, each told of all that follow: what was asked for goes
+  // on from call to call, ahead of what is read, but not far.
+  const std::span<const Vec3f> all(rows.positions);
+  ShadowHints before;
+  for (const size_t size : {size_t{1000}, size_t{4096}, size_t{9001}}) {
+    for (size_t first = 0; first < all.size(); first += size) {
+      const size_t count = std::min(size, all.size() - first);
+      const PointRange some{all.subspan(first, count), {}, {}};
+      const PointRange rest{all.subspan(first + count), {}, {}};
+      const std::span<const LightSample> one(samples.data(), 1);
+      ASSERT_TRUE(ComputeShadows(scene, some, one, {}, {.ordered = true}, {}, {}, &plain).ok());
+      ASSERT_TRUE(ComputeShadows(scene, some, one, {},
+                                 {.ordered = true, .hints = &before, .next = rest}, {}, {}, &hinted)
+                      .ok());
+      EXPECT_EQ(hinted.lit_bits, plain.lit_bits) << size << " from " << first;
+      if (rest.positions.empty()) continue;
+      const uintptr_t end = reinterpret_cast<uintptr_t>(rest.positions.data());
+      EXPECT_GE(before.fetched, end);
+      EXPECT_LE(before.fetched, end + 6 * 4096 * sizeof(Vec3f));
+    }
+    EXPECT_GT(before.fetched, reinterpret_cast<uintptr_t>(all.data()));
+  }
   // Rays that were dear have the next points ordered, whose own costs are told again.
   const PointRange in_rows{rows.positions, rows.sources, rows.valid};
   const std::span<const LightSample> light(samples.data(), 1);

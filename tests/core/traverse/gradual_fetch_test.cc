@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "core/geometry/vec3.h"
 #include "gtest/gtest.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
@@ -21,25 +22,53 @@ size_t Steps(GradualFetch fetch) {
   return steps;
 }
 
-TEST(GradualFetchTest, AsksForEveryRowInTurn) {
-  const std::vector<uint8_t> bytes(1000);
-  const std::span<const uint8_t> row(bytes);
-  GradualFetch fetch;
-  EXPECT_TRUE(fetch.done());
-  EXPECT_EQ(Steps(fetch), 0u);
-  fetch.Add(row.first(0));
-  EXPECT_TRUE(fetch.done());
-  // Eight lines of 64 bytes a step.
-  fetch.Add(row.first(1));
-  EXPECT_EQ(Steps(fetch), 1u);
-  fetch.Add(row.first(512));
-  EXPECT_EQ(Steps(fetch), 2u);
-  fetch.Add(row.first(513));
-  EXPECT_EQ(Steps(fetch), 4u);
-  fetch.Some();
-  EXPECT_EQ(Steps(fetch), 3u);
-  fetch.All();
-  EXPECT_TRUE(fetch.done());
+// As many points a step, up to the one that is named, or the last.
+TEST(GradualFetchTest, AsksForPointsUpToOne) {
+  constexpr size_t kStep = GradualFetch::kPointsAtOnce;
+  const std::vector<Vec3f> positions(10 * kStep);
+  const std::vector<uint32_t> sources(positions.size());
+  const std::vector<uint8_t> valid(positions.size());
+  GradualFetch none;
+  none.Until(100);
+  EXPECT_TRUE(none.done());
+  none.Some();
+  EXPECT_EQ(none.at(), 0u);
+  for (const bool all : {false, true}) {
+    GradualFetch fetch(positions, all ? std::span(sources) : std::span<const uint32_t>(),
+                       all ? std::span(valid) : std::span<const uint8_t>());
+    EXPECT_TRUE(fetch.done());
+    fetch.Until(1);
+    EXPECT_EQ(Steps(fetch), 1u);
+    fetch.Until(2 * kStep);
+    EXPECT_EQ(Steps(fetch), 2u);
+    fetch.Until(2 * kStep + 1);
+    EXPECT_EQ(Steps(fetch), 3u);
+    fetch.Some();
+    EXPECT_EQ(Steps(fetch), 2u);
+    EXPECT_EQ(fetch.at(), reinterpret_cast<uintptr_t>(&positions[kStep]));
+    fetch.Until(1);
+    EXPECT_TRUE(fetch.done());
+    fetch.Until(100 * kStep);
+    EXPECT_EQ(Steps(fetch), 9u);
+    while (!fetch.done()) fetch.Some();
+    EXPECT_EQ(fetch.at(), reinterpret_cast<uintptr_t>(positions.data() + positions.size()));
+  }
+}
+
+// From where another was, if that is one of these points or just behind them.
+TEST(GradualFetchTest, GoesOnWhereAnotherWas) {
+  const std::vector<Vec3f> positions(3 * GradualFetch::kPointsAtOnce);
+  const auto address = [&](size_t i) { return reinterpret_cast<uintptr_t>(positions.data() + i); };
+  const auto resumed = [&](uintptr_t at) {
+    GradualFetch fetch(std::span(positions).subspan(7), {}, {});
+    fetch.Resume(at);
+    return fetch.at();
+  };
+  EXPECT_EQ(resumed(address(9)), address(9));
+  EXPECT_EQ(resumed(address(positions.size())), address(positions.size()));
+  EXPECT_EQ(resumed(address(6)), address(7));
+  EXPECT_EQ(resumed(address(positions.size()) + sizeof(Vec3f)), address(7));
+  EXPECT_EQ(resumed(0), address(7));
 }
 
 class WalkThatFetchesTest : public KernelsFixture {};
@@ -71,13 +100,13 @@ TEST_P(WalkThatFetchesTest, AnswersAsOneThatDoesNot) {
     segments->target_z[lane] = rays->origin_z[lane] = p.z;
     segments->target_source[lane] = rays->origin_source[lane] = kNoTriangle;
   }
-  const std::vector<float> row(1 << 16);
+  const std::vector<Vec3f> coming(1 << 16);
   const auto check = [&](auto& packet, const auto& trace) {
     packet.first_leaf = RayPacket::kNoLeaf;
     trace();
     const std::vector<uint32_t> without(packet.triangle, packet.triangle + packet.count);
-    GradualFetch fetch;
-    fetch.Add(std::span<const float>(row));
+    GradualFetch fetch(coming, {}, {});
+    fetch.Until(coming.size());
     const size_t before = Steps(fetch);
     packet.first_leaf = RayPacket::kNoLeaf;
     packet.meanwhile = &fetch;
