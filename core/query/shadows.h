@@ -57,7 +57,8 @@ struct ShadowHints {
   std::vector<uint8_t> clear;          // By sample: how many of a group's blocks nothing came near.
   WalkChoices walks;                   // By light, counted from 0.
   float ray_cost = 0;                  // Cycles a ray, about, in the order given; 0: not known.
-  uintptr_t fetched = 0;               // Up to where points to come were asked for (GradualFetch).
+  uintptr_t fetched = 0;               // Up to which address points to come were fetched; compared
+                                       // with those of the next call's, never followed.
 };
 
 struct ShadowOptions {

@@ -34,8 +34,9 @@ TEST(GradualFetchTest, AsksForPointsUpToOne) {
   none.Some();
   EXPECT_EQ(none.at(), 0u);
   for (const bool all : {false, true}) {
-    GradualFetch fetch(positions, all ? std::span(sources) : std::span<const uint32_t>(),
-                       all ? std::span(valid) : std::span<const uint8_t>());
+    using Sources = std::span<const uint32_t>;
+    using Valid = std::span<const uint8_t>;
+    GradualFetch fetch(positions, all ? Sources(sources) : Sources(), all ? Valid(valid) : Valid());
     EXPECT_TRUE(fetch.done());
     fetch.Until(1);
     EXPECT_EQ(Steps(fetch), 1u);
@@ -60,7 +61,7 @@ TEST(GradualFetchTest, GoesOnWhereAnotherWas) {
   const std::vector<Vec3f> positions(3 * GradualFetch::kPointsAtOnce);
   const auto address = [&](size_t i) { return reinterpret_cast<uintptr_t>(positions.data() + i); };
   const auto resumed = [&](uintptr_t at) {
-    GradualFetch fetch(std::span(positions).subspan(7), {}, {});
+    GradualFetch fetch(std::span<const Vec3f>(positions).subspan(7), {}, {});
     fetch.Resume(at);
     return fetch.at();
   };
