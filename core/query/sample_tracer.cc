@@ -153,7 +153,7 @@ absl::Status SampleTracer::Trace(size_t s) {
   absl::Status traced = answered ? absl::OkStatus() : TraceByWalks(s, mask, strategy, &scope);
   known_points_.fill(0);
   clear_.fill(nullptr);
-  hints_.fetched = coming_.at();
+  if (!coming_.empty()) hints_.fetched = coming_.at();
   coming_ = GradualFetch();
   if (traced.ok() && run_.options().count_answers) CountAnswers(answered_by_, stats_);
   return traced;

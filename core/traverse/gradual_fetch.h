@@ -43,6 +43,8 @@ class GradualFetch {
     SIGHTLINE_DCHECK(valid.empty() || valid.size() == count_);
   }
 
+  bool empty() const { return count_ == 0; }
+
   // Goes on where another has come to, if that is among these points: with the one at `address`.
   void Resume(uintptr_t address) {
     if (address < positions_ || address > positions_ + count_ * sizeof(Vec3f)) return;

@@ -31,6 +31,7 @@ TEST(GradualFetchTest, AsksForPointsUpToOne) {
   GradualFetch none;
   none.Until(100);
   EXPECT_TRUE(none.done());
+  EXPECT_TRUE(none.empty());
   none.Some();
   EXPECT_EQ(none.at(), 0u);
   for (const bool all : {false, true}) {
@@ -38,6 +39,7 @@ TEST(GradualFetchTest, AsksForPointsUpToOne) {
     using Valid = std::span<const uint8_t>;
     GradualFetch fetch(positions, all ? Sources(sources) : Sources(), all ? Valid(valid) : Valid());
     EXPECT_TRUE(fetch.done());
+    EXPECT_FALSE(fetch.empty());
     fetch.Until(1);
     EXPECT_EQ(Steps(fetch), 1u);
     fetch.Until(2 * kStep);
