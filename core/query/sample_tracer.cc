@@ -114,7 +114,9 @@ void SampleTracer::FetchMeanwhile(std::span<const Vec3f> positions,
                                   std::span<const uint32_t> sources,
                                   std::span<const uint8_t> valid) {
   coming_ = GradualFetch(positions, sources, valid);
-  coming_.Resume(hints_.fetched);
+  // No farther than another call before these points can have come: where the same points are put
+  // to a light again, what it had come to at their end says nothing of their beginning.
+  coming_.Resume(hints_.fetched, Ahead(kMostAhead, kGroupBlocks) + GradualFetch::kPointsAtOnce);
   coming_.Until(Ahead(kLeastAhead, 0));
 }
 

@@ -7,7 +7,7 @@
 // Thread safety: one thread's own.
 //
 //   GradualFetch fetch(positions, sources, valid);
-//   fetch.Resume(asked_before);
+//   fetch.Resume(asked_before, /*most=*/20000);
 //   fetch.Until(4096);
 //   while (...) { fetch.Some(); ... }
 //   asked_before = fetch.at();
@@ -33,54 +33,59 @@ class GradualFetch {
   // far.
   GradualFetch(std::span<const Vec3f> positions, std::span<const uint32_t> sources,
                std::span<const uint8_t> valid)
-      : positions_(reinterpret_cast<uintptr_t>(positions.data())),
-        sources_(reinterpret_cast<uintptr_t>(sources.data())),
-        valid_(reinterpret_cast<uintptr_t>(valid.data())),
-        count_(positions.size()),
-        has_sources_(!sources.empty()),
-        has_valid_(!valid.empty()) {
-    SIGHTLINE_DCHECK(sources.empty() || sources.size() == count_);
-    SIGHTLINE_DCHECK(valid.empty() || valid.size() == count_);
+      : positions_(positions), sources_(sources), valid_(valid) {
+    SIGHTLINE_DCHECK(sources.empty() || sources.size() == positions.size());
+    SIGHTLINE_DCHECK(valid.empty() || valid.size() == positions.size());
   }
 
-  bool empty() const { return count_ == 0; }
+  bool empty() const { return positions_.empty(); }
 
-  // Goes on where another has come to, if that is among these points: with the one at `address`.
-  void Resume(uintptr_t address) {
-    if (address < positions_ || address > positions_ + count_ * sizeof(Vec3f)) return;
-    next_ = (address - positions_) / sizeof(Vec3f);
+  // Goes on where another has come to: with the point whose position lies at `address`, if that is
+  // one of the first `most` or just behind them. One farther on is of an earlier time.
+  void Resume(uintptr_t address, size_t most) {
+    const uintptr_t first = AddressOf(positions_, 0);
+    if (address < first) return;
+    const size_t next = (address - first) / sizeof(Vec3f);
+    if (next <= std::min(most, positions_.size())) next_ = next;
   }
   // Where the first position that was not asked for lies.
-  uintptr_t at() const { return positions_ + next_ * sizeof(Vec3f); }
+  uintptr_t at() const { return AddressOf(positions_, next_); }
 
   // Points from this one on are not asked for.
-  void Until(size_t point) { end_ = std::min(point, count_); }
+  void Until(size_t point) { end_ = std::min(point, positions_.size()); }
   bool done() const { return next_ >= end_; }
 
   // The next few points. Some that follow may be among them, or what lies behind the rows.
   void Some() {
     if (done()) return;
-    Ask<kPointsAtOnce * sizeof(Vec3f)>(at());
-    if (has_sources_) Ask<kPointsAtOnce * sizeof(uint32_t)>(sources_ + next_ * sizeof(uint32_t));
-    if (has_valid_) Ask<kPointsAtOnce>(valid_ + next_);
-    next_ = std::min(next_ + kPointsAtOnce, count_);
+    Ask(positions_);
+    if (!sources_.empty()) Ask(sources_);
+    if (!valid_.empty()) Ask(valid_);
+    next_ = std::min(next_ + kPointsAtOnce, positions_.size());
   }
 
  private:
   static constexpr size_t kLineBytes = 64;
 
+  template <typename T>
+  static uintptr_t AddressOf(std::span<const T> row, size_t i) {
+    return reinterpret_cast<uintptr_t>(row.data()) + i * sizeof(T);
+  }
+
   // To the second level: the first one is what walks work in. By assembly, since GCC takes a
   // function that does nothing but prefetch for one without effect, and drops it.
-  template <size_t kBytes>
-  static void Ask(uintptr_t at) {
-    for (size_t from = 0; from < kBytes; from += kLineBytes) {
-      asm volatile("prefetcht1 %0" : : "m"(*reinterpret_cast<const char*>(at + from)));
+  template <typename T>
+  void Ask(std::span<const T> row) const {
+    const uintptr_t from = AddressOf(row, next_);
+    for (size_t at = 0; at < kPointsAtOnce * sizeof(T); at += kLineBytes) {
+      asm volatile("prefetcht1 %0" : : "m"(*reinterpret_cast<const char*>(from + at)));
     }
   }
 
-  uintptr_t positions_ = 0, sources_ = 0, valid_ = 0;
-  size_t count_ = 0, next_ = 0, end_ = 0;
-  bool has_sources_ = false, has_valid_ = false;
+  std::span<const Vec3f> positions_;
+  std::span<const uint32_t> sources_;
+  std::span<const uint8_t> valid_;
+  size_t next_ = 0, end_ = 0;
 };
 
 }  // namespace sightline

@@ -440,28 +440,6 @@ TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
       }
     }
   }
-  // A light whose points come range by range, each told of all that follow: what was asked for goes
-  // on from call to call, ahead of what is read, but not far.
-  const std::span<const Vec3f> all(rows.positions);
-  ShadowHints before;
-  for (const size_t size : {size_t{1000}, size_t{4096}, size_t{9001}}) {
-    for (size_t first = 0; first < all.size(); first += size) {
-      const size_t count = std::min(size, all.size() - first);
-      const PointRange some{all.subspan(first, count), {}, {}};
-      const PointRange rest{all.subspan(first + count), {}, {}};
-      const std::span<const LightSample> one(samples.data(), 1);
-      ASSERT_TRUE(ComputeShadows(scene, some, one, {}, {.ordered = true}, {}, {}, &plain).ok());
-      ASSERT_TRUE(ComputeShadows(scene, some, one, {},
-                                 {.ordered = true, .hints = &before, .next = rest}, {}, {}, &hinted)
-                      .ok());
-      EXPECT_EQ(hinted.lit_bits, plain.lit_bits) << size << " from " << first;
-      if (rest.positions.empty()) continue;
-      const uintptr_t end = reinterpret_cast<uintptr_t>(rest.positions.data());
-      EXPECT_GE(before.fetched, end);
-      EXPECT_LE(before.fetched, end + 6 * 4096 * sizeof(Vec3f));
-    }
-    EXPECT_GT(before.fetched, reinterpret_cast<uintptr_t>(all.data()));
-  }
   // Rays that were dear have the next points ordered, whose own costs are told again.
   const PointRange in_rows{rows.positions, rows.sources, rows.valid};
   const std::span<const LightSample> light(samples.data(), 1);
@@ -489,6 +467,38 @@ TEST(PointOrderTest, HintsAndGivenOrdersChangeNoAnswer) {
   const absl::Status wrong =
       ComputeShadows(scene, points, samples, {}, shadow, {.bits = true}, {}, &hinted);
   EXPECT_TRUE(absl::IsInvalidArgument(wrong)) << wrong;
+}
+
+// A light whose points come range by range, each told of all that follow: what is asked for goes on
+// from call to call, ahead of what is read, but not far; and when the same points come again, from
+// their beginning.
+TEST(PointOrderTest, PointsToComeAreFetchedAhead) {
+  const IndexedGeometry scene = IndexObjects({MakeClosedSphere(16, 24, 0.4, {0, 0, 0.5})}, Vec3d{});
+  std::vector<LightSample> light;
+  ASSERT_TRUE(AppendSamples(Light::Point({0.1, 0.2, -3}), 0, {}, &light).ok());
+  const Points rows = MakeRows(256);
+  const std::span<const Vec3f> all(rows.positions);
+  ShadowHints hints;
+  for (const size_t size : {size_t{1000}, size_t{4096}, size_t{9001}, size_t{9001}}) {
+    uintptr_t last = 0;
+    for (size_t first = 0; first < all.size(); first += size) {
+      const size_t count = std::min(size, all.size() - first);
+      const PointRange some{all.subspan(first, count), {}, {}};
+      const PointRange rest{all.subspan(first + count), {}, {}};
+      ShadowResult plain, hinted;
+      ASSERT_TRUE(ComputeShadows(scene, some, light, {}, {.ordered = true}, {}, {}, &plain).ok());
+      ASSERT_TRUE(ComputeShadows(scene, some, light, {},
+                                 {.ordered = true, .hints = &hints, .next = rest}, {}, {}, &hinted)
+                      .ok());
+      EXPECT_EQ(hinted.lit_bits, plain.lit_bits) << size << " from " << first;
+      if (rest.positions.empty()) continue;
+      const uintptr_t end = reinterpret_cast<uintptr_t>(rest.positions.data());
+      EXPECT_GT(hints.fetched, end) << size << " from " << first;
+      EXPECT_LE(hints.fetched, end + 6 * 4096 * sizeof(Vec3f)) << size << " from " << first;
+      EXPECT_GE(hints.fetched, last) << size << " from " << first;
+      last = hints.fetched;
+    }
+  }
 }
 
 }  // namespace

@@ -58,13 +58,13 @@ TEST(GradualFetchTest, AsksForPointsUpToOne) {
   }
 }
 
-// From where another was, if that is one of these points or just behind them.
+// From where another was, if that is one of these points, not too far on, or just behind them.
 TEST(GradualFetchTest, GoesOnWhereAnotherWas) {
   const std::vector<Vec3f> positions(3 * GradualFetch::kPointsAtOnce);
   const auto address = [&](size_t i) { return reinterpret_cast<uintptr_t>(positions.data() + i); };
-  const auto resumed = [&](uintptr_t at) {
+  const auto resumed = [&](uintptr_t at, size_t most = 1000) {
     GradualFetch fetch(std::span<const Vec3f>(positions).subspan(7), {}, {});
-    fetch.Resume(at);
+    fetch.Resume(at, most);
     return fetch.at();
   };
   EXPECT_EQ(resumed(address(9)), address(9));
@@ -72,6 +72,8 @@ TEST(GradualFetchTest, GoesOnWhereAnotherWas) {
   EXPECT_EQ(resumed(address(6)), address(7));
   EXPECT_EQ(resumed(address(positions.size()) + sizeof(Vec3f)), address(7));
   EXPECT_EQ(resumed(0), address(7));
+  EXPECT_EQ(resumed(address(27), 20), address(27));
+  EXPECT_EQ(resumed(address(28), 20), address(7));
 }
 
 class WalkThatFetchesTest : public KernelsFixture {};
