@@ -43,7 +43,7 @@ constexpr float kPartingGain = 1.5f;
 // between buildings spare less than leaves' do. Where a point's rays take fewer than the second, no
 // look at a sample, a cycle a point, pays; where they take more than the third, points parted do:
 // what the two orders spare differs by a twentieth, what they cost by 25 cycles.
-constexpr float kLayersPay = 15, kLeastLayeredRays = 48, kMostLayeredRays = 500;
+constexpr float kLayersPay = 15, kLeastOrderedRays = 48, kMostLayeredRays = 500;
 
 // What share of their cycles rays spare by layers that make blocks so many times as narrow: by the
 // shadows and suns of foliage, tile by tile, 5 to 20 % for 1.05 times, 18 to 30 for twice, 25 to 40
@@ -203,7 +203,9 @@ std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
                                       float ray_cost, SimdTarget simd) {
   if (positions.size() < kLeastOrderedPoints || samples == 0) return std::nullopt;
   const float rays = static_cast<float>(samples) * ray_cost;
-  if (rays >= kLeastLayeredRays && rays < kMostLayeredRays) {
+  // No order spares more than all of that.
+  if (ray_cost > 0 && rays < kLeastOrderedRays) return std::nullopt;
+  if (rays >= kLeastOrderedRays && rays < kMostLayeredRays) {
     const DepthLayers layers(positions, valid);
     const float spared = layers.gain() > 1 ? ShareSpared(layers.gain()) : 0;
     if (rays * spared >= kLayersPay) return OwnOrder{layers.Order(), 1 / (1 - spared)};

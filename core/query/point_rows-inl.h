@@ -76,54 +76,115 @@ class Coordinate {
   const decltype(hn::SetTableIndices(PointRowD(), kCoordinateLanes.order[0])) order_;
 };
 
-inline void SplitPoints(std::span<const Vec3f> points, float* x, float* y, float* z, Box3f* box) {
-  const PointRowD d;
-  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
-  const Coordinate axes[3] = {Coordinate(0), Coordinate(1), Coordinate(2)};
-  float* const rows[3] = {x, y, z};
-  const auto least = hn::Set(d, std::numeric_limits<float>::infinity()), most = hn::Neg(least);
-  hn::Vec<PointRowD> lo[3] = {least, least, least}, hi[3] = {most, most, most};
-  size_t i = 0;
-  for (; i + hn::Lanes(d) <= points.size(); i += hn::Lanes(d)) {
-    const float* const from = &points[i].x;
-    const auto a = hn::LoadU(d, from), b = hn::LoadU(d, from + hn::Lanes(d)),
-               c = hn::LoadU(d, from + 2 * hn::Lanes(d));
+// The box around points, of vectors of their coordinates as they lie. Three of these that follow
+// one another are a row of numbers, of which number n is coordinate n % 3 of a point.
+class RowBox {
+ public:
+  RowBox() {
+    const PointRowD d;
+    for (auto& v : lo_) v = hn::Set(d, std::numeric_limits<float>::infinity());
+    for (auto& v : hi_) v = hn::Set(d, -std::numeric_limits<float>::infinity());
+  }
+
+  HWY_INLINE void Extend(const hn::Vec<PointRowD> (&row)[3]) {
     for (int k = 0; k < 3; ++k) {
-      const auto row = axes[k].Of(a, b, c);
-      hn::Store(row, d, rows[k] + i);
-      lo[k] = hn::Min(lo[k], row);
-      hi[k] = hn::Max(hi[k], row);
+      lo_[k] = hn::Min(lo_[k], row[k]);
+      hi_[k] = hn::Max(hi_[k], row[k]);
     }
   }
-  for (int k = 0; k < 3; ++k) {
-    box->lo[k] = hn::GetLane(hn::MinOfLanes(d, lo[k]));
-    box->hi[k] = hn::GetLane(hn::MaxOfLanes(d, hi[k]));
+
+  HWY_INLINE void Get(Box3f* box) const {
+    box->lo = OfAll(PointRowD(), lo_[0], lo_[1], lo_[2],
+                    [](auto a, auto b) HWY_ATTR { return hn::Min(a, b); });
+    box->hi = OfAll(PointRowD(), hi_[0], hi_[1], hi_[2],
+                    [](auto a, auto b) HWY_ATTR { return hn::Max(a, b); });
   }
+
+ private:
+  // What `op` makes of all numbers of each coordinate: a half of the row, which is whole vectors of
+  // half the length, is put to the other, until four numbers are left of a vector.
+  template <class D, class V, class Op>
+  static HWY_INLINE Vec3f OfAll(D d, V a, V b, V c, const Op& op) {
+    if constexpr (hn::MaxLanes(D()) > 4) {
+      const hn::Half<D> half;
+      return OfAll(half, op(hn::LowerHalf(half, a), hn::UpperHalf(half, b)),
+                   op(hn::UpperHalf(half, a), hn::LowerHalf(half, c)),
+                   op(hn::LowerHalf(half, b), hn::UpperHalf(half, c)), op);
+    } else {
+      // Four points, each moved to where the first one begins.
+      const V second = hn::CombineShiftRightBytes<12>(d, b, a);
+      const V third = hn::CombineShiftRightBytes<8>(d, c, b);
+      const V fourth = hn::CombineShiftRightBytes<4>(d, c, c);
+      alignas(16) float least[4];
+      hn::Store(op(op(a, second), op(third, fourth)), d, least);
+      return {least[0], least[1], least[2]};
+    }
+  }
+
+  hn::Vec<PointRowD> lo_[3], hi_[3];
+};
+
+// As many points as a vector has lanes: three vectors, from `point` on. Each is loaded once,
+// whatever is done with it: GCC 12 reads memory for its least and for its most by themselves.
+HWY_INLINE void LoadPoints(const Vec3f* point, hn::Vec<PointRowD> (&row)[3]) {
+  const PointRowD d;
+  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
+  Vec3V<hn::Vec<PointRowD>> v = {hn::LoadU(d, &point->x), hn::LoadU(d, &point->x + hn::Lanes(d)),
+                                 hn::LoadU(d, &point->x + 2 * hn::Lanes(d))};
+  InVectorRegisters(&v);
+  row[0] = v.x;
+  row[1] = v.y;
+  row[2] = v.z;
+}
+
+// Asks for as many points, for the second cache.
+HWY_INLINE void FetchPoints(const Vec3f* point) {
+  constexpr size_t kLine = 64;
+  const char* const from = reinterpret_cast<const char*>(point);
+  for (size_t at = 0; at < hn::MaxLanes(PointRowD()) * sizeof(Vec3f); at += kLine) {
+    __builtin_prefetch(from + at, 0, 2);
+  }
+}
+
+inline void SplitPoints(std::span<const Vec3f> points, float* x, float* y, float* z, Box3f* box) {
+  const PointRowD d;
+  const Coordinate axes[3] = {Coordinate(0), Coordinate(1), Coordinate(2)};
+  float* const rows[3] = {x, y, z};
+  RowBox all;
+  size_t i = 0;
+  for (; i + hn::Lanes(d) <= points.size(); i += hn::Lanes(d)) {
+    hn::Vec<PointRowD> row[3];
+    LoadPoints(&points[i], row);
+    all.Extend(row);
+    for (int k = 0; k < 3; ++k) {
+      hn::Store(axes[k].Of(row[0], row[1], row[2]), d, rows[k] + i);
+    }
+  }
+  all.Get(box);
   for (; i < points.size(); ++i) {
     for (int k = 0; k < 3; ++k) rows[k][i] = points[i][k];
     box->Extend(points[i]);
   }
 }
 
-inline void BoxOfPoints(std::span<const Vec3f> points, Box3f* box) {
-  const PointRowD d;
+inline void BoxOfPoints(std::span<const Vec3f> points, const Vec3f* coming, Box3f* box) {
   constexpr size_t kLanes = hn::MaxLanes(PointRowD());
-  const auto least = hn::Set(d, std::numeric_limits<float>::infinity()), most = hn::Neg(least);
-  // By place in three vectors of coordinates.
-  hn::Vec<PointRowD> lo[3] = {least, least, least}, hi[3] = {most, most, most};
+  RowBox all;
   size_t i = 0;
-  for (; i + kLanes <= points.size(); i += kLanes) {
-    for (size_t k = 0; k < 3; ++k) {
-      const auto v = hn::LoadU(d, &points[i].x + k * kLanes);
-      lo[k] = hn::Min(lo[k], v);
-      hi[k] = hn::Max(hi[k], v);
+  if (coming != nullptr) {
+    for (; i + kLanes <= points.size(); i += kLanes) {
+      FetchPoints(coming + i);
+      hn::Vec<PointRowD> row[3];
+      LoadPoints(&points[i], row);
+      all.Extend(row);
     }
   }
-  for (size_t axis = 0; axis < 3; ++axis) {
-    const Coordinate of(axis);
-    box->lo[axis] = hn::GetLane(hn::MinOfLanes(d, of.Of(lo[0], lo[1], lo[2])));
-    box->hi[axis] = hn::GetLane(hn::MaxOfLanes(d, of.Of(hi[0], hi[1], hi[2])));
+  for (; i + kLanes <= points.size(); i += kLanes) {
+    hn::Vec<PointRowD> row[3];
+    LoadPoints(&points[i], row);
+    all.Extend(row);
   }
+  all.Get(box);
   for (; i < points.size(); ++i) box->Extend(points[i]);
 }
 

@@ -23,8 +23,9 @@ struct PointRowKernels {
   // x[i], y[i] and z[i] are the coordinates of points[i], *box is around them. Rows are aligned to
   // 64 bytes.
   void (*split)(std::span<const Vec3f> points, float* x, float* y, float* z, Box3f* box);
-  // The box alone.
-  void (*box)(std::span<const Vec3f> points, Box3f* box);
+  // The box alone. As many points to come are asked for from `coming` on, in step with those that
+  // are read, if it is not null.
+  void (*box)(std::span<const Vec3f> points, const Vec3f* coming, Box3f* box);
   // Bit i % 8 of bits[i / 8]: ids[i] is kNoTriangle; 0 past the last one, in (ids.size() + 7) / 8
   // bytes. Ids are aligned to 64 bytes, and read up to the end of the last 64.
   void (*free_bits)(std::span<const uint32_t> ids, uint8_t* bits);

@@ -80,8 +80,8 @@ int SampleTracer::LayOut(const LightSample& sample, size_t block, float* x, floa
 
 const Box3f& SampleTracer::BoxOf(size_t block) {
   if (!std::exchange(boxes_known_[block], true)) {
-    FetchSome();
-    rows_.box(positions_.subspan(block * kBlockRays, PointsOf(block)), &boxes_[block]);
+    rows_.box(positions_.subspan(block * kBlockRays, PointsOf(block)),
+              coming_.Take(PointsOf(block)), &boxes_[block]);
   }
   return boxes_[block];
 }
@@ -146,6 +146,7 @@ absl::Status SampleTracer::Trace(size_t s) {
   SL_RETURN_IF_ERROR(run_.Poll());
   rays_ += positions_.size();
   by_bits_.fill(false);
+  by_hull_ = false;
   const uint32_t mask = run_.options().mask & sample.mask;
   const Strategy strategy =
       ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
@@ -178,7 +179,6 @@ bool SampleTracer::AskGrounds(size_t s, uint32_t mask, StatsScope* scope) {
       !samples_[s].directional && samples_of_[light_of_[s]] >= GroupHulls::kLeastSamples;
   if (!AsTheyAre() || by_hull || !grounds_.Help(samples_[s], mask, scope->walk())) return false;
   // One triangle before all points is looked for first: that takes no look at any of them.
-  ReservePackets(s);
   const size_t covered = CoverBlocks(s, 0, mask, scope);
   if (covered == blocks()) return true;
   for (size_t b = 0; b < blocks(); ++b) {
@@ -209,15 +209,6 @@ void SampleTracer::TakeBlocked(size_t b, Strategy walk, size_t known_points, uin
   by_bits_[b] = true;
   for (size_t i = 0; i < known.size(); ++i) {
     known[i] = static_cast<uint16_t>(blocked_[i] | (known_points > 0 ? known[i] : 0));
-  }
-}
-
-void SampleTracer::ReservePackets(size_t s) {
-  parallel_traced_ = samples_[s].directional;
-  if (parallel_traced_) {
-    parallel_.Reserve(blocks());
-  } else {
-    packets_.Reserve(blocks());
   }
 }
 
@@ -255,7 +246,7 @@ bool SampleTracer::CoverRange(size_t s, size_t begin, size_t end, uint32_t mask,
   for (size_t b = begin; b < end; ++b) {
     by_bits_[b] = true;
     bits_[b].fill(0xFFFF);
-    (parallel ? parallel_[b].first_leaf : packets_[b].first_leaf) = leaf;
+    if (by_hull_) packets_[b].first_leaf = leaf;
   }
   if (record_answered_by_) std::fill_n(AnsweredByOf(begin), count, AnsweredBy::kShaft);
   scope->walk()->shaft.covers += (count + kCoverRays - 1) / kCoverRays;
@@ -305,12 +296,14 @@ void SampleTracer::NoteBlock(size_t s, size_t b, Strategy walk, const WalkStats&
 absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strategy,
                                          StatsScope* scope) {
   const LightSample& sample = samples_[s];
-  ReservePackets(s);
+  parallel_traced_ = false;
   WalkChoice& choice = hints_.walks.Of(light_of_[s], OtherWalks(run_, RayForm::kOneOrigin, kind_));
   const bool by_shafts = strategy == Strategy::kShaft;
   // With t_min the points differ from sample to sample.
-  const bool by_hulls =
-      by_shafts && !choice.ShaftsAreRare() && hulls_.Find(s, /*alone=*/t_min_ != 0);
+  const bool by_hulls = by_shafts && samples_of_[light_of_[s]] >= GroupHulls::kLeastSamples &&
+                        !choice.ShaftsAreRare() && hulls_.Find(s, /*alone=*/t_min_ != 0);
+  by_hull_ = by_hulls;
+  if (by_hulls) packets_.Reserve(blocks());
   // A hull's samples are as good as one for a block's frame.
   if (!by_hulls || !seeds_by_block_ || s == hulls_.begin()) seeds_.fill({});
   seeds_by_block_ = by_hulls;
@@ -323,6 +316,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     if (by_shafts && !by_hulls) lit = FindLitBlocks(s, mask, scope);
     clear = static_cast<size_t>(std::popcount(lit));
     if (clear == blocks()) return;
+    packets_.Reserve(blocks());
     for (size_t b = 0; b < blocks(); ++b) {
       RayPacket& packet = packets_[b];
       packet.origin = sample.value;
@@ -368,10 +362,9 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       continue;
     }
     // What darkened the packet before this one, or this one before, for the light's last sample.
-    if (!by_hulls || s == hulls_.begin() || packets_[b].first_leaf == RayPacket::kNoLeaf) {
-      packets_[b].first_leaf = *first_leaf;
+    if (by_hulls && s != hulls_.begin() && packets_[b].first_leaf != RayPacket::kNoLeaf) {
+      *first_leaf = packets_[b].first_leaf;
     }
-    *first_leaf = packets_[b].first_leaf;
     if (by_shafts) {
       if (const size_t covered = CoverBlocks(s, b, mask, scope); covered > 0) {
         b += covered - 1;
@@ -383,6 +376,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       take_lit(b);
       continue;
     }
+    packets_[b].first_leaf = *first_leaf;
     const float growth = GrowthOf(boxes_[b], sample);
     const Strategy walk = by_shafts ? choice.Next(growth) : strategy;
     if (by_hulls) {
@@ -462,12 +456,13 @@ absl::Status SampleTracer::TraceParallel(size_t s, uint32_t mask, Strategy strat
                                          StatsScope* scope) {
   const LightSample& sample = samples_[s];
   uint32_t* const first_leaf = &hints_.first_leaves[s];
-  ReservePackets(s);
+  parallel_traced_ = true;
   const bool by_shafts = strategy == Strategy::kShaft;
   WalkChoice& choice = hints_.walks.Of(light_of_[s], OtherWalks(run_, RayForm::kParallel, kind_));
   seeds_.fill({});
   bool laid_out = false;
   const auto lay_out = [&] {
+    parallel_.Reserve(blocks());
     for (size_t b = 0; b < blocks(); ++b) {
       ParallelPacket& packet = parallel_[b];
       packet.direction = sample.value;

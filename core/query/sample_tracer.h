@@ -22,6 +22,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/container/inlined_vector.h"
 #include "absl/status/status.h"
 #include "core/accel/indexed_geometry.h"
 #include "core/light/light.h"
@@ -40,9 +41,10 @@ namespace sightline {
 
 class SampleTracer {
  public:
-  // `t_min` as in ShadowOptions. What is referred to must outlive the tracer.
+  // `t_min` as in ShadowOptions. `hints`: what another tracer of the same scene and samples left,
+  // by which walks begin, or nothing. What is referred to must outlive the tracer.
   SampleTracer(const IndexedGeometry& scene, const QueryRun& run, HitKind kind, double t_min,
-               std::span<const LightSample> samples, QueryStats* stats)
+               std::span<const LightSample> samples, QueryStats* stats, ShadowHints hints = {})
       : scene_(scene),
         run_(run),
         rows_(PointRowKernelsFor(run.options().simd)),
@@ -53,10 +55,14 @@ class SampleTracer {
         samples_(samples),
         stats_(stats),
         record_answered_by_(run.options().count_answers),
-        hints_{std::vector<uint32_t>(samples.size(), RayPacket::kNoLeaf),
-               std::vector<uint8_t>(samples.size(), false), std::vector<PatchHint>(samples.size()),
-               std::vector<uint8_t>(samples.size(), 0)},
+        hints_(std::move(hints)),
         light_of_(samples.size()) {
+    if (hints_.first_leaves.empty()) {
+      hints_.first_leaves.assign(samples.size(), RayPacket::kNoLeaf);
+      hints_.covered.assign(samples.size(), false);
+      hints_.patches.assign(samples.size(), {});
+      hints_.clear.assign(samples.size(), 0);
+    }
     for (size_t s = 1; s < samples.size(); ++s) {
       light_of_[s] = light_of_[s - 1] + (samples[s].light != samples[s - 1].light);
     }
@@ -89,10 +95,7 @@ class SampleTracer {
   void RecordAnsweredBy() { record_answered_by_ = true; }
   AnsweredBy answered_by(size_t i) const { return answered_by_[i]; }
 
-  // Where walks begin: what another tracer of the same scene and samples left, or nothing.
-  void TakeHints(ShadowHints hints) {
-    if (!hints.first_leaves.empty()) hints_ = std::move(hints);
-  }
+  // For the next tracer.
   ShadowHints ReleaseHints() { return std::move(hints_); }  // The last call.
 
   // About how many cycles a ray has taken, of all that were traced: 0 where a strategy was asked
@@ -115,6 +118,8 @@ class SampleTracer {
   void CopyLit(uint8_t* bits) const;
 
  private:
+  // What calls for one light are made of, or for a few: no memory is taken for them.
+  static constexpr size_t kFewSamples = 4;
   // Stands for whatever triangle blocks a ray, where it is not told which.
   static constexpr uint32_t kSomeTriangle = 0;
   using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
@@ -132,8 +137,6 @@ class SampleTracer {
   const uint32_t* triangles(size_t block) const {
     return parallel_traced_ ? parallel_[block].triangle : packets_[block].triangle;
   }
-  // Has packets for all blocks, of segments or of rays, and results in them.
-  void ReservePackets(size_t s);
   // Finds which points their grounds hide from the sample, as far as grounds help; or that it is
   // answered without: returns true.
   bool AskGrounds(size_t s, uint32_t mask, StatsScope* scope);
@@ -209,6 +212,8 @@ class SampleTracer {
   GradualFetch coming_;
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
+  // Whether the sample is one of a hull's: what darkened a block stays in its packet for the next.
+  bool by_hull_ = false;
   // Where the last results are: a block's in its packet, or in bits alone, of the points blocked.
   bool parallel_traced_ = false;
   std::array<bool, kGroupBlocks> by_bits_ = {};
@@ -236,8 +241,8 @@ class SampleTracer {
   ShadowHints hints_;  // RayPacket::first_leaf of each sample's next packet; what blocked its last.
   double cycles_ = 0;  // What WalkChoice has learned.
   uint64_t rays_ = 0;
-  std::vector<uint32_t> light_of_;    // By sample: how many lights came before its own.
-  std::vector<uint32_t> samples_of_;  // By that.
+  // By sample: how many lights came before its own; and by that how many samples it has.
+  absl::InlinedVector<uint32_t, kFewSamples> light_of_, samples_of_;
 };
 
 }  // namespace sightline

@@ -93,19 +93,19 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
                             const ShadowOptions& shadow, const ShadowOutputs& outputs,
                             const QueryOptions& options, ShadowResult* result) {
   const ScopedFloatEnvironment environment;
+  ShadowResult out = std::exchange(*result, {});  // Its memory serves again.
   SL_RETURN_IF_ERROR(CheckArguments(points, samples, weights, shadow, outputs));
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
   const QueryRun run(scene, options);
   const size_t n = points.positions.size(), row_bytes = (n + 7) / 8;
-  ShadowResult out;
-  if (outputs.bits) out.lit_bits.assign(samples.size() * row_bytes, 0);
-  if (outputs.counts) out.lit_counts.assign(n, 0);
-  if (outputs.weighted_sums) out.weighted_sums.assign(n, 0.0);
-  if (outputs.blockers) {
-    out.blocker.assign(samples.size() * n, kNoTriangle);
-    out.blocker_t.assign(samples.size() * n, std::numeric_limits<float>::infinity());
-  }
-  if (outputs.answered_by) out.answered_by.assign(samples.size() * n, AnsweredBy::kNoRay);
+  const size_t pairs = samples.size() * n;
+  out.lit_bits.assign(outputs.bits ? samples.size() * row_bytes : 0, 0);
+  out.lit_counts.assign(outputs.counts ? n : 0, 0);
+  out.weighted_sums.assign(outputs.weighted_sums ? n : 0, 0.0);
+  out.blocker.assign(outputs.blockers ? pairs : 0, kNoTriangle);
+  out.blocker_t.assign(outputs.blockers ? pairs : 0, std::numeric_limits<float>::infinity());
+  out.answered_by.assign(outputs.answered_by ? pairs : 0, AnsweredBy::kNoRay);
+  out.stats = {};
   const HitKind kind = outputs.blockers ? HitKind::kClosest : HitKind::kAny;
 
   std::vector<uint8_t> more_flags;
@@ -115,10 +115,10 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::vector<Vec3f> positions;
   std::vector<uint32_t> sources;
   std::vector<size_t> index;
-  SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats);
-  if (outputs.answered_by) tracer.RecordAnsweredBy();
   const float known_cost = shadow.hints != nullptr ? shadow.hints->ray_cost : 0;
-  if (shadow.hints != nullptr) tracer.TakeHints(std::move(*shadow.hints));
+  SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats,
+                      shadow.hints != nullptr ? std::move(*shadow.hints) : ShadowHints());
+  if (outputs.answered_by) tracer.RecordAnsweredBy();
   std::optional<OwnOrder> own;
   if (!shadow.ordered) {
     own = OrderThatPays(points.positions, valid_points, samples.size(), known_cost, options.simd);

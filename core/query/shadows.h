@@ -104,7 +104,7 @@ struct ShadowResult {
 
 // `weights`: one per sample where weighted sums are asked for, else empty. InvalidArgument: lengths
 // that differ, t_min out of range (named with its value). Cancelled / DeadlineExceeded; on an error
-// the result holds nothing.
+// the result holds nothing. What it held before is lost; its memory serves again.
 absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& points,
                             std::span<const LightSample> samples, std::span<const double> weights,
                             const ShadowOptions& shadow, const ShadowOutputs& outputs,

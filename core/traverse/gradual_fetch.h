@@ -55,12 +55,23 @@ class GradualFetch {
   void Until(size_t point) { end_ = std::min(point, positions_.size()); }
   bool done() const { return next_ >= end_; }
 
+  // Leaves the positions of so many points to the caller, who is to ask for them: where they begin.
+  // What belongs to them is asked for at once. Null: there are not as many to ask for.
+  const Vec3f* Take(size_t points) {
+    if (next_ + points > end_) return nullptr;
+    const Vec3f* const from = positions_.data() + next_;
+    if (!sources_.empty()) Ask(sources_, points);
+    if (!valid_.empty()) Ask(valid_, points);
+    next_ += points;
+    return from;
+  }
+
   // The next few points. Some that follow may be among them, or what lies behind the rows.
   void Some() {
     if (done()) return;
-    Ask(positions_);
-    if (!sources_.empty()) Ask(sources_);
-    if (!valid_.empty()) Ask(valid_);
+    Ask(positions_, kPointsAtOnce);
+    if (!sources_.empty()) Ask(sources_, kPointsAtOnce);
+    if (!valid_.empty()) Ask(valid_, kPointsAtOnce);
     next_ = std::min(next_ + kPointsAtOnce, positions_.size());
   }
 
@@ -75,9 +86,9 @@ class GradualFetch {
   // To the second level: the first one is what walks work in. By assembly, since GCC takes a
   // function that does nothing but prefetch for one without effect, and drops it.
   template <typename T>
-  void Ask(std::span<const T> row) const {
+  void Ask(std::span<const T> row, size_t points) const {
     const uintptr_t from = AddressOf(row, next_);
-    for (size_t at = 0; at < kPointsAtOnce * sizeof(T); at += kLineBytes) {
+    for (size_t at = 0; at < points * sizeof(T); at += kLineBytes) {
       asm volatile("prefetcht1 %0" : : "m"(*reinterpret_cast<const char*>(from + at)));
     }
   }

@@ -10,6 +10,7 @@
 #include <limits>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/geometry/box3.h"
@@ -165,6 +166,14 @@ TEST(DepthLayersTest, AreTakenForOneLightWhoseRaysAreDear) {
   EXPECT_FALSE(OrderThatPays(std::span(points).first(512), std::span(valid).first(512), 1, 100));
   const std::vector<Vec3f> plane = Picture([](int x, int y) { return 0.01 * (x + y); });
   EXPECT_FALSE(OrderThatPays(plane, valid, 1, 100).has_value());
+  // Strangers are parted, unless their rays cost little all the same.
+  std::vector<Vec3f> strangers = plane;
+  for (size_t i = strangers.size(); i > 1; --i)
+    std::swap(strangers[i - 1], strangers[rng.Below(i)]);
+  EXPECT_TRUE(OrderThatPays(strangers, valid, 1, 0).has_value());
+  EXPECT_TRUE(OrderThatPays(strangers, valid, 1, 100).has_value());
+  EXPECT_FALSE(OrderThatPays(strangers, valid, 1, 20).has_value());
+  EXPECT_TRUE(OrderThatPays(strangers, valid, 64, 20).has_value());
 }
 
 TEST(DepthLayersTest, ShadowsAreThoseOfPointsAsTheyCame) {

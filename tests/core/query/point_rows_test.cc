@@ -57,11 +57,14 @@ TEST(PointRowsTest, TheBoxIsThePoints) {
         for (int k = 0; k < 3; ++k) p[k] = static_cast<float>(rng.Uniform(-1, 1));
         truth.Extend(p);
       }
-      Box3f split, alone = {{1, 2, 3}, {4, 5, 6}};
+      Box3f split, alone = {{1, 2, 3}, {4, 5, 6}}, asking = alone;
       PointRowKernelsFor(target).split(points, rows->at[0], rows->at[1], rows->at[2], &split);
-      PointRowKernelsFor(target).box(points, &alone);
+      PointRowKernelsFor(target).box(points, /*coming=*/nullptr, &alone);
       ASSERT_EQ(split, truth) << count << " points";
+      // What is asked for besides need not be there.
+      PointRowKernelsFor(target).box(points, points.data() + 1000, &asking);
       ASSERT_EQ(alone, truth) << count << " points";
+      ASSERT_EQ(asking, truth) << count << " points";
     }
   }
 }

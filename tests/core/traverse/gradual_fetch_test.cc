@@ -58,6 +58,26 @@ TEST(GradualFetchTest, AsksForPointsUpToOne) {
   }
 }
 
+// What is left to the caller is not asked for again, and is not handed out where it is not whole.
+TEST(GradualFetchTest, LeavesPointsToTheCaller) {
+  constexpr size_t kStep = GradualFetch::kPointsAtOnce;
+  const std::vector<Vec3f> positions(10 * kStep);
+  const std::vector<uint32_t> sources(positions.size());
+  const std::vector<uint8_t> valid(positions.size());
+  EXPECT_EQ(GradualFetch().Take(1), nullptr);
+  GradualFetch fetch(positions, sources, valid);
+  EXPECT_EQ(fetch.Take(1), nullptr);
+  fetch.Until(4 * kStep);
+  EXPECT_EQ(fetch.Take(4 * kStep + 1), nullptr);
+  EXPECT_EQ(fetch.Take(kStep + 5), &positions[0]);
+  EXPECT_EQ(fetch.at(), reinterpret_cast<uintptr_t>(&positions[kStep + 5]));
+  EXPECT_EQ(fetch.Take(3 * kStep), nullptr);
+  fetch.Some();
+  EXPECT_EQ(fetch.Take(2 * kStep - 5), &positions[2 * kStep + 5]);
+  EXPECT_TRUE(fetch.done());
+  EXPECT_EQ(fetch.Take(1), nullptr);
+}
+
 // From where another was, if that is one of these points, not too far on, or just behind them.
 TEST(GradualFetchTest, GoesOnWhereAnotherWas) {
   const std::vector<Vec3f> positions(3 * GradualFetch::kPointsAtOnce);

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What ComputeShadows leaves in a result that was used before.
+#include "core/query/shadows.h"
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/geometry/vec3.h"
+#include "gtest/gtest.h"
+#include "tests/core/query/query_meshes.h"
+#include "tests/core/traverse/nasty_scenes.h"
+
+namespace sightline {
+namespace {
+
+using namespace testing_support;  // NOLINT
+
+class ShadowsTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(AppendSamples(Light::Point({0.1, 0.2, -3}), 0, {}, &samples_).ok());
+    ASSERT_TRUE(AppendSamples(Light::Point({2, 0.2, 3}), 1, {}, &samples_).ok());
+    for (int i = 0; i < 700; ++i) {
+      points_.push_back({static_cast<float>(i % 29) / 15 - 1, static_cast<float>(i % 31) / 16 - 1,
+                         1 + static_cast<float>(i) / 700});
+    }
+  }
+
+  absl::Status Compute(size_t points, const ShadowOutputs& outputs, ShadowResult* result,
+                       double t_min = 0) {
+    return ComputeShadows(scene_, {std::span(points_).first(points), {}, {}}, samples_, weights_,
+                          {.t_min = t_min}, outputs, {}, result);
+  }
+
+  const IndexedGeometry scene_ =
+      IndexObjects({MakeClosedSphere(16, 24, 0.4, {0, 0, 0.5})}, Vec3d{});
+  std::vector<LightSample> samples_;
+  std::vector<Vec3f> points_;
+  const std::vector<double> weights_ = {0.5, 0.25};
+};
+
+TEST_F(ShadowsTest, AResultUsedBeforeHoldsWhatANewOneDoes) {
+  ShadowResult again;
+  for (const size_t points : {700, 3, 0, 256, 257, 700}) {
+    for (int wanted = 0; wanted < 32; ++wanted) {
+      const ShadowOutputs outputs = {.bits = (wanted & 1) != 0,
+                                     .counts = (wanted & 2) != 0,
+                                     .weighted_sums = (wanted & 4) != 0,
+                                     .blockers = (wanted & 8) != 0,
+                                     .answered_by = (wanted & 16) != 0};
+      ShadowResult once;
+      ASSERT_TRUE(Compute(points, outputs, &once).ok());
+      ASSERT_TRUE(Compute(points, outputs, &again).ok());
+      ASSERT_EQ(again.lit_bits, once.lit_bits);
+      ASSERT_EQ(again.lit_counts, once.lit_counts);
+      ASSERT_EQ(again.weighted_sums, once.weighted_sums);
+      ASSERT_EQ(again.blocker, once.blocker);
+      ASSERT_EQ(again.blocker_t, once.blocker_t);
+      ASSERT_EQ(again.answered_by, once.answered_by);
+      ASSERT_EQ(again.stats.rays, once.stats.rays);
+      ASSERT_EQ(again.stats.rays, points * samples_.size());
+    }
+  }
+}
+
+TEST_F(ShadowsTest, AResultHoldsNothingAfterAnError) {
+  ShadowResult result;
+  ASSERT_TRUE(Compute(700, {.counts = true}, &result).ok());
+  ASSERT_FALSE(result.lit_bits.empty() || result.lit_counts.empty());
+  EXPECT_EQ(Compute(700, {.counts = true}, &result, /*t_min=*/2).code(),
+            absl::StatusCode::kInvalidArgument);
+  EXPECT_TRUE(result.lit_bits.empty() && result.lit_counts.empty());
+  EXPECT_EQ(result.stats.rays, 0u);
+}
+
+}  // namespace
+}  // namespace sightline
