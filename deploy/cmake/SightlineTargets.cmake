@@ -68,13 +68,14 @@ set(SIGHTLINE_TEST_ENVIRONMENT
     "UBSAN_OPTIONS=print_stacktrace=1")
 
 # Which targets CMAKE_UNITY_BUILD (release and what shares its folder) compiles several files at a time of: server,
-# client and their tests, which then take a fraction of the time: gRPC's headers are read once for all. Not core and
-# what is mostly its headers (tests/bench, tests/property), much of which is compiled once per instruction set; nor
-# what protoc writes; nor tests/support, where GCC 12 would see the overlap that is none (above). The other presets,
-# the suite's fuzz and clang-tidy's among them, compile each file by itself: it has to include what it uses.
+# client, their tests and core's, which then take a fraction of the time: gRPC's or GoogleTest's headers are read once
+# for all. Not core and what is mostly its headers (tests/bench, tests/property), much of which is compiled once per
+# instruction set, as some of core's tests are; nor what protoc writes; nor tests/support, where GCC 12 would see the
+# overlap that is none (above). The other presets, the suite's fuzz and clang-tidy's among them, compile each file by
+# itself: it has to include what it uses.
 function(sightline_choose_unity NAME)
   cmake_path(RELATIVE_PATH CMAKE_CURRENT_SOURCE_DIR BASE_DIRECTORY "${PROJECT_SOURCE_DIR}" OUTPUT_VARIABLE folder)
-  if(folder MATCHES "^((tests/)?(core|proto)|tests/(bench|property|support))(/|$)")
+  if(folder MATCHES "^((tests/)?proto|core|tests/(bench|property|support))(/|$)")
     set_target_properties(${NAME} PROPERTIES UNITY_BUILD OFF)
   endif()
 endfunction()
@@ -100,6 +101,12 @@ function(sightline_test NAME)
   cmake_parse_arguments(ARG "SERIAL" "TIMEOUT" "SOURCES;DEPS;LABELS;ARGS" ${ARGN})
   add_executable(${NAME} ${ARG_SOURCES})
   sightline_choose_unity(${NAME})
+  foreach(source IN LISTS ARG_SOURCES)
+    file(STRINGS "${source}" per_instruction_set REGEX "foreach_target" LIMIT_COUNT 1)
+    if(per_instruction_set)
+      set_source_files_properties("${source}" PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+    endif()
+  endforeach()
   target_link_libraries(${NAME} PRIVATE sightline_options ${ARG_DEPS} GTest::gmock GTest::gtest
                                         GTest::gtest_main)
   # Tests of core compute over its headers and are compiled as it is. The others mostly call what is

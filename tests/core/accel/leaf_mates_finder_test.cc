@@ -24,7 +24,7 @@ using testing_support::ScaledCount;
 using testing_support::TestMesh;
 using testing_support::TestRng;
 
-Bvh Build(const SceneGeometry& geometry, const BvhBuildOptions& options, int threads = 2) {
+Bvh BuildWithMates(const SceneGeometry& geometry, const BvhBuildOptions& options, int threads = 2) {
   ThreadPool pool(threads);
   absl::StatusOr<Bvh> bvh = BuildBvh(geometry, options, pool);
   EXPECT_TRUE(bvh.ok()) << bvh.status();
@@ -101,7 +101,7 @@ TEST(LeafMatesFinderTest, PairsAllThatCanBe) {
   for (const TestMesh& mesh : NastyMeshes(rng, static_cast<size_t>(ScaledCount(3'000)))) {
     SCOPED_TRACE(mesh.name);
     for (const bool rows : {true, false}) {
-      const Bvh bvh = Build(mesh.geometry, {.leaf_rows = rows});
+      const Bvh bvh = BuildWithMates(mesh.geometry, {.leaf_rows = rows});
       EXPECT_EQ(bvh.mates.empty(), bvh.empty());
       for (const auto& [ends, at] : CheckMates(bvh, mesh.geometry)) {
         EXPECT_EQ(at.joined, (at.up + at.down) / 2 * 2);
@@ -140,7 +140,7 @@ SceneGeometry Ring(uint32_t cells, bool welded) {
 TEST(LeafMatesFinderTest, PositionsCountAndNotIndices) {
   for (const bool welded : {true, false}) {
     const SceneGeometry ring = Ring(50, welded);
-    const Bvh bvh = Build(ring, {.max_leaf_triangles = 7});
+    const Bvh bvh = BuildWithMates(ring, {.max_leaf_triangles = 7});
     int joined = 0, lone = 0;
     for (const auto& [ends, at] : CheckMates(bvh, ring)) {
       EXPECT_EQ(at.same_way, 0);
@@ -162,10 +162,10 @@ TEST(LeafMatesFinderTest, AreTheSameHoweverManyThreads) {
     if (rng.Chance(0.5)) std::swap(triangle[0], triangle[1]);
     book.triangles.push_back(triangle);
   }
-  const Bvh one = Build(book, {}, 1);
+  const Bvh one = BuildWithMates(book, {}, 1);
   CheckMates(one, book);
   for (int round = 0; round < 3; ++round) {
-    const Bvh many = Build(book, {}, 4);
+    const Bvh many = BuildWithMates(book, {}, 4);
     EXPECT_EQ(many.mates.rows, one.mates.rows);
     EXPECT_EQ(many.mates.units, one.mates.units);
   }
@@ -173,12 +173,12 @@ TEST(LeafMatesFinderTest, AreTheSameHoweverManyThreads) {
 
 TEST(LeafMatesFinderTest, WhoAsksForLessHasNone) {
   const SceneGeometry ring = Ring(50, true);
-  EXPECT_FALSE(Build(ring, BvhPresetOptions(BvhPreset::kStatic)).mates.empty());
-  EXPECT_TRUE(Build(ring, BvhPresetOptions(BvhPreset::kDynamic)).mates.empty());
-  EXPECT_TRUE(Build(ring, BvhPresetOptions(BvhPreset::kCompact)).mates.empty());
+  EXPECT_FALSE(BuildWithMates(ring, BvhPresetOptions(BvhPreset::kStatic)).mates.empty());
+  EXPECT_TRUE(BuildWithMates(ring, BvhPresetOptions(BvhPreset::kDynamic)).mates.empty());
+  EXPECT_TRUE(BuildWithMates(ring, BvhPresetOptions(BvhPreset::kCompact)).mates.empty());
   // Vertices at one place may have parted.
   ThreadPool pool(2);
-  Bvh bvh = Build(ring, {});
+  Bvh bvh = BuildWithMates(ring, {});
   const uint64_t bytes = bvh.MemoryBytes();
   const absl::StatusOr<Bvh> fitted = RefitBvh(bvh, ring, pool);
   ASSERT_TRUE(fitted.ok()) << fitted.status();

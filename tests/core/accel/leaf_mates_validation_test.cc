@@ -22,7 +22,7 @@ using testing_support::ScaledCount;
 using testing_support::TestMesh;
 using testing_support::TestRng;
 
-Bvh Build(const SceneGeometry& geometry, const BvhBuildOptions& options) {
+Bvh BuildAsAsked(const SceneGeometry& geometry, const BvhBuildOptions& options) {
   ThreadPool pool(2);
   absl::StatusOr<Bvh> bvh = BuildBvh(geometry, options, pool);
   EXPECT_TRUE(bvh.ok()) << bvh.status();
@@ -54,7 +54,7 @@ TEST(LeafMatesValidationTest, WhatIsFoundIsValid) {
     SCOPED_TRACE(mesh.name);
     for (const bool rows : {true, false}) {
       for (const bool mates : {true, false}) {
-        const Bvh bvh = Build(mesh.geometry, {.leaf_rows = rows, .mates = mates});
+        const Bvh bvh = BuildAsAsked(mesh.geometry, {.leaf_rows = rows, .mates = mates});
         EXPECT_TRUE(ValidateLeafMates(bvh, mesh.geometry).ok());
       }
     }
@@ -67,7 +67,7 @@ TEST(LeafMatesValidationTest, NoEdgeCanBeChangedAlone) {
   for (const TestMesh& mesh : NastyMeshes(rng, 300)) {
     SCOPED_TRACE(mesh.name);
     for (const bool rows : {true, false}) {
-      Bvh bvh = Build(mesh.geometry, {.leaf_rows = rows});
+      Bvh bvh = BuildAsAsked(mesh.geometry, {.leaf_rows = rows});
       if (bvh.empty()) continue;
       LeafMates& mates = bvh.mates;
       for (int64_t i = 0; i < ScaledCount(300); ++i) {
@@ -104,7 +104,7 @@ TEST(LeafMatesValidationTest, UnitsAreTheirLeaves) {
   TestRng rng;
   for (const TestMesh& mesh : NastyMeshes(rng, 300)) {
     SCOPED_TRACE(mesh.name);
-    Bvh bvh = Build(mesh.geometry, {});
+    Bvh bvh = BuildAsAsked(mesh.geometry, {});
     if (bvh.empty()) continue;
     for (int i = 0; i < 20; ++i) {
       uint8_t& code = bvh.mates.units[rng.Below(bvh.mates.units.size())];
@@ -129,7 +129,7 @@ TEST(LeafMatesValidationTest, BothSidesMayHaveNone) {
   size_t taken = 0;
   for (const TestMesh& mesh : NastyMeshes(rng, 300)) {
     SCOPED_TRACE(mesh.name);
-    Bvh bvh = Build(mesh.geometry, {});
+    Bvh bvh = BuildAsAsked(mesh.geometry, {});
     LeafMates& mates = bvh.mates;
     for (const BvhNode& node : bvh.nodes) {
       const ChildRef leaf = node.child[0];
@@ -164,7 +164,7 @@ TEST(LeafMatesValidationTest, CanBeCancelled) {
   CancelToken cancel;
   cancel.Cancel();
   for (const TestMesh& mesh : NastyMeshes(rng, 300)) {
-    const Bvh bvh = Build(mesh.geometry, {});
+    const Bvh bvh = BuildAsAsked(mesh.geometry, {});
     if (bvh.empty()) continue;
     EXPECT_EQ(ValidateLeafMates(bvh, mesh.geometry, &cancel).code(), absl::StatusCode::kCancelled);
   }

@@ -14,7 +14,7 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-ObjectInput Triangle(const std::string& name, double x, bool dynamic = false) {
+ObjectInput OneTriangle(const std::string& name, double x, bool dynamic = false) {
   return {.name = name,
           .vertices = {{x, 0, 0}, {x + 0.1, 0, 0}, {x, 0.3, 0}},
           .indices = {0, 1, 2},
@@ -24,10 +24,10 @@ ObjectInput Triangle(const std::string& name, double x, bool dynamic = false) {
 class SceneCompilerTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    ObjectInput flat = Triangle("flat", 40);
+    ObjectInput flat = OneTriangle("flat", 40);
     flat.vertices[2] = flat.vertices[1];
-    const std::vector<ObjectInput> objects = {Triangle("first", 1000.7), flat,
-                                              Triangle("moving", 30, /*dynamic=*/true)};
+    const std::vector<ObjectInput> objects = {OneTriangle("first", 1000.7), flat,
+                                              OneTriangle("moving", 30, /*dynamic=*/true)};
     absl::StatusOr<SceneGeometry> base = CompileScene(objects, std::nullopt, {});
     ASSERT_TRUE(base.ok()) << base.status();
     base_ = *std::move(base);
@@ -39,7 +39,7 @@ class SceneCompilerTest : public ::testing::Test {
 };
 
 TEST_F(SceneCompilerTest, KeptObjectsKeepTheirFloatsIdsMoveUp) {
-  const ObjectInput added = Triangle("added", 7);
+  const ObjectInput added = OneTriangle("added", 7);
   const auto next = Compile({{.base_object = 1}, {.base_object = 0}, {.input = &added}});
   ASSERT_TRUE(next.ok()) << next.status();
   EXPECT_EQ(next->origin, base_.origin);
@@ -93,7 +93,7 @@ TEST_F(SceneCompilerTest, FaultsAndNonFiniteVerticesAmongMany) {
     EXPECT_EQ(one->report.largest_rounding, rounding);
   }
   // In bounds from an origin far out, but not in the world.
-  ObjectInput far = Triangle("far", 0x1.2p40);
+  ObjectInput far = OneTriangle("far", 0x1.2p40);
   EXPECT_FALSE(CompileScene({&far, 1}, Vec3d{0x1p39, 0, 0}, {}).ok());
   input.vertices[250].x = 1e15;
   input.vertices[131].x = -1e15;
@@ -119,7 +119,7 @@ TEST_F(SceneCompilerTest, MovedVerticesAreLocal) {
 }
 
 TEST_F(SceneCompilerTest, ReplacementsApplyToNewObjectsToo) {
-  const ObjectInput added = Triangle("added", 7, /*dynamic=*/true);
+  const ObjectInput added = OneTriangle("added", 7, /*dynamic=*/true);
   Affine3d transform;
   transform.m[7] = 2;
   const std::vector<Vec3d> moved = {{1, 2, 3}, {4, 5, 6}, {7, 8, 10}};

@@ -17,7 +17,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing_support::TestRng;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 ObjectInput Quad(const std::string& name, Vec3d at = {}) {
@@ -81,7 +81,7 @@ TEST(CompileSceneTest, AGivenOriginIsTakenAndRoundingReported) {
 
 TEST(CompileSceneTest, OriginSkipsVerticesThatAreNotFinite) {
   ObjectInput spoiled = Quad("a", {8, 8, 8});
-  spoiled.vertices[0].x = kNan;
+  spoiled.vertices[0].x = kNoNumber;
   spoiled.transform.m[3] = 100;
   const SceneGeometry geometry = Compile({{.name = "none"}, spoiled});
   EXPECT_EQ(geometry.origin, (Vec3d{109, 8, 8}));
@@ -117,7 +117,7 @@ TEST(CompileSceneTest, CountsAndKeepsWhatCannotBlock) {
                      .vertices = {{0, 0, 0},
                                   {1, 0, 0},
                                   {0, 1, 0},
-                                  {kNan, 0, 0},
+                                  {kNoNumber, 0, 0},
                                   {0, kInfinity, 0},
                                   {2, 0, 0},
                                   {0, 0, 0},
@@ -198,7 +198,7 @@ TEST(CompileSceneTest, ErrorsNameObjectPositionAndValue) {
 }
 
 TEST(CompileSceneTest, OriginMustBeFiniteAndInBounds) {
-  for (double bad : {kNan, kInfinity, 2 * kMaxCoordinate}) {
+  for (double bad : {kNoNumber, kInfinity, 2 * kMaxCoordinate}) {
     ExpectError({Quad("a")}, absl::StatusCode::kInvalidArgument, {"origin = "}, Vec3d{0, bad, 0});
   }
 }
@@ -244,7 +244,7 @@ TEST(CompileSceneTest, SameBytesWithAnyNumberOfThreads) {
     const size_t vertices = i % 7 == 0 ? 0 : 3 + rng.Below(4000);
     for (size_t k = 0; k < vertices; ++k) {
       objects[i].vertices.push_back({rng.Uniform(0, 9), rng.Uniform(0, 9), rng.Uniform(0, 9)});
-      if (rng.Chance(0.01)) objects[i].vertices.back().z = kNan;
+      if (rng.Chance(0.01)) objects[i].vertices.back().z = kNoNumber;
     }
     for (size_t k = 0; k < 2 * vertices; ++k) {
       for (int c = 0; c < 3; ++c) {

@@ -39,7 +39,7 @@ using testing_support::TestRng;
 using Bytes = AlignedVector<std::byte>;
 
 // Every other triangle shares an edge with the one before.
-ObjectInput Soup(TestRng& rng, const std::string& name, size_t triangles, bool dynamic = false) {
+ObjectInput SharingSoup(TestRng& rng, const std::string& name, size_t triangles, bool dynamic = false) {
   ObjectInput object{.name = name, .dynamic = dynamic};
   for (size_t i = 0; i < 3 * triangles; ++i) {
     object.indices.push_back(static_cast<uint32_t>(i));
@@ -110,9 +110,9 @@ class SceneFileTest : public ::testing::Test {
   // Everything that a scene can have: culling, masks, a dynamic object, an empty one, inert
   // triangles, a duplicate.
   std::vector<ObjectInput> Objects(size_t triangles) {
-    std::vector<ObjectInput> objects = {Soup(rng_, "walls", triangles),
+    std::vector<ObjectInput> objects = {SharingSoup(rng_, "walls", triangles),
                                         {.name = "nothing"},
-                                        Soup(rng_, "chair", 9, /*dynamic=*/true)};
+                                        SharingSoup(rng_, "chair", 9, /*dynamic=*/true)};
     const auto last = static_cast<uint32_t>(objects[0].vertices.size());
     objects[0].vertices.push_back({std::numeric_limits<double>::quiet_NaN(), 0, 0});
     objects[0].indices.insert(objects[0].indices.end(), {0, 1, 2, 0, 0, 1, 0, 1, last});

@@ -5,7 +5,6 @@
 // test over all triangles only within that test's bound.
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <iostream>
@@ -22,15 +21,12 @@
 #include "tests/core/intersect/intersector_answers.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
+#include "tests/core/traverse/traced_hits.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
 
 namespace sightline::testing_support {
 namespace {
-
-bool SameBits(const Hit& a, const Hit& b) {
-  return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
-}
 
 // All trees, with leaves of all sizes.
 void AddTrees(IndexedGeometry* scene, TestRng& rng) {

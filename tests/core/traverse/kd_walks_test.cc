@@ -17,6 +17,7 @@
 #include "gtest/gtest.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
+#include "tests/core/traverse/traced_hits.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
 
@@ -40,18 +41,6 @@ void Build(const KdBuildOptions& options, IndexedGeometry* indexed) {
   absl::StatusOr<KdTree> tree = BuildKdTree(indexed->geometry, options, pool);
   ASSERT_TRUE(tree.ok()) << tree.status();
   indexed->kd_tree = *std::move(tree);
-}
-
-bool SameBits(const Hit& a, const Hit& b) {
-  return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
-}
-
-std::vector<Hit> Trace(TraceRaysFn trace, const IndexedGeometry& scene,
-                       const std::vector<TraceRay>& rays) {
-  std::vector<Hit> hits(rays.size(), Hit{-1, 12345});  // Whatever was there must be overwritten.
-  WalkStats stats;
-  EXPECT_TRUE(trace(scene, rays, hits, nullptr, &stats));
-  return hits;
 }
 
 class KdWalksTest : public KernelsFixture {

@@ -15,23 +15,12 @@
 #include "gtest/gtest.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
+#include "tests/core/traverse/traced_hits.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
 
 namespace sightline::testing_support {
 namespace {
-
-bool SameBits(const Hit& a, const Hit& b) {
-  return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
-}
-
-std::vector<Hit> Trace(TraceRaysFn trace, const IndexedGeometry& scene,
-                       std::span<const TraceRay> rays) {
-  std::vector<Hit> hits(rays.size(), Hit{-1, 12345});  // Whatever was there must be overwritten.
-  WalkStats stats;
-  EXPECT_TRUE(trace(scene, rays, hits, nullptr, &stats));
-  return hits;
-}
 
 // Any hit names some blocker: what it names has to block by itself.
 void ExpectBlocker(const SceneGeometry& geometry, const TraceRay& query, const Hit& hit) {
