@@ -22,7 +22,7 @@ using testing_support::ScatteredTriangles;
 using testing_support::TestMesh;
 using testing_support::TestRng;
 
-constexpr BvhPreset kFittedPresets[] = {BvhPreset::kStatic, BvhPreset::kDynamic, BvhPreset::kCompact};
+constexpr BvhPreset kFitted[] = {BvhPreset::kStatic, BvhPreset::kDynamic, BvhPreset::kCompact};
 
 Bvh Build(const SceneGeometry& geometry, BvhPreset preset) {
   ThreadPool pool(2);
@@ -45,7 +45,7 @@ TEST(BvhRefitTest, WhatDidNotMoveStaysAsItIs) {
   ThreadPool pool(2);
   for (const TestMesh& mesh : NastyMeshes(rng, static_cast<size_t>(ScaledCount(5'000)))) {
     SCOPED_TRACE(mesh.name);
-    for (const BvhPreset preset : kFittedPresets) {
+    for (const BvhPreset preset : kFitted) {
       const Bvh built = Build(mesh.geometry, preset);
       const absl::StatusOr<Bvh> fitted = RefitBvh(built, mesh.geometry, pool);
       ASSERT_TRUE(fitted.ok()) << fitted.status();
@@ -70,7 +70,7 @@ TEST(BvhRefitTest, FitsWhateverMoved) {
       return Vec3f{static_cast<float>(rng.Uniform(-1, 1)) * v.y + 0.0f,
                    v.z + static_cast<float>(rng.Uniform(-3, 3)) + 0.0f, v.x * 0.5f + 0.0f};
     });
-    for (const BvhPreset preset : kFittedPresets) {
+    for (const BvhPreset preset : kFitted) {
       Bvh bvh = Build(mesh.geometry, preset);
       const absl::StatusOr<Bvh> fitted = RefitBvh(bvh, moved, one);
       ASSERT_TRUE(fitted.ok()) << fitted.status();

@@ -19,7 +19,7 @@ namespace {
 using testing_support::MakeScene;
 using testing_support::TestRng;
 
-constexpr size_t kSide = 160;  // Points along a side of the floor.
+constexpr size_t kRowSide = 160;  // Points along a side of the floor.
 
 // A ceiling at height 3 over a floor 8 by 8 in pieces, but for where x > 4, and a few crumbs
 // below it that keep some blocks from being covered by the ceiling alone.
@@ -52,14 +52,14 @@ struct Floor {
 
 // Squares of 16 by 16 points one after another, as a tile's are. Pieces of the floor name
 // themselves: triangles come in the order of the indices.
-Floor Points(const IndexedGeometry& scene, bool with_sources) {
+Floor FloorPoints(const IndexedGeometry& scene, bool with_sources) {
   Floor floor;
-  for (size_t square = 0; square < kSide * kSide / 256; ++square) {
+  for (size_t square = 0; square < kRowSide * kRowSide / 256; ++square) {
     for (size_t i = 0; i < 256; ++i) {
-      const size_t column = square % (kSide / 16) * 16 + i % 16;
-      const size_t row = square / (kSide / 16) * 16 + i / 16;
-      const auto x = static_cast<float>((static_cast<double>(column) + 0.37) * 8 / kSide);
-      const auto y = static_cast<float>((static_cast<double>(row) + 0.41) * 8 / kSide);
+      const size_t column = square % (kRowSide / 16) * 16 + i % 16;
+      const size_t row = square / (kRowSide / 16) * 16 + i / 16;
+      const auto x = static_cast<float>((static_cast<double>(column) + 0.37) * 8 / kRowSide);
+      const auto y = static_cast<float>((static_cast<double>(row) + 0.41) * 8 / kRowSide);
       floor.positions.push_back({x, y, 0});
       const auto piece = static_cast<uint32_t>(x) * 8 + static_cast<uint32_t>(y);
       const bool below = y - static_cast<float>(static_cast<uint32_t>(y)) <
@@ -104,7 +104,7 @@ TEST(CoveredPointsTest, AllWaysOfAskingGiveTheBitsOfSingleRays) {
     const std::vector<LightSample> samples = Lights(kind);
     for (const bool with_sources : {true, false}) {
       SCOPED_TRACE(testing::Message() << "lights " << kind << ", sources " << with_sources);
-      const Floor floor = Points(scene, with_sources);
+      const Floor floor = FloorPoints(scene, with_sources);
       const size_t n = floor.positions.size(), row = n / 8;
       const PointRange points{floor.positions, floor.sources, floor.valid};
       const ShadowOutputs outputs{.bits = true, .counts = true, .answered_by = true};
@@ -155,7 +155,7 @@ TEST(CoveredPointsTest, AllWaysOfAskingGiveTheBitsOfSingleRays) {
 TEST(CoveredPointsTest, ACeilingOverAllNeedsNoWalk) {
   TestRng rng;
   const IndexedGeometry scene = MakeScene(Room(rng));
-  const Floor floor = Points(scene, /*with_sources=*/true);
+  const Floor floor = FloorPoints(scene, /*with_sources=*/true);
   const std::vector<LightSample> samples = Lights(0);
   // Squares under the ceiling, and behind one quadrangle of it alone.
   const size_t count = 3 * 256;

@@ -27,14 +27,14 @@ namespace {
 
 using namespace testing_support;  // NOLINT
 
-constexpr int kSide = 64;  // Of a picture's tile, in pixels.
+constexpr int kPictureSide = 64;  // Of a picture's tile, in pixels.
 
 // A tile's pixels as pictures have them, by squares of four in squares of sixteen. Each has a point
 // at depth(x, y) of a view from above that leans by `lean`.
 template <class Depth>
 std::vector<Vec3f> Picture(const Depth& depth, double lean = 0.3) {
   std::vector<Vec3f> points;
-  for (int i = 0; i < kSide * kSide; ++i) {
+  for (int i = 0; i < kPictureSide * kPictureSide; ++i) {
     const int block = i / 256, square = i / 16 % 16, pixel = i % 16;
     const int x = block % 4 * 16 + square % 4 * 4 + pixel % 4;
     const int y = block / 4 * 16 + square / 4 * 4 + pixel / 4;

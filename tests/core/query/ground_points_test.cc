@@ -26,7 +26,7 @@ using testing_support::RandomPlacement;
 using testing_support::ScaledCount;
 using testing_support::TestRng;
 
-struct Points {
+struct SurfacePoints {
   std::vector<Vec3f> positions;
   std::vector<uint32_t> sources;
   std::vector<uint8_t> valid;
@@ -41,9 +41,9 @@ struct Points {
 
 // Points `height` above triangles, or, for a share of `astray`, anywhere; neighbours mostly on one
 // triangle.
-Points SomePoints(const SceneGeometry& geometry, size_t count, double height, double astray,
-                  bool with_sources, TestRng& rng) {
-  Points points;
+SurfacePoints SomePoints(const SceneGeometry& geometry, size_t count, double height, double astray,
+                         bool with_sources, TestRng& rng) {
+  SurfacePoints points;
   for (size_t i = 0; i < count; ++i) {
     const auto id = static_cast<uint32_t>(i * geometry.triangles.size() / count);
     const auto [a, b, c] = geometry.Corners(id);
@@ -88,8 +88,9 @@ TEST(GroundPointsTest, AllWaysOfAskingGiveTheBitsOfSingleRays) {
                                              MakeBox({1, 2, 0.5}, RandomPlacement(rng, {3, 1, 0})),
                                              MakeTerrain(16, 8, {-4, -3, -4})});
     const bool with_sources = round % 3 == 2;
-    const Points points = SomePoints(scene.geometry, 9001, /*height=*/rng.Chance(0.5) ? 1e-6 : 1e-3,
-                                     /*astray=*/round % 2 == 0 ? 0.1 : 0.0, with_sources, rng);
+    const SurfacePoints points =
+        SomePoints(scene.geometry, 9001, /*height=*/rng.Chance(0.5) ? 1e-6 : 1e-3,
+                   /*astray=*/round % 2 == 0 ? 0.1 : 0.0, with_sources, rng);
     // With as many, leaves are looked for that are clear of the points.
     const std::vector<LightSample> samples = Lights(round % 2 == 0 ? 14 : 40, rng);
     SCOPED_TRACE(testing::Message() << "round " << round << ", sources " << with_sources);
@@ -136,8 +137,8 @@ TEST(GroundPointsTest, AllWaysOfAskingGiveTheBitsOfSingleRays) {
 TEST(GroundPointsTest, WhatLiesBelowTheHorizonTakesNoWalk) {
   TestRng rng;
   const IndexedGeometry scene = MakeScene({MakeTerrain(12, 8, {-4, -3, -4})});
-  Points points = SomePoints(scene.geometry, 4096, /*height=*/1e-6, /*astray=*/0,
-                             /*with_sources=*/false, rng);
+  SurfacePoints points = SomePoints(scene.geometry, 4096, /*height=*/1e-6, /*astray=*/0,
+                                    /*with_sources=*/false, rng);
   std::fill(points.valid.begin(), points.valid.end(), 1);
   std::vector<LightSample> samples;
   const auto nodes = [&] {
@@ -163,8 +164,8 @@ TEST(GroundPointsTest, WhatLiesBelowTheHorizonTakesNoWalk) {
 TEST(GroundPointsTest, WhatLeadsUpDoesNotVisitWhatPointsLieOn) {
   TestRng rng;
   const IndexedGeometry scene = MakeScene({MakeTerrain(12, 8, {-4, -3, -4})});
-  Points points = SomePoints(scene.geometry, 4096, /*height=*/1e-6, /*astray=*/0,
-                             /*with_sources=*/false, rng);
+  SurfacePoints points = SomePoints(scene.geometry, 4096, /*height=*/1e-6, /*astray=*/0,
+                                    /*with_sources=*/false, rng);
   std::fill(points.valid.begin(), points.valid.end(), 1);
   std::vector<LightSample> samples;
   const auto leaves = [&] {

@@ -31,7 +31,7 @@ using testing_support::MakeIcosphere;
 using testing_support::MakeScene;
 using testing_support::MakeTerrain;
 
-constexpr uint32_t kSide = 96;
+constexpr uint32_t kCulledSide = 96;
 
 // A ball over waves, in leaves of many triangles.
 const IndexedGeometry& Scene() {
@@ -50,15 +50,16 @@ const IndexedGeometry& Scene() {
 
 QueryStats Count(Strategy strategy, Structure structure, const LeafCulling& culling,
                  int packet_side = 16) {
-  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.5, kSide);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.5, kCulledSide);
   TileResult tile;
-  const absl::Status status = TraceTile(Scene(), camera, {0, 0, kSide, kSide}, {}, {.ids = true},
-                                        {.strategy = strategy,
-                                         .structure = structure,
-                                         .leaf_culling = culling,
-                                         .packet_side = packet_side,
-                                         .simd = SimdTarget::kAvx2},
-                                        &tile);
+  const absl::Status status =
+      TraceTile(Scene(), camera, {0, 0, kCulledSide, kCulledSide}, {}, {.ids = true},
+                {.strategy = strategy,
+                 .structure = structure,
+                 .leaf_culling = culling,
+                 .packet_side = packet_side,
+                 .simd = SimdTarget::kAvx2},
+                &tile);
   EXPECT_TRUE(status.ok()) << status;
   return tile.primary;
 }
@@ -429,11 +430,11 @@ TEST(LeafCullingTest, ClosestHitsEndEarlyOverPerfectSplits) {
     floors.back().name = absl::StrCat("floor ", i);
   }
   IndexedGeometry scene = MakeScene(floors);
-  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.3, kSide);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.3, kCulledSide);
   ThreadPool pool(1);
   const TileOutputs outputs = {.ids = true, .depth = true};
   TileResult truth;
-  ASSERT_TRUE(TraceTile(scene, camera, {0, 0, kSide, kSide}, {}, outputs,
+  ASSERT_TRUE(TraceTile(scene, camera, {0, 0, kCulledSide, kCulledSide}, {}, outputs,
                         {.strategy = Strategy::kBruteForce}, &truth)
                   .ok());
   const auto count = [&](Strategy strategy, bool culls, bool perfect) {
@@ -443,7 +444,9 @@ TEST(LeafCullingTest, ClosestHitsEndEarlyOverPerfectSplits) {
     QueryOptions options{
         .strategy = strategy, .structure = Structure::kKdTree, .simd = SimdTarget::kAvx2};
     if (culls) options.leaf_culling = LeafCulling();
-    EXPECT_TRUE(TraceTile(scene, camera, {0, 0, kSide, kSide}, {}, outputs, options, &tile).ok());
+    EXPECT_TRUE(
+        TraceTile(scene, camera, {0, 0, kCulledSide, kCulledSide}, {}, outputs, options, &tile)
+            .ok());
     EXPECT_EQ(tile.triangle, truth.triangle) << StrategyName(strategy) << culls << perfect;
     EXPECT_EQ(tile.depth, truth.depth) << StrategyName(strategy) << culls << perfect;
     return tile.primary;

@@ -33,8 +33,8 @@ using testing_support::MakeTerrain;
 using testing_support::RandomPlacement;
 using testing_support::TestRng;
 
-constexpr uint32_t kSide = 45;  // Four does not divide it.
-constexpr TileRect kTile = {0, 0, kSide, kSide};
+constexpr uint32_t kMirroredSide = 45;  // Four does not divide it.
+constexpr TileRect kMirroredTile = {0, 0, kMirroredSide, kMirroredSide};
 constexpr TileOutputs kOutputs = {
     .hits = true, .ids = true, .depth = true, .uv = true, .points = true, .mirrors = true};
 
@@ -131,7 +131,7 @@ TEST(MirrorsTest, EveryStrategySeesWhatTheDefinitionSays) {
         {.object = 1, .plane = MirrorPlane{{0, 0, 0}, {1, rng.Uniform(-1, 1), 0}}}};
     absl::StatusOr<Camera> camera =
         LookAt({rng.Uniform(-8, -4), rng.Uniform(-3, 3), rng.Uniform(1, 9)}, {2, 0, -5}, {0, 0, 1},
-               70, kSide, kSide);
+               70, kMirroredSide, kMirroredSide);
     ASSERT_TRUE(camera.ok()) << camera.status();
     const Vec3f eye = ToFloat(camera->eye);
     const absl::StatusOr<PreparedMirrors> prepared =
@@ -140,8 +140,8 @@ TEST(MirrorsTest, EveryStrategySeesWhatTheDefinitionSays) {
     const TileResult direct = Look(scene, *camera, {}, {.strategy = Strategy::kBruteForce});
     const TileResult truth = Look(scene, *camera, mirrors, {.strategy = Strategy::kBruteForce});
     size_t seen = 0, hit_there = 0;
-    for (uint32_t i = 0; i < kSide * kSide; ++i) {
-      const Vec3f direction = PixelDirection(*camera, i % kSide, i / kSide);
+    for (uint32_t i = 0; i < kMirroredSide * kMirroredSide; ++i) {
+      const Vec3f direction = PixelDirection(*camera, i % kMirroredSide, i / kMirroredSide);
       size_t m = 0;
       while (m < mirrors.size() && !prepared->all()[m].triangles().Holds(direct.triangle[i])) ++m;
       ASSERT_EQ(Bit(truth.mirror_bits, i), m < mirrors.size()) << i;
@@ -170,7 +170,7 @@ TEST(MirrorsTest, EveryStrategySeesWhatTheDefinitionSays) {
       ASSERT_EQ(result.mirror_bits, truth.mirror_bits);
       ASSERT_EQ(result.point_pixel, truth.point_pixel);
       ASSERT_EQ(result.points.sources, truth.points.sources);
-      for (uint32_t i = 0; i < kSide * kSide; ++i) {
+      for (uint32_t i = 0; i < kMirroredSide * kMirroredSide; ++i) {
         const auto bits = [](float x) { return std::bit_cast<uint32_t>(x); };
         ASSERT_EQ(bits(result.depth[i]), bits(truth.depth[i])) << i;
         ASSERT_EQ(bits(result.u[i]), bits(truth.u[i])) << i;
@@ -194,8 +194,8 @@ TEST(MirrorsTest, AMirrorShowsWhatItsMirroredEyeSees) {
                          .up = {0, 0, 1},
                          .forward = {-1, 0, 0},
                          .tan_half_fov_y = 0.75,
-                         .width = kSide,
-                         .height = kSide};
+                         .width = kMirroredSide,
+                         .height = kMirroredSide};
   Camera mirrored = camera;
   mirrored.eye.x = -9;
   mirrored.forward = {1, 0, 0};
@@ -205,7 +205,7 @@ TEST(MirrorsTest, AMirrorShowsWhatItsMirroredEyeSees) {
   const ObjectInput away = Quad({900, -1, -1}, {900, 1, -1}, {900, 1, 1}, {900, -1, 1});
   const TileResult from_behind = Look(MakeScene({away, ball, box}), mirrored, {});
   size_t seen = 0, mirrors_seen = 0;
-  for (uint32_t i = 0; i < kSide * kSide; ++i) {
+  for (uint32_t i = 0; i < kMirroredSide * kMirroredSide; ++i) {
     if (!Bit(in_mirror.mirror_bits, i)) continue;  // Something stands before the mirror.
     ++mirrors_seen;
     const bool is_away = from_behind.triangle[i] < 2;
@@ -214,7 +214,7 @@ TEST(MirrorsTest, AMirrorShowsWhatItsMirroredEyeSees) {
     ASSERT_EQ(in_mirror.depth[i], from_behind.depth[i]) << i;
     ++seen;
   }
-  EXPECT_GT(mirrors_seen, kSide * kSide / 2);
+  EXPECT_GT(mirrors_seen, kMirroredSide * kMirroredSide / 2);
   EXPECT_GT(seen, 50u);
 }
 
@@ -227,7 +227,7 @@ TEST(MirrorsTest, TilesAtAMirrorsEdgeStayTiles) {
                             .indices = {0, 1, 2}};
   const IndexedGeometry scene = WithKdTree(MakeScene({mirror, wall}));
   const Mirror mirrors[] = {{.object = 0}};
-  for (const uint32_t side : {kSide, 64u}) {
+  for (const uint32_t side : {kMirroredSide, 64u}) {
     const Camera camera = {.eye = {9, 0.25, 0.5},
                            .right = {0, 1, 0},
                            .up = {0, 0, 1},
@@ -281,19 +281,19 @@ TEST(MirrorsTest, LightsFallOnWhatIsSeen) {
   const ObjectInput ceiling = Quad({-20, -20, 8}, {20, -20, 8}, {20, 20, 8}, {-20, 20, 8});
   const ObjectInput shade = Quad({0, -20, 5}, {20, -20, 5}, {20, 20, 5}, {0, 20, 5});
   const IndexedGeometry scene = MakeScene({floor, ceiling, shade});
-  const Camera camera = testing_support::LookingDown({-6, 0, 6}, 0.5, kSide);
+  const Camera camera = testing_support::LookingDown({-6, 0, 6}, 0.5, kMirroredSide);
   std::vector<LightSample> samples;
   ASSERT_TRUE(AppendSamples(Light::Point({-0.001, 0, 4}), 0, {}, &samples).ok());
   TileResult result;
   const Mirror mirrors[] = {{.object = 0}};
-  const absl::Status status = TraceTile(scene, camera, kTile, samples, mirrors,
+  const absl::Status status = TraceTile(scene, camera, kMirroredTile, samples, mirrors,
                                         {.ids = true, .lit = true, .mirrors = true}, {}, &result);
   ASSERT_TRUE(status.ok()) << status;
   size_t lit = 0, dark = 0;
-  for (uint32_t i = 0; i < kSide * kSide; ++i) {
+  for (uint32_t i = 0; i < kMirroredSide * kMirroredSide; ++i) {
     if (!Bit(result.mirror_bits, i) || result.triangle[i] / 2 != 1) continue;
     // Where on the ceiling: depth 6 to the floor, and 8 up again.
-    const double x = -6 + 14 * PixelDirection(camera, i % kSide, i / kSide).x;
+    const double x = -6 + 14 * PixelDirection(camera, i % kMirroredSide, i / kMirroredSide).x;
     if (std::abs(x) < 0.01) continue;
     ASSERT_EQ(Bit(result.lit_bits, i), x < 0) << x;
     (x < 0 ? lit : dark) += 1;

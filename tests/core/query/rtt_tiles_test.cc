@@ -25,11 +25,11 @@ using testing_support::MakeScene;
 using testing_support::MakeTerrain;
 using testing_support::OnKdTreeAlone;
 
-constexpr uint32_t kSide = 256;
+constexpr uint32_t kRttSide = 256;
 
 TileResult Trace(const IndexedGeometry& scene, const TileRect& rect, const QueryOptions& options,
                  const TileOutputs& outputs, std::span<const LightSample> samples = {}) {
-  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.4, kSide);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.4, kRttSide);
   TileResult result;
   const absl::Status status = TraceTile(scene, camera, rect, samples, outputs, options, &result);
   EXPECT_TRUE(status.ok()) << status;

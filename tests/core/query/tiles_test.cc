@@ -19,7 +19,7 @@ using testing_support::AvailableTargets;
 using testing_support::MakeScene;
 using testing_support::TestRng;
 
-constexpr uint32_t kSide = 80;  // More than a group, and no multiple of one.
+constexpr uint32_t kTileSide = 80;  // More than a group, and no multiple of one.
 
 // Small squares above each other, so that pixels that hit something and others lie mixed.
 IndexedGeometry MakeConfetti(TestRng& rng) {
@@ -55,14 +55,14 @@ uint64_t PixelsOfSquaresWithHits(const TileResult& tile, const TileRect& rect, u
 TEST(TilesTest, PixelShadowPacketsAreWholeSquaresAndChangeNoAnswer) {
   TestRng rng;
   const IndexedGeometry scene = MakeConfetti(rng);
-  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kSide);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kTileSide);
   std::vector<LightSample> samples;
   ASSERT_TRUE(AppendSamples(Light::Point({1, 0.5, 5}), 0, {}, &samples).ok());
   // A sun's packets are of hits alone.
   ASSERT_TRUE(AppendSamples(Light::Directional({0.3, 0.2, 1}), 1, {}, &samples).ok());
   ASSERT_TRUE(AppendSamples(Light::Point({-2, 1, 4}), 2, {}, &samples).ok());
   ASSERT_EQ(samples.size(), 3u);
-  for (const TileRect rect : {TileRect{0, 0, kSide, kSide}, TileRect{3, 5, 67, 41}}) {
+  for (const TileRect rect : {TileRect{0, 0, kTileSide, kTileSide}, TileRect{3, 5, 67, 41}}) {
     for (const int side : kPacketSides) {
       const auto trace = [&](bool by_pixels) {
         TileResult tile;
@@ -94,10 +94,10 @@ TEST(TilesTest, PixelShadowPacketsAreWholeSquaresAndChangeNoAnswer) {
 TEST(TilesTest, ResultsPastTheCachesAreTheSame) {
   TestRng rng;
   const IndexedGeometry scene = MakeConfetti(rng);
-  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kSide);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kTileSide);
   for (const SimdTarget simd : AvailableTargets()) {
     for (const TileRect rect : {TileRect{0, 0, 80, 72}, TileRect{3, 5, 64, 41},
-                                TileRect{1, 2, 61, 64}, TileRect{0, 0, kSide, kSide}}) {
+                                TileRect{1, 2, 61, 64}, TileRect{0, 0, kTileSide, kTileSide}}) {
       for (const Strategy strategy : {Strategy::kAuto, Strategy::kPacket}) {
         TileOutputs outputs = {.hits = false, .ids = true, .depth = true, .uv = true};
         TileResult usual, past;
@@ -118,12 +118,13 @@ TEST(TilesTest, ResultsPastTheCachesAreTheSame) {
 TEST(TilesTest, PixelShadowPacketsArePacketsOption) {
   TestRng rng;
   const IndexedGeometry scene = MakeConfetti(rng);
-  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kSide);
+  const Camera camera = testing_support::LookingDown({0, 0, 9}, 0.25, kTileSide);
   std::vector<LightSample> samples;
   ASSERT_TRUE(AppendSamples(Light::Point({1, 0.5, 5}), 0, {}, &samples).ok());
   for (const Strategy strategy : {Strategy::kAuto, Strategy::kSingle, Strategy::kShaft}) {
     TileResult tile;
-    ASSERT_TRUE(TraceTile(scene, camera, {0, 0, kSide, kSide}, samples, {.ids = true, .lit = true},
+    ASSERT_TRUE(TraceTile(scene, camera, {0, 0, kTileSide, kTileSide}, samples,
+                          {.ids = true, .lit = true},
                           {.strategy = strategy, .pixel_shadow_packets = true}, &tile)
                     .ok());
     uint64_t hits = 0;

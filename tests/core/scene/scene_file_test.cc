@@ -39,7 +39,8 @@ using testing_support::TestRng;
 using Bytes = AlignedVector<std::byte>;
 
 // Every other triangle shares an edge with the one before.
-ObjectInput SharingSoup(TestRng& rng, const std::string& name, size_t triangles, bool dynamic = false) {
+ObjectInput SharingSoup(TestRng& rng, const std::string& name, size_t triangles,
+                        bool dynamic = false) {
   ObjectInput object{.name = name, .dynamic = dynamic};
   for (size_t i = 0; i < 3 * triangles; ++i) {
     object.indices.push_back(static_cast<uint32_t>(i));
