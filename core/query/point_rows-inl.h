@@ -115,9 +115,9 @@ class RowBox {
       const V second = hn::CombineShiftRightBytes<12>(d, b, a);
       const V third = hn::CombineShiftRightBytes<8>(d, c, b);
       const V fourth = hn::CombineShiftRightBytes<4>(d, c, c);
-      alignas(16) float least[4];
-      hn::Store(op(op(a, second), op(third, fourth)), d, least);
-      return {least[0], least[1], least[2]};
+      alignas(16) float of_all[4];
+      hn::Store(op(op(a, second), op(third, fourth)), d, of_all);
+      return {of_all[0], of_all[1], of_all[2]};
     }
   }
 
@@ -171,15 +171,8 @@ inline void BoxOfPoints(std::span<const Vec3f> points, const Vec3f* coming, Box3
   constexpr size_t kLanes = hn::MaxLanes(PointRowD());
   RowBox all;
   size_t i = 0;
-  if (coming != nullptr) {
-    for (; i + kLanes <= points.size(); i += kLanes) {
-      FetchPoints(coming + i);
-      hn::Vec<PointRowD> row[3];
-      LoadPoints(&points[i], row);
-      all.Extend(row);
-    }
-  }
   for (; i + kLanes <= points.size(); i += kLanes) {
+    if (coming != nullptr) FetchPoints(coming + i);
     hn::Vec<PointRowD> row[3];
     LoadPoints(&points[i], row);
     all.Extend(row);

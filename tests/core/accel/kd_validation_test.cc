@@ -97,7 +97,7 @@ TEST_F(KdValidationTest, TrianglesInSplits) {
     KdTree tree = tree_;
     const size_t at = tree.leaves[l].first + tree.leaves[l].count - 1;
     for (size_t i = at; i + 1 < tree.ids.size(); ++i) tree.ids[i] = tree.ids[i + 1];
-    tree.ids.resize(tree.ids.size() - 1);
+    tree.ids.pop_back();
     --tree.leaves[l].count;
     for (size_t later = l + 1; later < tree.leaves.size(); ++later) --tree.leaves[later].first;
     const absl::Status status = ValidateKdTree(tree, geometry_);

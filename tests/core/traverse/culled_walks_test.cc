@@ -252,8 +252,9 @@ TEST_P(CulledWalksTest, ARayThatSeesTheSkyLeavesTheOthersTheirFarPlane) {
   packet->segments = false;
   packet->count = kRays;
   for (uint32_t lane = 0; lane < kRays; ++lane) {
-    packet->target_x[lane] = lane < kSeeing ? 0.01f * static_cast<float>(lane % 8) : 2.0f;
-    packet->target_y[lane] = 0.01f * static_cast<float>(lane / 8);
+    const uint32_t column = lane % 8, row = lane / 8;
+    packet->target_x[lane] = lane < kSeeing ? 0.01f * static_cast<float>(column) : 2.0f;
+    packet->target_y[lane] = 0.01f * static_cast<float>(row);
     packet->target_z[lane] = 1;
     packet->target_source[lane] = kNoTriangle;
   }

@@ -69,7 +69,7 @@ TEST(GradualFetchTest, LeavesPointsToTheCaller) {
   EXPECT_EQ(fetch.Take(1), nullptr);
   fetch.Until(4 * kStep);
   EXPECT_EQ(fetch.Take(4 * kStep + 1), nullptr);
-  EXPECT_EQ(fetch.Take(kStep + 5), &positions[0]);
+  EXPECT_EQ(fetch.Take(kStep + 5), positions.data());
   EXPECT_EQ(fetch.at(), reinterpret_cast<uintptr_t>(&positions[kStep + 5]));
   EXPECT_EQ(fetch.Take(3 * kStep), nullptr);
   fetch.Some();
