@@ -203,9 +203,9 @@ std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
                                       float ray_cost, SimdTarget simd) {
   if (positions.size() < kLeastOrderedPoints || samples == 0) return std::nullopt;
   const float rays = static_cast<float>(samples) * ray_cost;
-  // No order spares more than all of that.
-  if (ray_cost > 0 && rays < kLeastOrderedRays) return std::nullopt;
-  if (rays >= kLeastOrderedRays && rays < kMostLayeredRays) {
+  const bool known = ray_cost > 0;
+  if (known && rays < kLeastOrderedRays) return std::nullopt;  // No order spares more than that.
+  if (known && rays < kMostLayeredRays) {
     const DepthLayers layers(positions, valid);
     const float spared = layers.gain() > 1 ? ShareSpared(layers.gain()) : 0;
     if (rays * spared >= kLayersPay) return OwnOrder{layers.Order(), 1 / (1 - spared)};

@@ -21,6 +21,7 @@
 #include "core/intersect/hit.h"
 #include "core/intersect/predicate-inl.h"
 #include "core/query/point_rows.h"
+#include "core/traverse/gradual_fetch.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -124,8 +125,8 @@ class RowBox {
   hn::Vec<PointRowD> lo_[3], hi_[3];
 };
 
-// As many points as a vector has lanes: three vectors, from `point` on. Each is loaded once,
-// whatever is done with it: GCC 12 reads memory for its least and for its most by themselves.
+// As many points as a vector has lanes: three vectors, from `point` on. With AVX-512 each is loaded
+// once, whatever is done with it: GCC 12 reads memory for its least and its most by themselves.
 HWY_INLINE void LoadPoints(const Vec3f* point, hn::Vec<PointRowD> (&row)[3]) {
   const PointRowD d;
   static_assert(sizeof(Vec3f) == 3 * sizeof(float));
@@ -135,15 +136,6 @@ HWY_INLINE void LoadPoints(const Vec3f* point, hn::Vec<PointRowD> (&row)[3]) {
   row[0] = v.x;
   row[1] = v.y;
   row[2] = v.z;
-}
-
-// Asks for as many points, for the second cache.
-HWY_INLINE void FetchPoints(const Vec3f* point) {
-  constexpr size_t kLine = 64;
-  const char* const from = reinterpret_cast<const char*>(point);
-  for (size_t at = 0; at < hn::MaxLanes(PointRowD()) * sizeof(Vec3f); at += kLine) {
-    __builtin_prefetch(from + at, 0, 2);
-  }
 }
 
 inline void SplitPoints(std::span<const Vec3f> points, float* x, float* y, float* z, Box3f* box) {
@@ -172,7 +164,9 @@ inline void BoxOfPoints(std::span<const Vec3f> points, const Vec3f* coming, Box3
   RowBox all;
   size_t i = 0;
   for (; i + kLanes <= points.size(); i += kLanes) {
-    if (coming != nullptr) FetchPoints(coming + i);
+    if (coming != nullptr) {
+      AskForLines(reinterpret_cast<uintptr_t>(coming + i), kLanes * sizeof(Vec3f));
+    }
     hn::Vec<PointRowD> row[3];
     LoadPoints(&points[i], row);
     all.Extend(row);

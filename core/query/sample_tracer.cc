@@ -146,7 +146,6 @@ absl::Status SampleTracer::Trace(size_t s) {
   SL_RETURN_IF_ERROR(run_.Poll());
   rays_ += positions_.size();
   by_bits_.fill(false);
-  by_hull_ = false;
   const uint32_t mask = run_.options().mask & sample.mask;
   const Strategy strategy =
       ChooseStrategy(run_, sample.directional ? RayForm::kParallel : RayForm::kOneOrigin, kind_,
@@ -246,7 +245,6 @@ bool SampleTracer::CoverRange(size_t s, size_t begin, size_t end, uint32_t mask,
   for (size_t b = begin; b < end; ++b) {
     by_bits_[b] = true;
     bits_[b].fill(0xFFFF);
-    if (by_hull_) packets_[b].first_leaf = leaf;
   }
   if (record_answered_by_) std::fill_n(AnsweredByOf(begin), count, AnsweredBy::kShaft);
   scope->walk()->shaft.covers += (count + kCoverRays - 1) / kCoverRays;
@@ -302,7 +300,6 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
   // With t_min the points differ from sample to sample.
   const bool by_hulls = by_shafts && samples_of_[light_of_[s]] >= GroupHulls::kLeastSamples &&
                         !choice.ShaftsAreRare() && hulls_.Find(s, /*alone=*/t_min_ != 0);
-  by_hull_ = by_hulls;
   if (by_hulls) packets_.Reserve(blocks());
   // A hull's samples are as good as one for a block's frame.
   if (!by_hulls || !seeds_by_block_ || s == hulls_.begin()) seeds_.fill({});
@@ -367,6 +364,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
     if (by_shafts) {
       if (const size_t covered = CoverBlocks(s, b, mask, scope); covered > 0) {
+        for (size_t i = b; by_hulls && i < b + covered; ++i) packets_[i].first_leaf = *first_leaf;
         b += covered - 1;
         continue;
       }

@@ -212,8 +212,6 @@ class SampleTracer {
   GradualFetch coming_;
   // Rows hold the points of this group.
   bool packets_ready_ = false, parallel_ready_ = false;
-  // Whether the sample is one of a hull's: what darkened a block stays in its packet for the next.
-  bool by_hull_ = false;
   // Where the last results are: a block's in its packet, or in bits alone, of the points blocked.
   bool parallel_traced_ = false;
   std::array<bool, kGroupBlocks> by_bits_ = {};

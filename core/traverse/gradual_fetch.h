@@ -24,6 +24,16 @@
 
 namespace sightline {
 
+// Asks for the lines of so many bytes, for the second level: the first one is what walks work in.
+// By assembly, since GCC takes a function that does nothing but prefetch for one without effect,
+// and drops it.
+inline void AskForLines(uintptr_t from, size_t bytes) {
+  constexpr size_t kLineBytes = 64;
+  for (size_t at = 0; at < bytes; at += kLineBytes) {
+    asm volatile("prefetcht1 %0" : : "m"(*reinterpret_cast<const char*>(from + at)));
+  }
+}
+
 class GradualFetch {
  public:
   static constexpr size_t kPointsAtOnce = 32;
@@ -76,21 +86,14 @@ class GradualFetch {
   }
 
  private:
-  static constexpr size_t kLineBytes = 64;
-
   template <typename T>
   static uintptr_t AddressOf(std::span<const T> row, size_t i) {
     return reinterpret_cast<uintptr_t>(row.data()) + i * sizeof(T);
   }
 
-  // To the second level: the first one is what walks work in. By assembly, since GCC takes a
-  // function that does nothing but prefetch for one without effect, and drops it.
   template <typename T>
   void Ask(std::span<const T> row, size_t points) const {
-    const uintptr_t from = AddressOf(row, next_);
-    for (size_t at = 0; at < points * sizeof(T); at += kLineBytes) {
-      asm volatile("prefetcht1 %0" : : "m"(*reinterpret_cast<const char*>(from + at)));
-    }
+    AskForLines(AddressOf(row, next_), points * sizeof(T));
   }
 
   std::span<const Vec3f> positions_;

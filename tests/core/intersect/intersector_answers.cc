@@ -2,13 +2,13 @@
 #include "tests/core/intersect/intersector_answers.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <numeric>
 
 #include "core/geometry/vec3.h"
 #include "core/intersect/intersector_check.h"
+#include "tests/core/intersect/same_bits.h"
 
 namespace sightline::testing_support {
 namespace {
@@ -29,10 +29,6 @@ double LeastWeight(const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c) {
   double least = std::numeric_limits<double>::infinity();
   for (const double w : weights) least = std::min(least, std::abs(w / sum));
   return std::isfinite(least) ? least : 0;
-}
-
-bool SameBits(const Hit& a, const Hit& b) {
-  return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
 }
 
 // What excuses one of two answers. Nothing does where it is that nothing is hit.

@@ -2,7 +2,6 @@
 #include "core/intersect/intersector.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <iostream>
@@ -11,6 +10,7 @@
 
 #include "core/intersect/predicate.h"
 #include "gtest/gtest.h"
+#include "tests/core/intersect/same_bits.h"
 #include "tests/core/intersect/triangle_cases.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
@@ -19,6 +19,7 @@ namespace sightline {
 namespace {
 
 using testing_support::MoveByUlps;
+using testing_support::SameBits;
 using testing_support::ScaledCount;
 using testing_support::TestRng;
 using testing_support::TriangleCase;
@@ -27,8 +28,6 @@ using testing_support::TriangleCases;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr size_t kCount = 37;  // No multiple of a register.
 constexpr size_t kRoom = 64;
-
-bool SameBits(float a, float b) { return std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b); }
 
 struct HitRows {
   float t[kRoom], u[kRoom], v[kRoom];

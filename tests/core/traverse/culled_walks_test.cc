@@ -19,9 +19,9 @@
 #include "core/traverse/kernels.h"
 #include "gtest/gtest.h"
 #include "tests/core/intersect/intersector_answers.h"
+#include "tests/core/intersect/same_bits.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
-#include "tests/core/traverse/traced_hits.h"
 #include "tests/support/random.h"
 #include "tests/support/test_scale.h"
 

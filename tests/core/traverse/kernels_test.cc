@@ -13,6 +13,7 @@
 
 #include "core/base/cancel.h"
 #include "gtest/gtest.h"
+#include "tests/core/intersect/same_bits.h"
 #include "tests/core/traverse/kernels_fixture.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/core/traverse/traced_hits.h"

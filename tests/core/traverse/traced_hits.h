@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The hits of rays by one of the walks, and whether two are the same.
+// The hits of rays by one of the walks.
 //
 // Thread safety: functions only.
 //
@@ -8,8 +8,6 @@
 #ifndef SIGHTLINE_TESTS_CORE_TRAVERSE_TRACED_HITS_H_
 #define SIGHTLINE_TESTS_CORE_TRAVERSE_TRACED_HITS_H_
 
-#include <bit>
-#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -20,10 +18,6 @@
 #include "gtest/gtest.h"
 
 namespace sightline::testing_support {
-
-inline bool SameBits(const Hit& a, const Hit& b) {
-  return a.triangle == b.triangle && std::bit_cast<uint32_t>(a.t) == std::bit_cast<uint32_t>(b.t);
-}
 
 inline std::vector<Hit> Trace(TraceRaysFn trace, const IndexedGeometry& scene,
                               std::span<const TraceRay> rays) {
