@@ -48,6 +48,11 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
                             std::span<const double> weights, const ShadowOptions& shadow,
                             const ShadowOutputs& outputs) {
   const size_t n = points.positions.size();
+  if (n > kMaxShadowPoints) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("a range of ", n, " points, of which one call takes up to ", kMaxShadowPoints,
+                     ": hand them over in several"));
+  }
   if (!FitsOrEmpty(points.sources, points) || !FitsOrEmpty(points.valid, points)) {
     return absl::InvalidArgumentError(absl::StrCat("a point range holds ", n, " positions, ",
                                                    points.sources.size(), " sources and ",
@@ -117,7 +122,7 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   std::vector<size_t> index;
   const float known_cost = shadow.hints != nullptr ? shadow.hints->ray_cost : 0;
   SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats,
-                      shadow.hints != nullptr ? std::move(*shadow.hints) : ShadowHints());
+                      shadow.hints != nullptr ? std::exchange(*shadow.hints, {}) : ShadowHints());
   if (outputs.answered_by) tracer.RecordAnsweredBy();
   std::optional<OwnOrder> own;
   if (!shadow.ordered) {

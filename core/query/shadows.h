@@ -29,6 +29,9 @@
 
 namespace sightline {
 
+// The most points of one call, which numbers them in 31 bits.
+inline constexpr uint64_t kMaxShadowPoints = 0x7FFFFFFF;
+
 struct PointRange {
   std::span<const Vec3f> positions;
   std::span<const uint32_t> sources;  // By point, or empty: no point names a triangle.
@@ -69,7 +72,7 @@ struct ShadowOptions {
   // no other order is looked for.
   bool ordered = false;
   // What the points before these left behind, taken over and left to those that follow; may be
-  // null.
+  // null. After Cancelled and DeadlineExceeded they are empty: nothing is known of the next points.
   ShadowHints* hints = nullptr;
   // The points that come next, in that order: those of the call to come and, where they are known
   // and lie behind each other, of those after it. Some of them, up to four groups of 4,096, are
@@ -102,9 +105,11 @@ struct ShadowResult {
   QueryStats stats;
 };
 
-// `weights`: one per sample where weighted sums are asked for, else empty. InvalidArgument: lengths
-// that differ, t_min out of range (named with its value). Cancelled / DeadlineExceeded; on an error
-// the result holds nothing. What it held before is lost; its memory serves again.
+// `weights`: one per sample where weighted sums are asked for, else not read. InvalidArgument: more
+// than kMaxShadowPoints points, lengths that differ, hints of another number of samples, t_min out
+// of range (each named with its value); what CheckOptions says of the options. Cancelled /
+// DeadlineExceeded. On an error the result holds nothing. What it held before is lost; its memory
+// serves again.
 absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& points,
                             std::span<const LightSample> samples, std::span<const double> weights,
                             const ShadowOptions& shadow, const ShadowOutputs& outputs,

@@ -185,8 +185,12 @@ WalkChoice& WalkChoices::Of(uint32_t light, WalkChoice::Others others) {
   if (light >= choices_.size()) choices_.resize(size_t{light} + 1);
   std::optional<WalkChoice>& choice = choices_[light];
   if (!choice.has_value() || choice->others() != others) {
-    const bool follows = last_.has_value() && choices_[*last_]->others() == others;
-    choice = follows ? *choices_[*last_] : WalkChoice(others);
+    // Choices that were moved from know of no light.
+    const WalkChoice* const before =
+        last_.has_value() && *last_ < choices_.size() && choices_[*last_].has_value()
+            ? &*choices_[*last_]
+            : nullptr;
+    choice = before != nullptr && before->others() == others ? *before : WalkChoice(others);
   }
   last_ = light;
   return *choice;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What ComputeShadows leaves in a result that was used before.
+// What ComputeShadows leaves in a result and in hints that were used before, and what it refuses.
 #include "core/query/shadows.h"
 
 #include <cstdint>
@@ -73,6 +73,40 @@ TEST_F(ShadowsTest, AResultHoldsNothingAfterAnError) {
             absl::StatusCode::kInvalidArgument);
   EXPECT_TRUE(result.lit_bits.empty() && result.lit_counts.empty());
   EXPECT_EQ(result.stats.rays, 0u);
+}
+
+// What was learnt is taken over as a call begins; one that does not end leaves nothing of it.
+TEST_F(ShadowsTest, HintsServeAgainAfterACancelledCall) {
+  ShadowResult plain;
+  ASSERT_TRUE(Compute(700, {}, &plain).ok());
+  CancelToken cancelled;
+  cancelled.Cancel();
+  ShadowHints hints;
+  for (const CancelToken* cancel :
+       {static_cast<const CancelToken*>(nullptr), static_cast<const CancelToken*>(&cancelled),
+        static_cast<const CancelToken*>(nullptr)}) {
+    ShadowResult result;
+    const absl::Status status = ComputeShadows(scene_, {points_, {}, {}}, samples_, {},
+                                               {.hints = &hints}, {}, {.cancel = cancel}, &result);
+    if (cancel != nullptr) {
+      ASSERT_EQ(status.code(), absl::StatusCode::kCancelled);
+      EXPECT_TRUE(hints.first_leaves.empty() && hints.ray_cost == 0);
+    } else {
+      ASSERT_TRUE(status.ok()) << status;
+      EXPECT_EQ(hints.first_leaves.size(), samples_.size());
+      EXPECT_EQ(result.lit_bits, plain.lit_bits);
+    }
+  }
+}
+
+TEST_F(ShadowsTest, MorePointsThanAreNumberedAreRefused) {
+  // Nobody looks at them.
+  const std::span<const Vec3f> many(points_.data(), kMaxShadowPoints + 1);
+  ShadowResult result;
+  const absl::Status status =
+      ComputeShadows(scene_, {many, {}, {}}, samples_, {}, {}, {}, {}, &result);
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(status.message().find("2147483648 points"), std::string::npos) << status;
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "core/query/shadows.h"
@@ -238,6 +239,16 @@ TEST(WalkChoicesTest, EachLightLearnsForItselfAndBeginsWhereTheLastLeftOff) {
   EXPECT_EQ(next(1), Strategy::kSingle);
   EXPECT_EQ(next(0), Strategy::kShaft);
   EXPECT_EQ(next(2), Strategy::kShaft);
+}
+
+TEST(WalkChoicesTest, OnesThatWereMovedFromKnowNothing) {
+  constexpr Others kOthers = Others::kOneOrigin;
+  WalkChoices choices;
+  Take(choices.Of(1, kOthers), kOthers, 100, 1000, 1000, 500);
+  WalkChoices taken = std::move(choices);
+  EXPECT_EQ(taken.Of(1, kOthers).Next(kAlike), Strategy::kSingle);
+  EXPECT_EQ(choices.Of(0, kOthers).Next(kAlike),
+            Strategy::kShaft);  // NOLINT(bugprone-use-after-move)
 }
 
 // As where hints of one call are handed on to another that asks otherwise.
