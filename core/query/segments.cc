@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
@@ -113,15 +114,14 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
                           const SegmentOutputs& outputs, const QueryOptions& options,
                           SegmentResult* result) {
   const ScopedFloatEnvironment environment;
+  SegmentResult out = std::exchange(*result, {});  // Its memory serves again.
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
   const QueryRun run(scene, options);
   const size_t n = segments.size();
-  SegmentResult out;
-  if (outputs.bits) out.blocked_bits.assign((n + 7) / 8, 0);
-  if (outputs.first_hits) {
-    out.triangle.assign(n, kNoTriangle);
-    out.t.assign(n, std::numeric_limits<float>::infinity());
-  }
+  out.blocked_bits.assign(outputs.bits ? (n + 7) / 8 : 0, 0);
+  out.triangle.assign(outputs.first_hits ? n : 0, kNoTriangle);
+  out.t.assign(outputs.first_hits ? n : 0, std::numeric_limits<float>::infinity());
+  out.stats = {};
   const HitKind kind = outputs.first_hits ? HitKind::kClosest : HitKind::kAny;
   std::array<TraceRay, kBlockRays> rays;
   std::array<Hit, kBlockRays> hits;

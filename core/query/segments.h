@@ -60,7 +60,8 @@ struct SegmentResult {
   QueryStats stats;
 };
 
-// Cancelled / DeadlineExceeded; on an error the result holds nothing.
+// What CheckOptions says of the options; Cancelled / DeadlineExceeded. On an error the result holds
+// nothing. What it held before is lost; its memory serves again.
 absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& segments,
                           const SegmentOutputs& outputs, const QueryOptions& options,
                           SegmentResult* result);

@@ -47,10 +47,12 @@ TEST_P(CancelTest, Tiles) {
   const Camera camera = *LookAt({0, 0, 10}, {0, 0, 0}, {0, 1, 0}, 40, 128, 128);
   for (const Strategy strategy : kStrategies) {
     TileResult result;
+    result.triangle.resize(128 * 128);  // Of a call before.
     EXPECT_EQ(
         TraceTile(scene_, camera, {0, 0, 128, 128}, {}, {.ids = true}, Options(strategy), &result)
             .code(),
         GetParam());
+    EXPECT_TRUE(result.triangle.empty());
   }
 }
 
@@ -62,6 +64,7 @@ TEST_P(CancelTest, Shadows) {
   const std::vector<uint8_t> valid(positions.size(), 1);
   for (const Strategy strategy : kStrategies) {
     ShadowResult result;
+    result.lit_bits.resize(9);
     EXPECT_EQ(ComputeShadows(scene_, {positions, {}, valid}, samples, {}, {}, {}, Options(strategy),
                              &result)
                   .code(),
@@ -76,7 +79,13 @@ TEST_P(CancelTest, Segments) {
   ASSERT_TRUE(PrepareSegments(scene_, ends, {}, {}, &segments).ok());
   for (const Strategy strategy : kStrategies) {
     SegmentResult result;
-    EXPECT_EQ(TestSegments(scene_, segments, {}, Options(strategy), &result).code(), GetParam());
+    const SegmentOutputs outputs = {.bits = true, .first_hits = true};
+    ASSERT_TRUE(TestSegments(scene_, segments, outputs, {.strategy = strategy}, &result).ok());
+    ASSERT_EQ(result.triangle.size(), ends.size());
+    EXPECT_EQ(TestSegments(scene_, segments, outputs, Options(strategy), &result).code(),
+              GetParam());
+    EXPECT_TRUE(result.blocked_bits.empty() && result.triangle.empty() && result.t.empty());
+    EXPECT_EQ(result.stats.rays, 0u);
   }
 }
 
