@@ -4,8 +4,10 @@
 #include <cmath>
 #include <utility>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
+#include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 #include "core/intersect/predicate.h"
 #include "core/mesh/rebase.h"
@@ -125,12 +127,10 @@ class Placer {
   PreparedPoints& points_;
 };
 
-}  // namespace
-
-absl::StatusOr<PreparedPoints> RebasePoints(const IndexedGeometry& scene, const PointInput& input,
-                                            const PointOptions& options,
-                                            const CancelToken* cancel) {
-  SL_RETURN_IF_ERROR(CheckInput(scene, input, options));
+// Not inlined: float_environment.h says why.
+ABSL_ATTRIBUTE_NOINLINE
+absl::StatusOr<PreparedPoints> Rebased(const IndexedGeometry& scene, const PointInput& input,
+                                       const PointOptions& options, const CancelToken* cancel) {
   const size_t n = input.positions.size();
   PreparedPoints points;
   points.positions.resize(n);
@@ -150,11 +150,11 @@ absl::StatusOr<PreparedPoints> RebasePoints(const IndexedGeometry& scene, const 
   return points;
 }
 
-absl::Status PlacePoints(const IndexedGeometry& scene, std::span<const Vec3d> normals,
-                         const PointOptions& options, const CancelToken* cancel,
-                         PreparedPoints* points) {
-  SIGHTLINE_DCHECK(normals.empty() || normals.size() == points->size());
-  if (!WantsPlacing(options)) return absl::OkStatus();
+// Nor this.
+ABSL_ATTRIBUTE_NOINLINE
+absl::Status PlaceAll(const IndexedGeometry& scene, std::span<const Vec3d> normals,
+                      const PointOptions& options, const CancelToken* cancel,
+                      PreparedPoints* points) {
   points->attached = points->near_surface = 0;
   Placer placer(scene, normals, options, points);
   for (size_t i = 0; i < points->size(); ++i) {
@@ -163,6 +163,25 @@ absl::Status PlacePoints(const IndexedGeometry& scene, std::span<const Vec3d> no
     placer.Place(i);
   }
   return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<PreparedPoints> RebasePoints(const IndexedGeometry& scene, const PointInput& input,
+                                            const PointOptions& options,
+                                            const CancelToken* cancel) {
+  const ScopedFloatEnvironment environment;
+  SL_RETURN_IF_ERROR(CheckInput(scene, input, options));
+  return Rebased(scene, input, options, cancel);
+}
+
+absl::Status PlacePoints(const IndexedGeometry& scene, std::span<const Vec3d> normals,
+                         const PointOptions& options, const CancelToken* cancel,
+                         PreparedPoints* points) {
+  SIGHTLINE_DCHECK(normals.empty() || normals.size() == points->size());
+  if (!WantsPlacing(options)) return absl::OkStatus();
+  const ScopedFloatEnvironment environment;
+  return PlaceAll(scene, normals, options, cancel, points);
 }
 
 absl::StatusOr<PreparedPoints> PreparePoints(const IndexedGeometry& scene, const PointInput& input,

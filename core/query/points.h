@@ -84,7 +84,8 @@ inline bool WantsPlacing(const PointOptions& options) {
   return options.attach_distance > 0 || options.count_near_surface;
 }
 // The second: attaches, and counts `attached` and `near_surface`. Each point by itself, so that any
-// of those that were rebased may come, in any order. Cancelled / DeadlineExceeded from `cancel`.
+// of those that were rebased may come, in any order. Cancelled / DeadlineExceeded from `cancel`:
+// some points are placed by then, and counts are of these, so that all have to be rebased again.
 // REQUIRES: `normals` is empty, or has one per point.
 absl::Status PlacePoints(const IndexedGeometry& scene, std::span<const Vec3d> normals,
                          const PointOptions& options, const CancelToken* cancel,

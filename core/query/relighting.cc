@@ -5,8 +5,10 @@
 #include <bit>
 #include <utility>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
+#include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 #include "core/query/shadows.h"
 
@@ -16,11 +18,13 @@ HitPackets PacketsOfHits(const PreparedPoints& hits, std::span<const uint32_t> p
                          uint32_t width, uint32_t height, int side) {
   SIGHTLINE_CHECK_EQ(hits.size(), pixels.size());
   SIGHTLINE_CHECK(std::find(kPacketSides.begin(), kPacketSides.end(), side) != kPacketSides.end());
+  SIGHTLINE_CHECK(uint64_t{width} * height < kNoPixel);
   constexpr uint32_t kMiss = 0xFFFFFFFFu;
   std::vector<uint32_t> hit_of(size_t{width} * height, kMiss);
   for (size_t i = 0; i < pixels.size(); ++i) hit_of[pixels[i]] = static_cast<uint32_t>(i);
   HitPackets packets;
   packets.side = side;
+  packets.pixel_count = hit_of.size();
   const auto step = static_cast<uint32_t>(side);
   std::vector<uint32_t> at(size_t{step} * step);  // The packet's pixels; kNoPixel beyond the edge.
   for (uint32_t y0 = 0; y0 < height; y0 += step) {
@@ -46,7 +50,6 @@ HitPackets PacketsOfHits(const PreparedPoints& hits, std::span<const uint32_t> p
 }
 
 absl::StatusOr<Relighting> Relighting::Make(const IndexedGeometry& scene, HitPackets hits,
-                                            size_t pixel_count,
                                             std::span<const LightSample> samples,
                                             std::span<const double> weights,
                                             const QueryOptions& options) {
@@ -73,7 +76,7 @@ absl::StatusOr<Relighting> Relighting::Make(const IndexedGeometry& scene, HitPac
     first = end;
   }
   picture.stats_ = stats;
-  picture.base_.resize(pixel_count);
+  picture.base_.resize(picture.hits_.pixel_count);
   picture.chosen_ = picture.light_count() - 1;
   picture.SumBase();
   return picture;
@@ -97,8 +100,7 @@ absl::Status Relighting::Move(std::span<const LightSample> samples, std::span<co
                                                    " samples and ", weights.size(), " weights"));
   }
   SL_ASSIGN_OR_RETURN(lights_[chosen_], Ask(samples, weights, options));
-  color_ = base_;
-  AddTo(lights_[chosen_], &color_);
+  SumColor();
   return absl::OkStatus();
 }
 
@@ -117,6 +119,8 @@ absl::StatusOr<Relighting::Lit> Relighting::Ask(std::span<const LightSample> sam
   return Lit{std::move(shadows.lit_bits), {weights.begin(), weights.end()}};
 }
 
+// Not inlined: float_environment.h says why.
+ABSL_ATTRIBUTE_NOINLINE
 void Relighting::AddTo(const Lit& lit, std::vector<double>* sums) const {
   const size_t n = hits_.points.size(), row = (n + 7) / 8;
   for (size_t s = 0; s < lit.weights.size(); ++s) {
@@ -131,10 +135,16 @@ void Relighting::AddTo(const Lit& lit, std::vector<double>* sums) const {
 }
 
 void Relighting::SumBase() {
+  const ScopedFloatEnvironment environment;
   std::fill(base_.begin(), base_.end(), 0.0);
   for (uint32_t light = 0; light < light_count(); ++light) {
     if (light != chosen_) AddTo(lights_[light], &base_);
   }
+  SumColor();
+}
+
+void Relighting::SumColor() {
+  const ScopedFloatEnvironment environment;
   color_ = base_;
   AddTo(lights_[chosen_], &color_);
 }

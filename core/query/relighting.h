@@ -22,7 +22,7 @@
 // Thread safety: none; one Relighting belongs to one thread at a time. The scene must outlive it.
 //
 //   SL_ASSIGN_OR_RETURN(Relighting picture, Relighting::Make(*scene, PacketsOfHits(tile.points,
-//       tile.point_pixel, width, height, 16), width * height, samples, weights, options));
+//       tile.point_pixel, width, height, 16), samples, weights, options));
 //   SL_RETURN_IF_ERROR(picture.Choose(2));
 //   while (...) SL_RETURN_IF_ERROR(picture.Move(samples_of_light_2, weights_of_light_2, options));
 #ifndef SIGHTLINE_CORE_QUERY_RELIGHTING_H_
@@ -46,12 +46,13 @@ namespace sightline {
 struct HitPackets {
   PreparedPoints points;        // Whole packets of side × side.
   std::vector<uint32_t> pixel;  // Of each point; kNoPixel where it stands in for a miss.
+  size_t pixel_count = 0;       // Of the picture.
   int side = 0;
 };
 
 // `hits` with their `pixels` (row by row of a picture of width × height, ascending), as TraceTile
-// gives them for a whole picture. REQUIRES: as many pixels as hits, all within the picture; side is
-// one of kPacketSides.
+// gives them for a whole picture. REQUIRES: as many pixels as hits, all within the picture, which
+// has fewer than 2^32 - 1; side is one of kPacketSides.
 HitPackets PacketsOfHits(const PreparedPoints& hits, std::span<const uint32_t> pixels,
                          uint32_t width, uint32_t height, int side);
 
@@ -59,10 +60,10 @@ class Relighting {
  public:
   // Asks about all samples, one weight each; LightSample::light numbers the lights, ascending from
   // 0 without a gap. The last light is chosen. With strategy PACKET the packets' side is that of
-  // `hits`. InvalidArgument: numbers of weights or lights that do not fit; what ComputeShadows
-  // says.
+  // `hits`, which PacketsOfHits made. InvalidArgument: numbers of weights or lights that do not
+  // fit; what ComputeShadows says.
   static absl::StatusOr<Relighting> Make(const IndexedGeometry& scene, HitPackets hits,
-                                         size_t pixel_count, std::span<const LightSample> samples,
+                                         std::span<const LightSample> samples,
                                          std::span<const double> weights,
                                          const QueryOptions& options);
 
@@ -93,6 +94,7 @@ class Relighting {
                           const QueryOptions& options);
   void AddTo(const Lit& lit, std::vector<double>* sums) const;
   void SumBase();
+  void SumColor();
 
   const IndexedGeometry* scene_;
   HitPackets hits_;

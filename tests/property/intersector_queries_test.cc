@@ -513,7 +513,7 @@ TEST(IntersectorQueriesTest, RelitPicturesDifferOnlyWithinTheBound) {
     const auto relight = [&](const QueryOptions& way, std::vector<std::vector<double>>* pictures) {
       absl::StatusOr<Relighting> picture = Relighting::Make(
           scene.indexed,
-          PacketsOfHits(hits.points, hits.point_pixel, kWidth, kHeight, way.packet_side), kPixels,
+          PacketsOfHits(hits.points, hits.point_pixel, kWidth, kHeight, way.packet_side),
           scene.lights, weights, way);
       ASSERT_TRUE(picture.ok()) << picture.status();
       pictures->push_back(picture->color());

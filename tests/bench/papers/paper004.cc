@@ -500,7 +500,7 @@ absl::Status Relit(Scene004& s, const Camera& camera, std::span<const LightSampl
                           Relighting::Make(indexed,
                                            PacketsOfHits(tile.points, tile.point_pixel,
                                                          camera.width, camera.height, side),
-                                           pixels, samples, weights, options));
+                                           samples, weights, options));
       const uint32_t last = picture.light_count() - 1;
       const std::span<const LightSample> moving(&samples.back(), 1);
       const std::span<const double> weight(&weights.back(), 1);

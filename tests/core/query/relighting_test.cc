@@ -99,6 +99,7 @@ TEST_F(RelightingTest, PacketsHoldEveryHitOnce) {
         PacketsOfHits(tile_.points, tile_.point_pixel, kWidth, kHeight, side);
     ASSERT_EQ(packets.points.size() % (side * side), 0u);
     ASSERT_EQ(packets.pixel.size(), packets.points.size());
+    ASSERT_EQ(packets.pixel_count, size_t{kWidth} * kHeight);
     std::vector<int> seen(kWidth * kHeight, 0);
     std::vector<size_t> hit_of(kWidth * kHeight, 0);
     for (size_t i = 0; i < tile_.point_pixel.size(); ++i) hit_of[tile_.point_pixel[i]] = i;
@@ -144,7 +145,7 @@ TEST_F(RelightingTest, APictureWithMovedLightsIsTheWholePicture) {
     const QueryOptions options{.strategy = strategy};
     absl::StatusOr<Relighting> picture =
         Relighting::Make(scene_, PacketsOfHits(tile_.points, tile_.point_pixel, kWidth, kHeight, 8),
-                         size_t{kWidth} * kHeight, samples, all_weights, options);
+                         samples, all_weights, options);
     ASSERT_TRUE(picture.ok()) << picture.status();
     EXPECT_EQ(picture->color(), Whole(lights, weights));
     for (int step = 0; step < 6; ++step) {
@@ -189,8 +190,7 @@ TEST_F(RelightingTest, PacketsKeepTheirPoints) {
   };
   ASSERT_NE(tests(true), tests(false)) << "no other order pays";
   const absl::StatusOr<Relighting> picture =
-      Relighting::Make(scene_, packets, size_t{kWidth} * kHeight, samples,
-                       WeightsFor(samples.size(), rng_), options);
+      Relighting::Make(scene_, packets, samples, WeightsFor(samples.size(), rng_), options);
   ASSERT_TRUE(picture.ok()) << picture.status();
   EXPECT_EQ(picture->stats().triangle_tests, tests(true));
 }
@@ -199,7 +199,7 @@ TEST_F(RelightingTest, WhatDoesNotFitIsNamed) {
   const HitPackets packets = PacketsOfHits(tile_.points, tile_.point_pixel, kWidth, kHeight, 4);
   std::vector<LightSample> samples = SamplesOf(0, 2, rng_);
   const auto make = [&](const std::vector<double>& weights) {
-    return Relighting::Make(scene_, packets, size_t{kWidth} * kHeight, samples, weights, {});
+    return Relighting::Make(scene_, packets, samples, weights, {});
   };
   EXPECT_NE(make({1}).status().message().find("2 samples and 1 weights"), std::string::npos);
   samples[1].light = 2;
