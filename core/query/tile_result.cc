@@ -62,7 +62,13 @@ absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
     return absl::OkStatus();
   };
   SL_RETURN_IF_ERROR(check("x", tile.x, tile.width, "width", camera.width));
-  return check("y", tile.y, tile.height, "height", camera.height);
+  SL_RETURN_IF_ERROR(check("y", tile.y, tile.height, "height", camera.height));
+  if (uint64_t{tile.width} * tile.height >= kNoPixel) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("tile.width = ", tile.width, " with tile.height = ", tile.height,
+                     " has more pixels than the ", kNoPixel - 1, " of the largest tile"));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace sightline

@@ -19,7 +19,8 @@
 namespace sightline {
 
 struct TileRect {
-  uint32_t x = 0, y = 0, width = 0, height = 0;  // Pixels; within the image, not empty.
+  // Pixels; within the image, not empty, and fewer than 2^32 - 1 of them.
+  uint32_t x = 0, y = 0, width = 0, height = 0;
 };
 
 // The pixel of a point that has none.
@@ -69,7 +70,8 @@ struct TileResult {
   void Reset(const TileOutputs& outputs);
 };
 
-// InvalidArgument unless the rectangle has pixels and all are the camera's; names field and value.
+// InvalidArgument unless the rectangle has pixels, not too many, and all are the camera's; names
+// field and value.
 absl::Status CheckRect(const Camera& camera, const TileRect& tile);
 
 }  // namespace sightline

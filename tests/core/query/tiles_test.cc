@@ -5,6 +5,7 @@
 #include "core/query/tiles.h"
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -131,6 +132,17 @@ TEST(TilesTest, PixelShadowPacketsArePacketsOption) {
     for (const uint32_t id : tile.triangle) hits += id != kNoTriangle;
     EXPECT_EQ(tile.shadow.rays, hits);
   }
+}
+
+TEST(TilesTest, ATileOfMorePixelsThanHaveNumbersIsRefused) {
+  TestRng rng(7);
+  const IndexedGeometry scene = MakeConfetti(rng);
+  const Camera camera = *LookAt({0, 0, 9}, {0, 0, 0}, {0, 1, 0}, 40, 1 << 16, 1 << 16);
+  TileResult result;
+  const absl::Status status =
+      TraceTile(scene, camera, {0, 0, 1 << 16, 1 << 16}, {}, {}, {}, &result);
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(status.message().find("tile.height = 65536"), std::string::npos) << status;
 }
 
 }  // namespace
