@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/base/check.h"
 #include "core/geometry/box3.h"
 #include "core/query/depth_layers.h"
 #include "core/query/golden_places.h"
@@ -222,6 +223,7 @@ std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
 
 PartedPoints InSpatialOrder(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
                             SimdTarget simd) {
+  SIGHTLINE_CHECK(positions.size() < uint64_t{1} << 31);
   PartedPoints parted;
   PointParterFor(simd)(positions, valid, &parted);
   return parted;
@@ -244,6 +246,7 @@ PointOrders::PointOrders(std::span<const Vec3f> positions, std::span<const uint8
         orders[b] = SpatialOrder(some, flags);
         continue;
       }
+      orders[b].reserve(count);
       for (size_t i = 0; i < count; ++i) {
         if (flags[i]) orders[b].push_back(static_cast<uint32_t>(i));
       }
@@ -279,9 +282,14 @@ std::vector<uint32_t> PointOrders::Of(size_t begin, size_t count) const {
   return order;
 }
 
-uint64_t PointOrders::BytesFor(uint64_t points) {
-  // The numbers, by themselves and together.
-  return 2 * points * sizeof(uint32_t) + (points / kBlock + 2) * sizeof(size_t);
+uint64_t PointOrders::BytesFor(uint64_t points, int threads) {
+  const uint64_t blocks = (points + kBlock - 1) / kBlock;
+  // The numbers, by themselves and together; and the blocks that are being parted: both sides' rows
+  // (point_parter-inl.h), numbers and positions.
+  constexpr uint64_t kParted = 8 * sizeof(float) + sizeof(uint32_t) + sizeof(Vec3f);
+  return 2 * points * sizeof(uint32_t) +
+         (blocks + 1) * (sizeof(size_t) + sizeof(std::vector<uint32_t>)) +
+         std::min<uint64_t>(blocks, threads) * (kBlock + 2 * kSmallestPart) * kParted;
 }
 
 uint64_t PointOrders::MemoryBytes() const {

@@ -43,7 +43,7 @@ struct PartedPoints {
 // over, so that every block of 16, 32, 64 and so on from the start is one part. Parts of 256 are
 // parted further to within a 255th of how wide they are. O(n log n), whatever the points; where
 // they stand depends on nothing but them.
-// REQUIRES: valid ones are finite.
+// REQUIRES: valid ones are finite, and there are fewer than 2^31 points.
 using PartPointsFn = void(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
                           PartedPoints* parted);
 

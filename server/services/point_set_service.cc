@@ -97,7 +97,7 @@ class CreatePointSetSteps {
     SL_ASSIGN_OR_RETURN(set_.points, MakePoints(header, cancel));
     // Once for all lights that are going to be asked about. Speed alone: not where it is too much.
     // By the pool that this runs in: no query waits for it.
-    if (charge_.Add(PointOrders::BytesFor(set_.points.size())).ok()) {
+    if (charge_.Add(PointOrders::BytesFor(set_.points.size(), env_.build_pool.threads())).ok()) {
       set_.orders = PointOrders(set_.points.positions, set_.points.valid, env_.build_pool, &cancel);
       if (cancel.cancelled()) return cancel.ToStatus();
     }

@@ -293,7 +293,7 @@ TEST(PointOrdersTest, ThereAreNoneOnceCancelled) {
   CancelToken cancel;
   const PointOrders orders(rows.positions, rows.valid, pool, &cancel);
   EXPECT_FALSE(orders.empty());
-  EXPECT_LE(orders.MemoryBytes(), PointOrders::BytesFor(rows.positions.size()));
+  EXPECT_LE(orders.MemoryBytes(), PointOrders::BytesFor(rows.positions.size(), pool.threads()));
   cancel.Cancel();
   EXPECT_TRUE(PointOrders(rows.positions, rows.valid, pool, &cancel).empty());
 }
