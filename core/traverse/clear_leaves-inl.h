@@ -39,6 +39,9 @@ namespace hn = hwy::HWY_NAMESPACE;
 // Normals of a packet's points in doubles, by axis.
 using PointNormals = double[3][PointGrounds::kMaxPoints];
 
+// Squares of lengths from here on carry what underflows in them as a rounding.
+constexpr float kLeastSquare = 0x1p-100f;
+
 class ClearLeafSearch {
  public:
   using V = ShaftV;
@@ -240,18 +243,20 @@ class ClearLeafSearch {
     return true;
   }
 
-  // Slivers have none: zero, which nothing is before.
+  // Slivers have none, nor has what is so small that its square underflows: zero, which nothing is
+  // before.
   HWY_INLINE void PlaceNormals(const V3 (&corners)[3], uint32_t first,
                                ClearLeaves::Leaf* out) const {
     const ShaftD d;
     const V3 ab = SubV(corners[1], corners[0]), bc = SubV(corners[2], corners[1]);
     const V3 normal = CrossV(ab, bc);
-    const V length = hn::Sqrt(DotV(normal, normal));
-    const V inverse = hn::Div(hn::Set(d, 1.0f), length);
+    const V square = DotV(normal, normal);
+    const V inverse = hn::Div(hn::Set(d, 1.0f), hn::Sqrt(square));
     const V bound = hn::Mul(hn::MulAdd(hn::Set(d, kFloatUnits), hn::Mul(Norm1V(ab), Norm1V(bc)),
                                        hn::Set(d, kFloatUnderflow)),
                             inverse);
-    const M sound = hn::Lt(bound, hn::Set(d, kMostOff));
+    const M sound =
+        hn::And(hn::Ge(square, hn::Set(d, kLeastSquare)), hn::Lt(bound, hn::Set(d, kMostOff)));
     hn::Store(hn::IfThenElseZero(sound, hn::Mul(normal.x, inverse)), d, out->normal_x + first);
     hn::Store(hn::IfThenElseZero(sound, hn::Mul(normal.y, inverse)), d, out->normal_y + first);
     hn::Store(hn::IfThenElseZero(sound, hn::Mul(normal.z, inverse)), d, out->normal_z + first);
@@ -416,9 +421,6 @@ class ClearLeafSearch {
   float below_[kShaftBlocks];      // How far points lie below their centre, at most, along up.
   Vec3f across_[kShaftBlocks][2];  // Tangents of each block.
 };
-
-// Squares of directions from here on carry what underflows in them as a rounding.
-constexpr float kLeastSquare = 0x1p-100f;
 
 // As ChooseClearFn says.
 template <bool kParallel>

@@ -192,5 +192,46 @@ TEST_P(ClearLeavesTest, ASurfaceIsClearOfWhatLiesOnIt) {
   EXPECT_EQ(cleared(true, {0.3f, 0.01f, 0.1f}), cleared(true, {3, 0.1f, 1}));
 }
 
+// A wall beside the last of some points on a floor, so small that the square of its normal is no
+// normal number: how long that is is not known well enough to say on which side a light is.
+TEST_P(ClearLeavesTest, WallsWhoseNormalsUnderflowHideNothingUnseen) {
+  TestRng rng;
+  Said said;
+  for (int k = 18; k <= 44; ++k) {
+    const double s = std::ldexp(1, -k), most = 10 * s;
+    ObjectInput floor, wall;
+    floor.vertices = {{-32 * s, 0, -20 * s}, {0, 0, 43 * s}, {32 * s, 0, -20 * s}};
+    floor.indices = {0, 1, 2};
+    const double x = most - 0.15 * s;
+    wall.vertices = {{x, 0, -s / 2}, {x, 0, s / 2}, {x, 0.848 * s, 0}};
+    wall.indices = {0, 1, 2};
+    const IndexedGeometry scene = IndexObjects({floor, wall}, Vec3d{});
+    ASSERT_EQ(scene.geometry.triangles.size(), 2u);
+    const auto grounds = std::make_unique<PointGrounds>();
+    grounds->count = PointGrounds::kMaxPoints;
+    for (int i = 0; i < grounds->count; ++i) {
+      const bool last = i >= grounds->count - 16;
+      const double at = last ? most - 0.1 * s * (grounds->count - 1 - i) / 15
+                             : -most + 2 * most * i / grounds->count;
+      grounds->x[i] = static_cast<float>(at);
+      grounds->y[i] = static_cast<float>(0.01 * s);
+      grounds->z[i] = 0;
+    }
+    const auto clear = std::make_unique<ClearLeaves>();
+    WalkStats stats;
+    kernels().find_grounds(scene, nullptr, grounds.get(), clear.get(), &stats);
+    if (k == 18) ASSERT_GT(clear->count, 0u);
+    if (clear->count == 0) continue;
+    for (int ask = 0; ask < 200; ++ask) {
+      const double from = ask == 0 ? 0.9 : rng.Uniform(0.5, 1.1);
+      const Vec3d light = {from * most, s * (ask == 0 ? 0.5 : rng.Uniform(0.01, 1)),
+                           ask == 0 ? 0 : 0.1 * s * rng.Uniform(-1, 1)};
+      Check(scene, *grounds, *clear, /*parallel=*/false, ToFloat(light), &said);
+      ASSERT_FALSE(HasFailure()) << "s = 2^-" << k;
+    }
+  }
+  EXPECT_GT(said.sides, 100u);
+}
+
 }  // namespace
 }  // namespace sightline::testing_support
