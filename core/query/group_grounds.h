@@ -47,7 +47,7 @@ class GroupGrounds {
   // point i, as many bits as a block has. Returns how many. REQUIRES: Help().
   size_t Bits(const LightSample& sample, size_t block, uint16_t* bits);
   // The leaves that are clear of a block's points toward the sample: valid until it is called for
-  // the block again. REQUIRES: Help().
+  // the block again. REQUIRES: Bits of this sample and block were the last to be asked for.
   const ClearToward* ClearOf(const LightSample& sample, size_t block);
 
  private:

@@ -34,6 +34,7 @@
 #include "core/traverse/finish-inl.h"
 #include "core/traverse/packet_leaf-inl.h"
 #include "core/traverse/ray_box_leaf-inl.h"
+#include "core/traverse/single-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
@@ -263,14 +264,17 @@ bool TraceCulledSingle(const IndexedGeometry& scene, const LeafCulling& culling,
   return true;
 }
 
-// One of the papers' tests over every triangle: what the walks with it are compared with.
+// One of the papers' tests over every triangle: what the walks with it are compared with. Returns
+// false if `cancel` fired.
 template <bool kAny>
-Hit BruteByIntersector(const IndexedGeometry& scene, const LeafCulling& culling,
-                       const TraceRay& query, WalkStats* stats) {
+bool BruteByIntersector(const IndexedGeometry& scene, const LeafCulling& culling,
+                        const TraceRay& query, const CancelToken* cancel, Hit* hit_or_miss,
+                        WalkStats* stats) {
   const SceneGeometry& geometry = scene.geometry;
-  Hit best;
+  Hit& best = *hit_or_miss = Hit{};
   auto inert = geometry.inert.begin();
   for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
+    if (id % kBrutePollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
     if (inert != geometry.inert.end() && *inert == id) {
       ++inert;
       continue;
@@ -284,10 +288,13 @@ Hit BruteByIntersector(const IndexedGeometry& scene, const LeafCulling& culling,
         !ObjectBlocks(geometry, id, query.mask, SideOfPlane(a, b, c, query.ray.origin))) {
       continue;
     }
-    if constexpr (kAny) return {0.0f, id};
+    if constexpr (kAny) {
+      best = {0.0f, id};
+      return true;
+    }
     if (hit.t > query.near) best = std::min(best, Hit{hit.t, id});
   }
-  return best;
+  return true;
 }
 
 template <bool kAny>
@@ -295,8 +302,7 @@ bool TraceBruteByIntersector(const IndexedGeometry& scene, const LeafCulling& cu
                              std::span<const TraceRay> rays, std::span<Hit> hits,
                              const CancelToken* cancel, WalkStats* stats) {
   for (size_t i = 0; i < rays.size(); ++i) {
-    if (cancel != nullptr && cancel->cancelled()) return false;
-    hits[i] = BruteByIntersector<kAny>(scene, culling, rays[i], stats);
+    if (!BruteByIntersector<kAny>(scene, culling, rays[i], cancel, &hits[i], stats)) return false;
   }
   return true;
 }

@@ -156,7 +156,7 @@ class LitBoxesWalk {
   ShaftBounds bounds_;
   BlockPairs touched_;
   // A box's caps: its least coordinate along an axis, and against it; minus infinity where the
-  // light is not beyond all of its points.
+  // light does not lie beyond that.
   alignas(64) float least_[2][3][kShaftBlocks];
 };
 

@@ -198,7 +198,9 @@ class RttList {
                                     ? (1u << hn::Lanes(d)) - 1
                                     : (1u << (some.first + some.count - i)) - 1;
         const uint32_t own =
-            MaskBits(du, hn::Eq(hn::Load(du, packet.target_source + i), hn::Set(du, id)));
+            packet.sourceless
+                ? 0
+                : MaskBits(du, hn::Eq(hn::Load(du, packet.target_source + i), hn::Set(du, id)));
         const uint32_t before =
             turn == 0 ? 0 : MaskBits(d, hn::Lt(hn::Add(value, slack), hn::Zero(d)));
         const uint32_t beyond = MaskBits(d, hn::Gt(hn::Sub(value, slack), hn::Zero(d))) & ~own;

@@ -47,8 +47,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 static_assert(kShaftBlocks * kShaftBlockRays == RayPacket::kMaxRays);
 
-// Rays that a frame can hold. A square that underflows or overflows fails the test, and the rays go
-// another way.
+// Rays that a frame can hold. A square that underflows fails the test, and the rays go another way;
+// none overflows: directions lead no further than 2^43.
 HWY_INLINE ShaftM FitsFrame(const Vec3V<ShaftV>& direction, ShaftV depth) {
   const ShaftD d;
   return hn::And(hn::Ge(depth, hn::Set(d, kLeastDepth)),
