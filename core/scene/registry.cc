@@ -2,7 +2,10 @@
 #include "core/scene/registry.h"
 
 #include <algorithm>
+#include <exception>
 #include <limits>
+#include <new>
+#include <type_traits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -15,6 +18,18 @@ namespace {
 
 absl::Status NoSuchScene(const std::string& name) {
   return absl::NotFoundError(absl::StrCat("there is no scene \"", name, "\""));
+}
+
+// What `run` returns, a Status or a StatusOr, or an error if it throws: memory that runs out in a
+// build or a keeper ends it, and must not leave its scene being built for ever.
+template <typename Run>
+std::invoke_result_t<Run> Guarded(const char* what, const std::string& name, const Run& run) try {
+  return run();
+} catch (const std::bad_alloc&) {
+  return absl::ResourceExhaustedError(
+      absl::StrCat("out of memory while ", what, " scene \"", name, "\": free some, or split it"));
+} catch (const std::exception& e) {
+  return absl::InternalError(absl::StrCat(what, " scene \"", name, "\" failed: ", e.what()));
 }
 
 // What a scene of these sizes will hold, in the registry's books.
@@ -167,14 +182,17 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::RunBuild(const std::
                                                                      uint64_t reserved, bool kept,
                                                                      const SceneKeeper& keeper,
                                                                      Build build) {
-  absl::StatusOr<std::shared_ptr<const Scene>> scene =
-      build([&](double progress) { SetProgress(name, progress); });
+  absl::StatusOr<std::shared_ptr<const Scene>> scene = Guarded("building", name, [&] {
+    return build([&](double progress) { SetProgress(name, progress); });
+  });
   if (!scene.ok()) {
     Fail(name, reserved, scene.status());
     return scene;
   }
   scene = Publish(name, reserved, kept, /*goes_on=*/keeper != nullptr, *std::move(scene));
-  if (scene.ok() && keeper != nullptr) EndKeeping(name, keeper(**scene));
+  if (scene.ok() && keeper != nullptr) {
+    EndKeeping(name, Guarded("keeping", name, [&] { return keeper(**scene); }));
+  }
   return scene;
 }
 
@@ -191,10 +209,10 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
     if (bytes <= reserved ||
         (bytes <= options_.max_bytes_per_scene && others <= options_.memory_budget_bytes &&
          bytes <= options_.memory_budget_bytes - others)) {
-      reserved_bytes_ -= reserved;
       std::erase_if(alive_, [](const Revision& revision) { return revision.scene.expired(); });
       Entry& entry = entries_.at(name);
       alive_.push_back({entry.creation, scene->revision, bytes, scene});
+      reserved_bytes_ -= reserved;
       entry.building = goes_on;
       entry.progress = 1;
       entry.kept = kept;
@@ -352,7 +370,12 @@ void SceneRegistry::Notify(const SceneStatus& status) {
     MutexLock lock(mutex_);
     observer = observer_;
   }
-  if (observer != nullptr && *observer) (*observer)(status);
+  if (observer == nullptr || !*observer) return;
+  try {
+    (*observer)(status);
+  } catch (const std::bad_alloc&) {
+    // What it was to be told stands; a build that ended here would never be settled.
+  }
 }
 
 uint64_t SceneRegistry::MemoryBytes() const {

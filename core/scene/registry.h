@@ -65,7 +65,8 @@ struct SceneStatus {
 };
 
 // Puts a revision where it survives the process. Called once it is published, while the scene still
-// counts as being built: so two revisions of a scene are never kept at once.
+// counts as being built: so two revisions of a scene are never kept at once. One that runs out of
+// memory has failed with ResourceExhausted, as has a loader.
 using SceneKeeper = std::function<absl::Status(const Scene&)>;
 
 // Makes revision `revision` of a scene (0: whichever it was) from where it is kept.
@@ -126,7 +127,7 @@ class SceneRegistry {
 
   // Called after every change of a scene's status but its deletion, outside the lock, from the
   // changing thread: calls may overlap, and a later change may be told first. May call the
-  // registry. Replaces the one before.
+  // registry. One that runs out of memory misses that change. Replaces the one before.
   void SetObserver(std::function<void(const SceneStatus&)> observer);
 
   // Of all revisions still alive, of the builds under way and what is set aside: what the budget

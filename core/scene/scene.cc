@@ -282,16 +282,18 @@ absl::StatusOr<std::shared_ptr<const Scene>> EditScene(
     const Scene& base, uint64_t revision, std::span<const SceneEdit> edits,
     const SceneBuildOptions& options, ThreadPool& pool, const CancelToken* cancel,
     const std::function<void(double)>& progress) {
-  EditedObjects objects(base.geometry);
-  for (const SceneEdit& edit : edits) SL_RETURN_IF_ERROR(objects.Apply(edit));
-  const std::vector<ObjectSource> sources = objects.Sources();
   const bool only_moves = std::all_of(edits.begin(), edits.end(), [](const SceneEdit& edit) {
     return edit.kind == SceneEdit::Kind::kSetTransform ||
            edit.kind == SceneEdit::Kind::kSetVertices;
   });
   return Build(
       base.name, revision,
-      [&] { return CompileSources(sources, &base.geometry, std::nullopt, options.limits, cancel); },
+      [&]() -> absl::StatusOr<SceneGeometry> {
+        EditedObjects objects(base.geometry);
+        for (const SceneEdit& edit : edits) SL_RETURN_IF_ERROR(objects.Apply(edit));
+        return CompileSources(objects.Sources(), &base.geometry, std::nullopt, options.limits,
+                              cancel);
+      },
       only_moves ? &base : nullptr, options, pool, cancel, progress);
 }
 

@@ -21,13 +21,23 @@ static_assert(std::endian::native == std::endian::little);
 
 namespace {
 
-// Of bytes followed by fewer than 64 zeros.
-uint64_t BlockSum(std::span<const std::byte> bytes, size_t zeros) {
-  if (zeros == 0) return XXH3_64bits(bytes.data(), bytes.size());
+// Of the bytes [first, last) of the parts from `parts` on, followed by fewer than 64 zeros.
+// REQUIRES: they have that many, and the first of them has byte `first`.
+uint64_t BlockSum(const std::span<const std::byte>* parts, uint64_t first, uint64_t last,
+                  size_t zeros) {
+  if (zeros == 0 && last <= parts->size()) {
+    return XXH3_64bits(parts->data() + first, last - first);
+  }
   static constexpr std::array<std::byte, kSectionAlignment> kZeros{};
   XXH3_state_t state;
   XXH3_64bits_reset(&state);
-  XXH3_64bits_update(&state, bytes.data(), bytes.size());
+  while (first < last) {
+    const uint64_t end = std::min<uint64_t>(last, parts->size());
+    XXH3_64bits_update(&state, parts->data() + first, end - first);
+    last -= end;
+    first = 0;
+    ++parts;
+  }
   XXH3_64bits_update(&state, kZeros.data(), zeros);
   return XXH3_64bits_digest(&state);
 }
@@ -122,7 +132,14 @@ uint32_t SectionElementBytes(SectionKind kind) {
 }
 
 uint64_t SectionSum(std::span<const std::byte> bytes, const CancelToken* cancel) {
-  const uint64_t padded = PaddedSection(bytes.size());
+  return SectionSum(std::span(&bytes, 1), cancel);
+}
+
+uint64_t SectionSum(std::span<const std::span<const std::byte>> parts, const CancelToken* cancel) {
+  std::vector<uint64_t> ends(parts.size());  // Of the parts, from the section's start.
+  uint64_t bytes = 0;
+  for (size_t i = 0; i < parts.size(); ++i) ends[i] = bytes += parts[i].size();
+  const uint64_t padded = PaddedSection(bytes);
   const size_t blocks = (padded + kSumBlockBytes - 1) / kSumBlockBytes;
   std::vector<uint64_t> sums(blocks);
   ParallelFor(
@@ -131,8 +148,10 @@ uint64_t SectionSum(std::span<const std::byte> bytes, const CancelToken* cancel)
         for (size_t block = begin; block < end; ++block) {
           const uint64_t first = block * kSumBlockBytes;
           const uint64_t last = std::min(padded, first + kSumBlockBytes);
-          const uint64_t there = std::min<uint64_t>(last, bytes.size());
-          sums[block] = BlockSum(bytes.subspan(first, there - first), last - there);
+          const uint64_t there = std::min<uint64_t>(last, bytes);
+          const size_t part = std::upper_bound(ends.begin(), ends.end(), first) - ends.begin();
+          const uint64_t start = ends[part] - parts[part].size();
+          sums[block] = BlockSum(&parts[part], first - start, there - start, last - there);
         }
       },
       cancel);

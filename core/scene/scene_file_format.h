@@ -140,6 +140,9 @@ uint32_t SectionElementBytes(SectionKind kind);
 // Of `bytes` as they stand followed by zeros up to a multiple of 64. In parallel within the calling
 // thread's pool. Meaningless once `cancel` has fired.
 uint64_t SectionSum(std::span<const std::byte> bytes, const CancelToken* cancel = nullptr);
+// The same of what lies in several places: of all parts' bytes, one after the other.
+uint64_t SectionSum(std::span<const std::span<const std::byte>> parts,
+                    const CancelToken* cancel = nullptr);
 
 // Of the header's bytes before header_sum.
 uint64_t HeaderSum(const SceneFileHeader& header);

@@ -2,11 +2,14 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <exception>
+#include <new>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "core/base/aligned_vector.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/scene/scene_file.h"
 
@@ -62,21 +65,24 @@ SceneFileKdTree DescribeKdTree(const KdTree& tree, bool leaves_laid_out) {
   return out;
 }
 
-// The file as spans of what is in memory, with the header and the table before them.
+// The file as spans of what is in memory, with the header and the table before them: nothing that
+// grows with triangles or vertices is copied.
 class Image {
  public:
   explicit Image(const Scene& scene)
       : scene_(DescribeScene(scene)),
         version_(scene.kd_tree_alone() ? kSceneFileVersionWithoutBvh : kSceneFileVersion) {
+    Parts source_vertices;
     for (const ObjectRecord& record : scene.geometry.objects) {
       objects_.push_back(DescribeObject(record));
       names_ += record.name;
-      if (record.source_vertices != nullptr) source_vertices_.Append(*record.source_vertices);
+      if (record.source_vertices == nullptr) continue;
+      source_vertices.push_back(std::as_bytes(std::span(*record.source_vertices)));
     }
     Add(SectionKind::kScene, std::span(&scene_, 1));
     Add(SectionKind::kObjects, std::span<const SceneFileObject>(objects_));
     Add(SectionKind::kNames, std::span<const char>(names_));
-    Add(SectionKind::kSourceVertices, std::span<const Vec3d>(source_vertices_));
+    Add(SectionKind::kSourceVertices, sizeof(Vec3d), std::move(source_vertices));
     Add(SectionKind::kVertices, std::span<const Vec3f>(scene.geometry.vertices));
     Add(SectionKind::kTriangles,
         std::span<const std::array<uint32_t, 3>>(scene.geometry.triangles));
@@ -109,7 +115,7 @@ class Image {
     for (size_t i = 0; i < table_.size(); ++i) {
       table_[i].offset = offset;
       table_[i].sum = SectionSum(sections_[i], cancel);
-      offset += PaddedSection(sections_[i].size());
+      offset += PaddedSection(SectionBytes(i));
     }
     std::memcpy(header_.magic, kSceneFileMagic, sizeof(kSceneFileMagic));
     header_.version = version_;
@@ -123,34 +129,47 @@ class Image {
   absl::Status Write(FileReplacement* file, const CancelToken* cancel,
                      const std::function<void(double)>& progress) const {
     SL_RETURN_IF_ERROR(file->Append(std::as_bytes(std::span(&header_, 1))));
-    SL_RETURN_IF_ERROR(Append(std::as_bytes(std::span(table_)), file, cancel, {}));
+    const auto table = std::as_bytes(std::span(table_));
+    SL_RETURN_IF_ERROR(Append(table, file, cancel, {}));
+    SL_RETURN_IF_ERROR(Pad(table.size(), file));
     uint64_t before = 0;
-    for (const std::span<const std::byte> section : sections_) {
-      SL_RETURN_IF_ERROR(Append(section, file, cancel, [&](uint64_t written) {
-        if (progress) {
-          progress(static_cast<double>(before + written) / static_cast<double>(header_.file_bytes));
-        }
-      }));
-      before += section.size();
+    for (size_t i = 0; i < sections_.size(); ++i) {
+      for (const std::span<const std::byte> part : sections_[i]) {
+        SL_RETURN_IF_ERROR(Append(part, file, cancel, [&](uint64_t written) {
+          if (progress) {
+            progress(static_cast<double>(before + written) /
+                     static_cast<double>(header_.file_bytes));
+          }
+        }));
+        before += part.size();
+      }
+      SL_RETURN_IF_ERROR(Pad(SectionBytes(i), file));
     }
     return absl::OkStatus();
   }
 
  private:
+  // A section's bytes, in that order.
+  using Parts = std::vector<std::span<const std::byte>>;
+
   template <typename T>
   void Add(SectionKind kind, std::span<const T> elements) {
-    SIGHTLINE_CHECK_EQ(sizeof(T), SectionElementBytes(kind));
-    sections_.push_back(std::as_bytes(elements));
-    table_.push_back({.kind = static_cast<uint32_t>(kind),
-                      .element_bytes = sizeof(T),
-                      .count = elements.size()});
+    Add(kind, sizeof(T), {std::as_bytes(elements)});
   }
+  void Add(SectionKind kind, uint32_t element_bytes, Parts parts) {
+    SIGHTLINE_CHECK_EQ(element_bytes, SectionElementBytes(kind));
+    uint64_t bytes = 0;
+    for (const std::span<const std::byte> part : parts) bytes += part.size();
+    sections_.push_back(std::move(parts));
+    table_.push_back({.kind = static_cast<uint32_t>(kind),
+                      .element_bytes = element_bytes,
+                      .count = bytes / element_bytes});
+  }
+  uint64_t SectionBytes(size_t i) const { return table_[i].count * table_[i].element_bytes; }
 
   static absl::Status Append(std::span<const std::byte> bytes, FileReplacement* file,
                              const CancelToken* cancel,
                              const std::function<void(uint64_t)>& written) {
-    static constexpr std::array<std::byte, kSectionAlignment> kZeros{};
-    const size_t padding = PaddedSection(bytes.size()) - bytes.size();
     for (size_t done = 0; done < bytes.size();) {
       if (cancel != nullptr) SL_RETURN_IF_ERROR(cancel->ToStatus());
       const size_t piece = std::min(kPieceBytes, bytes.size() - done);
@@ -158,7 +177,12 @@ class Image {
       done += piece;
       if (written) written(done);
     }
-    return file->Append(std::span(kZeros).first(padding));
+    return absl::OkStatus();
+  }
+  // Behind a section of so many bytes.
+  static absl::Status Pad(uint64_t bytes, FileReplacement* file) {
+    static constexpr std::array<std::byte, kSectionAlignment> kZeros{};
+    return file->Append(std::span(kZeros).first(PaddedSection(bytes) - bytes));
   }
 
   const SceneFileScene scene_;
@@ -167,17 +191,16 @@ class Image {
   SceneFileBinaryBvh binary_bvh_ = {};
   std::vector<SceneFileObject> objects_;
   std::string names_;
-  AlignedVector<Vec3d> source_vertices_;
   SceneFileHeader header_ = {};
   std::vector<SceneFileSection> table_;
-  std::vector<std::span<const std::byte>> sections_;
+  std::vector<Parts> sections_;  // Of table_'s rows.
 };
 
 }  // namespace
 
 absl::Status WriteSceneFile(const Scene& scene, const Folder& folder, const std::string& name,
                             ThreadPool& pool, const CancelToken* cancel,
-                            const std::function<void(double)>& progress) {
+                            const std::function<void(double)>& progress) try {
   Image image(scene);
   // One block: the calling thread enters the pool, and the sums run within it.
   pool.ParallelFor(1, 1, [&](size_t, size_t) { image.Sum(cancel); });
@@ -185,6 +208,12 @@ absl::Status WriteSceneFile(const Scene& scene, const Folder& folder, const std:
   SL_ASSIGN_OR_RETURN(FileReplacement file, folder.Replace(name));
   SL_RETURN_IF_ERROR(image.Write(&file, cancel, progress));
   return file.Commit();
+} catch (const std::bad_alloc&) {
+  return absl::ResourceExhaustedError(
+      absl::StrCat("out of memory while writing ", folder.path(), "/", name, ": free some"));
+} catch (const std::exception& e) {
+  return absl::InternalError(
+      absl::StrCat("writing ", folder.path(), "/", name, " failed: ", e.what()));
 }
 
 }  // namespace sightline

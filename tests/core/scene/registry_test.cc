@@ -2,6 +2,7 @@
 #include "core/scene/registry.h"
 
 #include <atomic>
+#include <new>
 #include <string>
 #include <thread>
 #include <vector>
@@ -291,6 +292,55 @@ TEST_F(KeptRegistryTest, LoadsAndReloads) {
                           })
                   .status(),
               absl::StatusCode::kNotFound, {"\"attic\""});
+}
+
+// Whoever is called by a build may run out of memory: its scene is not busy for ever, and nothing
+// stays reserved.
+TEST_F(KeptRegistryTest, MemoryThatRunsOutInABuildEndsIt) {
+  SceneRegistry registry({}, pool_);
+  using Made = absl::StatusOr<std::shared_ptr<const Scene>>;
+  const auto throws = [](uint64_t, const auto&) -> Made { throw std::bad_alloc(); };
+  ExpectError(registry.Load("hall", bytes_, throws).status(), absl::StatusCode::kResourceExhausted,
+              {"out of memory", "\"hall\""});
+  EXPECT_TRUE(registry.List().empty());
+  EXPECT_EQ(registry.MemoryBytes(), 0u);
+
+  ASSERT_TRUE(Load(registry, "hall").ok());
+  ExpectError(registry.Reload("hall", bytes_, throws).status(),
+              absl::StatusCode::kResourceExhausted, {"out of memory", "\"hall\""});
+  EXPECT_EQ(registry.MemoryBytes(), bytes_);
+  SceneStatus status = *registry.GetStatus("hall");
+  EXPECT_EQ(status.state, SceneState::kReady);
+  EXPECT_EQ(status.error.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(status.latest->revision, 5u);
+
+  const std::vector<SceneEdit> edits = {{Kind::kAdd, Strip("more", 5)}};
+  const auto edited = registry.Edit("hall", 0, edits, {}, nullptr,
+                                    [](const Scene&) -> absl::Status { throw std::bad_alloc(); });
+  ASSERT_TRUE(edited.ok()) << edited.status();
+  status = *registry.GetStatus("hall");
+  EXPECT_EQ(status.state, SceneState::kReady);
+  EXPECT_FALSE(status.kept);
+  ExpectError(status.keep_error, absl::StatusCode::kResourceExhausted, {"out of memory"});
+  EXPECT_EQ(registry.MemoryBytes(), (*edited)->report.memory_bytes);
+  EXPECT_TRUE(registry.Delete("hall").ok());
+}
+
+TEST_F(KeptRegistryTest, AnObserverThatRunsOutOfMemoryHoldsNoBuildUp) {
+  SceneRegistry registry({}, pool_);
+  registry.SetObserver([](const SceneStatus&) { throw std::bad_alloc(); });
+  const auto keeper = [](const Scene&) { return absl::OkStatus(); };
+  const std::vector<ObjectInput> objects = {Strip("strip", 10)};
+  const auto made = registry.Create("hall", objects, std::nullopt, {}, nullptr, keeper);
+  ASSERT_TRUE(made.ok()) << made.status();
+  EXPECT_TRUE(registry.GetStatus("hall")->kept);
+  ASSERT_TRUE(Add(registry, "hall", 1, "a").ok());
+  EXPECT_EQ(registry.Edit("hall", 0, std::vector<SceneEdit>{{Kind::kRemove, {.name = "sofa"}}}, {})
+                .status()
+                .code(),
+            absl::StatusCode::kNotFound);
+  EXPECT_EQ(registry.GetStatus("hall")->state, SceneState::kReady);
+  EXPECT_TRUE(registry.Delete("hall").ok());
 }
 
 TEST_F(KeptRegistryTest, WhatIsNotKeptIsDeletedOnlyByWhoMeansIt) {
