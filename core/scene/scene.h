@@ -43,7 +43,7 @@ struct BuildReport {
   // All 0 without a binary BVH.
   double binary_bvh_seconds = 0;
   uint64_t binary_bvh_nodes = 0, binary_bvh_leaves = 0, binary_bvh_depth = 0, binary_bvh_bytes = 0;
-  uint64_t memory_bytes = 0;  // Geometry and structures.
+  uint64_t memory_bytes = 0;  // Geometry and structures, and what else is held of a file in memory.
 };
 
 // What a report says of such a tree, but for the seconds.

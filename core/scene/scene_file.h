@@ -51,6 +51,9 @@ struct SceneBytes {
   std::span<const std::byte> bytes;
   std::shared_ptr<const void> owner;
   std::string shown;  // What errors call it.
+  // Whether all of them take memory as long as `owner` is held, used or not, as those of a file
+  // that was read do. The pages of a mapped one are the system's to take back.
+  bool in_memory = false;
 };
 
 absl::StatusOr<SceneBytes> MapSceneFile(const Folder& folder, const std::string& name);
@@ -65,7 +68,7 @@ struct SceneFileInfo {
   std::vector<SceneFileSection> sections;
   uint64_t objects = 0, triangles = 0, vertices = 0;
   uint64_t revision = 0;
-  // About what a scene of it holds; most of it is the file itself.
+  // At most what a scene of it holds; most of it is the file itself.
   uint64_t scene_bytes = 0;
 };
 
@@ -78,7 +81,8 @@ struct LoadOptions {
   uint64_t revision = 0;  // Of the scene; 0: the one it was written with.
 };
 
-// Checks everything, and hands out the scene. Its arrays hold `file.owner`.
+// Checks everything, and hands out the scene. Its arrays hold `file.owner`; report.memory_bytes
+// counts the whole file if it is in memory, else what of it the scene uses.
 absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(
     const SceneBytes& file, std::string name, const LoadOptions& options, ThreadPool& pool,
     const CancelToken* cancel = nullptr, const std::function<void(double)>& progress = nullptr);

@@ -127,7 +127,7 @@ class Reader {
     return absl::OkStatus();
   }
 
-  absl::Status Read(Scene* scene) const {
+  absl::Status Read(Scene* scene) {
     SceneFileScene record;
     std::memcpy(&record, Section(SectionKind::kScene).data(), sizeof(record));
     SceneGeometry& geometry = scene->geometry;
@@ -168,7 +168,7 @@ class Reader {
                      .bvh_nodes = scene->bvh.nodes.size(),
                      .bvh_leaves = scene->bvh.leaf_count,
                      .bvh_depth = scene->bvh.max_depth,
-                     .memory_bytes = scene->MemoryBytes()};
+                     .memory_bytes = MemoryBytes(*scene)};
     if (scene->kd_tree.has_value()) ReportKdTree(*scene->kd_tree, &scene->report);
     if (scene->binary_bvh.has_value()) ReportBinaryBvh(*scene->binary_bvh, &scene->report);
     return absl::OkStatus();
@@ -189,11 +189,17 @@ class Reader {
     return {reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)};
   }
   template <typename T>
-  AlignedVector<T> Borrow(SectionKind kind) const {
+  AlignedVector<T> Borrow(SectionKind kind) {
+    borrowed_bytes_ += Elements<T>(kind).size_bytes();
     return AlignedVector<T>::Borrow(Elements<T>(kind), file_.owner);
   }
 
-  absl::Status ReadBvh(const SceneFileScene& record, Scene* scene) const {
+  // With what is held of the file although the scene does not use it.
+  uint64_t MemoryBytes(const Scene& scene) const {
+    return scene.MemoryBytes() + (file_.in_memory ? file_.bytes.size() - borrowed_bytes_ : 0);
+  }
+
+  absl::Status ReadBvh(const SceneFileScene& record, Scene* scene) {
     Bvh bvh;
     bvh.nodes = Borrow<BvhNode>(SectionKind::kBvhNodes);
     bvh.leaves = Borrow<float>(SectionKind::kBvhLeaves);
@@ -215,7 +221,7 @@ class Reader {
     return absl::OkStatus();
   }
 
-  absl::Status ReadKdTree(Scene* scene) const {
+  absl::Status ReadKdTree(Scene* scene) {
     const auto records = Elements<SceneFileKdTree>(SectionKind::kKdTree);
     if (records.empty()) return absl::OkStatus();
     if (records.size() != 1) return Fault(file_, "it has ", records.size(), " kd-trees");
@@ -247,7 +253,7 @@ class Reader {
     return {ids.data(), ids.size()};
   }
 
-  absl::Status ReadBinaryBvh(Scene* scene) const {
+  absl::Status ReadBinaryBvh(Scene* scene) {
     const auto records = Elements<SceneFileBinaryBvh>(SectionKind::kBinaryBvh);
     if (records.empty()) return absl::OkStatus();
     if (records.size() != 1) return Fault(file_, "it has ", records.size(), " binary bvhs");
@@ -265,8 +271,10 @@ class Reader {
   absl::Status ReadObjects(SceneGeometry* geometry) const {
     auto names = Elements<char>(SectionKind::kNames);
     auto sources = Elements<Vec3d>(SectionKind::kSourceVertices);
+    const auto objects = Elements<SceneFileObject>(SectionKind::kObjects);
+    geometry->objects.reserve(objects.size());
     uint64_t triangles = 0, vertices = 0;
-    for (const SceneFileObject& object : Elements<SceneFileObject>(SectionKind::kObjects)) {
+    for (const SceneFileObject& object : objects) {
       ObjectRecord record;
       if (object.name_bytes > names.size()) return Fault(file_, "its names are cut short");
       record.name.assign(names.data(), object.name_bytes);
@@ -311,6 +319,7 @@ class Reader {
   const SceneBytes& file_;
   const SceneFileInfo& info_;
   const CancelToken* const cancel_;
+  uint64_t borrowed_bytes_ = 0;
 };
 
 absl::Status CheckLimit(const SceneBytes& file, const char* what, uint64_t count, uint64_t limit) {
@@ -332,7 +341,8 @@ absl::StatusOr<SceneBytes> ReadSceneFile(const Folder& folder, const std::string
                                          MemoryCheck room, const CancelToken* cancel) {
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const FileImage> file, folder.Read(name, room, cancel));
   const std::span<const std::byte> bytes = file->bytes();
-  return SceneBytes{bytes, std::move(file), absl::StrCat(folder.path(), "/", name)};
+  return SceneBytes{bytes, std::move(file), absl::StrCat(folder.path(), "/", name),
+                    /*in_memory=*/true};
 }
 
 absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
@@ -347,7 +357,11 @@ absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
   info.objects = count(SectionKind::kObjects);
   info.triangles = count(SectionKind::kTriangles);
   info.vertices = count(SectionKind::kVertices);
-  info.scene_bytes = header.file_bytes + info.objects * sizeof(ObjectRecord) + sizeof(Scene);
+  // Names and source vertices are copied.
+  info.scene_bytes = header.file_bytes + sizeof(Scene) +
+                     info.objects * (sizeof(ObjectRecord) + std::string().capacity()) +
+                     count(SectionKind::kNames) +
+                     count(SectionKind::kSourceVertices) * sizeof(Vec3d);
   bool kd_leaves = false;
   for (const SceneFileSection& section : info.sections) {
     const auto kind = static_cast<SectionKind>(section.kind);
@@ -380,7 +394,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(
   absl::Status status;
   // One block: the calling thread enters the pool, and everything below runs within it.
   pool.ParallelFor(1, 1, [&](size_t, size_t) {
-    const Reader reader(file, info, cancel);
+    Reader reader(file, info, cancel);
     status = reader.CheckSums();
     if (progress) progress(kSumShare);
     if (status.ok()) status = reader.Read(scene.get());

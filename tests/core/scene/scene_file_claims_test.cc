@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a scene file claims of itself: how much memory it takes.
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/scene/scene_file.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "tests/support/scene_file_seal.h"
+#include "tests/support/temp_dir.h"
+
+namespace sightline {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+using testing_support::SealSceneFile;
+using testing_support::TempDir;
+
+using Bytes = AlignedVector<std::byte>;
+
+class SceneFileClaimsTest : public ::testing::Test {
+ protected:
+  static constexpr uint32_t kVertices = 300;
+
+  std::shared_ptr<const Scene> Build(uint64_t revision = 7) {
+    ObjectInput chair{.name = "chair", .dynamic = true};
+    for (uint32_t i = 0; i < kVertices; ++i) {
+      chair.vertices.push_back({1.0 * i, 1.0 * (i % 2), 1.0 * (i % 3)});
+      if (i >= 2) chair.indices.insert(chair.indices.end(), {i - 2, i - 1, i});
+    }
+    const std::vector<ObjectInput> objects = {chair};
+    auto scene = BuildScene("hall", revision, objects, std::nullopt, {}, pool_);
+    EXPECT_TRUE(scene.ok()) << scene.status();
+    return *std::move(scene);
+  }
+  Bytes Written(const Scene& scene) {
+    const absl::Status status = WriteSceneFile(scene, folder_, "scene.slscene", pool_);
+    EXPECT_TRUE(status.ok()) << status;
+    const absl::StatusOr<SceneBytes> file = MapSceneFile(folder_, "scene.slscene");
+    EXPECT_TRUE(file.ok()) << file.status();
+    return Bytes(file->bytes.begin(), file->bytes.end());
+  }
+  static SceneFileHeader& Header(Bytes& bytes) {
+    return *reinterpret_cast<SceneFileHeader*>(bytes.data());
+  }
+  static SceneFileSection& Section(Bytes& bytes, uint32_t index) {
+    return reinterpret_cast<SceneFileSection*>(bytes.data() + sizeof(SceneFileHeader))[index];
+  }
+  // With one more section that no reader knows.
+  static Bytes WithAddition(Bytes bytes, uint64_t size) {
+    const uint32_t sections = Header(bytes).section_count;
+    const uint64_t table = PaddedSection(sections * sizeof(SceneFileSection));
+    const uint64_t longer = PaddedSection((sections + 1) * sizeof(SceneFileSection));
+    const uint64_t before = bytes.size() + longer - table;
+    Bytes out(before + PaddedSection(size), std::byte{0});
+    std::memcpy(out.data(), bytes.data(), sizeof(SceneFileHeader) + table);
+    std::memcpy(&out[sizeof(SceneFileHeader) + longer], &bytes[sizeof(SceneFileHeader) + table],
+                bytes.size() - sizeof(SceneFileHeader) - table);
+    for (uint32_t i = 0; i < sections; ++i) Section(out, i).offset += longer - table;
+    Section(out, sections) = {.kind = 1000, .element_bytes = 1, .offset = before, .count = size};
+    Header(out).section_count = sections + 1;
+    Header(out).file_bytes = out.size();
+    SealSceneFile(out);
+    return out;
+  }
+  absl::StatusOr<std::shared_ptr<const Scene>> Load(Bytes bytes) {
+    SealSceneFile({bytes.data(), bytes.size()});
+    auto owner = std::make_shared<const Bytes>(std::move(bytes));
+    const std::span<const std::byte> view = *owner;
+    return LoadScene({view, std::move(owner), "'file'"}, "again", {}, pool_);
+  }
+
+  ThreadPool pool_{2};
+  TempDir dir_;
+  const Folder folder_ = *Folder::Open(dir_.path());
+};
+
+// A file that was read is held as long as the scene is, whatever of it the scene knows.
+TEST_F(SceneFileClaimsTest, AFileThatWasReadCountsWhole) {
+  const Bytes bytes = WithAddition(Written(*Build()), 1'000'000);
+  std::ofstream(dir_.File("long.slscene"), std::ios::binary)
+      .write(reinterpret_cast<const char*>(bytes.data()),
+             static_cast<std::streamsize>(bytes.size()));
+  const auto read =
+      ReadSceneFile(folder_, "long.slscene", [](uint64_t) { return absl::OkStatus(); });
+  ASSERT_TRUE(read.ok()) << read.status();
+  const auto scene = LoadScene(*read, "again", {}, pool_);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_GE((*scene)->report.memory_bytes, bytes.size() + kVertices * sizeof(Vec3d));
+  EXPECT_GE((*scene)->report.memory_bytes, (*scene)->MemoryBytes());
+  EXPECT_GE(InspectSceneFile(*read)->scene_bytes, (*scene)->report.memory_bytes);
+
+  // A mapped one gives back what nobody reads.
+  const auto mapped = MapSceneFile(folder_, "long.slscene");
+  ASSERT_TRUE(mapped.ok()) << mapped.status();
+  const auto lean = LoadScene(*mapped, "again", {}, pool_);
+  ASSERT_TRUE(lean.ok()) << lean.status();
+  EXPECT_EQ((*lean)->report.memory_bytes, (*lean)->MemoryBytes());
+}
+
+TEST_F(SceneFileClaimsTest, ItsEstimateHoldsItsSourceVertices) {
+  const auto scene = Build();
+  Written(*scene);
+  const auto mapped = MapSceneFile(folder_, "scene.slscene");
+  const auto again = LoadScene(*mapped, "again", {}, pool_);
+  ASSERT_TRUE(again.ok()) << again.status();
+  const auto info = InspectSceneFile(*mapped);
+  ASSERT_TRUE(info.ok()) << info.status();
+  EXPECT_GE(info->scene_bytes, info->file_bytes + kVertices * sizeof(Vec3d));
+}
+
+}  // namespace
+}  // namespace sightline
