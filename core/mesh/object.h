@@ -28,7 +28,7 @@ enum class Culling : uint8_t {
 };
 
 struct ObjectInput {
-  std::string name;               // Unique within a scene; empty names are numbered "object-<i>".
+  std::string name;  // UTF-8, unique within a scene; empty names are numbered "object-<i>".
   std::vector<Vec3d> vertices;    // Local coordinates; `transform` places them in the world.
   std::vector<uint32_t> indices;  // Three per triangle.
   Affine3d transform;

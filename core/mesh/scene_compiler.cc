@@ -10,12 +10,14 @@
 #include <unordered_set>
 #include <utility>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/check.h"
 #include "core/base/limit_error.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
+#include "core/base/utf8.h"
 #include "core/geometry/float4.h"
 #include "core/mesh/duplicate_triangles.h"
 #include "core/mesh/zero_area.h"
@@ -26,6 +28,8 @@ namespace {
 constexpr size_t kGrain = 1 << 14;
 // Vertices placed before anybody looks whether one of them needs care.
 constexpr size_t kPlacedTogether = 64;
+// What an error shows of a name that is none.
+constexpr size_t kShownNameBytes = 64;
 constexpr uint64_t kNowhere = std::numeric_limits<uint64_t>::max();
 
 std::string Describe(Vec3d v) { return absl::StrFormat("(%.17g, %.17g, %.17g)", v.x, v.y, v.z); }
@@ -104,6 +108,12 @@ class Compiler {
       uint64_t triangle_count = 0, vertex_count = 0;
       bool dynamic = false;
       if (const ObjectInput* input = sources_[i].input; input != nullptr) {
+        if (!IsUtf8(input->name)) {
+          return absl::InvalidArgumentError(
+              absl::StrCat("the name of object ", i, ", \"",
+                           absl::CHexEscape(input->name.substr(0, kShownNameBytes)),
+                           "\", is not UTF-8: convert it"));
+        }
         record.name = input->name;
         if (input->indices.size() % 3 != 0) {
           return absl::InvalidArgumentError(absl::StrCat(

@@ -98,10 +98,10 @@ struct MeshLimits {
 
 // Checks and compiles `objects`. `origin` is given, or else the first finite vertex of the first
 // object that has one, placed in the world (the zero vector for a scene without vertices).
-//  - An index out of range, a number of indices that 3 does
-//    not divide, a doubled name, a non-finite transform or
-//    origin, a finite coordinate beyond kMaxCoordinate:
-//    InvalidArgument naming object, position and value.
+//  - An index out of range, a number of indices that 3 does not
+//    divide, a name that is doubled or not UTF-8, a non-finite
+//    transform or origin, a finite coordinate beyond
+//    kMaxCoordinate: InvalidArgument naming object, position and value.
 //  - More triangles, vertices or objects than the limits:
 //    ResourceExhausted naming the limit and its value.
 //  - Non-finite vertices, zero-area and duplicate triangles: counted in the report.

@@ -6,8 +6,9 @@
 // a second.
 //
 // A file is believed in nothing: before a scene is handed out its header, its sizes, its sums, its
-// coordinates, every index, every count, every box and the shape of the tree were checked. Whatever
-// is wrong with it is an error that names the file, the section and the fault:
+// coordinates, every index, every count, every box, the shape of the tree, its revision and its
+// names (UTF-8) were checked. Whatever is wrong with it is an error that names the file, the
+// section and the fault:
 //
 //   InvalidArgument     it is no scene file
 //   Unimplemented       it is of another version
@@ -72,8 +73,8 @@ struct SceneFileInfo {
   uint64_t scene_bytes = 0;
 };
 
-// Checks the header, the table and the sizes: after it every section lies within the file. A few
-// kilobytes are read.
+// Checks the header, the table, the sizes and the revision: after it every section lies within the
+// file. A few kilobytes are read.
 absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file);
 
 struct LoadOptions {
@@ -88,7 +89,9 @@ absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(
     const CancelToken* cancel = nullptr, const std::function<void(double)>& progress = nullptr);
 
 // Writes beside the target, syncs, and renames: afterwards the file is the whole scene, after an
-// error what it was before. FileError's errors; Cancelled or DeadlineExceeded from `cancel`.
+// error what it was before, unless it says that the folder could not be synced (FileReplacement).
+// FileError's errors; InvalidArgument (a revision that no file has); ResourceExhausted (no memory);
+// Cancelled or DeadlineExceeded from `cancel`.
 absl::Status WriteSceneFile(const Scene& scene, const Folder& folder, const std::string& name,
                             ThreadPool& pool, const CancelToken* cancel = nullptr,
                             const std::function<void(double)>& progress = nullptr);

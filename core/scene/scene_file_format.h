@@ -36,6 +36,8 @@ inline constexpr char kSceneFileMagic[8] = {'S', 'L', 'S', 'C', 'E', 'N', 'E', '
 inline constexpr uint32_t kSceneFileVersion = 1;
 inline constexpr uint32_t kSceneFileVersionWithoutBvh = 2;
 inline constexpr uint32_t kSceneFileByteOrder = 0x01020304;
+// The greatest revision in a file: those that edits make of it, one by one, still are int64s.
+inline constexpr uint64_t kMaxSceneFileRevision = uint64_t{1} << 62;
 inline constexpr uint64_t kSectionAlignment = 64;
 inline constexpr uint32_t kMaxSections = 64;
 inline constexpr uint64_t kSumBlockBytes = uint64_t{1} << 20;
@@ -94,7 +96,7 @@ static_assert(sizeof(SceneFileSection) == 32);
 struct SceneFileScene {
   double origin[3];
   double largest_rounding;
-  uint64_t revision;
+  uint64_t revision;  // 1 .. kMaxSceneFileRevision.
   uint64_t non_finite_vertices, non_finite_triangles, zero_area_triangles, duplicate_triangles;
   double compile_seconds, structure_seconds;
   float bounds[6];  // Lower, then upper corner; inverted if nothing can be hit.
@@ -126,6 +128,10 @@ struct SceneFileBinaryBvh {
   uint32_t leaf_count, max_depth;
 };
 static_assert(sizeof(SceneFileBinaryBvh) == 8);
+
+constexpr bool IsSceneFileRevision(uint64_t revision) {
+  return revision >= 1 && revision <= kMaxSceneFileRevision;
+}
 
 constexpr uint64_t PaddedSection(uint64_t bytes) {
   return (bytes + kSectionAlignment - 1) / kSectionAlignment * kSectionAlignment;

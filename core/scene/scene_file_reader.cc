@@ -7,6 +7,7 @@
 #include <new>
 #include <utility>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "core/accel/binary_bvh_validation.h"
 #include "core/accel/bvh_validation.h"
@@ -14,6 +15,7 @@
 #include "core/accel/leaf_mates_validation.h"
 #include "core/base/limit_error.h"
 #include "core/base/status_macros.h"
+#include "core/base/utf8.h"
 #include "core/mesh/geometry_validation.h"
 #include "core/scene/scene_file.h"
 
@@ -22,6 +24,8 @@ namespace {
 
 // Share of the time that the sums take, for the progress.
 constexpr double kSumShare = 0.3;
+// What an error shows of a name that is none.
+constexpr size_t kShownNameBytes = 64;
 
 template <typename... Args>
 absl::Status Fault(const SceneBytes& file, const Args&... args) {
@@ -279,6 +283,10 @@ class Reader {
       if (object.name_bytes > names.size()) return Fault(file_, "its names are cut short");
       record.name.assign(names.data(), object.name_bytes);
       names = names.subspan(object.name_bytes);
+      if (!IsUtf8(record.name)) {
+        return Fault(file_, "the name of object ", geometry->objects.size(), " is not UTF-8: \"",
+                     absl::CHexEscape(record.name.substr(0, kShownNameBytes)), "\"");
+      }
       if (object.culling > static_cast<uint32_t>(Culling::kFront) || object.dynamic > 1) {
         return Fault(file_, "object \"", record.name, "\" has flags that are none");
       }
@@ -378,6 +386,9 @@ absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
   SceneFileScene scene;
   std::memcpy(&scene, file.bytes.data() + info.sections[0].offset, sizeof(scene));
   info.revision = scene.revision;
+  if (!IsSceneFileRevision(info.revision)) {
+    return Fault(file, "its revision is ", info.revision, ", not 1 to ", kMaxSceneFileRevision);
+  }
   return info;
 }
 
@@ -390,7 +401,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(
   SL_RETURN_IF_ERROR(CheckLimit(file, "vertices", info.vertices, options.limits.max_vertices));
   auto scene = std::make_shared<Scene>();
   scene->name = std::move(name);
-  scene->revision = options.revision != 0 ? options.revision : std::max<uint64_t>(1, info.revision);
+  scene->revision = options.revision != 0 ? options.revision : info.revision;
   absl::Status status;
   // One block: the calling thread enters the pool, and everything below runs within it.
   pool.ParallelFor(1, 1, [&](size_t, size_t) {

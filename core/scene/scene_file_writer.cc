@@ -201,6 +201,11 @@ class Image {
 absl::Status WriteSceneFile(const Scene& scene, const Folder& folder, const std::string& name,
                             ThreadPool& pool, const CancelToken* cancel,
                             const std::function<void(double)>& progress) try {
+  if (!IsSceneFileRevision(scene.revision)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "revision ", scene.revision, " of scene \"", scene.name, "\" is outside 1 .. ",
+        kMaxSceneFileRevision, ", which a file can have: build it anew as revision 1"));
+  }
   Image image(scene);
   // One block: the calling thread enters the pool, and the sums run within it.
   pool.ParallelFor(1, 1, [&](size_t, size_t) { image.Sum(cancel); });

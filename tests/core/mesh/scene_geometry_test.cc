@@ -55,6 +55,17 @@ TEST(CompileSceneTest, Nothing) {
   EXPECT_TRUE(empty.bounds.empty());
 }
 
+TEST(CompileSceneTest, NamesAreUtf8) {
+  EXPECT_EQ(Compile({Quad("st\xC3\xBChl \xF0\x9F\xAA\x91")}).objects[0].name,
+            "st\xC3\xBChl \xF0\x9F\xAA\x91");
+  for (const char* name : {"\xFF", "chair\xC3", "\xED\xA0\x80"}) {
+    const std::vector<ObjectInput> objects = {Quad("a"), Quad(name)};
+    ExpectError(objects, absl::StatusCode::kInvalidArgument, {"object 1", "UTF-8"});
+    EXPECT_THAT(std::string(CompileScene(objects, std::nullopt, {}).status().message()),
+                ::testing::Not(HasSubstr(name)));
+  }
+}
+
 TEST(CompileSceneTest, StoresFloatsRelativeToTheFirstVertex) {
   const Vec3d corner{447422.999, 4482345.125, 17.3};
   const SceneGeometry geometry =

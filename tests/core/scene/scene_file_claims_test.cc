@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a scene file claims of itself: how much memory it takes.
+// What a scene file claims of itself: how much memory it takes, its revision, its objects' names.
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -114,6 +114,53 @@ TEST_F(SceneFileClaimsTest, ItsEstimateHoldsItsSourceVertices) {
   const auto info = InspectSceneFile(*mapped);
   ASSERT_TRUE(info.ok()) << info.status();
   EXPECT_GE(info->scene_bytes, info->file_bytes + kVertices * sizeof(Vec3d));
+}
+
+TEST_F(SceneFileClaimsTest, ARevisionThatIsNoneIsRefused) {
+  const Bytes good = Written(*Build());
+  const auto with = [&](uint64_t revision) {
+    Bytes bytes = good;
+    reinterpret_cast<SceneFileScene*>(&bytes[Section(bytes, 0).offset])->revision = revision;
+    return Load(std::move(bytes));
+  };
+  constexpr uint64_t kMost = uint64_t{1} << 62;
+  for (const uint64_t revision : {uint64_t{1}, kMost}) {
+    const auto scene = with(revision);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_EQ((*scene)->revision, revision);
+  }
+  for (const uint64_t revision : {uint64_t{0}, kMost + 1, uint64_t{1} << 63, UINT64_MAX}) {
+    const absl::Status status = with(revision).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("revision"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr(std::to_string(revision)));
+  }
+  // Nor is one written that could not be read again.
+  for (const uint64_t revision : {uint64_t{0}, kMost + 1}) {
+    const absl::Status status = WriteSceneFile(*Build(revision), folder_, "other.slscene", pool_);
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(std::to_string(revision)));
+  }
+  EXPECT_EQ(folder_.List()->size(), 1u);
+}
+
+TEST_F(SceneFileClaimsTest, NamesThatAreNotUtf8AreRefused) {
+  const Bytes good = Written(*Build());
+  const auto with = [&](const std::string& name) {
+    Bytes bytes = good;
+    std::memcpy(&bytes[Section(bytes, 2).offset], name.data(), name.size());
+    return Load(std::move(bytes));
+  };
+  EXPECT_EQ((*with("s\xC3\xBChl"))->geometry.objects[0].name.substr(0, 3), "s\xC3\xBC");
+  for (const char* name : {"\xFF"
+                           "hair",
+                           "chai\xC3", "\xED\xA0\x80ir"}) {
+    const absl::Status status = with(name).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("UTF-8"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr("object 0"));
+    EXPECT_THAT(std::string(status.message()), Not(HasSubstr("\xFF")));
+  }
 }
 
 }  // namespace
