@@ -7,7 +7,7 @@
 // Pixel (0, 0) is the upper left one; rays go through pixel centres and depend on the absolute
 // pixel index alone, never on a tile. A ray's parameter t is the depth along `forward`.
 //
-// Thread safety: plain values.
+// Thread safety: plain values. REQUIRES, of Pixel...: round to nearest, gradual underflow.
 //
 //   absl::StatusOr<Camera> camera = LookAt({0, -5, 2}, {0, 0, 1}, {0, 0, 1}, 50.0, 1920, 1080);
 //   Vec3f direction = PixelDirection(*camera, 17, 4);

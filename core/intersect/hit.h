@@ -3,7 +3,7 @@
 // Where a segment or ray meets a triangle that blocks it. One fixed order of double operations,
 // compiled without contraction: the same bits everywhere.
 //
-// Thread safety: functions only.
+// Thread safety: functions only. REQUIRES: round to nearest, gradual underflow (as predicate.h).
 #ifndef SIGHTLINE_CORE_INTERSECT_HIT_H_
 #define SIGHTLINE_CORE_INTERSECT_HIT_H_
 

@@ -3,7 +3,9 @@
 
 #include <cmath>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/rebase.h"
 
@@ -58,11 +60,9 @@ absl::Status CheckLight(const Light& light, uint32_t index) {
   return absl::OkStatus();
 }
 
-}  // namespace
-
-absl::Status AppendSamples(const Light& light, uint32_t index, Vec3d origin,
-                           std::vector<LightSample>* samples) {
-  SL_RETURN_IF_ERROR(CheckLight(light, index));
+// Not inlined: compilers do not order arithmetic against the change of the floating-point state.
+ABSL_ATTRIBUTE_NOINLINE void AppendChecked(const Light& light, uint32_t index, Vec3d origin,
+                                           std::vector<LightSample>* samples) {
   LightSample sample{.directional = light.kind == Light::Kind::kDirectional,
                      .light = index,
                      .mask = light.mask,
@@ -89,6 +89,15 @@ absl::Status AppendSamples(const Light& light, uint32_t index, Vec3d origin,
       }
       break;
   }
+}
+
+}  // namespace
+
+absl::Status AppendSamples(const Light& light, uint32_t index, Vec3d origin,
+                           std::vector<LightSample>* samples) {
+  SL_RETURN_IF_ERROR(CheckLight(light, index));
+  const ScopedFloatEnvironment environment;
+  AppendChecked(light, index, origin, samples);
   return absl::OkStatus();
 }
 

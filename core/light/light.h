@@ -56,7 +56,7 @@ struct LightSample {
 // Appends the samples of light number `index` in order, rebased to `origin`. A non-finite or
 // out-of-range light gives samples marked invalid (not an error: the rest is answered).
 // InvalidArgument: a sample count outside its range, an unknown kind, a weight that is not finite;
-// each named with its value.
+// each named with its value. The same bits whatever the caller's floating-point state.
 absl::Status AppendSamples(const Light& light, uint32_t index, Vec3d origin,
                            std::vector<LightSample>* samples);
 

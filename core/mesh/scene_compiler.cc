@@ -10,10 +10,12 @@
 #include <unordered_set>
 #include <utility>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/check.h"
+#include "core/base/float_environment.h"
 #include "core/base/limit_error.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
@@ -460,12 +462,20 @@ class Compiler {
   SceneGeometry out_;
 };
 
+// Not inlined: compilers do not order arithmetic against the change of the floating-point state.
+ABSL_ATTRIBUTE_NOINLINE absl::StatusOr<SceneGeometry> Compile(Compiler& compiler,
+                                                              std::optional<Vec3d> origin) {
+  return compiler.Compile(origin);
+}
+
 }  // namespace
 
 absl::StatusOr<SceneGeometry> CompileSources(std::span<const ObjectSource> sources,
                                              const SceneGeometry* base, std::optional<Vec3d> origin,
                                              const MeshLimits& limits, const CancelToken* cancel) {
-  return Compiler(sources, base, limits, cancel).Compile(origin);
+  Compiler compiler(sources, base, limits, cancel);
+  const ScopedFloatEnvironment environment;
+  return Compile(compiler, origin);
 }
 
 }  // namespace sightline

@@ -108,7 +108,7 @@ struct MeshLimits {
 //  - Cancelled or DeadlineExceeded once `cancel` has fired.
 // A stored vertex is fl32(world − origin), the subtraction in double. An object without a name is
 // called "object-<its position>", or by the next number that is free. Runs in parallel within the
-// pool of the calling thread (core/base/parallel.h).
+// pool of the calling thread (core/base/parallel.h), whatever that thread's floating-point state.
 absl::StatusOr<SceneGeometry> CompileScene(std::span<const ObjectInput> objects,
                                            std::optional<Vec3d> origin, const MeshLimits& limits,
                                            const CancelToken* cancel = nullptr);

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/light/light.h"
 
+#include <pmmintrin.h>
+
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -154,6 +157,34 @@ TEST(LightTest, NonFiniteRectangleGivesInvalidSamples) {
     for (const LightSample& sample : s) {
       EXPECT_FALSE(sample.valid);
       EXPECT_EQ(sample.value, Vec3f{});
+    }
+  }
+}
+
+// Whatever state the host program's thread is in: the same bits.
+TEST(LightTest, SamplesDoNotDependOnTheStateOfTheCaller) {
+  Light rectangle = Square(1000);
+  rectangle.position = {3.7, 1e5 + 0.1, -2.3};
+  rectangle.half_u = {0.3, 0.1, 0.7};
+  rectangle.half_v = {-0.2, 1.1, 1e-42};
+  const std::vector<Light> lights = {rectangle, Light::Point({3.7, 1e5 + 0.1, 1e-41}),
+                                     Light::Directional({0.1, 0.3, 1e-42})};
+  for (const Light& light : lights) {
+    const std::vector<LightSample> expected = Samples(light, {0.1, 1e5, 0});
+    for (const unsigned state : {unsigned{_MM_ROUND_UP}, unsigned{_MM_ROUND_DOWN},
+                                 unsigned{_MM_FLUSH_ZERO_ON | _MM_DENORMALS_ZERO_ON}}) {
+      const unsigned saved = _mm_getcsr();
+      _mm_setcsr(saved | state);
+      const std::vector<LightSample> samples = Samples(light, {0.1, 1e5, 0});
+      _mm_setcsr(saved);
+      ASSERT_EQ(samples.size(), expected.size());
+      for (size_t k = 0; k < samples.size(); ++k) {
+        for (int axis = 0; axis < 3; ++axis) {
+          ASSERT_EQ(std::bit_cast<uint32_t>(samples[k].value[axis]),
+                    std::bit_cast<uint32_t>(expected[k].value[axis]))
+              << "sample " << k << ", axis " << axis << ", state " << state;
+        }
+      }
     }
   }
 }

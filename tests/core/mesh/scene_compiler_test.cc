@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/mesh/scene_compiler.h"
 
+#include <pmmintrin.h>
+
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
+#include <utility>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -127,6 +132,50 @@ TEST_F(SceneCompilerTest, ReplacementsApplyToNewObjectsToo) {
   ASSERT_TRUE(next.ok()) << next.status();
   EXPECT_EQ(next->Corners(0)[0], ToFloat(Vec3d{1, 4, 3} - base_.origin));
   EXPECT_EQ(*next->objects[0].source_vertices, moved);
+}
+
+// The state of a host program's thread: what is compiled is the same to the bit.
+TEST(SceneCompilerModeTest, CompilesAlikeInEveryStateOfTheCaller) {
+  // Placed by a matrix whose products are all rounded; with denormal floats on both sides of the
+  // origin, in more triangles than one block of the loops has.
+  ObjectInput moved = OneTriangle("moved", 1000.7);
+  moved.transform.m = {0.1, 0.7, 0.3, 0.123, 0.9, 0.2, 0.6, 4.567, 0.3, 0.8, 0.4, 8.901};
+  ObjectInput tiny{.name = "tiny"};
+  for (uint32_t i = 0; i < 120'000; ++i) {
+    tiny.vertices.push_back({(i % 7 - 3.0) * 1e-40, (i % 11 - 5.0) * 1e-40, i * 1e-44});
+    if (i % 3 == 2) tiny.indices.insert(tiny.indices.end(), {i - 2, i - 1, i});
+  }
+  const auto compile = [](const ObjectInput& object, unsigned state) {
+    const std::vector<ObjectInput> objects = {object};
+    const unsigned saved = _mm_getcsr();
+    _mm_setcsr(saved | state);
+    absl::StatusOr<SceneGeometry> geometry = CompileScene(objects, std::nullopt, {});
+    _mm_setcsr(saved);
+    EXPECT_TRUE(geometry.ok()) << geometry.status();
+    return *std::move(geometry);
+  };
+  for (const ObjectInput& object : {moved, tiny}) {
+    const SceneGeometry expected = compile(object, 0);
+    for (const unsigned state :
+         {unsigned{_MM_ROUND_UP}, unsigned{_MM_ROUND_DOWN},
+          unsigned{_MM_FLUSH_ZERO_ON | _MM_DENORMALS_ZERO_ON},
+          unsigned{_MM_ROUND_UP | _MM_FLUSH_ZERO_ON | _MM_DENORMALS_ZERO_ON}}) {
+      const SceneGeometry geometry = compile(object, state);
+      // By their bits: a comparison would not tell a denormal from zero if it flushed, too.
+      EXPECT_EQ(std::memcmp(&geometry.origin, &expected.origin, sizeof(Vec3d)), 0) << state;
+      EXPECT_EQ(std::memcmp(&geometry.bounds, &expected.bounds, sizeof(Box3f)), 0) << state;
+      ASSERT_EQ(geometry.vertices.size(), expected.vertices.size());
+      EXPECT_EQ(std::memcmp(std::as_const(geometry).vertices.data(),
+                            std::as_const(expected).vertices.data(),
+                            expected.vertices.size() * sizeof(Vec3f)),
+                0)
+          << state;
+      EXPECT_EQ(geometry.inert, expected.inert) << state;
+      EXPECT_EQ(std::bit_cast<uint64_t>(geometry.report.largest_rounding),
+                std::bit_cast<uint64_t>(expected.report.largest_rounding))
+          << state;
+    }
+  }
 }
 
 }  // namespace
