@@ -19,8 +19,8 @@ constexpr uint64_t kStepU = 0xC13FA9A902A6328Fu;
 constexpr uint64_t kStepV = 0x91E10DA5C79E7B1Cu;
 constexpr uint64_t kHalf = 0x8000000000000000u;
 
-// Lengths a directional light may have, per largest component (light.h). Both are floats, so a
-// direction in range is still in range once rounded.
+// What the largest component of a direction may be (light.h). Both are floats, so a direction in
+// range is still in range once rounded.
 constexpr double kMinDirection = 0x1p-20;
 constexpr double kMaxDirection = 0x1p20;
 

@@ -28,7 +28,7 @@ struct Light {
   enum class Kind : uint8_t { kPoint, kDirectional, kRectangle };
   Kind kind = Kind::kPoint;
   Vec3d position;   // kPoint: the light; kRectangle: its centre. World coordinates.
-  Vec3d direction;  // kDirectional: from a point toward the light; any length in [2^-20, 2^20].
+  Vec3d direction;  // kDirectional: toward the light; its largest |component| in [2^-20, 2^20].
   Vec3d half_u, half_v;  // kRectangle: from the centre to the middle of two neighbouring sides.
   uint32_t sample_count = 1;  // kRectangle: 1 .. kMaxLightSamples. Others: 1.
   uint32_t mask = 0xFFFFFFFFu;

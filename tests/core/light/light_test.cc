@@ -84,6 +84,15 @@ TEST(LightTest, DirectionsOutOfRangeAreInvalid) {
   }
 }
 
+// The largest component counts, not the length.
+TEST(LightTest, DiagonalsAreMeasuredByTheirLargestComponent) {
+  const double small = 0x1p-20, large = 0x1p20, below = std::nextafter(small, 0.0);
+  EXPECT_TRUE(Samples(Light::Directional({large, -large, large}))[0].valid);
+  EXPECT_TRUE(Samples(Light::Directional({small, small, -small}))[0].valid);
+  EXPECT_FALSE(Samples(Light::Directional({below, below, below}))[0].valid);
+  EXPECT_FALSE(Samples(Light::Directional({large, large, std::nextafter(large, kInf)}))[0].valid);
+}
+
 TEST(LightTest, PositionsOutOfRangeAreInvalid) {
   const double limit = kMaxCoordinate;
   EXPECT_TRUE(Samples(Light::Point({limit, -limit, 0}))[0].valid);
