@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -20,6 +21,17 @@ namespace {
 constexpr absl::string_view kTemporaryEnd = ".tmp";
 // Linux writes at most 2 GiB less a page at once.
 constexpr size_t kMostAtOnce = size_t{1} << 30;
+// Temporary files that others may take away, one after the other, before one is locked.
+constexpr int kMostTries = 16;
+
+// Locks a file that was made just now, until it is closed, by whatever end: so others see that it
+// is being written. False if somebody took it for one of the dead's before that. Where the file
+// system has no locks there is none.
+bool LockNew(int file) {
+  if (::flock(file, LOCK_EX | LOCK_NB) != 0) return errno != EWOULDBLOCK;
+  struct stat status;
+  return ::fstat(file, &status) != 0 || status.st_nlink > 0;
+}
 
 }  // namespace
 
@@ -27,15 +39,22 @@ absl::StatusOr<FileReplacement> FileReplacement::Create(FileCalls& calls, int fo
                                                         const std::string& name,
                                                         const std::string& shown) {
   static std::atomic<uint64_t> number{0};
-  std::string temporary =
-      absl::StrCat(".", name, ".", ::getpid(), "-", number.fetch_add(1, std::memory_order_relaxed),
-                   kTemporaryEnd);
-  const int flags = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
-  const int file = calls.OpenAt(folder, temporary.c_str(), flags, 0644);
-  if (file < 0) return FileError(errno, "cannot write", shown);
-  // Held until the file is closed, by whatever end: so others see that it is still being written.
-  (void)::flock(file, LOCK_EX | LOCK_NB);
-  return FileReplacement(calls, folder, file, name, std::move(temporary), shown);
+  for (int tries = 0; tries < kMostTries; ++tries) {
+    std::string temporary =
+        absl::StrCat(".", name, ".", ::getpid(), "-",
+                     number.fetch_add(1, std::memory_order_relaxed), kTemporaryEnd);
+    const int flags = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
+    const int file = calls.OpenAt(folder, temporary.c_str(), flags, 0644);
+    if (file < 0) return FileError(errno, "cannot write", shown);
+    if (LockNew(file)) {
+      return FileReplacement(calls, folder, file, name, std::move(temporary), shown);
+    }
+    ::close(file);
+    // Of whoever locked it, and may be killed before it is gone.
+    (void)calls.UnlinkAt(folder, temporary.c_str());
+  }
+  return absl::UnavailableError(absl::StrCat(
+      "cannot write ", shown, ": each new file beside it is taken away at once: try again later"));
 }
 
 FileReplacement::FileReplacement(FileCalls& calls, int folder, int file, std::string name,
@@ -79,11 +98,12 @@ absl::Status FileReplacement::Append(std::span<const std::byte> bytes) {
 
 absl::Status FileReplacement::Commit() {
   if (calls_.Sync(file_) != 0) return FileError(errno, "cannot sync", shown_);
-  if (::close(std::exchange(file_, -1)) != 0) return FileError(errno, "cannot close", shown_);
+  // Still locked: who takes away what the dead have left must not take it for such.
   if (calls_.RenameAt(folder_, temporary_.c_str(), name_.c_str()) != 0) {
     return FileError(errno, "cannot rename a new file to", shown_);
   }
   renamed_ = true;
+  if (::close(std::exchange(file_, -1)) != 0) return FileError(errno, "cannot close", shown_);
   if (calls_.Sync(folder_) != 0) return FileError(errno, "cannot sync the folder of", shown_);
   return absl::OkStatus();
 }

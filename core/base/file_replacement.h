@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Writes a file whole or not at all: beside its target, under a temporary name, then synced, then
-// renamed over it, then the folder synced. Until Commit returns OK the target is as it was,
-// whatever fails or is killed; afterwards it survives a loss of power.
+// renamed over it, then the folder synced. Whatever fails or is killed, the target is the old file
+// whole or the new one whole. It is the old one until Commit renames; if what follows fails,
+// closing the new file or syncing the folder, the error comes with the new file in place. Once
+// Commit has returned OK, that file survives a loss of power.
 //
 // A temporary name is the target's behind a dot with ".<pid>-<number>.tmp" after it: a process that
 // is killed leaves one, which IsTemporaryName tells (Folder::RemoveTemporaries). It is locked
-// (flock) while it is being written.
+// (flock) until it is renamed.
 //
 // Thread safety: one thread at a time per object. The folder's descriptor outlives it.
 //
@@ -29,6 +31,7 @@ namespace sightline {
 
 class FileReplacement {
  public:
+  // FileError's errors; Unavailable where somebody takes every new file away.
   static absl::StatusOr<FileReplacement> Create(FileCalls& calls, int folder,
                                                 const std::string& name, const std::string& shown);
   FileReplacement(FileReplacement&& other) noexcept;
@@ -36,7 +39,7 @@ class FileReplacement {
   // Takes the temporary file away unless it was committed.
   ~FileReplacement();
 
-  // After an error only destruction is of use.
+  // FileError's errors; after one only destruction is of use.
   absl::Status Append(std::span<const std::byte> bytes);
   absl::Status Commit();
 

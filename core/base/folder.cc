@@ -138,9 +138,10 @@ absl::StatusOr<size_t> Folder::RemoveTemporaries() const {
     const absl::Cleanup close = [file] {
       if (file >= 0) ::close(file);
     };
-    // Somebody is writing it.
-    if (file >= 0 && ::flock(file, LOCK_EX | LOCK_NB) != 0) continue;
+    // Somebody is writing it, or may be.
+    if (file < 0 || ::flock(file, LOCK_EX | LOCK_NB) != 0) continue;
     if (calls_->UnlinkAt(descriptor_, entry.name.c_str()) != 0) {
+      if (errno == ENOENT) continue;  // It was committed meanwhile.
       return FileError(errno, "cannot remove", Shown(entry.name));
     }
     ++removed;

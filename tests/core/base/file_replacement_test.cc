@@ -4,12 +4,15 @@
 // nothing is left lying about.
 #include "core/base/file_replacement.h"
 
+#include <fcntl.h>
+
 #include <cerrno>
 #include <fstream>
 #include <functional>
 #include <iterator>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include "core/base/folder.h"
 #include "core/base/status_macros.h"
@@ -107,6 +110,85 @@ TEST_F(FileReplacementTest, WhatIsNotCommittedLeavesNothing) {
     const FileReplacement moved = *std::move(file);
   }
   EXPECT_EQ(Files(), 0u);
+}
+
+// Another process takes away what the dead have left while this one is at some step.
+class CleanedMeanwhile final : public FileCalls {
+ public:
+  // How many more files are cleaned away right after they are made.
+  int after_open = 0;
+  bool before_rename = false, after_rename = false;
+  // The name that is to go while it is being cleaned away, as its owner has renamed it.
+  std::string renamed_meanwhile;
+
+  explicit CleanedMeanwhile(std::string path) : path_(std::move(path)) {}
+
+  int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
+    const int file = FileCalls::OpenAt(folder, name, flags, mode);
+    if ((flags & O_CREAT) != 0 && after_open > 0) {
+      --after_open;
+      Clean();
+    }
+    return file;
+  }
+  int RenameAt(int folder, const char* from, const char* to) override {
+    if (before_rename) Clean();
+    const int result = FileCalls::RenameAt(folder, from, to);
+    if (after_rename) Clean();
+    return result;
+  }
+  int UnlinkAt(int folder, const char* name) override {
+    if (name == renamed_meanwhile) FileCalls::RenameAt(folder, name, "target");
+    return FileCalls::UnlinkAt(folder, name);
+  }
+
+ private:
+  void Clean() const { EXPECT_TRUE(Folder::Open(path_)->RemoveTemporaries().ok()); }
+
+  const std::string path_;
+};
+
+TEST_F(FileReplacementTest, WhoCleansUpMeanwhileTakesNothingAway) {
+  CleanedMeanwhile calls(dir_.path());
+  const Folder folder = *Folder::Open(dir_.path(), calls);
+  const auto replace = [&](const std::string& text) -> absl::Status {
+    SL_ASSIGN_OR_RETURN(FileReplacement file, folder.Replace("file"));
+    SL_RETURN_IF_ERROR(file.Append(std::as_bytes(std::span(text))));
+    return file.Commit();
+  };
+  const auto expect_replaced = [&](const std::string& text) {
+    const absl::Status status = replace(text);
+    EXPECT_TRUE(status.ok()) << status;
+    EXPECT_EQ(Text(), text);
+    EXPECT_EQ(Files(), 1u);
+  };
+  calls.after_open = 2;  // Before it could be locked.
+  expect_replaced("made again");
+  calls.before_rename = true;  // Written and synced.
+  expect_replaced("locked until it is renamed");
+  calls.before_rename = false;
+  calls.after_rename = true;
+  expect_replaced("renamed");
+  // Somebody who takes every file away is told, and not fought for ever.
+  calls.after_open = 1'000'000;
+  const absl::Status status = replace("none");
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable) << status;
+  EXPECT_THAT(std::string(status.message()), HasSubstr(dir_.File("file")));
+  EXPECT_EQ(Text(), "renamed");
+  EXPECT_EQ(Files(), 1u);
+}
+
+TEST_F(FileReplacementTest, WhatIsCommittedMeanwhileHoldsNoCleaningUp) {
+  CleanedMeanwhile calls(dir_.path());
+  const Folder folder = *Folder::Open(dir_.path(), calls);
+  for (const char* name : {".a.1-0.tmp", ".b.1-0.tmp", ".c.1-0.tmp"}) {
+    std::ofstream(dir_.File(name)) << "half";
+  }
+  calls.renamed_meanwhile = ".a.1-0.tmp";
+  const absl::StatusOr<size_t> removed = folder.RemoveTemporaries();
+  ASSERT_TRUE(removed.ok()) << removed.status();
+  EXPECT_EQ(*removed, 2u);
+  EXPECT_EQ(Files(), 1u);
 }
 
 TEST(TemporaryNameTest, IsTold) {
