@@ -80,7 +80,6 @@ ABSL_ATTRIBUTE_NOINLINE void AppendChecked(const Light& light, uint32_t index, V
       break;
     }
     case Light::Kind::kRectangle:
-      samples->reserve(samples->size() + light.sample_count);
       for (uint32_t k = 0; k < light.sample_count; ++k) {
         const Vec3d world = (light.position + light.half_u * Recurrence(k, kStepU)) +
                             light.half_v * Recurrence(k, kStepV);

@@ -258,8 +258,10 @@ uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices,
     // Rows and a box for each triangle that a leaf names, sixteen at a time.
     constexpr uint64_t kLaidOutBytes = 64;
     if (options.kd_tree->lay_out_leaves) {
-      per_triangle +=
-          kLaidOutBytes * static_cast<uint64_t>(std::ceil(options.kd_tree->max_references));
+      // BuildKdTree refuses what is out of range.
+      const float asked = options.kd_tree->max_references;
+      const float references = asked >= 1 ? std::min(asked, kMaxKdReferences) : 1;
+      per_triangle += kLaidOutBytes * static_cast<uint64_t>(std::ceil(references));
       bytes += 16 * kLaidOutBytes;
     }
   }
