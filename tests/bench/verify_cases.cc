@@ -22,6 +22,8 @@ namespace {
 constexpr double kFarAway = 1e6;
 // In sizes of the scene: some thousand directions of floats span it there.
 constexpr double kExtremeDistance = 0x1p13;
+// The farthest coordinate of a scene that is scaled; lights and eyes stand farther still.
+constexpr double kMostScaled = 0x1p36;
 
 // 2^uniform, so that every order of magnitude is as likely.
 double LogUniform(double low, double high, Random& random) {
@@ -89,6 +91,23 @@ std::vector<ObjectInput> RandomObjects(uint64_t max_triangles, Random& random, s
   return {LatticeSoup(triangles, random)};
 }
 
+// Makes all so many times as large or small that squares, or products of more, leave the floats'
+// range: bounds of what rounding loses have to say what underflow does.
+void Rescale(Random& random, std::vector<ObjectInput>* objects, std::string* name) {
+  double most = 0;
+  for (const ObjectInput& object : *objects) {
+    for (const Vec3d v : object.vertices) most = std::max(most, MaxAbs(v));
+  }
+  if (!(most > 0)) return;
+  const int largest = static_cast<int>(std::floor(std::log2(kMostScaled / most)));
+  const int power = random.Chance(0.2) ? largest - static_cast<int>(random.Below(24))
+                                       : -10 - static_cast<int>(random.Below(80));
+  absl::StrAppend(name, " times 2^", power);
+  for (ObjectInput& object : *objects) {
+    for (Vec3d& v : object.vertices) v = v * std::ldexp(1, power);
+  }
+}
+
 float MoveByUlps(float x, int ulps) {
   const float toward =
       ulps > 0 ? std::numeric_limits<float>::infinity() : -std::numeric_limits<float>::infinity();
@@ -133,6 +152,7 @@ VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& 
   do {
     scene = {};
     std::vector<ObjectInput> objects = RandomObjects(max_triangles, random, &scene.name);
+    if (random.Chance(0.25)) Rescale(random, &objects, &scene.name);
     if (random.Chance(0.3)) {
       absl::StrAppend(&scene.name, " with masks and culling");
       for (ObjectInput& object : objects) {
@@ -357,7 +377,9 @@ LightCase MakeVerifyLights(const IndexedGeometry& scene, const PreparedPoints& p
     return result;
   }
   result.directional = kind == 1;
-  const uint32_t lights = 1 + static_cast<uint32_t>(random.Below(3));
+  // So many that what is found once for all of them is looked for (core/query/group_grounds.h).
+  const bool many = random.Chance(0.2);
+  const uint32_t lights = static_cast<uint32_t>(many ? 32 + random.Below(33) : 1 + random.Below(3));
   for (uint32_t i = 0; i < lights; ++i) {
     LightSample sample{.directional = result.directional, .light = i};
     if (result.directional) {
@@ -370,7 +392,8 @@ LightCase MakeVerifyLights(const IndexedGeometry& scene, const PreparedPoints& p
       sample.valid = MaxAbs(sample.value) >= 0x1p-20f && MaxAbs(sample.value) <= 0x1p20f;
       if (manner == 1 || manner == 2) result.kind = PlaceKind::kGrazing;
     } else {
-      const Place place = placer.Anything();
+      Place place = placer.Anything();
+      while (many && place.extreme) place = placer.Anything();
       sample.value = place.at;
       result.extreme = result.extreme || place.extreme;
       if (random.Chance(0.5)) sample.source_triangle = place.triangle;

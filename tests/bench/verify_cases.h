@@ -41,7 +41,7 @@ struct VerifyScene {
 
 // A built-in scene of a random kind, size (up to `max_triangles`) and seed, or a soup of triangles
 // on a small lattice (coplanar, duplicate, degenerate and sharing corners); at times with an origin
-// far away (which makes its floats coarse), with masks and culling per object, and
+// far away (which makes its floats coarse), scaled to any size that floats have, with masks and culling per object, and
 // built with random options, half of them with a kd-tree and half with a binary BVH beside the BVH.
 VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& pool);
 
@@ -105,8 +105,8 @@ struct LightCase {
   bool directional = false;
   bool extreme = false;  // Of any.
 };
-// Points, directions (along axes, in planes, anywhere) or the samples of a rectangle. `points` are
-// those to be lit; a light may stand right at one.
+// Points, directions (along axes, in planes, anywhere), up to three or some dozens of them, or the
+// samples of a rectangle. `points` are those to be lit; a light may stand right at one.
 LightCase MakeVerifyLights(const IndexedGeometry& scene, const PreparedPoints& points,
                            Placer& placer, Random& random);
 

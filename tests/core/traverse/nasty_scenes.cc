@@ -290,6 +290,11 @@ std::vector<NastyScene> MakeNastyScenes(TestRng& rng) {
   add("masks and culling", MaskedAndCulled(rng), Vec3d{}, 3);
   add("to the bound", {moved(Lattice(rng, 120, 4, 1), {}, 0x1p38)});
   add("subnormal", {moved(Lattice(rng, 120, 5, 1), {}, 0x1p-148), Soup(rng, 5, 1, 1)});
+  // Where squares of lengths underflow, or products of more.
+  const double tiny = std::ldexp(1.0, -24 - static_cast<int>(rng.Below(48)));
+  add("a tiny wavy grid", {moved(MakeGrid(12, 0.4, {-6, 0, -6}, rng), {}, tiny)});
+  add("a tiny soup", {moved(Soup(rng, 200, 5, 2), {}, tiny)}, Vec3d{}, 7);
+  add("a tiny closed box", {moved(MakeClosedBox(4, {-1, -1, -1}, {1, 1, 1}), {}, tiny)});
   add("mixed exponents", {MixedExponents(rng, 150, -60, 40)}, Vec3d{}, 4);
   add("mixed exponents, fewer", {MixedExponents(rng, 150, -12, 12)});
   return scenes;

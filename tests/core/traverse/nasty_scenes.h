@@ -2,7 +2,7 @@
 //
 // Small scenes that are meant to break a tracer, and rays aimed at what is weak in them: slivers,
 // coplanar and duplicate faces, shared edges and vertices, zero areas, huge scale ratios, large
-// coordinates, subnormal ones, one triangle, none.
+// coordinates, tiny and subnormal ones, one triangle, none.
 //
 // Thread safety: none; the scenes are immutable once made.
 //
