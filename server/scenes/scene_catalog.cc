@@ -449,18 +449,47 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::Pin(const std::string
                      {"current", absl::StrCat(now->latest->revision)}});
 }
 
+uint64_t SceneCatalog::TagNow(const std::string& scene_id) const {
+  const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
+  return now.ok() ? now->tag : 0;
+}
+
 absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::PinTagged(const std::string& scene_id,
                                                                      uint64_t revision,
                                                                      uint64_t* tag) const {
-  const auto tag_now = [&] {
-    const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
-    return now.ok() ? now->tag : 0;
-  };
   for (;;) {
-    *tag = tag_now();
+    *tag = TagNow(scene_id);
     SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, Pin(scene_id, revision));
-    if (tag_now() == *tag) return scene;
+    if (TagNow(scene_id) == *tag) return scene;
   }
+}
+
+absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::PinOf(const std::string& scene_id,
+                                                                 uint64_t revision,
+                                                                 uint64_t tag) const {
+  uint64_t now = 0;
+  absl::StatusOr<std::shared_ptr<const Scene>> scene = PinTagged(scene_id, revision, &now);
+  if (now == tag || (now == 0 && !scene.ok())) return scene;
+  return IsAnother(scene_id, revision);
+}
+
+absl::Status SceneCatalog::CheckTag(const std::string& scene_id, uint64_t revision,
+                                    uint64_t tag) const {
+  const uint64_t now = TagNow(scene_id);
+  if (now == 0) return NotThere(scene_id);
+  return now == tag ? absl::OkStatus() : IsAnother(scene_id, revision);
+}
+
+absl::Status SceneCatalog::IsAnother(const std::string& scene_id, uint64_t revision) const {
+  const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
+  const uint64_t current = now.ok() && now->latest != nullptr ? now->latest->revision : 0;
+  return MakeError(absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_REVISION_MISMATCH,
+                   absl::StrCat(SceneName(scene_id), " is another scene by now: the one whose ",
+                                "revision ", revision, " this is about was deleted or unloaded. ",
+                                "Begin again with what is there"),
+                   {{"resource", SceneName(scene_id)},
+                    {"value", absl::StrCat(revision)},
+                    {"current", absl::StrCat(current)}});
 }
 
 bool SceneCatalog::IsSucceeded(const SceneStatus& status) const {

@@ -159,6 +159,13 @@ class SceneCatalog : public MemoryBudget {
   // The same with the scene's tag, by which a later scene of its name is told from it.
   absl::StatusOr<std::shared_ptr<const Scene>> PinTagged(const std::string& scene_id,
                                                          uint64_t revision, uint64_t* tag) const;
+  // The same of the scene with this tag alone: REVISION_MISMATCH also where the name is another's.
+  absl::StatusOr<std::shared_ptr<const Scene>> PinOf(const std::string& scene_id, uint64_t revision,
+                                                     uint64_t tag) const;
+  // Whether the scene with this tag still has the name; errors as PinOf's for `revision`. A scene
+  // has lost it before the listener hears of its end: who asks after having added something that
+  // goes with the scene leaves nothing behind.
+  absl::Status CheckTag(const std::string& scene_id, uint64_t revision, uint64_t tag) const;
 
   void AddWatcher(const std::string& scene_id, std::weak_ptr<SceneWatcher> watcher);
   void RemoveWatcher(const std::string& scene_id, const SceneWatcher* watcher);
@@ -203,6 +210,8 @@ class SceneCatalog : public MemoryBudget {
   uint64_t AddTimes(const CreateOptions& options, const Times& times) ABSL_LOCKS_EXCLUDED(mutex_);
   // Of a scene that could not be made, unless it is there after all.
   void DropTimes(const std::string& scene_id, uint64_t tag) ABSL_LOCKS_EXCLUDED(mutex_);
+  // The tag of the scene that now has this name; 0, which no scene has, if there is none.
+  uint64_t TagNow(const std::string& scene_id) const;
   // Changes what is known of the scene that now has this name; nothing if there is none.
   void ChangeTimes(const std::string& scene_id, absl::FunctionRef<void(Times&)> change)
       ABSL_LOCKS_EXCLUDED(mutex_);
@@ -231,6 +240,8 @@ class SceneCatalog : public MemoryBudget {
   void Forget(SceneView view) ABSL_LOCKS_EXCLUDED(mutex_);
   void SetNote(const std::string& scene_id, std::optional<Note> note) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status NotThere(const std::string& scene_id) const ABSL_LOCKS_EXCLUDED(mutex_);
+  // To somebody who asks for a revision of the scene that had the name before.
+  absl::Status IsAnother(const std::string& scene_id, uint64_t revision) const;
   void OnChange(const SceneStatus& status);
 
   SceneBuildOptions BuildOptions(BvhPreset preset,

@@ -64,8 +64,9 @@ class CreatePointSetSteps {
 
   absl::Status CheckHeader(const Header& header) {
     SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
-                        env_.scenes.Pin(header.scene_id, header.revision));
-    // An edit during the upload makes the sources wrong: told at the end.
+                        env_.scenes.PinTagged(header.scene_id, header.revision, &set_.scene_tag));
+    // An edit during the upload makes the sources wrong, and so does another scene of the name:
+    // told at the end.
     revision_ = scene->revision;
     const uint64_t arriving = header.camera.has_value() ? 0 : header.point_count * sizeof(Vec3d);
     return env_.point_sets.CheckRoom(header.scene_id, header.point_set_id, header.point_count,
@@ -76,7 +77,7 @@ class CreatePointSetSteps {
   absl::StatusOr<WorkElsewhere> Prepare(Upload& upload, const CancelToken& cancel) {
     SL_ASSIGN_OR_RETURN(uploaded_, upload.Finish());
     const PointSetHeader& header = *upload.header();
-    SL_ASSIGN_OR_RETURN(scene_, env_.scenes.PinTagged(header.scene_id, revision_, &set_.scene_tag));
+    SL_ASSIGN_OR_RETURN(scene_, env_.scenes.PinOf(header.scene_id, revision_, set_.scene_tag));
     set_.scene_id = header.scene_id;
     set_.point_set_id = header.point_set_id.empty() ? MakeId("points") : header.point_set_id;
     set_.revision = scene_->revision;

@@ -25,7 +25,7 @@ absl::StatusOr<std::unique_ptr<ScenePin>> ScenePin::Open(const v1::StreamHeader&
                      header.max_pin_duration(), most, most));
   const auto revision = static_cast<uint64_t>(header.revision());
   std::unique_ptr<ScenePin> pin(new ScenePin(env.scenes, std::move(scene_id), revision));
-  SL_ASSIGN_OR_RETURN(pin->opened_, env.scenes.Pin(pin->scene_id_, revision));
+  SL_ASSIGN_OR_RETURN(pin->opened_, env.scenes.PinTagged(pin->scene_id_, revision, &pin->tag_));
   if (revision != 0) {
     {
       MutexLock lock(pin->held_->mutex);
@@ -41,11 +41,12 @@ absl::StatusOr<std::unique_ptr<ScenePin>> ScenePin::Open(const v1::StreamHeader&
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> ScenePin::ForItem() const {
-  if (revision_ != 0) {
+  if (revision_ == 0) return scenes_.Pin(scene_id_, revision_);
+  {
     MutexLock lock(held_->mutex);
     if (held_->scene != nullptr) return held_->scene;
   }
-  return scenes_.Pin(scene_id_, revision_);
+  return scenes_.PinOf(scene_id_, revision_, tag_);
 }
 
 }  // namespace sightline

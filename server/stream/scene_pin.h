@@ -3,7 +3,8 @@
 // Which revision each item of a stream sees: the current one at its start, or an exact one that is
 // kept in memory for a while.
 //
-// Invariant: an exact revision is let go when its time is up, whether items come or not.
+// Invariants: an exact revision is let go when its time is up, whether items come or not; it is
+// never that of another scene, which has come to its name and number since.
 //
 // Thread safety: every method from any thread.
 //
@@ -51,6 +52,7 @@ class ScenePin {
   SceneCatalog& scenes_;
   const std::string scene_id_;
   const uint64_t revision_;  // 0: the current one.
+  uint64_t tag_ = 0;         // Of the scene that was opened; see SceneCatalog::PinOf.
   std::shared_ptr<const Scene> opened_;
   const std::shared_ptr<Held> held_ = std::make_shared<Held>();
   grpc::Alarm expiry_;
