@@ -46,10 +46,12 @@ absl::Status PointSetStore::RoomLocked(const Key& key, uint64_t bytes) {
 
 absl::Status PointSetStore::MemoryLocked(uint64_t bytes) const {
   const uint64_t most = limits_.max_point_set_bytes;
-  if (bytes <= most && bytes_ <= most - bytes) return absl::OkStatus();
-  return OverLimit("memory that point sets and their uploads would take", bytes_ + bytes,
+  const uint64_t held = *bytes_;
+  if (bytes <= most && held <= most - bytes) return absl::OkStatus();
+  return OverLimit("memory that point sets and their uploads would take", held + bytes,
                    "max_point_set_bytes", most,
-                   "delete point sets, use fewer points, or have the server raise it",
+                   "delete point sets, wait until queries of deleted ones have ended, use fewer "
+                   "points, or have the server raise it",
                    v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET);
 }
 
@@ -58,14 +60,11 @@ absl::Status PointSetStore::SetAside(uint64_t bytes) {
   MutexLock lock(mutex_);
   SweepLocked(&gone);
   SL_RETURN_IF_ERROR(MemoryLocked(bytes));
-  bytes_ += bytes;
+  *bytes_ += bytes;
   return absl::OkStatus();
 }
 
-void PointSetStore::GiveBack(uint64_t bytes) {
-  MutexLock lock(mutex_);
-  bytes_ -= bytes;
-}
+void PointSetStore::GiveBack(uint64_t bytes) { *bytes_ -= bytes; }
 
 absl::Status PointSetStore::CheckRoom(const std::string& scene_id, const std::string& point_set_id,
                                       uint64_t points, uint64_t arriving) {
@@ -82,16 +81,23 @@ uint64_t PointSetStore::BytesFor(uint64_t points) {
 absl::StatusOr<PointSetView> PointSetStore::Add(PointSet set, absl::Duration lease,
                                                 uint64_t set_aside) {
   set.create_time = clock_();
-  auto made = std::make_shared<const PointSet>(std::move(set));
+  auto made = std::make_unique<const PointSet>(std::move(set));
+  const uint64_t bytes = made->MemoryBytes();
+  PointSetView view;
+  view.expire_time = made->create_time + lease;
   std::vector<PointSetView> gone;
   MutexLock lock(mutex_);
-  bytes_ -= set_aside;
+  *bytes_ -= set_aside;
   SweepLocked(&gone);
   const Key key(made->scene_id, made->point_set_id);
-  SL_RETURN_IF_ERROR(RoomLocked(key, made->MemoryBytes()));
-  const PointSetView view{made, made->create_time + lease};
+  SL_RETURN_IF_ERROR(RoomLocked(key, bytes));
+  *bytes_ += bytes;
+  view.set =
+      std::shared_ptr<const PointSet>(made.release(), [bytes, all = bytes_](const PointSet* freed) {
+        delete freed;
+        *all -= bytes;
+      });
   sets_.emplace(key, view);
-  bytes_ += made->MemoryBytes();
   return view;
 }
 
@@ -155,11 +161,6 @@ void PointSetStore::Sweep() {
   SweepLocked(&gone);
 }
 
-uint64_t PointSetStore::memory_bytes() const {
-  MutexLock lock(mutex_);
-  return bytes_;
-}
-
 void PointSetStore::SweepLocked(std::vector<PointSetView>* gone) {
   const absl::Time now = clock_();
   for (auto i = sets_.begin(); i != sets_.end();) {
@@ -170,7 +171,6 @@ void PointSetStore::SweepLocked(std::vector<PointSetView>* gone) {
 
 void PointSetStore::Erase(std::map<Key, PointSetView>::iterator set,
                           std::vector<PointSetView>* gone) {
-  bytes_ -= set->second.set->MemoryBytes();
   requests_.ForgetResource(set->second.set->name());
   gone->push_back(std::move(set->second));
   sets_.erase(set);

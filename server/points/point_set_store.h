@@ -4,10 +4,10 @@
 // one memory budget.
 //
 // Invariants: a set belongs to one revision of one scene for good; it can be found until its lease
-// runs out, it is removed, or its scene is. Queries that found it keep it alive. Memory counts
-// until a set can no longer be found; what arrives of uploads counts, too.
+// runs out, it is removed, or its scene is. Queries that found it keep it alive, and its memory
+// counts until the last of them has let go of it; what arrives of uploads counts, too.
 //
-// Thread safety: every method from any thread.
+// Thread safety: every method from any thread. Sets may outlive the store.
 //
 //   SL_RETURN_IF_ERROR(store.CheckRoom("hall", "floor", points));
 //   MemoryCharge charge(store);
@@ -16,6 +16,7 @@
 #ifndef SIGHTLINE_SERVER_POINTS_POINT_SET_STORE_H_
 #define SIGHTLINE_SERVER_POINTS_POINT_SET_STORE_H_
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -86,7 +87,7 @@ class PointSetStore : public MemoryBudget {
 
   absl::Status SetAside(uint64_t bytes) override;
   void GiveBack(uint64_t bytes) override;
-  uint64_t memory_bytes() const;
+  uint64_t memory_bytes() const { return *bytes_; }
   RequestLog& requests() { return requests_; }
 
  private:
@@ -103,7 +104,9 @@ class PointSetStore : public MemoryBudget {
   RequestLog requests_;
   mutable Mutex mutex_;
   std::map<Key, PointSetView> sets_ ABSL_GUARDED_BY(mutex_);
-  uint64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // Of the sets, and set aside.
+  // Of the sets, found or held, and set aside. The lock is held where it grows. The sets', too, who
+  // take their bytes off when they are freed.
+  const std::shared_ptr<std::atomic<uint64_t>> bytes_ = std::make_shared<std::atomic<uint64_t>>(0);
 };
 
 }  // namespace sightline

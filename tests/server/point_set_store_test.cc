@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/points/point_set_store.h"
 
+#include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "gtest/gtest.h"
 #include "server/base/error.h"
@@ -37,14 +39,48 @@ TEST_F(PointSetStoreTest, ASetLivesAsLongAsItsLease) {
   now_ += absl::Seconds(9);
   EXPECT_TRUE(store_.Renew("s", "a", absl::Seconds(10)).ok());
   now_ += absl::Seconds(9);
-  const absl::StatusOr<PointSetView> held = store_.Get("s", "a");
+  absl::StatusOr<PointSetView> held = store_.Get("s", "a");
   ASSERT_TRUE(held.ok());
   now_ += absl::Seconds(1);
   const absl::Status gone = store_.Get("s", "a").status();
   EXPECT_EQ(gone.code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(ReasonOf(gone), v1::ERROR_REASON_POINT_SET_NOT_FOUND);
-  EXPECT_EQ(store_.memory_bytes(), 0u);
+  EXPECT_FALSE(store_.Renew("s", "a", absl::Seconds(10)).ok());
+  EXPECT_TRUE(store_.List("s", "", 10).empty());
+  store_.Sweep();
   EXPECT_EQ(held->set->points.size(), 10u);  // Who found it keeps it.
+  held->set.reset();
+  EXPECT_EQ(store_.memory_bytes(), 0u);
+}
+
+// As an item of a stream does that nobody reads.
+TEST_F(PointSetStoreTest, WhatIsHeldCountsUntilItIsLetGoOf) {
+  constexpr size_t kPoints = 120;  // Half of the budget, with some over.
+  std::vector<std::shared_ptr<const PointSet>> held;
+  absl::Status refused;
+  for (int i = 0; i < 3 && refused.ok(); ++i) {
+    const absl::StatusOr<PointSetView> made =
+        store_.Add(Make("s", "a", kPoints), absl::Seconds(10));
+    refused = made.status();
+    if (!made.ok()) break;
+    held.push_back(made->set);
+    ASSERT_TRUE(store_.Remove("s", "a").ok());
+  }
+  EXPECT_EQ(held.size(), 1u);
+  EXPECT_EQ(ReasonOf(refused), v1::ERROR_REASON_OUT_OF_MEMORY_BUDGET) << refused;
+  EXPECT_EQ(store_.memory_bytes(), PointSetStore::BytesFor(kPoints));
+  held.clear();
+  EXPECT_EQ(store_.memory_bytes(), 0u);
+  EXPECT_TRUE(store_.Add(Make("s", "a", kPoints), absl::Seconds(10)).ok());
+}
+
+TEST_F(PointSetStoreTest, ASetMayOutliveItsStore) {
+  auto store = std::make_unique<PointSetStore>(limits_, [this] { return now_; });
+  absl::StatusOr<PointSetView> made = store->Add(Make("s", "a"), absl::Seconds(10));
+  ASSERT_TRUE(made.ok());
+  store.reset();
+  EXPECT_EQ(made->set->points.size(), 10u);
+  made->set.reset();
 }
 
 TEST_F(PointSetStoreTest, SweepFreesWithoutBeingAsked) {
