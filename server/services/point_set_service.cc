@@ -104,6 +104,13 @@ class CreatePointSetSteps {
     }
     SL_ASSIGN_OR_RETURN(const PointSetView view,
                         env_.point_sets.Add(std::move(set_), header.lease, charge_.Leave()));
+    // One that is deleted from here on takes the set with it.
+    const PointSet& set = *view.set;
+    if (absl::Status there = env_.scenes.CheckTag(set.scene_id, set.revision, set.scene_tag);
+        !there.ok()) {
+      env_.point_sets.RemoveScene(set.scene_id, set.scene_tag);
+      return there;
+    }
     Log(LogLevel::kInfo, "point_set_created",
         {{"point_set", view.set->name()}, {"points", absl::StrCat(view.set->points.size())}});
     EncodePointSet(view, response);

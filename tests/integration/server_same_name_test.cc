@@ -139,5 +139,29 @@ TEST_F(SameNameTest, APointSetIsOfTheSceneThatItsUploadBeganWith) {
   }
 }
 
+// Not in time to be taken away with it, and found under the name of another.
+TEST_F(SameNameTest, APointSetDoesNotOutliveAScene) {
+  grpc::ClientContext context;
+  v1::PointSet set;
+  v1::CreatePointSetRequest request;
+  request.mutable_header()->set_parent("scenes/hall");
+  EncodeTestCamera(ViewCamera(FirstView("box:1000"), 512, 512),
+                   request.mutable_header()->mutable_camera()->mutable_camera());
+  request.mutable_header()->mutable_camera()->mutable_options()->set_strategy(
+      v1::STRATEGY_BRUTE_FORCE);
+  const auto writer = harness_.point_sets->CreatePointSet(&context, &set);
+  writer->WriteLast(request, grpc::WriteOptions());
+  ASSERT_TRUE(
+      Until("the points are being traced", [&] { return harness_.server->queued_rays() > 0; }));
+  Delete();
+  const grpc::Status status = writer->Finish();
+  // Unless it was made before the deletion: then that took it away.
+  EXPECT_TRUE(status.ok() || ReasonIn(status) == "SCENE_NOT_FOUND") << status.error_message();
+  ASSERT_TRUE(Until("no call is under way", [&] { return harness_.server->active_calls() == 0; }));
+  EXPECT_EQ(PointSetBytes(), 0u);
+  Make("builtin:box:1000");
+  EXPECT_EQ(PointSets(), 0);
+}
+
 }  // namespace
 }  // namespace sightline
