@@ -163,16 +163,7 @@ absl::Status SceneCatalog::CheckName(const std::string& scene_id) const {
     return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
                      absl::StrCat(SceneName(scene_id), " exists already"), SceneResource(scene_id));
   }
-  if (repository_ != nullptr && !scene_id.empty()) {
-    // What cannot be told might be replaced.
-    SL_ASSIGN_OR_RETURN(const bool stored, repository_->Has(scene_id));
-    if (stored) {
-      return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
-                       absl::StrCat(SceneName(scene_id), " exists already: it is stored, but not ",
-                                    "loaded; load or delete it, or take another name"),
-                       SceneResource(scene_id));
-    }
-  }
+  SL_RETURN_IF_ERROR(CheckNotStored(scene_id));
   const uint64_t scenes = registry_.List().size();
   if (scenes >= limits_.max_scenes && !registry_.options().evict_least_used) {
     return OverLimit("scenes", scenes + 1, "max_scenes", limits_.max_scenes,
@@ -297,7 +288,8 @@ absl::StatusOr<SceneView> SceneCatalog::Build(const CreateOptions& options,
                               FullBuiltin(options.builtin)});
   SceneBuildOptions build =
       BuildOptions(options.preset, options.kd_tree, options.binary_bvh, options.without_bvh);
-  build.accept = [&options](const SceneGeometry& geometry) {
+  build.accept = [&](const SceneGeometry& geometry) {
+    SL_RETURN_IF_ERROR(CheckFirstOfName(options.scene_id));
     return CheckCanBeHit(geometry, options.scene_id);
   };
   const absl::Status status =

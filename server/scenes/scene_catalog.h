@@ -12,6 +12,7 @@
 //     overtaken; a deleted scene is its last news.
 //  3. Of one name, one load, unload or deletion runs at a time, and nothing is stored under it
 //     while its file is being removed: so a scene that serves and counts as stored has its file.
+//     A new scene is never stored over the file of another.
 //
 // Thread safety: every method from any thread; none may run on a gRPC thread but Pin, Get, List and
 // the watcher methods, which do not compute. Watchers are called without the lock held.
@@ -130,7 +131,7 @@ class SceneCatalog : public MemoryBudget {
   // ---- The repository. FailedPrecondition (NO_REPOSITORY) without one.
 
   // A scene of the repository's file `file_id`. Under another id it is stored as a scene of its
-  // own.
+  // own; errors are also those of CheckRoom about the name.
   absl::StatusOr<SceneView> CreateFromFile(const CreateOptions& options, const std::string& file_id,
                                            const CancelToken* cancel);
   // A scene of any file, temporary.
@@ -224,6 +225,13 @@ class SceneCatalog : public MemoryBudget {
   void DropShares(const std::string& scene_id, uint64_t tag, bool all) ABSL_LOCKS_EXCLUDED(mutex_);
   // The part of CheckRoom that is about the name, and about one scene more.
   absl::Status CheckName(const std::string& scene_id) const;
+  // AlreadyExists if the repository has a scene of this name.
+  absl::Status CheckNotStored(const std::string& scene_id) const;
+  // The same at a moment when the name is in the registry's books for a new scene: from then on
+  // nothing else is stored under it.
+  absl::Status CheckFirstOfName(const std::string& scene_id) const ABSL_LOCKS_EXCLUDED(mutex_);
+  // Until the file of a scene of before is gone, if it is being removed.
+  void WaitForRemoval(const std::string& scene_id) const ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status CheckMemory(uint64_t scene_bytes, uint64_t held) const;
   absl::Status CheckRepository() const;
   // Of a name that is free. `set_aside` becomes the scene's.
@@ -232,9 +240,11 @@ class SceneCatalog : public MemoryBudget {
                                   const CancelToken* cancel);
   // What stores a scene's revisions; null if nothing does.
   SceneKeeper KeeperOf(const std::string& scene_id, bool temporary) const;
+  // Whose name a scene of a file has: its own, or that of a new scene, which must be free.
+  enum class NameOf { kFile, kNewScene };
   // `charge`: of the file, which becomes the scene's.
   absl::StatusOr<SceneView> LoadFile(const CreateOptions& options, const SceneBytes& file,
-                                     MemoryCharge* charge, const SceneKeeper& keeper,
+                                     NameOf name, MemoryCharge* charge, const SceneKeeper& keeper,
                                      const CancelToken* cancel);
   // Takes a scene that the registry has let go of out of the books, and tells of it.
   void Forget(SceneView view) ABSL_LOCKS_EXCLUDED(mutex_);

@@ -67,11 +67,7 @@ absl::Status SceneCatalog::CheckRepository() const {
 SceneKeeper SceneCatalog::KeeperOf(const std::string& scene_id, bool temporary) const {
   if (repository_ == nullptr || temporary) return nullptr;
   return [this, scene_id](const Scene& scene) {
-    {
-      // Of a scene of before, whose file must not take this one's with it.
-      MutexLock lock(mutex_);
-      while (removing_.contains(scene_id)) removed_.Wait(mutex_);
-    }
+    WaitForRemoval(scene_id);  // The file of a scene of before must not take this one's with it.
     absl::Status stored = repository_->Store(scene_id, scene, build_pool_, &stop_storing_);
     if (absl::IsCancelled(stored)) {
       stored = MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
@@ -88,6 +84,27 @@ SceneKeeper SceneCatalog::KeeperOf(const std::string& scene_id, bool temporary) 
   };
 }
 
+void SceneCatalog::WaitForRemoval(const std::string& scene_id) const {
+  MutexLock lock(mutex_);
+  while (removing_.contains(scene_id)) removed_.Wait(mutex_);
+}
+
+absl::Status SceneCatalog::CheckNotStored(const std::string& scene_id) const {
+  if (repository_ == nullptr || scene_id.empty()) return absl::OkStatus();
+  // What cannot be told might be replaced.
+  SL_ASSIGN_OR_RETURN(const bool stored, repository_->Has(scene_id));
+  if (!stored) return absl::OkStatus();
+  return MakeError(absl::StatusCode::kAlreadyExists, v1::ERROR_REASON_ALREADY_EXISTS,
+                   absl::StrCat(SceneName(scene_id), " exists already: it is stored, but not ",
+                                "loaded; load or delete it, or take another name"),
+                   SceneResource(scene_id));
+}
+
+absl::Status SceneCatalog::CheckFirstOfName(const std::string& scene_id) const {
+  WaitForRemoval(scene_id);
+  return CheckNotStored(scene_id);
+}
+
 void SceneCatalog::SetNote(const std::string& scene_id, std::optional<Note> note) {
   MutexLock lock(mutex_);
   if (note.has_value()) {
@@ -98,8 +115,8 @@ void SceneCatalog::SetNote(const std::string& scene_id, std::optional<Note> note
 }
 
 absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
-                                                 const SceneBytes& file, MemoryCharge* charge,
-                                                 const SceneKeeper& keeper,
+                                                 const SceneBytes& file, NameOf name,
+                                                 MemoryCharge* charge, const SceneKeeper& keeper,
                                                  const CancelToken* cancel) {
   const std::string& id = options.scene_id;
   const absl::StatusOr<SceneFileInfo> info = InspectSceneFile(file);
@@ -112,7 +129,9 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
   const LoadOptions load = {.limits = BuildOptions(BvhPreset::kStatic).limits};
   const absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Load(
       id, info->scene_bytes,
-      [&](uint64_t, const std::function<void(double)>& progress) {
+      [&](uint64_t, const std::function<void(double)>& progress)
+          -> absl::StatusOr<std::shared_ptr<const Scene>> {
+        if (name == NameOf::kNewScene) SL_RETURN_IF_ERROR(CheckFirstOfName(id));
         return LoadScene(file, id, load, build_pool_, cancel, progress);
       },
       keeper, tag, charge->Leave());
@@ -134,7 +153,7 @@ absl::StatusOr<SceneView> SceneCatalog::CreateFromBytes(const CreateOptions& opt
   CreateOptions temporary = options;
   temporary.temporary = true;
   MemoryCharge nothing(*this);  // The bytes are the caller's.
-  return LoadFile(temporary, file, &nothing, /*keeper=*/nullptr, cancel);
+  return LoadFile(temporary, file, NameOf::kFile, &nothing, /*keeper=*/nullptr, cancel);
 }
 
 absl::StatusOr<SceneView> SceneCatalog::CreateFromFile(const CreateOptions& options,
@@ -146,9 +165,11 @@ absl::StatusOr<SceneView> SceneCatalog::CreateFromFile(const CreateOptions& opti
     KeepShare(file_id, view.status.tag, options.share);
     return view;
   }
+  SL_RETURN_IF_ERROR(CheckName(options.scene_id));
   MemoryCharge charge(*this);
   SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(file_id, &charge, cancel));
-  return LoadFile(options, file, &charge, KeeperOf(options.scene_id, options.temporary), cancel);
+  return LoadFile(options, file, NameOf::kNewScene, &charge,
+                  KeeperOf(options.scene_id, options.temporary), cancel);
 }
 
 absl::StatusOr<SceneBytes> SceneCatalog::OpenFile(const std::string& file_id, MemoryCharge* charge,
@@ -172,7 +193,8 @@ absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
   absl::StatusOr<SceneView> loaded = [&]() -> absl::StatusOr<SceneView> {
     MemoryCharge charge(*this);
     SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(scene_id, &charge, cancel));
-    return LoadFile({.scene_id = scene_id}, file, &charge, /*keeper=*/nullptr, cancel);
+    return LoadFile({.scene_id = scene_id}, file, NameOf::kFile, &charge, /*keeper=*/nullptr,
+                    cancel);
   }();
   if (loaded.ok()) {
     SetNote(scene_id, std::nullopt);

@@ -333,6 +333,30 @@ TEST_F(StoredScenesTest, AReloadIsOfTheFileThatIsThereNow) {
   EXPECT_EQ(again->status.latest->revision, 2u);
 }
 
+// Which begins when the name is free, and ends when it is another's, whose file it would replace.
+TEST_F(StoredScenesTest, AFileIsNotStoredUnderTheNameOfAStoredScene) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  bool made = false;
+  calls_.on_map = [&] {
+    if (std::exchange(made, true)) return;
+    ASSERT_TRUE(catalog.Create({.scene_id = "shed"}, {&object_, 1}, nullptr).ok());
+    ASSERT_TRUE(catalog.Unload("shed").ok());
+  };
+  for (const bool temporary : {false, true}) {
+    const absl::Status taken =
+        catalog.CreateFromFile({.scene_id = "shed", .temporary = temporary}, "hall", nullptr)
+            .status();
+    EXPECT_EQ(ReasonOf(taken), v1::ERROR_REASON_ALREADY_EXISTS) << taken;
+  }
+  calls_.on_map = nullptr;
+  EXPECT_FALSE(catalog.Get("shed").ok());
+  ASSERT_TRUE(catalog.Load("shed", nullptr).ok());
+  ExpectSound(catalog, "shed");
+  // Of a free name it is another scene.
+  ASSERT_TRUE(catalog.CreateFromFile({.scene_id = "hut"}, "hall", nullptr).ok());
+  ExpectSound(catalog, "hut");
+}
+
 TEST_F(StoredScenesTest, FilesThatAreReadTakeAFaultOfTheDiskForAnError) {
   const auto repository = SceneRepository::Open(dir_.path(), calls_, SceneFiles::kRead);
   ASSERT_TRUE(repository.ok()) << repository.status();
