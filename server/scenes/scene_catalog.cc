@@ -257,12 +257,15 @@ void SceneCatalog::DropShares(const std::string& scene_id, uint64_t tag, bool al
   });
 }
 
-void SceneCatalog::ChangeTimes(const std::string& scene_id,
-                               absl::FunctionRef<void(Times&)> change) {
-  const absl::StatusOr<SceneStatus> now = registry_.GetStatus(scene_id);
-  if (!now.ok()) return;
+std::optional<SceneCatalog::Times> SceneCatalog::TimesOf(uint64_t tag) const {
   MutexLock lock(mutex_);
-  if (const auto times = times_.find(now->tag); times != times_.end()) change(times->second);
+  const auto times = times_.find(tag);
+  return times == times_.end() ? std::nullopt : std::optional<Times>(times->second);
+}
+
+void SceneCatalog::ChangeTimes(uint64_t tag, absl::FunctionRef<void(Times&)> change) {
+  MutexLock lock(mutex_);
+  if (const auto times = times_.find(tag); times != times_.end()) change(times->second);
 }
 
 absl::StatusOr<SceneView> SceneCatalog::Create(const CreateOptions& options,
@@ -308,40 +311,36 @@ absl::StatusOr<SceneView> SceneCatalog::Build(const CreateOptions& options,
 absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
                                              std::span<const SceneEdit> edits,
                                              const CancelToken* cancel) {
-  std::optional<BvhPreset> preset;
-  bool temporary = false;
-  std::optional<KdBuildOptions> kd_tree;
-  std::optional<BinaryBvhOptions> binary_bvh;
-  bool without_bvh = false;
-  ChangeTimes(options.scene_id, [&](Times& times) {
-    if (options.preset.has_value()) times.preset = *options.preset;
-    if (options.kd_tree.has_value()) times.kd_tree = options.kd_tree;
-    preset = times.preset;
-    if (options.binary_bvh.has_value()) times.binary_bvh = options.binary_bvh;
-    kd_tree = times.kd_tree;
-    binary_bvh = times.binary_bvh;
-    without_bvh = times.without_bvh;
-    temporary = times.temporary;
-  });
-  if (!preset.has_value()) return NotThere(options.scene_id);
+  const std::string& id = options.scene_id;
+  // What the next edit takes for "as before" is what this one leaves.
+  SL_ASSIGN_OR_RETURN(const Move move, BeginMove(id));
+  const uint64_t tag = TagNow(id);
+  std::optional<Times> times = TimesOf(tag);
+  if (!times.has_value()) return NotThere(id);
+  if (options.preset.has_value()) times->preset = *options.preset;
+  if (options.kd_tree.has_value()) times->kd_tree = options.kd_tree;
+  if (options.binary_bvh.has_value()) times->binary_bvh = options.binary_bvh;
   // One that came out of a file has structures that nobody here asked for.
-  if (const auto base = registry_.GetStatus(options.scene_id);
-      base.ok() && base->latest != nullptr) {
+  Times build = *times;
+  if (const auto base = registry_.GetStatus(id); base.ok() && base->latest != nullptr) {
     const Scene& latest = *base->latest;
-    if (!kd_tree.has_value() && latest.kd_tree) {
-      kd_tree = KdBuildOptions{.perfect_splits = latest.kd_tree->perfect(),
-                               .lay_out_leaves = latest.kd_leaves.has_value()};
+    if (!build.kd_tree.has_value() && latest.kd_tree) {
+      build.kd_tree = KdBuildOptions{.perfect_splits = latest.kd_tree->perfect(),
+                                     .lay_out_leaves = latest.kd_leaves.has_value()};
     }
-    if (!binary_bvh.has_value() && latest.binary_bvh) binary_bvh.emplace();
-    without_bvh = without_bvh || latest.kd_tree_alone();
+    if (!build.binary_bvh.has_value() && latest.binary_bvh) build.binary_bvh.emplace();
+    build.without_bvh = build.without_bvh || latest.kd_tree_alone();
   }
-  absl::StatusOr<std::shared_ptr<const Scene>> scene =
-      registry_.Edit(options.scene_id, options.base_revision, edits,
-                     BuildOptions(*preset, kd_tree, binary_bvh, without_bvh), cancel,
-                     KeeperOf(options.scene_id, temporary));
-  if (!scene.ok()) return ExplainEdit(scene.status(), options);
-  ChangeTimes(options.scene_id, [](Times& times) { times.update_time = absl::Now(); });
-  return Get(options.scene_id);
+  const absl::Status edited =
+      registry_
+          .Edit(id, options.base_revision, edits,
+                BuildOptions(build.preset, build.kd_tree, build.binary_bvh, build.without_bvh),
+                cancel, KeeperOf(id, build.temporary))
+          .status();
+  if (!edited.ok()) return ExplainEdit(edited, options);
+  times->update_time = absl::Now();
+  ChangeTimes(tag, [&](Times& known) { known = *std::move(times); });
+  return Get(id);
 }
 
 absl::Status SceneCatalog::ExplainEdit(absl::Status status, const EditOptions& options) const {

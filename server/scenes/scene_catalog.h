@@ -10,8 +10,8 @@
 //     by the time that it is forgotten.
 //  2. A watcher is told of every change after it was added, perhaps skipping states that were
 //     overtaken; a deleted scene is its last news.
-//  3. Of one name, one load, unload or deletion runs at a time, and nothing is stored under it
-//     while its file is being removed: so a scene that serves and counts as stored has its file.
+//  3. Of one name, one load, edit, unload or deletion runs at a time, and nothing is stored under
+//     it while its file is being removed: so a scene that serves and counts as stored has its file.
 //     A new scene is never stored over the file of another.
 //
 // Thread safety: every method from any thread; none may run on a gRPC thread but Pin, Get, List and
@@ -32,6 +32,7 @@
 #include <set>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/functional/function_ref.h"
@@ -189,6 +190,9 @@ class SceneCatalog : public MemoryBudget {
     bool without_bvh = false;
     bool anonymous = false;
     std::string builtin;
+
+    // From now on edits build as the file was built that `scene` came out of.
+    void BuildAs(const Scene& scene);
   };
   // Of a scene that is not in memory, though it might be.
   struct Note {
@@ -201,9 +205,21 @@ class SceneCatalog : public MemoryBudget {
     std::shared_ptr<CallShare> share;
     bool made = false;
   };
-  // For the time that a scene of this name is loaded, unloaded or deleted. Aborted (SCENE_BUSY):
-  // another call is about it.
-  class Move;
+  // For the time that a scene of this name is loaded, edited, unloaded or deleted. Aborted
+  // (SCENE_BUSY): another call is about it.
+  class Move {
+   public:
+    Move(SceneCatalog* catalog, std::string scene_id)
+        : catalog_(catalog), scene_id_(std::move(scene_id)) {}
+    Move(Move&& other) noexcept
+        : catalog_(std::exchange(other.catalog_, nullptr)), scene_id_(std::move(other.scene_id_)) {}
+    Move& operator=(Move&&) = delete;
+    ~Move();
+
+   private:
+    SceneCatalog* catalog_;
+    std::string scene_id_;
+  };
   absl::StatusOr<Move> BeginMove(const std::string& scene_id) ABSL_LOCKS_EXCLUDED(mutex_);
   // What is read is charged as it is read.
   absl::StatusOr<SceneBytes> OpenFile(const std::string& file_id, MemoryCharge* charge,
@@ -213,8 +229,10 @@ class SceneCatalog : public MemoryBudget {
   void DropTimes(const std::string& scene_id, uint64_t tag) ABSL_LOCKS_EXCLUDED(mutex_);
   // The tag of the scene that now has this name; 0, which no scene has, if there is none.
   uint64_t TagNow(const std::string& scene_id) const;
-  // Changes what is known of the scene that now has this name; nothing if there is none.
-  void ChangeTimes(const std::string& scene_id, absl::FunctionRef<void(Times&)> change)
+  // What is known of the scene; none once it is forgotten.
+  std::optional<Times> TimesOf(uint64_t tag) const ABSL_LOCKS_EXCLUDED(mutex_);
+  // Changes it; nothing if it is forgotten.
+  void ChangeTimes(uint64_t tag, absl::FunctionRef<void(Times&)> change)
       ABSL_LOCKS_EXCLUDED(mutex_);
   // The scene is made: from now on its share goes with whatever has its name last. Takes `share`
   // for a scene that has none, unless that is null.

@@ -31,30 +31,30 @@ absl::Status ExplainLoad(absl::Status status, const std::string& scene_id) {
 
 }  // namespace
 
-class SceneCatalog::Move {
- public:
-  Move(SceneCatalog* catalog, std::string scene_id)
-      : catalog_(catalog), scene_id_(std::move(scene_id)) {}
-  Move(Move&& other) noexcept
-      : catalog_(std::exchange(other.catalog_, nullptr)), scene_id_(std::move(other.scene_id_)) {}
-  Move& operator=(Move&&) = delete;
-  ~Move() {
-    if (catalog_ == nullptr) return;
-    MutexLock lock(catalog_->mutex_);
-    catalog_->moving_.erase(scene_id_);
+// The structures beside the BVH an edit sees by the revision that it is of.
+void SceneCatalog::Times::BuildAs(const Scene& scene) {
+  kd_tree.reset();
+  binary_bvh.reset();
+  without_bvh = false;
+  if (scene.kd_tree_alone()) return;
+  const bool compact = !scene.bvh.has_leaf_rows();
+  if (compact != (preset == BvhPreset::kCompact)) {
+    preset = compact ? BvhPreset::kCompact : BvhPreset::kStatic;
   }
+}
 
- private:
-  SceneCatalog* catalog_;
-  std::string scene_id_;
-};
+SceneCatalog::Move::~Move() {
+  if (catalog_ == nullptr) return;
+  MutexLock lock(catalog_->mutex_);
+  catalog_->moving_.erase(scene_id_);
+}
 
 absl::StatusOr<SceneCatalog::Move> SceneCatalog::BeginMove(const std::string& scene_id) {
   MutexLock lock(mutex_);
   if (moving_.insert(scene_id).second) return Move(this, scene_id);
   return MakeError(absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
-                   absl::StrCat(SceneName(scene_id), " is being loaded, unloaded or deleted by ",
-                                "another call: try again after it"),
+                   absl::StrCat(SceneName(scene_id), " is being loaded, edited, unloaded or ",
+                                "deleted by another call: try again after it"),
                    SceneResource(scene_id));
 }
 
@@ -141,9 +141,7 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
   }
   KeepShare(id, tag, nullptr);
   ReturnFreeMemory();  // What checking took.
-  if ((*scene)->bvh.has_leaf_rows() || (*scene)->kd_tree_alone()) return Get(id);
-  // An edit builds as the file was built.
-  ChangeTimes(id, [](Times& times) { times.preset = BvhPreset::kCompact; });
+  ChangeTimes(tag, [&](Times& times) { times.BuildAs(**scene); });
   return Get(id);
 }
 
@@ -208,7 +206,9 @@ absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
 absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
                                                const CancelToken* cancel) {
   SL_RETURN_IF_ERROR(CheckRepository());
-  SL_RETURN_IF_ERROR(Get(scene_id).status());
+  SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
+  const uint64_t tag = TagNow(scene_id);
+  if (tag == 0) return NotThere(scene_id);
   // What is wrong with the file is found within the registry's books, so that the scene says it.
   const absl::StatusOr<FileStamp> stamp = repository_->Stamp(scene_id);
   MemoryCharge charge(*this);
@@ -234,7 +234,11 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
     if (absl::IsNotFound(scene.status()) && info.ok()) return NotThere(scene_id);
     return ExplainBuild(ExplainLoad(scene.status(), scene_id), scene_id);
   }
-  ChangeTimes(scene_id, [](Times& times) { times.update_time = absl::Now(); });
+  ChangeTimes(tag, [&](Times& times) {
+    times.update_time = absl::Now();
+    times.temporary = false;  // There is a file to store the next edit in.
+    times.BuildAs(**scene);
+  });
   ReturnFreeMemory();  // What checking took, and the revision before.
   return Get(scene_id);
 }
@@ -263,13 +267,13 @@ absl::Status SceneCatalog::Unload(const std::string& scene_id) {
 
 absl::Status SceneCatalog::Delete(const std::string& scene_id) {
   SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
-  bool temporary = false;
-  ChangeTimes(scene_id, [&](const Times& times) { temporary = times.temporary; });
+  const std::optional<Times> times = TimesOf(TagNow(scene_id));
+  const bool temporary = times.has_value() && times->temporary;
   const absl::StatusOr<bool> there = repository_ == nullptr ? false : repository_->Has(scene_id);
-  // A file that may be there would bring the scene back. A temporary one has none.
+  // A file that may be there would bring the scene back. A temporary one has none of its own.
   if (!temporary) SL_RETURN_IF_ERROR(there.status());
   const bool has_file = !there.ok() || *there;
-  const bool stored = has_file && !temporary;
+  const bool stored = there.ok() && *there;
   if (stored) {
     // From now on nothing is stored under the name until its file is gone.
     MutexLock lock(mutex_);

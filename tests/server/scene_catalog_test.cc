@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "core/base/folder.h"
 #include "core/base/parallel.h"
 #include "core/mesh/builtin/builtin.h"
@@ -104,6 +105,40 @@ TEST(SceneCatalogTest, AFirstRevisionSaysWhichBuiltinSceneItIs) {
   const auto edited = catalog.Edit({.scene_id = "a"}, {&edit, 1}, nullptr);
   ASSERT_TRUE(edited.ok()) << edited.status();
   EXPECT_EQ(edited->builtin, "");
+}
+
+TEST(SceneCatalogTest, AnEditThatFailsChangesNothingOfWhatIsBuiltFromThenOn) {
+  ThreadPool pool(1);
+  SceneCatalog catalog(Limits(), pool);
+  const auto made = catalog.CreateBuiltin({.scene_id = "a", .builtin = "builtin:box:1k"}, nullptr);
+  ASSERT_TRUE(made.ok()) << made.status();
+  int objects = 0;
+  const auto edit = [&](SceneEdit::Kind kind, const SceneCatalog::EditOptions& options) {
+    SceneEdit edit{.kind = kind};
+    edit.object = {.name = absl::StrCat("more", ++objects),
+                   .vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}},
+                   .indices = {0, 1, 2}};
+    return catalog.Edit(options, {&edit, 1}, nullptr);
+  };
+  const auto expect_built = [&](bool other) {
+    const absl::StatusOr<SceneView> built = edit(SceneEdit::Kind::kAdd, {.scene_id = "a"});
+    ASSERT_TRUE(built.ok()) << built.status();
+    EXPECT_EQ(built->status.latest->bvh.has_leaf_rows(), !other);
+    EXPECT_EQ(built->status.latest->kd_tree.has_value(), other);
+    EXPECT_EQ(built->status.latest->binary_bvh.has_value(), other);
+  };
+  SceneCatalog::EditOptions other{.scene_id = "a",
+                                  .preset = BvhPreset::kCompact,
+                                  .kd_tree = KdBuildOptions(),
+                                  .binary_bvh = BinaryBvhOptions()};
+  ASSERT_FALSE(edit(SceneEdit::Kind::kRemove, other).ok());  // There is no such object.
+  expect_built(false);
+  other.base_revision = 7;
+  ASSERT_FALSE(edit(SceneEdit::Kind::kAdd, other).ok());
+  expect_built(false);
+  other.base_revision = 0;
+  ASSERT_TRUE(edit(SceneEdit::Kind::kAdd, other).ok());
+  expect_built(true);
 }
 
 TEST(SceneCatalogTest, WhatArrivesCountsAgainstTheBudget) {
@@ -355,6 +390,72 @@ TEST_F(StoredScenesTest, AFileIsNotStoredUnderTheNameOfAStoredScene) {
   // Of a free name it is another scene.
   ASSERT_TRUE(catalog.CreateFromFile({.scene_id = "hut"}, "hall", nullptr).ok());
   ExpectSound(catalog, "hut");
+}
+
+// A temporary scene, and a file that is put where its own would be.
+TEST_F(StoredScenesTest, ASceneThatIsReloadedIsStoredFromThenOn) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  ASSERT_TRUE(catalog.Create({.scene_id = "shed", .temporary = true}, {&object_, 1}, nullptr).ok());
+  std::filesystem::copy_file(File("attic"), File("shed"));
+  calls_.map_error = EIO;
+  EXPECT_FALSE(catalog.Reload("shed", nullptr).ok());
+  calls_.map_error = 0;
+  const auto edit = [&](const std::string& name) {
+    ObjectInput more = object_;
+    more.name = name;
+    const SceneEdit edit{.kind = SceneEdit::Kind::kAdd, .object = more};
+    const absl::StatusOr<SceneView> edited =
+        catalog.Edit({.scene_id = "shed"}, {&edit, 1}, nullptr);
+    EXPECT_TRUE(edited.ok()) << edited.status();
+    return edited.ok() && edited->status.kept;
+  };
+  EXPECT_FALSE(edit("a"));  // It is what it was.
+  const absl::StatusOr<SceneView> reloaded = catalog.Reload("shed", nullptr);
+  ASSERT_TRUE(reloaded.ok()) << reloaded.status();
+  EXPECT_TRUE(edit("b"));
+  ASSERT_TRUE(catalog.Delete("shed").ok());
+  EXPECT_FALSE(Exists("shed"));
+}
+
+// Else it would be back by the next start.
+TEST_F(StoredScenesTest, AFileUnderTheNameOfATemporarySceneIsDeletedWithIt) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  const auto make = [&] {
+    return catalog.Create({.scene_id = "shed", .temporary = true}, {&object_, 1}, nullptr).ok();
+  };
+  ASSERT_TRUE(make());
+  std::filesystem::copy_file(File("attic"), File("shed"));
+  ASSERT_TRUE(catalog.Delete("shed").ok());
+  EXPECT_FALSE(Exists("shed"));
+  // Whether there is one need not be known: it stores nothing.
+  ASSERT_TRUE(make());
+  calls_.stat_error = EIO;
+  EXPECT_TRUE(catalog.Delete("shed").ok());
+}
+
+TEST_F(StoredScenesTest, AnEditAfterAReloadBuildsWhatTheFileHas) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  const auto preset = [&](const std::string& id, BvhPreset preset) {
+    return catalog.CreateBuiltin({.scene_id = id, .preset = preset, .builtin = "builtin:box:1000"},
+                                 nullptr);
+  };
+  ASSERT_TRUE(preset("compact", BvhPreset::kCompact).ok());
+  ASSERT_TRUE(preset("static", BvhPreset::kStatic).ok());
+  const auto rows = [](const absl::StatusOr<SceneView>& view) {
+    EXPECT_TRUE(view.ok()) << view.status();
+    return view.ok() && view->status.latest->bvh.has_leaf_rows();
+  };
+  ASSERT_FALSE(rows(catalog.Get("compact")));
+  ASSERT_TRUE(rows(catalog.Get("static")));
+  std::filesystem::rename(File("compact"), dir_.File("swapped"));
+  std::filesystem::rename(File("static"), File("compact"));
+  std::filesystem::rename(dir_.File("swapped"), File("static"));
+  const SceneEdit edit{.kind = SceneEdit::Kind::kAdd, .object = object_};
+  for (const std::string id : {"compact", "static"}) {
+    const bool file_has_rows = id == "compact";
+    EXPECT_EQ(rows(catalog.Reload(id, nullptr)), file_has_rows);
+    EXPECT_EQ(rows(catalog.Edit({.scene_id = id}, {&edit, 1}, nullptr)), file_has_rows);
+  }
 }
 
 TEST_F(StoredScenesTest, FilesThatAreReadTakeAFaultOfTheDiskForAnError) {
