@@ -317,6 +317,9 @@ absl::StatusOr<SceneView> SceneCatalog::Edit(const EditOptions& options,
   const uint64_t tag = TagNow(id);
   std::optional<Times> times = TimesOf(tag);
   if (!times.has_value()) return NotThere(id);
+  if (options.base_tag != 0 && options.base_tag != tag) {
+    return IsAnother(id, options.base_revision);
+  }
   if (options.preset.has_value()) times->preset = *options.preset;
   if (options.kd_tree.has_value()) times->kd_tree = options.kd_tree;
   if (options.binary_bvh.has_value()) times->binary_bvh = options.binary_bvh;

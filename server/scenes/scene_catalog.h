@@ -96,6 +96,7 @@ class SceneCatalog : public MemoryBudget {
   struct EditOptions {
     std::string scene_id;
     uint64_t base_revision = 0;             // 0: whichever is current.
+    uint64_t base_tag = 0;                  // Of the scene that it is of; 0: whichever is there.
     std::optional<BvhPreset> preset;        // As before.
     std::optional<KdBuildOptions> kd_tree;  // As before.
     std::optional<BinaryBvhOptions> binary_bvh;

@@ -128,9 +128,14 @@ class UpdateSteps : public SceneSteps {
   using Header = EditHeader;
   using SceneSteps::SceneSteps;
 
-  absl::Status CheckHeader(const Header& header) const {
+  absl::Status CheckHeader(const Header& header) {
     // Told before the upload, where it can be: the edit checks again.
-    return env_.scenes.Pin(header.edit.scene_id, header.edit.base_revision).status();
+    uint64_t tag = 0;
+    const SceneCatalog::EditOptions& edit = header.edit;
+    SL_RETURN_IF_ERROR(env_.scenes.PinTagged(edit.scene_id, edit.base_revision, &tag).status());
+    // Another scene of the name may have the same number when the upload has ended.
+    if (edit.base_revision != 0) base_tag_ = tag;
+    return absl::OkStatus();
   }
 
   absl::Status CheckAnnounced(const Upload& upload) const {
@@ -141,12 +146,16 @@ class UpdateSteps : public SceneSteps {
   absl::StatusOr<std::string> Make(Upload& upload, const CancelToken& cancel,
                                    Response* response) const {
     SL_ASSIGN_OR_RETURN(const std::vector<SceneEdit> edits, upload.Finish());
-    SL_ASSIGN_OR_RETURN(const SceneView view,
-                        env_.scenes.Edit(upload.header()->edit, edits, &cancel));
+    SceneCatalog::EditOptions options = upload.header()->edit;
+    options.base_tag = base_tag_;
+    SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Edit(options, edits, &cancel));
     LogScene("scene_updated", view);
     EncodeScene(view, response);
     return SceneName(view.status.name);
   }
+
+ private:
+  uint64_t base_tag_ = 0;
 };
 
 // Objects have numbers for ids.

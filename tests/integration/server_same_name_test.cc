@@ -139,6 +139,43 @@ TEST_F(SameNameTest, APointSetIsOfTheSceneThatItsUploadBeganWith) {
   }
 }
 
+TEST_F(SameNameTest, AnEditIsOfTheSceneWhoseRevisionItNames) {
+  constexpr uint64_t kVertices = 10'000;
+  for (const bool replace : {false, true}) {
+    grpc::ClientContext context;
+    v1::Scene scene;
+    const auto writer = harness_.scenes->UpdateScene(&context, &scene);
+    v1::UpdateSceneRequest request;
+    request.mutable_header()->set_name("scenes/hall");
+    request.mutable_header()->set_base_revision(1);
+    writer->Write(request);
+    request.mutable_add_object()->set_object_name("more");
+    request.mutable_add_object()->set_triangle_count(1);
+    request.mutable_add_object()->set_vertex_count(kVertices);
+    writer->Write(request);
+    const uint64_t before =
+        harness_.server->scenes().Get("hall")->status.latest->report.memory_bytes;
+    request.mutable_chunk()->set_vertices_f64(PackArray(std::vector<Vec3d>(kVertices)));
+    request.mutable_chunk()->set_indices(PackArray<uint32_t>({0, 1, 2}));
+    writer->Write(request);
+    ASSERT_TRUE(Until("the edit has arrived", [&] {
+      return harness_.server->scenes().MemoryBytes() >= before + kVertices * sizeof(Vec3d);
+    }));
+    if (replace) Replace();
+    writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    if (replace) {
+      EXPECT_EQ(status.error_code(), kNotAsItWas) << status.error_message();
+      EXPECT_EQ(ReasonIn(status), "REVISION_MISMATCH");
+    } else {
+      EXPECT_TRUE(status.ok()) << status.error_message();
+      EXPECT_EQ(scene.revision(), 2);
+      Replace();
+    }
+  }
+  EXPECT_EQ(harness_.server->scenes().Get("hall")->status.latest->revision, 1u);
+}
+
 // Not in time to be taken away with it, and found under the name of another.
 TEST_F(SameNameTest, APointSetDoesNotOutliveAScene) {
   grpc::ClientContext context;
