@@ -295,7 +295,7 @@ grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerCon
 
 grpc::ServerWriteReactor<v1::WatchSceneResponse>* SceneService::WatchScene(
     grpc::CallbackServerContext* context, const v1::WatchSceneRequest* request) {
-  return SceneWatch::Start(*context, *request, env_);
+  return SceneWatch::Start(context, *request, env_);
 }
 
 }  // namespace sightline

@@ -7,13 +7,14 @@
 #include "server/base/error.h"
 #include "server/base/resource_name.h"
 #include "server/codec/scene_codec.h"
+#include "server/stream/stream_method.h"
 
 namespace sightline {
 
-SceneWatch* SceneWatch::Start(const grpc::CallbackServerContext& context,
+SceneWatch* SceneWatch::Start(grpc::CallbackServerContext* context,
                               const v1::WatchSceneRequest& request, const QueryEnvironment& env) {
-  auto watch = std::shared_ptr<SceneWatch>(new SceneWatch(env));
-  watch->Begin(ClientOf(context, env.access), request);
+  auto watch = std::shared_ptr<SceneWatch>(new SceneWatch(context, env));
+  watch->Begin(ClientOf(*context, env.access), request);
   watch->begun_.Release();
   return watch.get();
 }
@@ -93,6 +94,17 @@ void SceneWatch::OnDrain() {
   Advance();
 }
 
+// A client that does not take what it is told would hold up a drain for as long as that may take.
+void SceneWatch::EndIfStalled(std::chrono::steady_clock::time_point now) {
+  MutexLock lock(mutex_);
+  const std::chrono::seconds most(env_.limits.max_stream_stall_seconds);
+  if (finished_ || !writing_ || now - write_start_ < most) return;
+  next_.reset();
+  const absl::Status stalled = StreamStallError(env_.limits);
+  EndWith(stalled);
+  CutOff(context_, stalled);
+}
+
 void SceneWatch::OnDone() {
   std::string scene_id;
   {
@@ -113,6 +125,7 @@ void SceneWatch::Advance() {
     writing_response_ = *std::move(next_);
     next_.reset();
     writing_ = true;
+    write_start_ = std::chrono::steady_clock::now();
     StartWrite(&writing_response_);
   } else if (end_.has_value()) {
     finished_ = true;

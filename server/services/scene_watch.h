@@ -4,7 +4,8 @@
 //
 // Invariants: at most one change waits while another is written, a newer one takes its place; what
 // is told late of a scene that had the name before is not passed on; the stream ends with OK after
-// the deletion was sent, with UNAVAILABLE when the server drains.
+// the deletion was sent, with UNAVAILABLE when the server drains, with DEADLINE_EXCEEDED where its
+// client takes nothing for max_stream_stall.
 //
 // Thread safety: as visibility_stream.h.
 #ifndef SIGHTLINE_SERVER_SERVICES_SCENE_WATCH_H_
@@ -12,6 +13,7 @@
 
 #include <grpcpp/support/server_callback.h>
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -34,7 +36,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
                          public DrainListener,
                          public std::enable_shared_from_this<SceneWatch> {
  public:
-  static SceneWatch* Start(const grpc::CallbackServerContext& context,
+  static SceneWatch* Start(grpc::CallbackServerContext* context,
                            const v1::WatchSceneRequest& request, const QueryEnvironment& env);
 
   void OnWriteDone(bool ok) override;
@@ -42,10 +44,11 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   void OnDone() override;
   void OnScene(const SceneView& view) override;
   void OnDrain() override;
+  void EndIfStalled(std::chrono::steady_clock::time_point now) override;
 
  private:
-  explicit SceneWatch(const QueryEnvironment& env)
-      : env_(env), timer_(env.metrics, Operation::kWatchScene) {}
+  SceneWatch(grpc::CallbackServerContext* context, const QueryEnvironment& env)
+      : context_(context), env_(env), timer_(env.metrics, Operation::kWatchScene) {}
 
   void Begin(const Client& client, const v1::WatchSceneRequest& request);
   absl::Status Enter(const Client& client);
@@ -53,6 +56,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   void EndWith(absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
+  grpc::CallbackServerContext* const context_;
   const QueryEnvironment env_;
   const CallTimer timer_;
   HandOver begun_;  // gRPC knows the call before it says that it was cancelled.
@@ -65,6 +69,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   std::optional<v1::WatchSceneResponse> next_ ABSL_GUARDED_BY(mutex_);
   v1::WatchSceneResponse writing_response_;  // gRPC's while `writing_`.
   bool writing_ ABSL_GUARDED_BY(mutex_) = false;
+  std::chrono::steady_clock::time_point write_start_ ABSL_GUARDED_BY(mutex_);  // Of the last one.
   std::optional<absl::Status> end_ ABSL_GUARDED_BY(mutex_);  // What to finish with after `next_`.
   bool finished_ ABSL_GUARDED_BY(mutex_) = false;
 };

@@ -519,6 +519,23 @@ TEST_F(StalledStreamTest, ADrainIsOverWhenTheyAre) {
   EXPECT_TRUE(drained.ok()) << drained;
 }
 
+TEST_F(StalledStreamTest, AWatchThatIsNotReadEndsToo) {
+  const RawConnection unread(harness_.server->port());
+  v1::WatchSceneRequest request;
+  request.set_name("scenes/slow");
+  unread.Send(CallBytes("/sightline.v1.SceneService/WatchScene", {request.SerializeAsString()},
+                        {.whole = true, .initial_window = 0}));
+  ASSERT_TRUE(testing_support::Until("the watch has come",
+                                     [&] { return harness_.server->active_calls() == 1; }));
+  absl::Status drained;
+  std::thread drain([&] { drained = harness_.server->Drain(absl::Minutes(2)); });
+  EndStalledStreams();
+  drain.join();
+  EXPECT_TRUE(drained.ok()) << drained;
+  EXPECT_THAT(unread.ReadUntil("max_stream_stall = 3600 s"),
+              testing::HasSubstr("max_stream_stall = 3600 s"));
+}
+
 class ImpatientTest : public StreamRulesTest {
  protected:
   static ServerOptions Impatient() {
