@@ -102,13 +102,11 @@ absl::StatusOr<PointSetView> PointSetStore::Add(PointSet set, absl::Duration lea
 }
 
 absl::StatusOr<PointSetView> PointSetStore::Get(const std::string& scene_id,
-                                                const std::string& point_set_id) {
-  std::vector<PointSetView> gone;
+                                                const std::string& point_set_id) const {
   MutexLock lock(mutex_);
-  SweepLocked(&gone);
-  const auto found = sets_.find({scene_id, point_set_id});
-  if (found == sets_.end()) return NotFound(scene_id, point_set_id);
-  return found->second;
+  const PointSetView* const found = FindLocked(scene_id, point_set_id);
+  if (found == nullptr) return NotFound(scene_id, point_set_id);
+  return *found;
 }
 
 absl::Status PointSetStore::Remove(const std::string& scene_id, const std::string& point_set_id) {
@@ -124,25 +122,30 @@ absl::Status PointSetStore::Remove(const std::string& scene_id, const std::strin
 absl::StatusOr<PointSetView> PointSetStore::Renew(const std::string& scene_id,
                                                   const std::string& point_set_id,
                                                   absl::Duration lease) {
-  std::vector<PointSetView> gone;
   MutexLock lock(mutex_);
-  SweepLocked(&gone);
-  const auto found = sets_.find({scene_id, point_set_id});
-  if (found == sets_.end()) return NotFound(scene_id, point_set_id);
-  found->second.expire_time = clock_() + lease;
-  return found->second;
+  if (FindLocked(scene_id, point_set_id) == nullptr) return NotFound(scene_id, point_set_id);
+  PointSetView& renewed = sets_.at({scene_id, point_set_id});
+  renewed.expire_time = clock_() + lease;
+  return renewed;
 }
 
 std::vector<PointSetView> PointSetStore::List(const std::string& scene_id, const std::string& after,
-                                              size_t count) {
-  std::vector<PointSetView> views, gone;
+                                              size_t count) const {
+  std::vector<PointSetView> views;
   MutexLock lock(mutex_);
-  SweepLocked(&gone);
+  const absl::Time now = clock_();
   for (auto i = sets_.upper_bound({scene_id, after});
        i != sets_.end() && i->first.first == scene_id && views.size() < count; ++i) {
-    views.push_back(i->second);
+    if (i->second.expire_time > now) views.push_back(i->second);
   }
   return views;
+}
+
+const PointSetView* PointSetStore::FindLocked(const std::string& scene_id,
+                                              const std::string& point_set_id) const {
+  const auto found = sets_.find({scene_id, point_set_id});
+  if (found == sets_.end() || found->second.expire_time <= clock_()) return nullptr;
+  return &found->second;
 }
 
 void PointSetStore::RemoveScene(const std::string& scene_id, uint64_t scene_tag) {

@@ -72,17 +72,19 @@ class PointSetStore : public MemoryBudget {
   absl::StatusOr<PointSetView> Add(PointSet set, absl::Duration lease, uint64_t set_aside = 0);
 
   // NotFound (POINT_SET_NOT_FOUND) for these three.
-  absl::StatusOr<PointSetView> Get(const std::string& scene_id, const std::string& point_set_id);
+  absl::StatusOr<PointSetView> Get(const std::string& scene_id,
+                                   const std::string& point_set_id) const;
   absl::Status Remove(const std::string& scene_id, const std::string& point_set_id);
   absl::StatusOr<PointSetView> Renew(const std::string& scene_id, const std::string& point_set_id,
                                      absl::Duration lease);
 
   // The sets of a scene in the order of their ids, those after `after`, at most `count`.
   std::vector<PointSetView> List(const std::string& scene_id, const std::string& after,
-                                 size_t count);
+                                 size_t count) const;
   // The sets of the scene with this tag; those of a later one of its name stay.
   void RemoveScene(const std::string& scene_id, uint64_t scene_tag);
-  // Lets go of sets whose lease ran out; every method does so too.
+  // Lets go of sets whose lease ran out, as whatever asks for room does too. That takes time for
+  // large ones: not on a gRPC thread, as Get, Renew and List may be called, which free nothing.
   void Sweep();
 
   absl::Status SetAside(uint64_t bytes) override;
@@ -94,6 +96,9 @@ class PointSetStore : public MemoryBudget {
   using Key = std::pair<std::string, std::string>;
   // Moves what has expired to `gone`, so that it is freed without the lock.
   void SweepLocked(std::vector<PointSetView>* gone) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // A set whose lease runs; null: there is none of that name.
+  const PointSetView* FindLocked(const std::string& scene_id, const std::string& point_set_id) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status RoomLocked(const Key& key, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status MemoryLocked(uint64_t bytes) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Erase(std::map<Key, PointSetView>::iterator set, std::vector<PointSetView>* gone)

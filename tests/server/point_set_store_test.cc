@@ -91,6 +91,18 @@ TEST_F(PointSetStoreTest, SweepFreesWithoutBeingAsked) {
   EXPECT_EQ(store_.memory_bytes(), 0u);
 }
 
+// They may be asked for on a thread of gRPC's, and large ones take a while to free.
+TEST_F(PointSetStoreTest, LookingForASetFreesNone) {
+  ASSERT_TRUE(store_.Add(Make("s", "a"), absl::Seconds(10)).ok());
+  now_ += absl::Seconds(10);
+  EXPECT_FALSE(store_.Get("s", "a").ok());
+  EXPECT_FALSE(store_.Renew("s", "a", absl::Seconds(10)).ok());
+  EXPECT_TRUE(store_.List("s", "", 10).empty());
+  EXPECT_EQ(store_.memory_bytes(), PointSetStore::BytesFor(10));
+  ASSERT_TRUE(store_.Add(Make("s", "a"), absl::Seconds(10)).ok());
+  EXPECT_EQ(store_.memory_bytes(), PointSetStore::BytesFor(10));
+}
+
 TEST_F(PointSetStoreTest, NamesAreUniqueWithinAScene) {
   ASSERT_TRUE(store_.Add(Make("s", "a"), absl::Seconds(10)).ok());
   EXPECT_EQ(store_.Add(Make("s", "a"), absl::Seconds(10)).status().code(),
