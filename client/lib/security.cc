@@ -2,6 +2,7 @@
 #include "client/lib/security.h"
 
 #include <fcntl.h>
+#include <grpc/impl/codegen/grpc_types.h>
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/support/client_interceptor.h>
@@ -157,6 +158,10 @@ absl::StatusOr<Security> LoadSecurity(const SecurityFiles& files, const std::str
 
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Security& security,
                                            const grpc::ChannelArguments& arguments) {
+  grpc::ChannelArguments own = arguments;
+  // gRPC would tunnel even to 127.0.0.1 through what http_proxy names, unless no_proxy says
+  // otherwise: by another machine, and a token with it.
+  if (StaysOnThisMachine(target)) own.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   const std::shared_ptr<grpc::ChannelCredentials> credentials =
       security.tls ? grpc::SslCredentials({.pem_root_certs = security.ca,
                                            .pem_private_key = security.key,
@@ -166,7 +171,7 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Secu
   if (!security.token.empty()) {
     interceptors.push_back(std::make_unique<TokenInterceptorFactory>(security.token));
   }
-  return grpcx::CreateCustomChannelWithInterceptors(target, credentials, arguments,
+  return grpcx::CreateCustomChannelWithInterceptors(target, credentials, own,
                                                     std::move(interceptors));
 }
 

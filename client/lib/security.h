@@ -52,7 +52,8 @@ absl::StatusOr<std::string> LoadToken(const std::string& path);
 // clear.
 bool StaysOnThisMachine(const std::string& target);
 
-// A channel that keeps to it.
+// A channel that keeps to it. No proxy of the environment (http_proxy and its like) is asked for a
+// target that is on this machine; one is for others.
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Security& security,
                                            const grpc::ChannelArguments& arguments);
 

@@ -7,8 +7,14 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <array>
+#include <cstdlib>
+#include <optional>
+#include <string>
+
 #include "absl/strings/str_cat.h"
 #include "client/lib/connection.h"
+#include "client/lib/security.h"
 #include "grpcpp/create_channel.h"
 #include "grpcpp/security/credentials.h"
 #include "gtest/gtest.h"
@@ -16,30 +22,102 @@
 namespace sightline::client {
 namespace {
 
+// A socket that listens on a port of 127.0.0.1.
+class Listener {
+ public:
+  Listener() : socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in address = {};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof(address);
+    const bool listens = ::bind(socket_, reinterpret_cast<const sockaddr*>(&address), size) == 0 &&
+                         ::listen(socket_, 4) == 0 &&
+                         ::getsockname(socket_, reinterpret_cast<sockaddr*>(&address), &size) == 0;
+    if (listens) port_ = ntohs(address.sin_port);
+  }
+  ~Listener() { ::close(socket_); }
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  int socket() const { return socket_; }
+  int port() const { return port_; }  // 0: it does not listen.
+
+ private:
+  const int socket_;
+  int port_ = 0;
+};
+
+// An environment variable that is set, or unset by null, and then is what it was.
+class ScopedEnv {
+ public:
+  ScopedEnv(const char* name, const char* value) : name_(name) {
+    if (const char* old = std::getenv(name)) old_ = old;
+    Set(value);
+  }
+  ~ScopedEnv() { Set(old_.has_value() ? old_->c_str() : nullptr); }
+  ScopedEnv(const ScopedEnv&) = delete;
+  ScopedEnv& operator=(const ScopedEnv&) = delete;
+
+ private:
+  void Set(const char* value) {
+    if (value == nullptr) {
+      unsetenv(name_);
+    } else {
+      setenv(name_, value, 1);
+    }
+  }
+
+  const char* const name_;
+  std::optional<std::string> old_;
+};
+
 // Over a long way, with TLS or to a busy server, a connection takes longer to come about than the
 // first back-off. A channel that hung up then would never connect.
 TEST(GrpcConnectionTest, WaitsForAServerThatIsSlowToSpeak) {
-  const int listener = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  ASSERT_GE(listener, 0);
-  sockaddr_in address = {};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof(address);
-  ASSERT_EQ(::bind(listener, reinterpret_cast<const sockaddr*>(&address), size), 0);
-  ASSERT_EQ(::listen(listener, 4), 0);
-  ASSERT_EQ(::getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size), 0);
-
+  const Listener listener;
+  ASSERT_NE(listener.port(), 0);
   const auto channel =
-      grpc::CreateCustomChannel(absl::StrCat("127.0.0.1:", ntohs(address.sin_port)),
+      grpc::CreateCustomChannel(absl::StrCat("127.0.0.1:", listener.port()),
                                 grpc::InsecureChannelCredentials(), DefaultChannelArguments());
   channel->GetState(/*try_to_connect=*/true);
-  const int connection = ::accept(listener, nullptr, nullptr);
+  const int connection = ::accept(listener.socket(), nullptr, nullptr);
   ASSERT_GE(connection, 0);
   // Nothing is said to it, and it must not hang up.
   pollfd hung_up = {.fd = connection, .events = POLLRDHUP, .revents = 0};
   EXPECT_EQ(::poll(&hung_up, 1, /*timeout=*/1000), 0);
   ::close(connection);
-  ::close(listener);
+}
+
+// A token may go to this machine in the clear, so what is sent there must not take the way of a
+// proxy, which may be another machine.
+TEST(GrpcConnectionTest, NoProxyIsAskedForAServerOnThisMachine) {
+  const Listener server, proxy;
+  ASSERT_NE(server.port(), 0);
+  ASSERT_NE(proxy.port(), 0);
+  const std::string address = absl::StrCat("http://127.0.0.1:", proxy.port());
+  // Those that gRPC looks at first.
+  const ScopedEnv to_proxy("grpc_proxy", address.c_str());
+  const ScopedEnv no_exceptions("no_grpc_proxy", ""), none("no_proxy", "");
+  const Security token = {.token = "secret"};
+  // Which of the two is connected to.
+  const auto asked = [&](const std::string& target) {
+    auto channel = MakeChannel(target, token, DefaultChannelArguments());
+    channel->GetState(/*try_to_connect=*/true);
+    std::array<pollfd, 2> comes = {{{.fd = server.socket(), .events = POLLIN, .revents = 0},
+                                    {.fd = proxy.socket(), .events = POLLIN, .revents = 0}}};
+    EXPECT_GT(::poll(comes.data(), comes.size(), /*timeout=*/60'000), 0);
+    channel.reset();  // Before it could come a second time.
+    std::string who;
+    for (const pollfd& listener : comes) {
+      if (listener.revents == 0) continue;
+      who += listener.fd == server.socket() ? "server" : "proxy";
+      ::close(::accept(listener.fd, nullptr, nullptr));
+    }
+    return who;
+  };
+  EXPECT_EQ(asked(absl::StrCat("127.0.0.1:", server.port())), "server");
+  // An address that nobody has: whatever comes of it comes by the proxy.
+  EXPECT_EQ(asked(absl::StrCat("192.0.2.1:", server.port())), "proxy");
 }
 
 }  // namespace
