@@ -39,6 +39,8 @@ namespace sightline::client {
 struct StreamOptions {
   // How long the whole query may take.
   absl::Duration timeout = absl::InfiniteDuration();
+  // When it ends at the latest, whatever is left of `timeout`: for several queries together.
+  absl::Time deadline = absl::InfiniteFuture();
   // How long the server may take for one item; 0: as long as the query.
   absl::Duration item_timeout = absl::ZeroDuration();
   // Streams at once; 0: one per network connection.
@@ -137,6 +139,10 @@ class Client {
   struct Shared;
   absl::StatusOr<int64_t> PinnedRevision(const std::string& scene, int64_t revision,
                                          const CallOptions& options) const;
+  // ComputeShadows; `*points`, of which there are so many, is set before the first part comes.
+  absl::StatusOr<StreamSummary> RunShadows(const ShadowQuery& query, const StreamOptions& options,
+                                           const std::function<absl::Status(Shadows)>& on_shadows,
+                                           uint64_t* points) const;
   std::shared_ptr<Shared> shared_;
 };
 

@@ -117,6 +117,13 @@ absl::StatusOr<Shadows> DecodeShadows(const ShadowQuery& query, uint64_t begin, 
 absl::StatusOr<StreamSummary> Client::ComputeShadows(
     const ShadowQuery& query, const std::function<absl::Status(Shadows)>& on_shadows,
     const StreamOptions& options) const {
+  uint64_t points = 0;
+  return RunShadows(query, options, on_shadows, &points);
+}
+
+absl::StatusOr<StreamSummary> Client::RunShadows(
+    const ShadowQuery& query, const StreamOptions& options,
+    const std::function<absl::Status(Shadows)>& on_shadows, uint64_t* points) const {
   if (absl::Status s = CheckPoints(query.points); !s.ok()) return s;
   if (query.points_per_item == 0) return absl::InvalidArgumentError("points_per_item is 0");
   if (query.lights.empty()) return absl::InvalidArgumentError("lights: at least one is needed");
@@ -136,6 +143,7 @@ absl::StatusOr<StreamSummary> Client::ComputeShadows(
     if (!pinned.ok()) return pinned.status();
     revision = *pinned;
   }
+  *points = n;
   constexpr uint64_t kBytesPerPoint = 3 * 8 + 4 + 4 + 3 * 8;
   const ItemCut cut =
       CutIntoItems(n, query.points_per_item, samples, kBytesPerPoint, start->limits);
@@ -164,14 +172,10 @@ absl::StatusOr<StreamSummary> Client::ComputeShadows(
 absl::StatusOr<Shadows> Client::ComputeAllShadows(
     const ShadowQuery& query, const StreamOptions& options,
     const std::function<void(uint64_t done)>& on_progress) const {
+  const StreamOptions begun = Begun(options);
   Shadows all;
   all.samples = static_cast<uint32_t>(TotalSamples(query.lights));
-  uint64_t n = query.points.positions.size() / 3;
-  if (!query.point_set.empty()) {
-    absl::StatusOr<PointSet> set = GetPointSet(query.point_set, {});
-    if (!set.ok()) return set.status();
-    n = set->points;
-  }
+  uint64_t n = query.points.positions.size() / 3;  // Of a set: what the server says.
   // Fewer are an item or two, which the server puts in order itself.
   constexpr uint64_t kLeastOrdered = 1 << 14;
   constexpr uint64_t kLeastSamples = 4;
@@ -183,10 +187,12 @@ absl::StatusOr<Shadows> Client::ComputeAllShadows(
     curve.emplace(query.points);
     sent.points = curve->points();
   }
-  ResizeShadows(query.outputs, n, &all);
+  bool sized = false;
   const absl::Status status = CollectParts<Shadows>(
-      [&](const auto& on_part) { return ComputeShadows(sent, on_part, options); },
+      [&](const auto& on_part) { return RunShadows(sent, begun, on_part, &n); },
       [&](const Shadows& part) {
+        // Not before the first answer: until then the sizes may be absurd.
+        if (!std::exchange(sized, true)) ResizeShadows(query.outputs, n, &all);
         const auto place = [&](const auto& rows, uint64_t row_count, auto* out) {
           if (!curve.has_value()) return Place(rows, row_count, part.offset, n, out);
           for (size_t k = 0; k < rows.size(); ++k) {

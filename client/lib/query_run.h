@@ -30,6 +30,13 @@
 
 namespace sightline::client {
 
+// `options` of what begins now: whatever it does, and at whatever time, it has that one deadline.
+inline StreamOptions Begun(StreamOptions options) {
+  options.deadline = std::min(options.deadline, absl::Now() + options.timeout);
+  options.timeout = absl::InfiniteDuration();
+  return options;
+}
+
 // What a query knows when it begins.
 struct QueryStart {
   absl::Time time;
@@ -40,7 +47,7 @@ struct QueryStart {
 
 inline absl::StatusOr<QueryStart> StartQuery(const Client& client, const StreamOptions& options) {
   QueryStart start{.time = absl::Now()};
-  start.call = {.deadline = start.time + options.timeout, .cancellation = options.cancellation};
+  start.call = {.deadline = Begun(options).deadline, .cancellation = options.cancellation};
   absl::StatusOr<Capabilities> capabilities = client.GetCapabilities(start.call);
   if (!capabilities.ok()) return capabilities.status();
   start.limits = capabilities->limits;

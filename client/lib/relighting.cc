@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/lib/query_run.h"
 
 namespace sightline::client {
 
@@ -18,15 +19,18 @@ absl::StatusOr<std::unique_ptr<Relighting>> Relighting::Make(const Client& clien
   }
   std::unique_ptr<Relighting> picture(new Relighting(client, std::move(source), stream));
   const Source& of = picture->source_;
-  absl::StatusOr<PointSet> set = client.CreatePointSet({.scene = of.scene,
-                                                        .revision = of.options.revision,
-                                                        .lease = of.lease,
-                                                        .camera = of.camera,
-                                                        .options = of.options});
+  const StreamOptions begun = Begun(stream);
+  absl::StatusOr<PointSet> set =
+      client.CreatePointSet({.scene = of.scene,
+                             .revision = of.options.revision,
+                             .lease = of.lease,
+                             .camera = of.camera,
+                             .options = of.options},
+                            {.deadline = begun.deadline, .cancellation = begun.cancellation});
   if (!set.ok()) return set.status();
   picture->point_set_ = set->name;
   for (const Light& light : picture->lights_) {
-    absl::StatusOr<std::vector<uint8_t>> lit = picture->Ask(light);
+    absl::StatusOr<std::vector<uint8_t>> lit = picture->Ask(light, begun);
     if (!lit.ok()) return lit.status();
     picture->lit_.push_back(*std::move(lit));
   }
@@ -54,9 +58,11 @@ absl::Status Relighting::Choose(uint32_t light) {
 }
 
 absl::Status Relighting::Move(const Light& light) {
-  const absl::StatusOr<PointSet> renewed = client_.RenewLease(point_set_, source_.lease);
+  const StreamOptions begun = Begun(stream_);
+  const absl::StatusOr<PointSet> renewed = client_.RenewLease(
+      point_set_, source_.lease, {.deadline = begun.deadline, .cancellation = begun.cancellation});
   if (!renewed.ok()) return renewed.status();
-  absl::StatusOr<std::vector<uint8_t>> lit = Ask(light);
+  absl::StatusOr<std::vector<uint8_t>> lit = Ask(light, begun);
   if (!lit.ok()) return lit.status();
   lights_[chosen_] = light;
   lit_[chosen_] = *std::move(lit);
@@ -65,12 +71,13 @@ absl::Status Relighting::Move(const Light& light) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::vector<uint8_t>> Relighting::Ask(const Light& light) {
+absl::StatusOr<std::vector<uint8_t>> Relighting::Ask(const Light& light,
+                                                     const StreamOptions& stream) {
   absl::StatusOr<Shadows> shadows = client_.ComputeAllShadows({.scene = source_.scene,
                                                                .lights = {light},
                                                                .point_set = point_set_,
                                                                .options = source_.options},
-                                                              stream_);
+                                                              stream);
   if (!shadows.ok()) return shadows.status();
   summary_ = shadows->summary;
   return std::move(shadows->lit);

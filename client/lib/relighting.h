@@ -49,7 +49,9 @@ class Relighting {
     absl::Duration lease = absl::Minutes(10);  // Of the points, between two moves.
   };
 
-  // Traces the camera's rays, and asks about every light. `stream` is also how moves are asked.
+  // Traces the camera's rays, and asks about every light. `stream` is also how moves are asked:
+  // its timeout is that of this call and of each move anew, its deadline that of all of them, and
+  // its cancellation must outlive the picture.
   static absl::StatusOr<std::unique_ptr<Relighting>> Make(const Client& client, Source source,
                                                           const StreamOptions& stream = {});
   ~Relighting();
@@ -73,7 +75,7 @@ class Relighting {
 
  private:
   Relighting(const Client& client, Source source, const StreamOptions& stream);
-  absl::StatusOr<std::vector<uint8_t>> Ask(const Light& light);
+  absl::StatusOr<std::vector<uint8_t>> Ask(const Light& light, const StreamOptions& stream);
   void AddTo(uint32_t light, std::vector<double>* sums) const;
   void SumBase();
 

@@ -495,6 +495,11 @@ TEST_F(CliTest, RelightMovesALightAndComparesFrames) {
   Bad(kExitUsage, {"relight", obj}, {"--by"});
   Bad(kExitUsage, {"relight", obj, "--by", "1,0,0", "--light", "1,2,9", "--move", "1"},
       {"--move names light 1"});
+  // For all frames together, each of which takes no time.
+  Bad(kExitTemporary,
+      {"relight", obj, "--by", "1,0,0", "--light", "1,2,9", "--compare", "0", "--frames", "100000",
+       "--timeout", "1"},
+      {"eadline"});
 }
 
 // By a published test answers may depend on which rays walk together: the kept hits walk row by
