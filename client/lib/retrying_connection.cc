@@ -2,7 +2,8 @@
 //
 // Repeats what may be repeated. Reads change nothing; creations and edits carry a request_id, and
 // their uploads can be played again; a deletion that finds nothing on a later attempt was done by
-// an earlier one.
+// an earlier one. A watch begins anew where it was cut off, and each change that it sees counts as
+// a success; a scene that it saw, and that is not there when it comes back, was deleted.
 #include <algorithm>
 #include <functional>
 #include <memory>
@@ -66,7 +67,21 @@ class RetryingConnection final : public Connection {
   absl::Status WatchScene(const v1::WatchSceneRequest& request,
                           const std::function<bool(const v1::WatchSceneResponse&)>& on_change,
                           const CallOptions& options) override {
-    return Retry(options, [&](int) { return inner_->WatchScene(request, on_change, options); });
+    v1::WatchSceneRequest asked = request;
+    bool seen = false, progress = false;
+    const auto watch = [&](int) -> absl::Status {
+      // What was there once and is not is deleted; it would be waited for without end.
+      if (seen) asked.set_wait_for_scene(false);
+      const absl::Status status = inner_->WatchScene(
+          asked,
+          [&](const v1::WatchSceneResponse& response) {
+            seen = progress = true;
+            return on_change(response);
+          },
+          options);
+      return seen && absl::IsNotFound(status) ? absl::OkStatus() : status;
+    };
+    return Retry(options, watch, &progress);
   }
   absl::StatusOr<v1::Scene> LoadScene(const v1::LoadSceneRequest& request,
                                       const CallOptions& options) override {
@@ -136,15 +151,21 @@ class RetryingConnection final : public Connection {
     return attempt > 0 && absl::IsNotFound(status) ? absl::OkStatus() : status;
   }
 
+  // `progress`, if any, is set by a call that gets somewhere before it fails.
   template <typename Function>
-  auto Retry(const CallOptions& options, const Function& call) -> decltype(call(0)) {
+  auto Retry(const CallOptions& options, const Function& call, bool* progress = nullptr)
+      -> decltype(call(0)) {
     Backoff backoff(options_);
     absl::Time give_up = absl::InfiniteFuture();
     for (int attempt = 0;; ++attempt) {
       auto result = call(attempt);
       if (!IsRetryable(StatusOf(result))) return result;
       const absl::Time now = absl::Now();
-      if (attempt == 0) give_up = now + options_.give_up_after;
+      if (progress != nullptr && std::exchange(*progress, false)) {
+        give_up = absl::InfiniteFuture();
+        backoff.Reset();
+      }
+      give_up = std::min(give_up, now + options_.give_up_after);
       const absl::Duration wait = backoff.Next(StatusOf(result));
       if (now + wait >= std::min(give_up, options.deadline)) return result;
       if (!Wait(wait, options.cancellation)) return absl::CancelledError("cancelled by the caller");

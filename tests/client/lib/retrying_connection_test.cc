@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -88,6 +89,77 @@ TEST_F(RetryingConnectionTest, UploadsArePlayedAgainWhole) {
       {});
   EXPECT_TRUE(result.ok());
   EXPECT_THAT(messages, testing::ElementsAre(3, 3));
+}
+
+class RetryingWatchTest : public RetryingConnectionTest {
+ protected:
+  using Watch = std::function<bool(const v1::WatchSceneResponse&)>;
+  // A watch of which `messages` changes come before it ends with `status`.
+  static auto Ends(int messages, const absl::Status& status) {
+    return [=](const v1::WatchSceneRequest&, const Watch& on_change, const CallOptions&) {
+      for (int i = 0; i < messages; ++i) EXPECT_TRUE(on_change({}));
+      return status;
+    };
+  }
+  absl::Status WatchScene(Connection& connection) {
+    return connection.WatchScene({},
+                                 [this](const v1::WatchSceneResponse&) {
+                                   ++seen_;
+                                   return true;
+                                 },
+                                 {});
+  }
+  int seen_ = 0;
+};
+
+// However long it went well in between, it is the time since the last change that counts.
+TEST_F(RetryingWatchTest, WhatWasSeenIsASuccess) {
+  const absl::Status lost = absl::UnavailableError("lost");
+  // A second failure without a success in between is too late.
+  const auto impatient = MakeRetryingConnection(mock_, {.give_up_after = absl::Milliseconds(50),
+                                                        .initial_delay = absl::Milliseconds(40),
+                                                        .multiplier = 100.0});
+  EXPECT_CALL(*mock_, WatchScene(_, _, _))
+      .WillOnce(Ends(1, lost))
+      .WillOnce(Ends(2, lost))
+      .WillOnce(Ends(1, lost))
+      .WillOnce(Ends(1, lost))
+      .WillOnce(Ends(1, absl::OkStatus()));
+  EXPECT_TRUE(WatchScene(*impatient).ok());
+  EXPECT_EQ(seen_, 6);
+  EXPECT_CALL(*mock_, WatchScene(_, _, _)).WillOnce(Ends(1, lost)).WillOnce(Ends(0, lost));
+  EXPECT_EQ(WatchScene(*impatient), lost);
+}
+
+TEST_F(RetryingWatchTest, ASceneThatIsGoneAfterAGapWasDeleted) {
+  const absl::Status lost = absl::UnavailableError("lost"), gone = absl::NotFoundError("none");
+  EXPECT_CALL(*mock_, WatchScene(_, _, _))
+      .WillOnce(Ends(1, lost))
+      .WillOnce(Ends(0, lost))
+      .WillOnce(Ends(0, gone));
+  EXPECT_TRUE(WatchScene(*connection_).ok());
+  // One that was never seen was never there.
+  EXPECT_CALL(*mock_, WatchScene(_, _, _)).WillOnce(Ends(0, lost)).WillOnce(Ends(0, gone));
+  EXPECT_EQ(WatchScene(*connection_), gone);
+}
+
+// Waiting is for the first of it: what was seen and is gone would be waited for without end.
+TEST_F(RetryingWatchTest, ASceneThatWasSeenIsNotWaitedFor) {
+  std::vector<bool> waits;
+  EXPECT_CALL(*mock_, WatchScene(_, _, _))
+      .Times(3)
+      .WillRepeatedly([&](const v1::WatchSceneRequest& request, const Watch& on_change,
+                          const CallOptions&) -> absl::Status {
+        waits.push_back(request.wait_for_scene());
+        if (waits.size() == 2) on_change({});
+        if (waits.size() < 3) return absl::UnavailableError("lost");
+        return absl::NotFoundError("none");
+      });
+  v1::WatchSceneRequest request;
+  request.set_wait_for_scene(true);
+  const Watch go_on = [](const v1::WatchSceneResponse&) { return true; };
+  EXPECT_TRUE(connection_->WatchScene(request, go_on, {}).ok());
+  EXPECT_THAT(waits, testing::ElementsAre(true, true, false));
 }
 
 TEST_F(RetryingConnectionTest, CancellationEndsTheWait) {
