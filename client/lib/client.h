@@ -47,7 +47,8 @@ struct StreamOptions {
   int streams = 0;
   // Ends the query early with CANCELLED; may be null. Must outlive the call.
   Cancellation* cancellation = nullptr;
-  // When to give up on a server that answers nothing.
+  // How long to go on while the server cannot be reached or is busy. One that falls silent, pings
+  // included, counts as lost within a minute; one that pings and answers no item is waited for.
   RetryOptions retry;
 };
 

@@ -148,7 +148,8 @@ std::shared_ptr<Connection> MakeConnection(const std::string& target,
                                            const ConnectionOptions& options);
 
 // What every channel to a server should be made with: message sizes, no port sharing of
-// connections.
+// connections, and pings, so that a peer that falls silent during a call ends it with UNAVAILABLE
+// within a minute.
 grpc::ChannelArguments DefaultChannelArguments();
 
 }  // namespace sightline::client

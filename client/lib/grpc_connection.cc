@@ -34,6 +34,10 @@ namespace {
 // Replies stay near Limits.target_reply_bytes; this only bounds what a broken server can make us
 // hold.
 constexpr int kMaxReceiveBytes = 256 << 20;
+// While calls are under way. A server of ours sends away who pings more often than every 10 s
+// (kLeastPingIntervalMs), and is asked as often as it asks by itself.
+constexpr int kKeepaliveTimeMs = 30'000;
+constexpr int kKeepaliveTimeoutMs = 20'000;
 
 void Prepare(const CallOptions& options, grpc::ClientContext* context) {
   if (options.deadline != absl::InfiniteFuture()) {
@@ -299,6 +303,11 @@ grpc::ChannelArguments DefaultChannelArguments() {
   // is left alone: in spite of its name it is the time that a connection may take to come about.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2000);
+  // A machine that is gone, or a process that is stopped, does not say so.
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveTimeMs);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
+  // A call that waits for its answer sends nothing else; after two gRPC would ask no more.
+  arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
   return arguments;
 }
 

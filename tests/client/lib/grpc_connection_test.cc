@@ -9,6 +9,7 @@
 
 #include <array>
 #include <cstdlib>
+#include <map>
 #include <optional>
 #include <string>
 
@@ -86,6 +87,24 @@ TEST(GrpcConnectionTest, WaitsForAServerThatIsSlowToSpeak) {
   pollfd hung_up = {.fd = connection, .events = POLLRDHUP, .revents = 0};
   EXPECT_EQ(::poll(&hung_up, 1, /*timeout=*/1000), 0);
   ::close(connection);
+}
+
+// A peer that is gone without a word is noticed within a minute, however little is said. Servers
+// send away who asks more often than every ten seconds (kLeastPingIntervalMs).
+TEST(GrpcConnectionTest, APeerThatFallsSilentIsNoticed) {
+  const grpc::ChannelArguments arguments = DefaultChannelArguments();
+  const grpc_channel_args all = arguments.c_channel_args();
+  std::map<std::string, int> numbers;
+  for (size_t i = 0; i < all.num_args; ++i) {
+    const grpc_arg& argument = all.args[i];
+    if (argument.type == GRPC_ARG_INTEGER) numbers[argument.key] = argument.value.integer;
+  }
+  EXPECT_GE(numbers[GRPC_ARG_KEEPALIVE_TIME_MS], 20'000);
+  EXPECT_GE(numbers[GRPC_ARG_KEEPALIVE_TIMEOUT_MS], 10'000);
+  EXPECT_LE(numbers[GRPC_ARG_KEEPALIVE_TIME_MS] + numbers[GRPC_ARG_KEEPALIVE_TIMEOUT_MS], 60'000);
+  // Of a call that waits, every ping is one without data.
+  ASSERT_TRUE(numbers.contains(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA));
+  EXPECT_EQ(numbers[GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA], 0);
 }
 
 // A token may go to this machine in the clear, so what is sent there must not take the way of a
