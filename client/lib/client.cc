@@ -118,7 +118,7 @@ absl::StatusOr<Scene> Client::CreateScene(const SceneSource& source,
           if (!sent) return;
         }
       };
-  return Converted(shared_->connection->CreateScene(upload, options));
+  return Converted(shared_->Checked(shared_->connection->CreateScene(upload, options)));
 }
 
 absl::StatusOr<Scene> Client::UpdateScene(const std::string& name,
@@ -171,7 +171,7 @@ absl::StatusOr<Scene> Client::UpdateScene(const std::string& name,
           if (!sent) return;
         }
       };
-  return Converted(shared_->connection->UpdateScene(upload, options));
+  return Converted(shared_->Checked(shared_->connection->UpdateScene(upload, options)));
 }
 
 absl::StatusOr<Scene> Client::GetScene(const std::string& name, const CallOptions& options) const {
@@ -305,7 +305,7 @@ absl::StatusOr<PointSet> Client::CreatePointSet(const PointSetSource& source,
           if (!write(request)) return;
         }
       };
-  return Converted(shared_->connection->CreatePointSet(upload, options));
+  return Converted(shared_->Checked(shared_->connection->CreatePointSet(upload, options)));
 }
 
 absl::StatusOr<PointSet> Client::GetPointSet(const std::string& name,

@@ -100,7 +100,8 @@ class Client {
 
   // ---- Server
 
-  // Asked once; the answer does not change while a server runs.
+  // Asked once, and anew after a query or an upload that failed, or a query of which items had to
+  // be sent again: the server may be another by then. While it runs the answer does not change.
   absl::StatusOr<Capabilities> GetCapabilities(const CallOptions& options = {}) const;
   // `service` empty: the server as a whole.
   absl::StatusOr<Health> CheckHealth(const std::string& service = "",

@@ -143,8 +143,8 @@ absl::StatusOr<StreamSummary> Client::TestSegments(
   const auto decode = [&](size_t i, std::vector<v1::SegmentReply> replies) {
     return DecodeSegments(query, cut.begin(i), cut.count(i), std::move(replies));
   };
-  return RunQuery(std::move(job), decode, on_segments, *start, options,
-                  shared_->connection->channel_count());
+  return shared_->Checked(RunQuery(std::move(job), decode, on_segments, *start, options,
+                                   shared_->connection->channel_count()));
 }
 
 absl::StatusOr<Segments> Client::TestAllSegments(

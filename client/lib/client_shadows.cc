@@ -165,8 +165,8 @@ absl::StatusOr<StreamSummary> Client::RunShadows(
   const auto decode = [&](size_t i, std::vector<v1::ShadowReply> replies) {
     return DecodeShadows(query, cut.begin(i), cut.count(i), std::move(replies));
   };
-  return RunQuery(std::move(job), decode, on_shadows, *start, options,
-                  shared_->connection->channel_count());
+  return shared_->Checked(RunQuery(std::move(job), decode, on_shadows, *start, options,
+                                   shared_->connection->channel_count()));
 }
 
 absl::StatusOr<Shadows> Client::ComputeAllShadows(

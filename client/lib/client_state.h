@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/status/statusor.h"
 #include "client/lib/client.h"
 #include "client/lib/mutex.h"
 
@@ -18,6 +19,22 @@ namespace sightline::client {
 
 struct Client::Shared {
   explicit Shared(std::shared_ptr<Connection> c) : connection(std::move(c)) {}
+
+  // Hand on how a query, or an upload, ended that was cut after the server's limits. Where it was
+  // not without trouble the server may be another by now, which has others: they are forgotten.
+  absl::StatusOr<StreamSummary> Checked(absl::StatusOr<StreamSummary> ran) {
+    if (!ran.ok() || ran->resent_items > 0) ForgetCapabilities();
+    return ran;
+  }
+  template <typename T>
+  absl::StatusOr<T> Checked(absl::StatusOr<T> uploaded) {
+    if (!uploaded.ok()) ForgetCapabilities();
+    return uploaded;
+  }
+  void ForgetCapabilities() {
+    MutexLock lock(&mutex);
+    capabilities.reset();
+  }
 
   const std::shared_ptr<Connection> connection;
   Mutex mutex;

@@ -174,8 +174,8 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
   const auto decode = [&](size_t i, std::vector<v1::TileReply> replies) {
     return DecodeTile(query, i, rect(i), std::move(replies));
   };
-  return RunQuery(std::move(job), decode, on_tile, *start, options,
-                  shared_->connection->channel_count());
+  return shared_->Checked(RunQuery(std::move(job), decode, on_tile, *start, options,
+                                   shared_->connection->channel_count()));
 }
 
 absl::StatusOr<TileImage> Client::TraceImage(

@@ -232,6 +232,36 @@ TEST_F(StreamTest, AnErrorOfTheCallbackEndsTheQuery) {
   EXPECT_EQ(calls, 3);
 }
 
+// A server that came in the place of another may allow less.
+TEST_F(StreamTest, LimitsAreAskedAnewOnceTheServerMayBeAnother) {
+  int asked = 0;
+  EXPECT_CALL(*mock_, GetCapabilities(_)).WillRepeatedly([&](const CallOptions&) {
+    ++asked;
+    return capabilities_;
+  });
+  const auto restart = [this](std::vector<FakeServer::Script> scripts) {
+    MutexLock lock(&server_.mutex);
+    server_.scripts = std::move(scripts);
+    server_.streams = 0;
+  };
+  ExpectRight(Test());
+  ExpectRight(Test());
+  EXPECT_EQ(asked, 1);
+  restart({{.break_after = 2}, {}});
+  ExpectRight(Test());
+  EXPECT_EQ(asked, 1);
+  ExpectRight(Test());
+  EXPECT_EQ(asked, 2);
+  restart({{.fail_item = 0}});
+  capabilities_.mutable_limits()->set_max_item_rays(10);
+  EXPECT_EQ(Test().status().code(), absl::StatusCode::kInvalidArgument);
+  restart({{}});
+  const absl::StatusOr<Segments> result = Test();
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->summary.items, 101u);
+  EXPECT_EQ(asked, 3);
+}
+
 TEST_F(StreamTest, NothingAskedNothingSent) {
   segments_.clear();
   const absl::StatusOr<Segments> result = Test();
