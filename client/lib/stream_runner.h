@@ -106,7 +106,8 @@ class StreamRun {
   };
   // What one stream of a lane is doing.
   struct Session {
-    Stream* stream = nullptr;
+    Cancellation call;         // Of the stream's call, also while that is being opened.
+    Stream* stream = nullptr;  // Null until then.
     bool opened = false;
     bool closed = false;  // No more writes: it ended, or is about to.
     int64_t credit = 0;
@@ -152,12 +153,17 @@ class StreamRun {
   }
 
   absl::Status RunSession(int lane, Session* session) {
-    const CallOptions call{.deadline = options_.deadline, .cancellation = nullptr};
-    std::unique_ptr<Stream> stream = job_.open(lane, call);
+    {
+      MutexLock lock(&mutex_);
+      sessions_.push_back(session);
+      if (Finished()) session->call.Cancel();
+    }
+    // May take as long as a connection to come about.
+    std::unique_ptr<Stream> stream =
+        job_.open(lane, {.deadline = options_.deadline, .cancellation = &session->call});
     {
       MutexLock lock(&mutex_);
       session->stream = stream.get();
-      sessions_.push_back(session);
       if (Finished()) stream->Cancel();
     }
     std::thread writer([this, session, &stream] { WriteItems(session, stream.get()); });
@@ -283,6 +289,12 @@ class StreamRun {
     }
     ++session->answered;
     ++finished_;
+    if (Finished()) {
+      // Streams end by themselves; those that are not there yet are needed no more.
+      for (Session* other : sessions_) {
+        if (other->stream == nullptr) other->call.Cancel();
+      }
+    }
     first_failure_ = absl::InfiniteFuture();
     item_backoff_.Reset();
     return absl::OkStatus();
@@ -327,7 +339,10 @@ class StreamRun {
   void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (!error_.ok()) return;
     error_ = status;
-    for (Session* session : sessions_) session->stream->Cancel();
+    for (Session* session : sessions_) {
+      session->call.Cancel();
+      if (session->stream != nullptr) session->stream->Cancel();
+    }
   }
 
   const Job& job_;

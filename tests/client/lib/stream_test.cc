@@ -2,6 +2,7 @@
 //
 // Streamed queries against a scripted server: whatever happens to the streams, every item is
 // answered once, nothing is sent without credit, and what cannot be answered is an error.
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -12,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/synchronization/notification.h"
 #include "client/lib/client.h"
 #include "client/lib/status.h"
 #include "client/lib/stored_segments.h"
@@ -230,6 +232,33 @@ TEST_F(StreamTest, AnErrorOfTheCallbackEndsTheQuery) {
                                   .status();
   EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(calls, 3);
+}
+
+// A lane whose connection does not come about holds up neither a query that is over nor one that is
+// cancelled.
+TEST_F(StreamTest, WhatIsNotYetOpenIsGivenUpWithTheQuery) {
+  // Returns when the call is cancelled; the minute is for this test's own failure.
+  const auto never_opens = [this](int, const CallOptions& call) {
+    absl::Notification given_up;
+    const Cancellation::Registration on_cancel(call.cancellation, [&] { given_up.Notify(); });
+    EXPECT_TRUE(given_up.WaitForNotificationWithTimeout(absl::Minutes(1)));
+    return std::make_unique<FakeSegmentStream>(&server_);
+  };
+  EXPECT_CALL(*mock_, OpenSegments(_, _)).WillRepeatedly(never_opens);
+  EXPECT_CALL(*mock_, OpenSegments(0, _)).WillOnce([this](int, const CallOptions&) {
+    return std::make_unique<FakeSegmentStream>(&server_);
+  });
+  ExpectRight(Test());
+  testing::Mock::VerifyAndClearExpectations(mock_.get());
+
+  Cancellation cancellation;
+  options_.cancellation = &cancellation;
+  std::atomic<int> opening = 0;
+  EXPECT_CALL(*mock_, OpenSegments(_, _)).WillRepeatedly([&](int lane, const CallOptions& call) {
+    if (++opening == 3) cancellation.Cancel();
+    return never_opens(lane, call);
+  });
+  EXPECT_EQ(Test().status().code(), absl::StatusCode::kCancelled);
 }
 
 // A server that came in the place of another may allow less.
