@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
@@ -39,12 +40,14 @@ void SetSources(std::span<const uint32_t> sources, size_t n, std::vector<uint32_
   }
 }
 
-// `store(end, &stored)` tells whether the end is one, and what is stored of it.
+// `store(end, &stored)` tells whether the end is one, and what is stored of it. Not inlined, as
+// Test: float_environment.h says why.
 template <typename End, typename Store>
-absl::Status Prepare(const IndexedGeometry& scene, std::span<const std::array<End, 2>> ends,
-                     std::span<const uint32_t> from_sources, std::span<const uint32_t> to_sources,
-                     const Store& store, PreparedSegments* segments) {
-  const ScopedFloatEnvironment environment;
+ABSL_ATTRIBUTE_NOINLINE absl::Status Prepare(const IndexedGeometry& scene,
+                                             std::span<const std::array<End, 2>> ends,
+                                             std::span<const uint32_t> from_sources,
+                                             std::span<const uint32_t> to_sources,
+                                             const Store& store, PreparedSegments* segments) {
   const size_t n = ends.size(), triangles = scene.geometry.triangles.size();
   SL_RETURN_IF_ERROR(CheckSources("from_sources", from_sources, n, triangles));
   SL_RETURN_IF_ERROR(CheckSources("to_sources", to_sources, n, triangles));
@@ -84,36 +87,10 @@ void PutBits(std::span<const Hit> hits, size_t first, uint8_t* bits) {
   }
 }
 
-}  // namespace
-
-absl::Status PrepareSegments(const IndexedGeometry& scene,
-                             std::span<const std::array<Vec3d, 2>> ends,
-                             std::span<const uint32_t> from_sources,
-                             std::span<const uint32_t> to_sources, PreparedSegments* segments) {
-  const Vec3d origin = scene.geometry.origin;
-  return Prepare(
-      scene, ends, from_sources, to_sources,
-      [origin](Vec3d end, Vec3f* stored) { return Rebase(end, origin, stored); }, segments);
-}
-
-absl::Status PrepareStoredSegments(const IndexedGeometry& scene,
-                                   std::span<const std::array<Vec3f, 2>> ends,
-                                   std::span<const uint32_t> from_sources,
-                                   std::span<const uint32_t> to_sources,
-                                   PreparedSegments* segments) {
-  return Prepare(
-      scene, ends, from_sources, to_sources,
-      [](Vec3f end, Vec3f* stored) {
-        *stored = WithoutNegativeZero(end);
-        return IsInRange(end);
-      },
-      segments);
-}
-
-absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& segments,
-                          const SegmentOutputs& outputs, const QueryOptions& options,
-                          SegmentResult* result) {
-  const ScopedFloatEnvironment environment;
+ABSL_ATTRIBUTE_NOINLINE
+absl::Status Test(const IndexedGeometry& scene, const PreparedSegments& segments,
+                  const SegmentOutputs& outputs, const QueryOptions& options,
+                  SegmentResult* result) {
   SegmentResult out = std::exchange(*result, {});  // Its memory serves again.
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
   const QueryRun run(scene, options);
@@ -165,6 +142,41 @@ absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& 
   }
   *result = std::move(out);
   return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status PrepareSegments(const IndexedGeometry& scene,
+                             std::span<const std::array<Vec3d, 2>> ends,
+                             std::span<const uint32_t> from_sources,
+                             std::span<const uint32_t> to_sources, PreparedSegments* segments) {
+  const ScopedFloatEnvironment environment;
+  const Vec3d origin = scene.geometry.origin;
+  return Prepare(
+      scene, ends, from_sources, to_sources,
+      [origin](Vec3d end, Vec3f* stored) { return Rebase(end, origin, stored); }, segments);
+}
+
+absl::Status PrepareStoredSegments(const IndexedGeometry& scene,
+                                   std::span<const std::array<Vec3f, 2>> ends,
+                                   std::span<const uint32_t> from_sources,
+                                   std::span<const uint32_t> to_sources,
+                                   PreparedSegments* segments) {
+  const ScopedFloatEnvironment environment;
+  return Prepare(
+      scene, ends, from_sources, to_sources,
+      [](Vec3f end, Vec3f* stored) {
+        *stored = WithoutNegativeZero(end);
+        return IsInRange(end);
+      },
+      segments);
+}
+
+absl::Status TestSegments(const IndexedGeometry& scene, const PreparedSegments& segments,
+                          const SegmentOutputs& outputs, const QueryOptions& options,
+                          SegmentResult* result) {
+  const ScopedFloatEnvironment environment;
+  return Test(scene, segments, outputs, options, result);
 }
 
 }  // namespace sightline

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
@@ -91,13 +92,12 @@ void FetchMeanwhile(const PointRange& points, size_t first, SampleTracer* tracer
                          PartOf(points.valid, first, count));
 }
 
-}  // namespace
-
-absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& points,
-                            std::span<const LightSample> samples, std::span<const double> weights,
-                            const ShadowOptions& shadow, const ShadowOutputs& outputs,
-                            const QueryOptions& options, ShadowResult* result) {
-  const ScopedFloatEnvironment environment;
+// Not inlined: float_environment.h says why.
+ABSL_ATTRIBUTE_NOINLINE
+absl::Status Compute(const IndexedGeometry& scene, const PointRange& points,
+                     std::span<const LightSample> samples, std::span<const double> weights,
+                     const ShadowOptions& shadow, const ShadowOutputs& outputs,
+                     const QueryOptions& options, ShadowResult* result) {
   ShadowResult out = std::exchange(*result, {});  // Its memory serves again.
   SL_RETURN_IF_ERROR(CheckArguments(points, samples, weights, shadow, outputs));
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
@@ -237,6 +237,16 @@ absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& poin
   }
   *result = std::move(out);
   return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status ComputeShadows(const IndexedGeometry& scene, const PointRange& points,
+                            std::span<const LightSample> samples, std::span<const double> weights,
+                            const ShadowOptions& shadow, const ShadowOutputs& outputs,
+                            const QueryOptions& options, ShadowResult* result) {
+  const ScopedFloatEnvironment environment;
+  return Compute(scene, points, samples, weights, shadow, outputs, options, result);
 }
 
 }  // namespace sightline

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
@@ -546,6 +547,8 @@ class TileTrace {
   SampleTracer tracer_;
 };
 
+// Not inlined: float_environment.h says why.
+ABSL_ATTRIBUTE_NOINLINE
 absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
                    std::span<const LightSample> samples, std::span<const Mirror> mirrors,
                    const TileOutputs& outputs, const QueryOptions& options, TileResult* result) {
