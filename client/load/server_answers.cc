@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/load/server_answers.h"
 
+#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -27,6 +28,56 @@ std::vector<double> Gather(std::span<const double> rows, size_t width, uint32_t 
   return gathered;
 }
 
+// Elements of an image; points and segments are one row.
+struct Block {
+  uint64_t x = 0, y = 0, width = 0, height = 0;
+  uint64_t size() const { return width * height; }
+};
+
+Block BlockOf(const client::TileRect& rect) { return {rect.x, rect.y, rect.width, rect.height}; }
+Block BlockOf(uint64_t begin, uint64_t count) { return {begin, 0, count, 1}; }
+
+// Copies what [planes, elements of `from`] and [planes, elements of `to`] have in common.
+template <typename T>
+void PlaceRows(const std::vector<T>& part, const Block& from, const Block& to,
+               std::vector<T>* out) {
+  const uint64_t planes = part.size() / from.size();
+  out->resize(planes * to.size());
+  const uint64_t left = std::max(from.x, to.x), top = std::max(from.y, to.y);
+  const uint64_t right = std::min(from.x + from.width, to.x + to.width);
+  const uint64_t bottom = std::min(from.y + from.height, to.y + to.height);
+  SIGHTLINE_CHECK(left < right && top < bottom)
+      << from.x << ' ' << from.y << ' ' << to.x << ' ' << to.y;
+  const auto at = [left](const Block& block, uint64_t plane, uint64_t y) {
+    return static_cast<ptrdiff_t>((plane * block.height + y - block.y) * block.width + left -
+                                  block.x);
+  };
+  for (uint64_t plane = 0; plane < planes; ++plane) {
+    for (uint64_t y = top; y < bottom; ++y) {
+      std::copy_n(part.begin() + at(from, plane, y), right - left, out->begin() + at(to, plane, y));
+    }
+  }
+}
+
+// The client library cuts a query as the server's limits and its own messages want it: what comes
+// at once, `part` of the elements `from`, may be of several items, `to` being one of them.
+void PlacePart(const Answer& part, const Block& from, const Block& to, Answer* item) {
+  PlaceRows(part.flags, from, to, &item->flags);
+  PlaceRows(part.objects, from, to, &item->objects);
+  PlaceRows(part.triangles, from, to, &item->triangles);
+  PlaceRows(part.distances, from, to, &item->distances);
+}
+
+// The same for items that are `each` elements of a row, of which the part has `count` from `begin`
+// on.
+void PlacePart(const Answer& part, uint64_t begin, uint64_t count, uint32_t each,
+               std::vector<Answer>* items) {
+  SIGHTLINE_CHECK(count > 0 && begin + count <= items->size() * each) << begin << ' ' << count;
+  for (uint64_t i = begin / each; i <= (begin + count - 1) / each; ++i) {
+    PlacePart(part, BlockOf(begin, count), BlockOf(i * each, each), &(*items)[i]);
+  }
+}
+
 // Images are asked for whole: the client library knows no others.
 absl::Status AskTiles(const client::Client& client, const Workload& workload,
                       const client::QueryOptions& options, size_t stride,
@@ -36,9 +87,20 @@ absl::Status AskTiles(const client::Client& client, const Workload& workload,
   for (size_t i = 0; i < cameras.size(); ++i) {
     client::TileQuery query = cameras[i];
     query.options = options;
+    const uint32_t side = query.tile_size;
+    const size_t columns = (size_t{query.camera.width} + side - 1) / side;
     const auto take = [&](client::Tile tile) {
-      const size_t item = i * tiles + tile.index;
-      if (item % stride == 0) (*answers)[item / stride] = ToAnswer(std::move(tile));
+      const client::TileRect part = tile.rect;
+      const Answer answer = ToAnswer(std::move(tile));
+      for (size_t row = part.y / side; row <= (part.y + part.height - 1) / side; ++row) {
+        for (size_t column = part.x / side; column <= (part.x + part.width - 1) / side; ++column) {
+          const size_t item = i * tiles + row * columns + column;
+          if (item % stride != 0) continue;
+          SIGHTLINE_CHECK(item / stride < answers->size()) << item;
+          PlacePart(answer, BlockOf(part), BlockOf(workload.tile(item).rect),
+                    &(*answers)[item / stride]);
+        }
+      }
       return absl::OkStatus();
     };
     SL_RETURN_IF_ERROR(client.TraceTiles(query, take, stream).status());
@@ -55,8 +117,9 @@ absl::Status AskPoints(const client::Client& client, const Workload& workload,
   query.points = {.positions = points};
   query.point_set.clear();
   query.options = options;
-  const auto take = [&](client::Shadows shadows) {
-    (*answers)[shadows.offset / query.points_per_item] = ToAnswer(std::move(shadows));
+  const auto take = [&](client::Shadows part) {
+    const uint64_t begin = part.offset, count = part.points;
+    PlacePart(ToAnswer(std::move(part)), begin, count, query.points_per_item, answers);
     return absl::OkStatus();
   };
   return client.ComputeShadows(query, take, stream).status();
@@ -71,7 +134,8 @@ absl::Status AskSegments(const client::Client& client, const Workload& workload,
   query.segments = segments;
   query.options = options;
   const auto take = [&](client::Segments part) {
-    (*answers)[part.offset / query.segments_per_item] = ToAnswer(std::move(part));
+    const uint64_t begin = part.offset, count = part.segments;
+    PlacePart(ToAnswer(std::move(part)), begin, count, query.segments_per_item, answers);
     return absl::OkStatus();
   };
   return client.TestSegments(query, take, stream).status();

@@ -15,6 +15,7 @@
 #include "client/load/check_source.h"
 #include "client/load/reference.h"
 #include "client/load/server_answers.h"
+#include "core/base/check.h"
 #include "core/base/parallel.h"
 #include "core/geometry/camera.h"
 #include "core/mesh/builtin/builtin.h"
@@ -60,6 +61,62 @@ class LoadCheckTest : public LoadRunTest {
   void ServeFromRepository() {
     WriteNative("box.slscene");
     StartServer({.repository = folder_.path()});
+  }
+  // Twenty items of points and of segments on the box, and the tiles of two cameras before it.
+  static Workload BoxWorkload(uint32_t tile, uint32_t points, uint32_t segments) {
+    const absl::StatusOr<BuiltinScene> made = MakeBuiltin({.name = "box"});
+    SIGHTLINE_CHECK(made.ok()) << made.status();
+    const BuiltinView& view = made->views[0];
+    const Camera camera = *LookAt(view.eye, view.at, view.up, view.fov_y_degrees, 60, 34);
+    client::Camera eye{.tan_half_fov_y = camera.tan_half_fov_y, .width = 60, .height = 34};
+    eye.eye = {camera.eye.x, camera.eye.y, camera.eye.z};
+    eye.right = {camera.right.x, camera.right.y, camera.right.z};
+    eye.up = {camera.up.x, camera.up.y, camera.up.z};
+    eye.forward = {camera.forward.x, camera.forward.y, camera.forward.z};
+    client::Camera left = eye;
+    left.eye[0] -= 0.1;
+    std::vector<double> surface;
+    for (const Vec3d v : made->objects.back().vertices) {
+      surface.insert(surface.end(), {v.x, v.y, v.z});
+    }
+    std::vector<client::Light> lights;
+    for (const Vec3d light : view.lights) {
+      lights.push_back(client::Light::Point({light.x, light.y, light.z}));
+    }
+    absl::StatusOr<Workload> workload = Workload::Make({.scene = "scenes/box",
+                                                        .cameras = {eye, left},
+                                                        .lights = std::move(lights),
+                                                        .mix = {1, 1, 1},
+                                                        .tile_size = tile,
+                                                        .points_per_item = points,
+                                                        .segments_per_item = segments,
+                                                        .distinct_items = 20},
+                                                       std::move(surface));
+    SIGHTLINE_CHECK(workload.ok()) << workload.status();
+    return *std::move(workload);
+  }
+  // What the server says of all items, and of some, is what the engine in this process says.
+  void ExpectTheEnginesAnswers(const Workload& workload, client::Strategy strategy) {
+    const absl::StatusOr<client::Scene> served = Client().GetScene("scenes/box");
+    ASSERT_TRUE(served.ok()) << served.status();
+    const auto scene = OpenCheckScene(served->builtin, *served, pool_);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    for (const size_t stride : {1, 3}) {
+      const absl::StatusOr<Answers> answers =
+          ServerAnswers(Client(), workload, 1, strategy, stride, {});
+      ASSERT_TRUE(answers.ok()) << answers.status();
+      for (const Kind kind : {Kind::kTiles, Kind::kPoints, Kind::kSegments}) {
+        const std::vector<Answer>& of_kind = (*answers)[static_cast<size_t>(kind)];
+        ASSERT_EQ(of_kind.size(), (workload.ItemCount(kind) + stride - 1) / stride);
+        for (size_t i = 0; i < of_kind.size(); ++i) {
+          const absl::StatusOr<Answer> due =
+              EngineAnswer(**scene, workload, {.kind = kind, .item = i * stride});
+          ASSERT_TRUE(due.ok()) << due.status();
+          ASSERT_FALSE(due->flags.empty());
+          EXPECT_EQ(Difference(*due, of_kind[i]), "") << KindName(kind) << ' ' << i * stride;
+        }
+      }
+    }
   }
 
   ThreadPool pool_{2};
@@ -150,56 +207,47 @@ TEST_F(LoadCheckTest, WithoutItsTrianglesAServersSceneIsCheckedAgainstTheServerL
 // The items that the server is asked about in bulk are those of the requests, and what it says of
 // them is what the engine says.
 TEST_F(LoadCheckTest, TheServersOwnAnswersAreTheEngines) {
-  const absl::StatusOr<BuiltinScene> made = MakeBuiltin({.name = "box"});
-  ASSERT_TRUE(made.ok()) << made.status();
-  const BuiltinView& view = made->views[0];
-  const Camera camera = *LookAt(view.eye, view.at, view.up, view.fov_y_degrees, 60, 34);
-  client::Camera eye{.tan_half_fov_y = camera.tan_half_fov_y, .width = 60, .height = 34};
-  eye.eye = {camera.eye.x, camera.eye.y, camera.eye.z};
-  eye.right = {camera.right.x, camera.right.y, camera.right.z};
-  eye.up = {camera.up.x, camera.up.y, camera.up.z};
-  eye.forward = {camera.forward.x, camera.forward.y, camera.forward.z};
-  client::Camera left = eye;
-  left.eye[0] -= 0.1;
-  std::vector<double> surface;
-  for (const Vec3d v : made->objects.back().vertices) {
-    surface.insert(surface.end(), {v.x, v.y, v.z});
+  const Workload workload = BoxWorkload(/*tile=*/16, /*points=*/33, /*segments=*/5);
+  for (const auto strategy : {client::Strategy::kSingle, client::Strategy::kBruteForce}) {
+    ExpectTheEnginesAnswers(workload, strategy);
   }
-  const Vec3d light = view.lights[1];
-  absl::StatusOr<Workload> workload =
-      Workload::Make({.scene = "scenes/box",
-                      .cameras = {eye, left},
-                      .lights = {client::Light::Point({light.x, light.y, light.z})},
-                      .mix = {1, 1, 1},
-                      .tile_size = 16,
-                      .points_per_item = 33,
-                      .segments_per_item = 5,
-                      .distinct_items = 20},
-                     std::move(surface));
-  ASSERT_TRUE(workload.ok()) << workload.status();
-  const absl::StatusOr<client::Scene> served = Client().GetScene("scenes/box");
-  ASSERT_TRUE(served.ok()) << served.status();
-  const auto scene = OpenCheckScene(served->builtin, *served, pool_);
-  ASSERT_TRUE(scene.ok()) << scene.status();
-  for (const size_t stride : {1, 3}) {
-    for (const auto strategy : {client::Strategy::kSingle, client::Strategy::kBruteForce}) {
-      const absl::StatusOr<Answers> answers =
-          ServerAnswers(Client(), *workload, 1, strategy, stride, {});
-      ASSERT_TRUE(answers.ok()) << answers.status();
-      for (const Kind kind : {Kind::kTiles, Kind::kPoints, Kind::kSegments}) {
-        const std::vector<Answer>& of_kind = (*answers)[static_cast<size_t>(kind)];
-        ASSERT_EQ(of_kind.size(), (workload->ItemCount(kind) + stride - 1) / stride);
-        for (size_t i = 0; i < of_kind.size(); ++i) {
-          const absl::StatusOr<Answer> due =
-              EngineAnswer(**scene, *workload, {.kind = kind, .item = i * stride});
-          ASSERT_TRUE(due.ok()) << due.status();
-          ASSERT_FALSE(due->flags.empty());
-          EXPECT_EQ(Difference(*due, of_kind[i]), "") << KindName(kind) << ' ' << i * stride;
-        }
-      }
-    }
+  EXPECT_FALSE(ServerAnswers(Client(), workload, 2, client::Strategy::kSingle, 1, {}).ok());
+}
+
+// A part of the client library's then holds of several items, and an item is of several parts.
+TEST_F(LoadCheckTest, TheServersOwnAnswersAreTheEnginesWhereItTakesSmallerItemsThanTheRequests) {
+  ServerOptions options{.scenes = {"box=builtin:box"}};
+  options.limits.max_item_rays = 64;
+  StartServer(std::move(options));
+  ExpectTheEnginesAnswers(BoxWorkload(/*tile=*/13, /*points=*/50, /*segments=*/65),
+                          client::Strategy::kSingle);
+}
+
+// The client library sends what an upload sends in a message, 1 MiB, where points have normals.
+TEST_F(LoadCheckTest, RequestsOfMoreThanTheClientSendsAtOnceAreCheckedAgainstTheServer) {
+  ServeFromRepository();
+  for (const char* kind : {"points", "segments"}) {
+    const RunResult result =
+        RunWith({ServerFlag(), "--scene=box", absl::StrCat("--workload=", kind),
+                 absl::StrCat("--", kind, "=30000"), "--distinct=3", "--requests=6", "--check=all",
+                 "--output=json"});
+    ASSERT_EQ(result.code, 0) << result.err;
+    EXPECT_EQ(result.json()["check_by"], "server");
+    EXPECT_EQ(result.json()["checked"], 6);
   }
-  EXPECT_FALSE(ServerAnswers(Client(), *workload, 2, client::Strategy::kSingle, 1, {}).ok());
+}
+
+// The whole tiles are refused; those at the images' lower edge are not, and are right.
+TEST_F(LoadCheckTest, TilesOfMoreThanTheServerTakesDoNotSpoilTheCheckOfOthers) {
+  WriteNative("box.slscene");
+  ServerOptions options{.repository = folder_.path()};
+  options.limits.max_item_rays = 4000;
+  StartServer(std::move(options));
+  const RunResult result = RunWith({ServerFlag(), "--scene=box", "--workload=tiles", "--tile=32",
+                                    "--requests=48", "--check=all", "--output=json"});
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(result.json()["check_by"], "server");
+  EXPECT_EQ(result.json()["checked"], 16);
 }
 
 TEST_F(LoadCheckTest, WrongAnswersAreCaught) {
