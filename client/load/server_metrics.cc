@@ -52,6 +52,14 @@ size_t EndOfName(absl::string_view line) {
   return absl::string_view::npos;
 }
 
+bool StaysOnThisMachine(absl::string_view url) {
+  if (!absl::ConsumePrefix(&url, "https://")) absl::ConsumePrefix(&url, "http://");
+  const std::string host = absl::StrCat(url.substr(0, url.find_first_of("/?#")), ":");
+  // Before an @ there is a user's name, and a machine may be called unix.
+  return !absl::StrContains(host, '@') && !absl::StartsWith(host, "unix:") &&
+         client::StaysOnThisMachine(host);
+}
+
 }  // namespace
 
 absl::StatusOr<Metrics> ParseMetrics(absl::string_view text) {
@@ -84,16 +92,10 @@ std::string MetricsUrl(const std::string& where) {
 absl::StatusOr<std::string> MetricsToken(const std::string& path, const std::string& where) {
   if (path.empty()) return std::string();
   const std::string url = MetricsUrl(where);
-  absl::string_view host = url;
-  if (!absl::ConsumePrefix(&host, "https://")) {
-    absl::ConsumePrefix(&host, "http://");
-    host = host.substr(0, host.find_first_of("/?#"));
-    // Before an @ there is a user's name.
-    if (absl::StrContains(host, '@') || !client::StaysOnThisMachine(absl::StrCat(host, ":"))) {
-      return cli::UsageError(
-          absl::StrCat("--metrics-token-file: the token would travel in the clear to ", url,
-                       ": give an https:// URL, or read the metrics on the server's machine"));
-    }
+  if (!absl::StartsWith(url, "https://") && !StaysOnThisMachine(url)) {
+    return cli::UsageError(
+        absl::StrCat("--metrics-token-file: the token would travel in the clear to ", url,
+                     ": give an https:// URL, or read the metrics on the server's machine"));
   }
   absl::StatusOr<std::string> token = client::LoadToken(path);
   if (!token.ok()) return cli::SecurityFileError(token.status());
@@ -110,6 +112,8 @@ absl::StatusOr<Metrics> ReadMetrics(const std::string& where, const std::string&
   std::string text;
   curl_easy_setopt(curl.get(), CURLOPT_URL, url.c_str());
   curl_easy_setopt(curl.get(), CURLOPT_PROTOCOLS_STR, "http,https");
+  // A proxy would ask another machine for what is on this one, and show it the token.
+  if (StaysOnThisMachine(url)) curl_easy_setopt(curl.get(), CURLOPT_NOPROXY, "*");
   curl_easy_setopt(curl.get(), CURLOPT_NOSIGNAL, 1L);
   curl_easy_setopt(curl.get(), CURLOPT_TIMEOUT_MS, absl::ToInt64Milliseconds(timeout));
   curl_easy_setopt(curl.get(), CURLOPT_WRITEFUNCTION, Append);

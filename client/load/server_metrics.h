@@ -29,7 +29,8 @@ absl::StatusOr<Metrics> ParseMetrics(absl::string_view text);
 
 // `where` is a URL, or HOST:PORT, which stands for http://HOST:PORT/metrics.
 std::string MetricsUrl(const std::string& where);
-// `token` is shown to the server unless it is empty.
+// `token` is shown to the server unless it is empty. The environment's proxy (http_proxy) is used
+// for other machines alone.
 absl::StatusOr<Metrics> ReadMetrics(const std::string& where, const std::string& token = "",
                                     absl::Duration timeout = absl::Seconds(5));
 // The token of --metrics-token-file = `path`, to be shown at `where`; none if `path` is empty.

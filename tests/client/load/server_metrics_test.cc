@@ -6,11 +6,16 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -21,6 +26,7 @@ namespace {
 
 using ::sightline::testing_support::TempDir;
 using testing::HasSubstr;
+using testing::StartsWith;
 
 constexpr char kText[] =
     "# HELP sightline_requests_total Requests.\n"
@@ -78,6 +84,31 @@ class OneAnswer {
   std::thread thread_;
 };
 
+// The environment's proxy for a scope, with no host that goes without.
+class ScopedProxy {
+ public:
+  explicit ScopedProxy(const std::string& where) {
+    Set("http_proxy", absl::StrCat("http://", where));
+    Set("no_proxy", std::nullopt);
+    Set("NO_PROXY", std::nullopt);
+  }
+  ~ScopedProxy() {
+    for (const auto& [name, value] : std::exchange(old_, {})) Set(name, value);
+  }
+
+ private:
+  void Set(const char* name, const std::optional<std::string>& value) {
+    const char* const was = std::getenv(name);
+    old_.emplace_back(name, was == nullptr ? std::nullopt : std::optional<std::string>(was));
+    if (value) {
+      ::setenv(name, value->c_str(), 1);
+    } else {
+      ::unsetenv(name);
+    }
+  }
+  std::vector<std::pair<const char*, std::optional<std::string>>> old_;
+};
+
 TEST(ServerMetricsTest, SamplesAreReadWithTheirLabels) {
   const absl::StatusOr<Metrics> metrics = ParseMetrics(kText);
   ASSERT_TRUE(metrics.ok()) << metrics.status();
@@ -131,6 +162,22 @@ TEST(ServerMetricsTest, ATokenIsShown) {
   EXPECT_THAT(server.request(), HasSubstr("\r\nAuthorization: Bearer a-token\r\n"));
 }
 
+// One that is asked for another host is told which: it would get the token with that.
+TEST(ServerMetricsTest, WhatIsOnThisMachineIsReadWithoutTheEnvironmentsProxy) {
+  for (const char* where : {"127.0.0.1:", "http://localhost:"}) {
+    const OneAnswer server("HTTP/1.1 200 OK\r\nContent-Length: 4\r\n\r\na 1\n");
+    const ScopedProxy proxy(server.where());
+    const std::string port = server.where().substr(server.where().find(':') + 1);
+    const std::string path = absl::StrContains(where, "//") ? "/metrics" : "";
+    EXPECT_TRUE(ReadMetrics(absl::StrCat(where, port, path), "a-token").ok());
+    EXPECT_THAT(server.request(), StartsWith("GET /metrics HTTP/1.1\r\n")) << where;
+  }
+  const OneAnswer server("HTTP/1.1 200 OK\r\nContent-Length: 4\r\n\r\na 1\n");
+  const ScopedProxy proxy(server.where());
+  EXPECT_TRUE(ReadMetrics("far.invalid:9090").ok());
+  EXPECT_THAT(server.request(), StartsWith("GET http://far.invalid:9090/metrics HTTP/1.1\r\n"));
+}
+
 TEST(ServerMetricsTest, ARefusalNamesTheFlagThatIsMissing) {
   const OneAnswer server("HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n");
   EXPECT_THAT(std::string(ReadMetrics(server.where()).status().message()),
@@ -146,7 +193,8 @@ TEST(ServerMetricsTest, ATokenLeavesTheMachineOverTlsAlone) {
   for (const char* where : {"127.0.0.1:9090", "http://localhost/metrics", "https://far.org/m"}) {
     EXPECT_EQ(MetricsToken(path, where).value_or("none"), "a-token") << where;
   }
-  for (const char* where : {"far.org:9090", "http://127.0.0.1@far.org/", "http://far.org/m"}) {
+  for (const char* where : {"far.org:9090", "http://127.0.0.1@far.org/", "http://far.org/m",
+                            "unix:9090", "http://unix/m"}) {
     EXPECT_THAT(std::string(MetricsToken(path, where).status().message()),
                 HasSubstr("in the clear"))
         << where;
