@@ -2,6 +2,7 @@
 #include "client/load/options.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <utility>
 #include <vector>
@@ -26,6 +27,9 @@ using cli::UsageError;
 constexpr absl::Duration kLongest = absl::Hours(24);
 constexpr uint64_t kMostConnections = 64;
 constexpr uint32_t kLargestSide = 8192;
+// Of the points of the requests, and of their segments: the most of --distinct goes with the
+// --points that are the default.
+constexpr uint64_t kMostPreparedBytes = uint64_t{2} << 30;
 
 constexpr char kExitCodes[] =
     "Exit codes beside those of sightline (64 usage, 65 bad values, 66 no such file or scene,\n"
@@ -149,8 +153,9 @@ void RegisterWorkload(FlagSet* flags, LoadOptions* o, Texts* texts) {
   flags->Point("up", "upward direction", &o->view.up);
   flags->Count("points", "N", "points of a request", &o->points, 1, 1 << 20);
   flags->Count("segments", "N", "segments of a request", &o->segments, 1, 1 << 20);
-  flags->Count("distinct", "N", "different requests of points and of segments", &o->distinct, 1,
-               65536);
+  flags->Count("distinct", "N",
+               "different requests of points and of segments; of each 2 GiB at most", &o->distinct,
+               1, 65536);
   o->lights.Register(flags);
 }
 
@@ -203,6 +208,26 @@ absl::Status FitWindows(const FlagSet& flags, LoadOptions* o) {
   return absl::OkStatus();
 }
 
+// What is asked is prepared before the clock starts, and kept.
+absl::Status CheckMemory(const LoadOptions& o) {
+  const struct {
+    Kind kind;
+    uint64_t each, bytes;
+  } asked[] = {{Kind::kPoints, o.points, 3 * sizeof(double)},
+               {Kind::kSegments, o.segments, 6 * sizeof(double)}};
+  for (const auto& [kind, each, bytes] : asked) {
+    const uint64_t sum = each * o.distinct * bytes;
+    if (o.mix[static_cast<size_t>(kind)] <= 0 || sum <= kMostPreparedBytes) continue;
+    return UsageError(absl::StrCat(
+        "--", KindName(kind), " ", each, " and --distinct ", o.distinct, " would take ",
+        PlainNumber(std::ldexp(static_cast<double>(sum), -30), 4), " GiB of memory, ",
+        kMostPreparedBytes >> 30, " GiB is the most: give --distinct ",
+        kMostPreparedBytes / (each * bytes), " or less, or --", KindName(kind), " ",
+        kMostPreparedBytes / (o.distinct * bytes), " or less"));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
   if (o->scene.empty()) return UsageError("wants --scene SCENE");
   // A plain word that is no file is what a server calls it.
@@ -230,6 +255,7 @@ absl::Status Finish(const FlagSet& flags, const Texts& texts, LoadOptions* o) {
     if (flags.given("mix")) return UsageError("--mix goes with --workload mixed");
     for (size_t i = 0; i < kKinds; ++i) o->mix[i] = o->workload == kKindNames[i] ? 1 : 0;
   }
+  SL_RETURN_IF_ERROR(CheckMemory(*o));
   if (o->find_knee) {
     if (o->slo.empty()) return UsageError("--find-knee wants --slo: what the rate is to meet");
     if (!flags.given("rate")) o->plan.rate = 50;

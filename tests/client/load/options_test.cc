@@ -95,6 +95,19 @@ TEST(OptionsTest, WindowsGrowWithALongRun) {
   EXPECT_EQ(window({"--find-knee", "--slo=p50=1s", "--trial=3h"}), absl::Seconds(3));
 }
 
+TEST(OptionsTest, WhatIsNotAskedTakesNoMemoryAndAllOfOneFlagGoesWithTheOthersDefault) {
+  for (const std::vector<std::string>& args : std::vector<std::vector<std::string>>{
+           {"--points=1048576", "--segments=1048576"},
+           {"--workload=points", "--distinct=65536"},
+           {"--workload=points", "--points=1048576", "--distinct=85"},
+           {"--workload=segments", "--segments=1048576", "--distinct=42", "--points=1048576"},
+           {"--workload=mixed", "--mix=tiles=1,points=0", "--points=1048576"}}) {
+    std::vector<std::string> all = {"--scene=builtin:box"};
+    all.insert(all.end(), args.begin(), args.end());
+    EXPECT_TRUE(Parse(all).ok()) << args.back();
+  }
+}
+
 TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{}, "--scene"},
@@ -118,6 +131,12 @@ TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
       {{"--duration=forever"}, "--duration"},
       {{"--duration=10m", "--window=10ms"},
        "--window 10ms would make more than 4000 windows of 10m: give 150ms or more"},
+      {{"--workload=points", "--points=1048576"},
+       "--points 1048576 and --distinct 256 would take 6 GiB of memory, 2 GiB is the most: give "
+       "--distinct 85 or less, or --points 349525 or less"},
+      {{"--workload=mixed", "--segments=1000000", "--distinct=65536"},
+       "--segments 1000000 and --distinct 65536 would take 2930 GiB of memory, 2 GiB is the most: "
+       "give --distinct 44 or less, or --segments 682 or less"},
       {{"--plot=x.gif"}, "--plot"},
       {{"--concurrency=0"}, "--concurrency"},
       {{"--connections=65"}, "--connections"},
