@@ -25,7 +25,7 @@ absl::string_view ExitCodeHelp() {
          "  69  the server cannot be reached (trying again may help)\n"
          "  70  internal error\n"
          "  73  an output file cannot be written\n"
-         "  75  the server was busy or time ran out (trying again may help)\n"
+         "  75  the server was busy, time ran out, or a signal came (trying again may help)\n"
          "  78  this processor cannot run it\n";
 }
 

@@ -19,7 +19,7 @@ enum ExitCode : int {
   kExitUnavailable = 69,   // No connection to the server; trying again may help.
   kExitInternal = 70,      // A bug of ours.
   kExitCannotCreate = 73,  // An output file cannot be written.
-  kExitTemporary = 75,     // The server was busy, or time ran out; trying again may help.
+  kExitTemporary = 75,     // The server was busy, time ran out, or a signal came.
   // 78 is core/base/cpu_check.h's: the processor cannot run the program. No code of ours ran then.
 };
 

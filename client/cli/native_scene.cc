@@ -49,11 +49,11 @@ absl::Status CheckSceneFileWritable(const std::string& path) {
 }
 
 absl::Status SaveSceneFile(const Scene& scene, const std::string& path, ThreadPool& pool,
-                           const std::function<void(double)>& progress) {
+                           const CancelToken* cancel, const std::function<void(double)>& progress) {
   const Place place = Resolve(path);
   const absl::StatusOr<Folder> folder = Folder::Open(place.folder);
   if (!folder.ok()) return WithExitCode(folder.status(), kExitCannotCreate);
-  return WithExitCode(WriteSceneFile(scene, *folder, place.name, pool, nullptr, progress),
+  return WithExitCode(WriteSceneFile(scene, *folder, place.name, pool, cancel, progress),
                       kExitCannotCreate);
 }
 

@@ -6,7 +6,7 @@
 // Thread safety: functions only.
 //
 //   SL_ASSIGN_OR_RETURN(SceneBytes file, OpenSceneFile("city.slscene"));
-//   SL_RETURN_IF_ERROR(SaveSceneFile(*scene, "copy.slscene", pool, nullptr));
+//   SL_RETURN_IF_ERROR(SaveSceneFile(*scene, "copy.slscene", pool));
 #ifndef SIGHTLINE_CLIENT_CLI_NATIVE_SCENE_H_
 #define SIGHTLINE_CLIENT_CLI_NATIVE_SCENE_H_
 
@@ -15,6 +15,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
 #include "core/base/parallel.h"
 #include "core/scene/scene_file.h"
 
@@ -29,9 +30,11 @@ absl::StatusOr<SceneBytes> OpenSceneFile(const std::string& path);
 // Whether a file could be written there; makes none.
 absl::Status CheckSceneFileWritable(const std::string& path);
 
-// Whole or not at all; `progress` (may be null) hears the share that is done.
+// Whole or not at all; cancelled from `cancel`, and `progress` hears the share that is done (both
+// may be null).
 absl::Status SaveSceneFile(const Scene& scene, const std::string& path, ThreadPool& pool,
-                           const std::function<void(double)>& progress);
+                           const CancelToken* cancel = nullptr,
+                           const std::function<void(double)>& progress = nullptr);
 
 }  // namespace sightline::cli
 

@@ -127,10 +127,15 @@ absl::Status Dispatch(std::span<const std::string> args, Context& context, std::
 }  // namespace
 
 int RunCli(const std::vector<std::string>& args, std::ostream& out, std::ostream& err,
-           bool err_is_terminal) {
-  Context context{out, err, err_is_terminal};
+           bool err_is_terminal, Interruption* interruption) {
+  Interruption never;
+  Context context{out, err, err_is_terminal, interruption == nullptr ? never : *interruption};
   std::string command;
   absl::Status status = WithoutExceptions([&] { return Dispatch(args, context, &command); });
+  // Whichever step it was that could not go on.
+  if (!status.ok() && context.interruption.interrupted()) {
+    status = absl::CancelledError("interrupted before it was done");
+  }
   return Finish(std::move(status),
                 command.empty() ? "sightline" : absl::StrCat("sightline ", command), out, err);
 }

@@ -13,12 +13,16 @@
 #include <string>
 #include <vector>
 
+#include "client/cli/interruption.h"
+
 namespace sightline::cli {
 
 // `args` without the program's name. Results go to `out`; errors (one line), warnings and progress
-// (only if `err_is_terminal`) to `err`. Returns the exit code (exit_code.h).
+// (only if `err_is_terminal`) to `err`. Returns the exit code (exit_code.h). Once `interruption`
+// (may be null) comes, the command gives up what it is about, takes away what it made on a server,
+// and returns kExitTemporary.
 int RunCli(const std::vector<std::string>& args, std::ostream& out, std::ostream& err,
-           bool err_is_terminal = false);
+           bool err_is_terminal = false, Interruption* interruption = nullptr);
 
 }  // namespace sightline::cli
 

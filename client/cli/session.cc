@@ -120,11 +120,12 @@ absl::StatusOr<client::Scene> Session::LoadNative(const SceneBytes& file,
       "it there, then sightline scene load scenes/NAME"));
 }
 
-absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags) {
+absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags,
+                                                    client::Cancellation* cancellation) {
   if (flags.server.empty()) {
     return UsageError("wants --server HOST:PORT: scenes live on a server");
   }
-  return Session::Open(flags);
+  return Session::Open(flags, cancellation);
 }
 
 absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags,

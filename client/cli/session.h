@@ -5,7 +5,8 @@
 //
 // Thread safety: one thread per Session; its Client may be shared.
 //
-//   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(flags));
+//   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
+//                       Session::Open(flags, context.interruption.calls()));
 //   session->client().ListScenes();
 #ifndef SIGHTLINE_CLIENT_CLI_SESSION_H_
 #define SIGHTLINE_CLIENT_CLI_SESSION_H_
@@ -85,7 +86,8 @@ absl::StatusOr<std::unique_ptr<Session>> OpenEmbedded(const SessionFlags& flags,
                                                       client::Cancellation* cancellation);
 
 // Session::Open for commands that need a server: a usage error without one.
-absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags);
+absl::StatusOr<std::unique_ptr<Session>> OpenRemote(const SessionFlags& flags,
+                                                    client::Cancellation* cancellation);
 
 }  // namespace sightline::cli
 

@@ -72,7 +72,7 @@ void LimitMemory([[maybe_unused]] uint64_t bytes) {
   if (getppid() != parent) _exit(1);
   const struct rlimit no_core {};
   setrlimit(RLIMIT_CORE, &no_core);
-  for (const int s : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTERM, SIGINT})
+  for (const int s : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTERM, SIGINT, SIGHUP})
     signal(s, SIG_DFL);
   signal(SIGPIPE, SIG_IGN);
   LimitMemory(limits.memory_bytes);

@@ -82,7 +82,7 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
     }
   }
   absl::StatusOr<SceneGeometry> geometry =
-      CompileScene(imported.objects, std::nullopt, MeshLimits{});
+      CompileScene(imported.objects, std::nullopt, MeshLimits{}, context.interruption.work());
   if (!geometry.ok()) {
     return absl::Status(geometry.status().code(),
                         absl::StrCat("'", name, "': ", geometry.status().message()));

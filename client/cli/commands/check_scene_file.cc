@@ -16,7 +16,8 @@ absl::Status CheckSceneFile(const std::string& path, bool with_objects, const st
   SL_ASSIGN_OR_RETURN(const SceneFileInfo info, InspectSceneFile(file));
   ThreadPool pool(0);
   const absl::Time start = absl::Now();
-  SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene, LoadScene(file, path, {}, pool));
+  SL_ASSIGN_OR_RETURN(const std::shared_ptr<const Scene> scene,
+                      LoadScene(file, path, {}, pool, context.interruption.work()));
   const double seconds = absl::ToDoubleSeconds(absl::Now() - start);
   const MeshReport& report = scene->geometry.report;
 

@@ -19,6 +19,7 @@
 #include "absl/status/statusor.h"
 #include "client/cli/build_flags.h"
 #include "client/cli/flags.h"
+#include "client/cli/interruption.h"
 #include "client/cli/light_flags.h"
 #include "client/cli/progress.h"
 #include "client/lib/types.h"
@@ -31,6 +32,7 @@ struct Context {
   std::ostream& out;
   std::ostream& err;
   bool err_is_terminal = false;
+  Interruption& interruption;  // Ends every call to a server, and work of any length.
 };
 
 // The words after the command's name. The status becomes one line on `err` and the exit code.

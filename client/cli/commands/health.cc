@@ -43,7 +43,8 @@ absl::Status HealthCommand(std::span<const std::string> args, Context& context) 
   std::vector<std::string> words;
   SL_ASSIGN_OR_RETURN(bool go, ParseOrHelp(&flags, args, {}, "", context, &words));
   if (!go) return absl::OkStatus();
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(session_flags));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
+                      Session::Open(session_flags, context.interruption.calls()));
   SL_ASSIGN_OR_RETURN(client::Health health,
                       session->client().CheckHealth(service, session->call()));
   if (health == client::Health::kServiceUnknown) {

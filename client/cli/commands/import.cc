@@ -92,7 +92,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
     Progress progress(context.err, context.err_is_terminal, "building", "parts", kParts);
     Mutex mutex;
     scene = BuildScene(std::filesystem::path(out).stem().string(), /*revision=*/1, objects, origin,
-                       options, pool, /*cancel=*/nullptr, [&](double share) {
+                       options, pool, context.interruption.work(), [&](double share) {
                          MutexLock lock(mutex);
                          progress.Update(static_cast<uint64_t>(share * kParts));
                        });
@@ -104,9 +104,9 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
   const absl::Time built = absl::Now();
   {
     Progress progress(context.err, context.err_is_terminal, "writing", "parts", kParts);
-    SL_RETURN_IF_ERROR(SaveSceneFile(**scene, out, pool, [&](double share) {
-      progress.Update(static_cast<uint64_t>(share * kParts));
-    }));
+    SL_RETURN_IF_ERROR(SaveSceneFile(
+        **scene, out, pool, context.interruption.work(),
+        [&](double share) { progress.Update(static_cast<uint64_t>(share * kParts)); }));
   }
   const absl::Time written = absl::Now();
   SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenSceneFile(out));

@@ -258,7 +258,8 @@ absl::Status RelightCommand(std::span<const std::string> args, Context& context)
     return UsageError(absl::StrCat("--out wants a name that ends in .png; got '", a.out, "'"));
   }
   SL_RETURN_IF_ERROR(CheckOutputs({a.out, a.base, a.color}));
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
+                      Session::Open(a.session, context.interruption.calls()));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
                       OpenScene(*session, words[0], context.err, build));
   SL_ASSIGN_OR_RETURN(const ViewChoice view,

@@ -45,7 +45,7 @@ class RemoteCommand {
     SL_ASSIGN_OR_RETURN(const bool go,
                         ParseOrHelp(&flags_, args, word_names, epilogue, context, &words_));
     if (!go) return false;
-    SL_ASSIGN_OR_RETURN(session_, OpenRemote(session_flags_));
+    SL_ASSIGN_OR_RETURN(session_, OpenRemote(session_flags_, context.interruption.calls()));
     return true;
   }
 

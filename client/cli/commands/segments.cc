@@ -46,7 +46,8 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
   SL_RETURN_IF_ERROR(CheckOutputs({out}));
   SL_ASSIGN_OR_RETURN(const std::vector<double> segments, ReadRows(segments_path, 6, "segments"));
 
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(session_flags));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
+                      Session::Open(session_flags, context.interruption.calls()));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
                       OpenScene(*session, words[0], context.err, build));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,

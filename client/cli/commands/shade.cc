@@ -128,7 +128,8 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   }
   SL_ASSIGN_OR_RETURN(std::vector<client::Light> lights, ReadLights(a));
 
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
+                      Session::Open(a.session, context.interruption.calls()));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
                       OpenScene(*session, words[0], context.err, build));
   SL_ASSIGN_OR_RETURN(const std::vector<client::Light> named,

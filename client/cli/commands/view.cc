@@ -303,7 +303,8 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
   for (const Output& output : outputs) SL_RETURN_IF_ERROR(CheckOutputs({output.path}));
   SL_RETURN_IF_ERROR(CheckOutputs({a.ids, a.depth, a.lit}));
 
-  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session, Session::Open(a.session));
+  SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
+                      Session::Open(a.session, context.interruption.calls()));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
                       OpenScene(*session, words[0], context.err, build));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,

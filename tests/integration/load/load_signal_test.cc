@@ -126,7 +126,7 @@ TEST_F(LoadSignalTest, AWarmUpThatIsInterruptedHasNothingMeasured) {
 }
 
 TEST_F(LoadSignalTest, ARunIsReportedAsFarAsItCame) {
-  for (const int signal : {SIGINT, SIGTERM}) {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
     LoadProcess load(Args({"--scene=builtin:box", "--workload=mixed"}));
     ASSERT_TRUE(load.Says(" s of 72000.0 s"));
     load.Signal(signal);
