@@ -120,7 +120,7 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
                                        {"vertices", object.vertex_count}});
       }
     }
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return absl::OkStatus();
   }
   PrintTable(

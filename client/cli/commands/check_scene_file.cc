@@ -53,7 +53,7 @@ absl::Status CheckSceneFile(const std::string& path, bool with_objects, const st
                                        {"vertices", object.vertex_count}});
       }
     }
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return absl::OkStatus();
   }
   PrintTable(

@@ -146,6 +146,10 @@ void RegisterOutput(FlagSet* flags, std::string* output) {
   flags->Choice("output", {"text", "json"}, "what is printed on standard output", output);
 }
 
+void PrintJson(const Json& json, std::ostream& out) {
+  out << json.dump(2, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace) << '\n';
+}
+
 void StrategyFlags::Register(FlagSet* flags) {
   flags->Custom("mask", "BITS",
                 "only objects whose mask shares a bit with this one are seen, and cast shadows: "

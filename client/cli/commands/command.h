@@ -57,6 +57,8 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context);
 
 // --output text|json, text unless said otherwise.
 void RegisterOutput(FlagSet* flags, std::string* output);
+// As --output json prints it. A file's name may be any bytes: what is no UTF-8 becomes U+FFFD.
+void PrintJson(const Json& json, std::ostream& out);
 // How the engine goes about a query, which is speed alone, but for the mask and the intersector.
 struct StrategyFlags {
   uint32_t mask = 0xFFFFFFFFu;

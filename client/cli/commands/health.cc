@@ -75,7 +75,7 @@ absl::Status HealthCommand(std::span<const std::string> args, Context& context) 
     json["strategies"] = c.strategies;
     json["builtin_scenes"] = c.builtin_scenes;
     json["limits"] = std::move(limits);
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
   } else {
     PrintTable(
         {{"server", where},

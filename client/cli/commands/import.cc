@@ -128,7 +128,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
     json["read_seconds"] = absl::ToDoubleSeconds(read - start);
     json["build_seconds"] = absl::ToDoubleSeconds(built - read);
     json["write_seconds"] = absl::ToDoubleSeconds(written - built);
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return absl::OkStatus();
   }
   const double bytes_per_triangle =

@@ -219,7 +219,7 @@ void Print(const std::string& scene, const RelightArguments& a, const Frames& fr
     json["traced_s"] = times.traced.empty() ? Json(nullptr) : Json(traced);
     json["gain"] = times.traced.empty() ? Json(nullptr) : Json(traced / moved);
     json["differing_answers"] = times.differing;
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return;
   }
   std::vector<std::pair<std::string, std::string>> rows = {

@@ -59,14 +59,14 @@ class RemoteCommand {
   // Says what was done to a scene: "deleted scenes/hall".
   void PrintDone(const char* done, const std::string& name, Context& context) const {
     if (json()) {
-      context.out << Json{{done, name}}.dump(2) << '\n';
+      PrintJson(Json{{done, name}}, context.out);
     } else {
       context.out << done << ' ' << name << '\n';
     }
   }
   void Print(const client::Scene& scene, Context& context) const {
     if (json()) {
-      context.out << SceneJson(scene).dump(2) << '\n';
+      PrintJson(SceneJson(scene), context.out);
     } else {
       PrintScene(scene, context.out);
     }

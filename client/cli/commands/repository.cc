@@ -58,7 +58,7 @@ absl::Status SceneRepositoryCommand(std::span<const std::string> args, Context& 
       row["modify_time"] = absl::FormatTime(scene.modify_time, absl::UTCTimeZone());
       json.push_back(std::move(row));
     }
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return absl::OkStatus();
   }
   context.out << absl::StreamFormat("%-32s %-9s %8s %16s  %s\n", "scene", "state", "revision",

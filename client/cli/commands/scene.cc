@@ -57,7 +57,7 @@ absl::Status SceneListCommand(std::span<const std::string> args, Context& contex
   if (command.json()) {
     Json json = Json::array();
     for (const client::Scene& scene : scenes) json.push_back(SceneJson(scene));
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return absl::OkStatus();
   }
   context.out << absl::StreamFormat("%-32s %8s %10s %14s %16s\n", "scene", "revision", "objects",
@@ -96,7 +96,7 @@ absl::Status SceneShowCommand(std::span<const std::string> args, Context& contex
                                        {"dynamic", object.dynamic}});
       }
     }
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return absl::OkStatus();
   }
   PrintScene(scene, context.out);

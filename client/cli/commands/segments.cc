@@ -87,7 +87,7 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
     json["invalid_segments"] = invalid;
     AddSummaryJson(result.summary, capabilities.threads, &json);
     json["outputs"] = Json::array({{{"kind", "hit"}, {"path", out}}});
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return absl::OkStatus();
   }
   std::vector<std::pair<std::string, std::string>> rows = {

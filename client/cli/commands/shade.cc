@@ -185,7 +185,7 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
     json["lit_shares"] = shares;
     AddSummaryJson(shadows.summary, capabilities.threads, &json);
     json["outputs"] = Json::array({{{"kind", "lit"}, {"path", a.out}}});
-    context.out << json.dump(2) << '\n';
+    PrintJson(json, context.out);
     return absl::OkStatus();
   }
   std::vector<std::pair<std::string, std::string>> rows = {

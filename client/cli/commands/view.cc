@@ -376,10 +376,9 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
       static_cast<uint64_t>(std::count(image.hit.begin(), image.hit.end(), uint8_t{1}));
   const std::vector<double> shares = LitShares(image, hits);
   if (json) {
-    context.out << ViewJson(words[0], *scene, view, query.lights, image, outputs, a, hits, shares,
-                            capabilities.threads)
-                       .dump(2)
-                << '\n';
+    PrintJson(ViewJson(words[0], *scene, view, query.lights, image, outputs, a, hits, shares,
+                       capabilities.threads),
+              context.out);
     return absl::OkStatus();
   }
   if (a.stats) {

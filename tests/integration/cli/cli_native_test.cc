@@ -45,6 +45,29 @@ TEST_F(CliNativeTest, ImportedScenesAnswerAsTheirMeshes) {
   }
 }
 
+// A file's name is any bytes; JSON is UTF-8.
+TEST_F(CliNativeTest, JsonHoldsNamesThatAreNoUtf8) {
+  const std::string mesh = Write("\xFF\xFE.obj", kSmallObj);
+  const std::string native = File("\xC0.slscene"), out = File("out\xE9.npy");
+  const std::string points = WriteDoubles("points.npy", {1, 1, 1}, 3);
+  const std::string segments = WriteDoubles("segments.npy", {1, 1, 1, 8, 1, 1}, 6);
+  const std::vector<std::string> commands[] = {
+      {"import", mesh, "-o", native},
+      {"check", mesh, "--objects"},
+      {"check", native, "--objects"},
+      {"view", mesh, "--size=8x6", "--ids", out},
+      {"relight", mesh, "--size=8x6", "--by=1,0,0", "--frames=1"},
+      {"shade", mesh, "--points", points, "--light=5,5,9", "--out", out},
+      {"segments", mesh, "--segments", segments, "--out", out}};
+  for (std::vector<std::string> command : commands) {
+    command.emplace_back("--output=json");
+    const json printed = json::parse(Good(command).out, nullptr, /*allow_exceptions=*/false);
+    EXPECT_EQ(printed.value("command", ""), command[0]);
+    EXPECT_THAT(printed.value(printed.contains("file") ? "file" : "scene", ""),
+                HasSubstr("\uFFFD"));
+  }
+}
+
 TEST_F(CliNativeTest, TheOriginCanBeChosen) {
   Good({"import", obj_, "-o", native_, "--origin", "100,200,300"});
   EXPECT_THAT(Good({"import", "builtin:box:1000", "--out", File("box.slscene")}).out,
