@@ -89,14 +89,23 @@ absl::Status EmptyMesh(const ImportReport& report) {
 absl::StatusOr<ImportedScene> ImportUnnamed(std::string_view bytes, MeshFormat format,
                                             const ImportOptions& options) {
   if (bytes.empty()) return absl::InvalidArgumentError("the file is empty");
+  SL_ASSIGN_OR_RETURN(ImportedScene scene, ReadFormat(bytes, format, options));
+  CountDefects(scene.objects, &scene.report);
+  if (scene.report.triangles == 0) return EmptyMesh(scene.report);
+  FinishNames(options.name, &scene.objects);
+  return scene;
+}
+
+// What `run` returns, its error with the file's name before it. Memory ends here, too: whichever
+// step asked for it.
+template <typename Function>
+auto NamedResult(std::string_view file, const Function& run) -> decltype(run()) {
   try {
-    SL_ASSIGN_OR_RETURN(ImportedScene scene, ReadFormat(bytes, format, options));
-    CountDefects(scene.objects, &scene.report);
-    if (scene.report.triangles == 0) return EmptyMesh(scene.report);
-    FinishNames(options.name, &scene.objects);
-    return scene;
+    auto result = run();
+    if (!result.ok()) return Named(file, result.status());
+    return result;
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError("needs more memory than there is");
+    return Named(file, absl::ResourceExhaustedError("needs more memory than there is"));
   }
 }
 
@@ -104,9 +113,7 @@ absl::StatusOr<ImportedScene> ImportUnnamed(std::string_view bytes, MeshFormat f
 
 absl::StatusOr<ImportedScene> ImportBytes(std::string_view bytes, MeshFormat format,
                                           const ImportOptions& options) {
-  absl::StatusOr<ImportedScene> scene = ImportUnnamed(bytes, format, options);
-  if (!scene.ok()) return Named(options.name, scene.status());
-  return scene;
+  return NamedResult(options.name, [&] { return ImportUnnamed(bytes, format, options); });
 }
 
 absl::StatusOr<ImportedScene> ImportFile(const std::string& path, const ImportOptions& options) {
@@ -122,11 +129,10 @@ absl::StatusOr<ImportedScene> ImportFile(const std::string& path, const ImportOp
                      " names no known mesh format (obj, ply, stl, off, gltf, glb, 3ds, dae, fbx "
                      "and others; .xz and .gz may follow)")));
   }
-  absl::StatusOr<std::string> bytes = LoadBytes(path, named);
-  if (!bytes.ok()) return Named(path, bytes.status());
-  absl::StatusOr<ImportedScene> scene = ImportUnnamed(*bytes, *format, named);
-  if (!scene.ok()) return Named(path, scene.status());
-  return scene;
+  return NamedResult(path, [&]() -> absl::StatusOr<ImportedScene> {
+    SL_ASSIGN_OR_RETURN(const std::string bytes, LoadBytes(path, named));
+    return ImportUnnamed(bytes, *format, named);
+  });
 }
 
 absl::StatusOr<std::vector<Vec3d>> ImportPoints(const std::string& path,
@@ -134,16 +140,12 @@ absl::StatusOr<std::vector<Vec3d>> ImportPoints(const std::string& path,
   if (MeshExtension(path) != "ply") {
     return Named(path, absl::InvalidArgumentError("points are read from PLY files alone"));
   }
-  try {
-    absl::StatusOr<std::string> bytes = LoadBytes(path, options);
-    if (!bytes.ok()) return Named(path, bytes.status());
-    absl::StatusOr<std::vector<Vec3d>> points = ReadPlyPoints(*bytes);
-    if (!points.ok()) return Named(path, points.status());
-    if (points->empty()) return Named(path, absl::InvalidArgumentError("holds no point"));
+  return NamedResult(path, [&]() -> absl::StatusOr<std::vector<Vec3d>> {
+    SL_ASSIGN_OR_RETURN(const std::string bytes, LoadBytes(path, options));
+    SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ReadPlyPoints(bytes));
+    if (points.empty()) return absl::InvalidArgumentError("holds no point");
     return points;
-  } catch (const std::bad_alloc&) {
-    return Named(path, absl::ResourceExhaustedError("needs more memory than there is"));
-  }
+  });
 }
 
 std::vector<std::string> DescribeReport(const ImportReport& report) {

@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <filesystem>
+#include <functional>
 #include <string>
 
+#include "absl/strings/str_cat.h"
+#include "client/import/child_process.h"
 #include "gtest/gtest.h"
 #include "tests/client/import/import_testing.h"
 #include "tests/support/temp_dir.h"
+#include "tests/support/test_scale.h"
 
 namespace sightline {
 namespace {
@@ -77,6 +82,26 @@ TEST_F(ImportFileTest, KeepsToTheByteLimit) {
   options.max_file_bytes = 1 << 16;
   EXPECT_IMPORT_ERROR(ImportFile(bomb, options).status(), kResourceExhausted,
                       "max_file_bytes, 65536");
+}
+
+// Memory that reading the file takes, before there is anything to parse.
+TEST_F(ImportFileTest, AFileThatMemoryCannotHoldIsAnError) {
+  if (testing_support::kSanitizerBuild) {
+    GTEST_SKIP() << "a child's memory is not limited where there is shadow memory";
+  }
+  constexpr uint64_t kMiB = uint64_t{1} << 20;
+  const std::string path = Write("large.ply", "ply\n");
+  std::filesystem::resize_file(path, 512 * kMiB);  // A hole.
+  ChildLimits limits;
+  limits.memory_bytes = 64 * kMiB;
+  const auto in_little = [&](const std::function<absl::Status()>& read) {
+    // What it throws would be an error of RunInChild.
+    const absl::StatusOr<std::string> said = RunInChild([&] { return read().ToString(); }, limits);
+    return said.ok() ? *said : absl::StrCat("thrown: ", said.status().message());
+  };
+  const std::string refused = absl::StrCat("RESOURCE_EXHAUSTED: ", path, ": needs more memory");
+  EXPECT_THAT(in_little([&] { return ImportFile(path).status(); }), testing::HasSubstr(refused));
+  EXPECT_THAT(in_little([&] { return ImportPoints(path).status(); }), testing::HasSubstr(refused));
 }
 
 TEST(DescribeReportTest, SaysWhatIsThereAndNothingElse) {
