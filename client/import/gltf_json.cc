@@ -110,6 +110,15 @@ class Filter {
       status_ = absl::InvalidArgumentError(absl::StrCat(ToAbsl(where), " ", ToAbsl(what)));
   }
 
+  void FailTooMany() {
+    if (status_.ok()) {
+      status_ = absl::ResourceExhaustedError(absl::StrCat(
+          "lists more than ", kMaxGltfItems,
+          " nodes, meshes, primitives, accessors, buffer views and buffers, the limit of a file: "
+          "join meshes before it is exported, or cut it into several files"));
+    }
+  }
+
   // Copies in[key], where present, as a whole number of at most `most`.
   void CopyWhole(const json& in, const char* key, uint64_t most, json* out);
   // As finite numbers, `size` of them.
@@ -131,7 +140,7 @@ class Filter {
   const MeshFormat format_;
   absl::Status status_;
   std::string where_;
-  uint64_t buffer_count_ = 0, buffer_bytes_ = 0;
+  uint64_t items_ = 0, buffer_count_ = 0, buffer_bytes_ = 0;
   bool skins_or_targets_ = false, instancing_ = false;
 };
 
@@ -202,6 +211,7 @@ void Filter::CopyList(const json& in, const char* key, Copy copy, json* out) {
   for (size_t i = 0; i < it->size() && status_.ok(); ++i) {
     where_ = absl::StrCat(list_name, "[", i, "]");
     if (!(*it)[i].is_object()) return Fail(where_, "is no object");
+    if (++items_ > kMaxGltfItems) return FailTooMany();
     json item = json::object();
     copy((*it)[i], &item);
     list.push_back(std::move(item));

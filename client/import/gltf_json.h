@@ -28,6 +28,9 @@ namespace sightline {
 // takes about 16 bytes, 64 with an array around it.
 inline constexpr int kMaxJsonDepth = 64;
 inline constexpr uint64_t kMaxJsonValues = uint64_t{16} << 20;
+// Of nodes, meshes, primitives, accessors and what else is listed, together: an empty `{}` in the
+// file is a structure of up to some 600 bytes to tinygltf.
+inline constexpr uint64_t kMaxGltfItems = uint64_t{1} << 20;
 
 struct GltfSource {
   std::string json;      // The geometry's part of the document.

@@ -36,7 +36,8 @@ enum class MeshFormat : uint8_t {
 struct ImportOptions {
   // Bytes: the most that a file may hold, after decompression too. It bounds the memory of an
   // import: the readers allocate in proportion to the bytes that are there, never to a count that a
-  // header claims.
+  // header claims. How much a byte of glTF's JSON may come to is large; there the limits of
+  // gltf_json.h bound it, too.
   uint64_t max_file_bytes = uint64_t{4} << 30;
   // Triangles: the most that a scene may hold. Instancing (glTF nodes, assimp nodes) lets a small
   // file ask for any number of them; this is where it ends.

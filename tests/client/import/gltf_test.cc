@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
+#include "client/import/gltf_json.h"
 #include "gtest/gtest.h"
 #include "tests/client/import/import_testing.h"
 #include "tests/support/temp_dir.h"
@@ -377,6 +378,21 @@ TEST(GltfTest, RefusesNestingAndNumbersThatNoParserShouldSee) {
   std::string wide = "{\"extras\":[";
   wide.append(20'000'000, ',');
   EXPECT_IMPORT_ERROR(ImportError(wide, MeshFormat::kGltf), kResourceExhausted, "16777216 values");
+  // Each takes three bytes here, and hundreds in memory. Whichever lists they stand in count.
+  const auto many = [](const std::string& item, uint64_t count) {
+    std::string list = item;
+    for (uint64_t i = 1; i < count; ++i) absl::StrAppend(&list, ",", item);
+    return list;
+  };
+  const std::string half = many("{}", kMaxGltfItems / 2 + 1);
+  EXPECT_IMPORT_ERROR(ImportError(absl::StrCat("{\"asset\":{\"version\":\"2.0\"},\"nodes\":[", half,
+                                               "],\"meshes\":[{\"primitives\":[", half, "]}]}"),
+                                  MeshFormat::kGltf),
+                      kResourceExhausted, "more than 1048576 nodes, meshes");
+  EXPECT_IMPORT_ERROR(ImportError(absl::StrCat("{\"asset\":{\"version\":\"2.0\"},\"accessors\":[",
+                                               half, "],\"bufferViews\":[", half, "]}"),
+                                  MeshFormat::kGltf),
+                      kResourceExhausted, "join meshes");
   EXPECT_IMPORT_ERROR(ImportError("{\"asset\":1e999}", MeshFormat::kGltf), kInvalidArgument,
                       "JSON");
   EXPECT_IMPORT_ERROR(ImportError("[]", MeshFormat::kGltf), kInvalidArgument, "no object");
