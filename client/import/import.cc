@@ -54,10 +54,15 @@ absl::StatusOr<std::string> LoadBytes(const std::string& path, const ImportOptio
   return plain;
 }
 
+// Without a byte order mark, which some editors put before text.
+std::string_view TextOf(std::string_view bytes) {
+  if (bytes.starts_with("\xEF\xBB\xBF")) bytes.remove_prefix(3);
+  return bytes;
+}
+
 absl::StatusOr<ImportedScene> ReadFormat(std::string_view bytes, MeshFormat format,
                                          const ImportOptions& options) {
-  std::string_view text = bytes;  // Without a byte order mark, which some editors put before text.
-  if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
+  const std::string_view text = TextOf(bytes);
   switch (format) {
     case MeshFormat::kObj:
       return ReadObj(text, options);
@@ -142,7 +147,7 @@ absl::StatusOr<std::vector<Vec3d>> ImportPoints(const std::string& path,
   }
   return NamedResult(path, [&]() -> absl::StatusOr<std::vector<Vec3d>> {
     SL_ASSIGN_OR_RETURN(const std::string bytes, LoadBytes(path, options));
-    SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ReadPlyPoints(bytes));
+    SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ReadPlyPoints(TextOf(bytes)));
     if (points.empty()) return absl::InvalidArgumentError("holds no point");
     return points;
   });

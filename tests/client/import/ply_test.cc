@@ -176,6 +176,11 @@ TEST(PlyPointsTest, ReadsPositionsWithOrWithoutFaces) {
   EXPECT_IMPORT_ERROR(ImportPoints(folder.File("none.ply")).status(), kNotFound,
                       "none.ply: no such file");
   EXPECT_IMPORT_ERROR(ImportPoints("points.obj").status(), kInvalidArgument, "points.obj");
+  // A byte order mark is no part of the text, as in ImportFile.
+  WriteFile(path, "\xEF\xBB\xBF" + Header("ascii", kVertices) + "0 0 0\n1 0 7\n2 0 0\n3 0 0\n");
+  const absl::StatusOr<std::vector<Vec3d>> marked = ImportPoints(path);
+  ASSERT_TRUE(marked.ok()) << marked.status();
+  EXPECT_EQ((*marked)[1], (Vec3d{1, 0, 7}));
 }
 
 }  // namespace
