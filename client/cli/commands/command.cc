@@ -244,6 +244,14 @@ absl::Status CheckOutputs(std::initializer_list<std::string> paths) {
   return absl::OkStatus();
 }
 
+absl::Status CheckAnswers(uint64_t lights, uint64_t places, absl::string_view what,
+                          absl::string_view remedy) {
+  constexpr uint64_t kMost = uint64_t{1} << 32;
+  if (places == 0 || lights <= kMost / places) return absl::OkStatus();
+  return UsageError(absl::StrCat(lights, " lights at ", places, " ", what, " are ", lights * places,
+                                 " answers; at most ", kMost, " are kept: ", remedy));
+}
+
 Json SunsJson(const LightFlags& lights) {
   Json json = Json::array();
   for (const TimedSun& sun : lights.timed_suns()) {

@@ -17,6 +17,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "client/cli/build_flags.h"
 #include "client/cli/flags.h"
 #include "client/cli/interruption.h"
@@ -92,6 +93,11 @@ absl::Status CheckSceneFile(const std::string& path, bool with_objects, const st
 
 // CheckWritable for each file that is named, before work starts.
 absl::Status CheckOutputs(std::initializer_list<std::string> paths);
+
+// A usage error where the answers for `lights` lights at `places` `what` ("pixels"), a byte each,
+// are more than a command keeps, 2^32; it names the `remedy`: "give fewer lights".
+absl::Status CheckAnswers(uint64_t lights, uint64_t places, absl::string_view what,
+                          absl::string_view remedy);
 
 // What --sun-at found: an array of objects; rows for PrintTable.
 Json SunsJson(const LightFlags& lights);

@@ -34,8 +34,6 @@ namespace sightline::cli {
 namespace {
 
 constexpr uint64_t kMaxFrames = 100'000;
-// Bytes of what each light reaches, one a pixel.
-constexpr uint64_t kMaxLit = uint64_t{1} << 32;
 
 struct RelightArguments {
   CameraFlags view;
@@ -276,12 +274,8 @@ absl::Status RelightCommand(std::span<const std::string> args, Context& context)
     return UsageError(absl::StrCat("--move names light ", *a.light, ", but there are ",
                                    query.lights.size(), ", numbered from 0"));
   }
-  if (query.lights.size() > kMaxLit / a.view.pixels()) {
-    return UsageError(absl::StrCat(query.lights.size(), " lights at ", a.view.pixels(),
-                                   " pixels are ", query.lights.size() * a.view.pixels(),
-                                   " answers; at most ", kMaxLit,
-                                   " are kept: give a smaller --size or fewer lights"));
-  }
+  SL_RETURN_IF_ERROR(CheckAnswers(query.lights.size(), a.view.pixels(), "pixels",
+                                  "give a smaller --size or fewer lights"));
   Frames frames(a, *session, std::move(query));
   {
     Progress progress(context.err, context.err_is_terminal, "relighting", "frames", a.frames);

@@ -135,6 +135,9 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   SL_ASSIGN_OR_RETURN(const std::vector<client::Light> named,
                       a.light.Lights(SceneUp(*scene, a.up)));
   lights.insert(lights.end(), named.begin(), named.end());
+  const size_t n = points.size() / 3;
+  SL_RETURN_IF_ERROR(CheckAnswers(lights.size(), n, "points",
+                                  "give fewer lights, or the points in several files"));
   SL_ASSIGN_OR_RETURN(client::Capabilities capabilities,
                       session->client().GetCapabilities(session->call()));
   client::ShadowQuery query;
@@ -148,7 +151,6 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
   query.point_options.normal_offset = a.offset;
   query.t_min = a.t_min;
   query.lights = lights;
-  const size_t n = points.size() / 3;
   Progress progress(context.err, context.err_is_terminal, "shading", "segments", n * lights.size());
   SL_ASSIGN_OR_RETURN(client::Shadows shadows, session->client().ComputeAllShadows(
                                                    query, session->stream(), [&](uint64_t done) {

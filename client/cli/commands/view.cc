@@ -29,8 +29,6 @@
 namespace sightline::cli {
 namespace {
 
-// One byte each: light times pixel.
-constexpr uint64_t kMaxLit = uint64_t{1} << 32;
 // Of the lights' shares, in the line for people.
 constexpr size_t kSharesShown = 8;
 
@@ -343,10 +341,9 @@ absl::Status ViewCommand(std::span<const std::string> args, Context& context) {
                       (!query.lights.empty() && (has("lit") || !a.lit.empty() || a.stats || json));
 
   const uint64_t pixels = a.view.pixels();
-  if (query.outputs.lit && query.lights.size() > kMaxLit / pixels) {
-    return UsageError(absl::StrCat(query.lights.size(), " lights at ", pixels, " pixels are ",
-                                   query.lights.size() * pixels, " answers; at most ", kMaxLit,
-                                   " are kept: give a smaller --size or fewer lights"));
+  if (query.outputs.lit) {
+    SL_RETURN_IF_ERROR(CheckAnswers(query.lights.size(), pixels, "pixels",
+                                    "give a smaller --size or fewer lights"));
   }
   const uint64_t rays_per_pixel = 1 + (query.outputs.lit ? query.lights.size() : 0);
   Progress progress(context.err, context.err_is_terminal, "tracing", "rays",

@@ -203,5 +203,20 @@ TEST_F(CliTest, ServersThatAreNotThere) {
       {});
 }
 
+// Nothing is taken for answers that would not be kept.
+TEST_F(CliTest, AnswersAreBounded) {
+  const std::string obj = Write("small.obj", kSmallObj), out = File("out");
+  const std::string rows = WriteDoubles("rows.npy", std::vector<double>(3 * 70'000, 1.0), 3);
+  Bad(kExitUsage, {"shade", obj, "--points", rows, "--lights", rows, "--out", out},
+      {"70000 lights at 70000 points are 4900000000 answers; at most 4294967296 are kept: ",
+       "fewer lights, or the points in several files"});
+  for (const char* command : {"view", "relight"}) {
+    std::vector<std::string> args = {command, obj, "--size=1920x1080", "--sky=2305"};
+    args.insert(args.end(), {"--out", out + ".png"});
+    if (args[0] == "relight") args.emplace_back("--by=1,0,0");
+    Bad(kExitUsage, args, {"2305 lights at 2073600 pixels are 4779648000 answers", "--size"});
+  }
+}
+
 }  // namespace
 }  // namespace sightline::cli
