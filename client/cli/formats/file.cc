@@ -32,6 +32,14 @@ absl::Status WriteAll(int fd, absl::string_view bytes, const std::string& path) 
   return absl::OkStatus();
 }
 
+absl::Status WriteParts(int fd, std::span<const absl::string_view> parts, const std::string& path) {
+  absl::Status status;
+  for (const absl::string_view part : parts) {
+    if (status.ok()) status = WriteAll(fd, part, path);
+  }
+  return status;
+}
+
 // Closes what it holds; the writers close by hand where they must see the error.
 class FileDescriptor {
  public:
@@ -91,17 +99,21 @@ absl::StatusOr<std::string> ReadFile(const std::string& path) {
 }
 
 absl::Status WriteFile(const std::string& path, absl::string_view bytes) {
+  return WriteFile(path, std::span(&bytes, 1));
+}
+
+absl::Status WriteFile(const std::string& path, std::span<const absl::string_view> parts) {
   if (ExistsButIsNoRegularFile(path)) {
     FileDescriptor file(::open(path.c_str(), O_WRONLY | O_CLOEXEC));
     if (file.get() < 0) return Failed(errno, "cannot write", path);
-    return WriteAll(file.get(), bytes, path);
+    return WriteParts(file.get(), parts, path);
   }
   static std::atomic<int> counter{0};
   const std::string target = Resolve(path);
   const std::string temporary = absl::StrCat(target, ".", ::getpid(), ".", ++counter, ".tmp");
   FileDescriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (file.get() < 0) return Failed(errno, "cannot write", path);
-  absl::Status status = WriteAll(file.get(), bytes, path);
+  absl::Status status = WriteParts(file.get(), parts, path);
   if (!file.Close() && status.ok()) status = Failed(errno, "cannot write", path);
   if (status.ok() && ::rename(temporary.c_str(), target.c_str()) != 0) {
     status = Failed(errno, "cannot write", path);

@@ -12,6 +12,7 @@
 #ifndef SIGHTLINE_CLIENT_CLI_FORMATS_FILE_H_
 #define SIGHTLINE_CLIENT_CLI_FORMATS_FILE_H_
 
+#include <span>
 #include <string>
 
 #include "absl/status/status.h"
@@ -25,6 +26,8 @@ absl::StatusOr<std::string> ReadFile(const std::string& path);
 
 // Puts `bytes` at `path`. The errors name the path and what the system said.
 absl::Status WriteFile(const std::string& path, absl::string_view bytes);
+// The same of bytes that lie in several places, in this order.
+absl::Status WriteFile(const std::string& path, std::span<const absl::string_view> parts);
 
 // Fails now rather than after minutes of work: the folder of `path` must exist and take a new file.
 absl::Status CheckWritable(const std::string& path);

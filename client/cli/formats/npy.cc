@@ -305,11 +305,14 @@ absl::StatusOr<NpyArray> ReadNpy(const std::string& path) {
   return ParseNpy(*bytes, path);
 }
 
+namespace {
+
+// All that stands before the values.
 template <typename T>
-std::string FormatNpy(std::span<const size_t> shape, std::span<const T> values) {
+std::string NpyHeader(std::span<const size_t> shape, size_t values) {
   size_t count = 1;
   for (size_t n : shape) count *= n;
-  SIGHTLINE_CHECK(count == values.size());
+  SIGHTLINE_CHECK(count == values);
   std::string header =
       absl::StrCat("{'descr': '", Descr<T>(),
                    "', 'fortran_order': False, 'shape': ", NpyShapeText(shape), ", }");
@@ -323,14 +326,28 @@ std::string FormatNpy(std::span<const size_t> shape, std::span<const T> values) 
   bytes += static_cast<char>(header.size() & 255);
   bytes += static_cast<char>(header.size() >> 8);
   bytes += header;
-  bytes.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
   return bytes;
+}
+
+template <typename T>
+absl::string_view BytesOf(std::span<const T> values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size_bytes()};
+}
+
+}  // namespace
+
+template <typename T>
+std::string FormatNpy(std::span<const size_t> shape, std::span<const T> values) {
+  return absl::StrCat(NpyHeader<T>(shape, values.size()), BytesOf(values));
 }
 
 template <typename T>
 absl::Status WriteNpy(const std::string& path, std::span<const size_t> shape,
                       std::span<const T> values) {
-  return WriteFile(path, FormatNpy<T>(shape, values));
+  const std::string header = NpyHeader<T>(shape, values.size());
+  // The values as they lie there: they may fill half of the memory.
+  const absl::string_view parts[] = {header, BytesOf(values)};
+  return WriteFile(path, parts);
 }
 
 #define SIGHTLINE_NPY_TYPE(T)                                                     \

@@ -23,6 +23,9 @@ TEST(FileTest, ReadsWhatItWritesAndLeavesNothingBeside) {
   ASSERT_TRUE(WriteFile(path, "something longer, first").ok());
   ASSERT_TRUE(WriteFile(path, bytes).ok());
   EXPECT_EQ(ReadFile(path).value(), bytes);
+  const absl::string_view parts[] = {"head", "", bytes};
+  ASSERT_TRUE(WriteFile(path, parts).ok());
+  EXPECT_EQ(ReadFile(path).value(), "head" + bytes);
   int files = 0;
   for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(dir.path()))
     ++files;
