@@ -21,7 +21,7 @@ absl::string_view ExitCodeHelp() {
          "  0   done\n"
          "  64  the command line makes no sense\n"
          "  65  a file or a value is bad, or passes a limit of the server\n"
-         "  66  a file cannot be read, or there is no such scene\n"
+         "  66  a file cannot be read, there is no such scene, or the server denies access\n"
          "  69  the server cannot be reached (trying again may help)\n"
          "  70  internal error\n"
          "  73  an output file cannot be written\n"

@@ -15,7 +15,7 @@ enum ExitCode : int {
   kExitOk = 0,
   kExitUsage = 64,         // The command line makes no sense.
   kExitData = 65,          // A file or a value given is bad, or passes a limit.
-  kExitNoInput = 66,       // A file cannot be read, or the server has no such scene.
+  kExitNoInput = 66,       // A file cannot be read; the server has no such scene, or refuses.
   kExitUnavailable = 69,   // No connection to the server; trying again may help.
   kExitInternal = 70,      // A bug of ours.
   kExitCannotCreate = 73,  // An output file cannot be written.
