@@ -18,9 +18,11 @@ namespace sightline {
 
 // OK, or DataLoss naming the first fault found and where it is. Checks that every index is in range
 // and every node, leaf and id is reached once, in order; that splits lie within their cells; that
-// every triangle stands in each leaf it must; leaf boxes, reach, bounds, counts and depth.
-// Cancelled or DeadlineExceeded from `cancel`. Takes time in proportion to the references times the
-// depth, most of it in parallel within the calling thread's pool; never reads out of bounds.
+// every triangle stands in each leaf it must and in no other; leaf boxes, reach, bounds, counts and
+// depth. Cancelled or DeadlineExceeded from `cancel`. Whatever the tree, takes time in proportion
+// to its nodes and to its references (KdTree::ids) times the depth, most of it in parallel within
+// the calling thread's pool, and memory in proportion to nodes, references and triangles; never
+// reads out of bounds.
 absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry,
                             const CancelToken* cancel = nullptr);
 

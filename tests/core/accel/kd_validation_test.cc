@@ -3,11 +3,16 @@
 // A valid tree, spoiled in one place at a time: every fault is found and named.
 #include "core/accel/kd_validation.h"
 
+#include <sys/resource.h>
+
 #include <cmath>
+#include <cstdint>
 #include <functional>
+#include <string>
 #include <utility>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "core/accel/kd_builder.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -89,7 +94,7 @@ TEST_F(KdValidationTest, TrianglesInSplits) {
   geometry_.triangles.resize(geometry_.triangles.size() + 40, {first, first + 1, first + 2});
   const auto wall = static_cast<uint32_t>(geometry_.triangles.size() - 1);
   tree_ = Build({});
-  int spoiled = 0, in_split = 0;
+  int spoiled = 0, wall_missed = 0;
   for (size_t l = 0; l < tree_.leaves.size(); ++l) {
     const auto ids = tree_.LeafIds(tree_.leaves[l]);
     if (ids.size() < 2 || ids.back() != wall) continue;
@@ -102,11 +107,11 @@ TEST_F(KdValidationTest, TrianglesInSplits) {
     for (size_t later = l + 1; later < tree.leaves.size(); ++later) --tree.leaves[later].first;
     const absl::Status status = ValidateKdTree(tree, geometry_);
     EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss) << "leaf " << l;
-    in_split += absl::StrContains(status.message(), "on either side of it");
+    wall_missed += absl::StrContains(status.message(), absl::StrCat("triangle ", wall));
     ++spoiled;
   }
   EXPECT_GT(spoiled, 3);
-  EXPECT_GT(in_split, 0);
+  EXPECT_GT(wall_missed, 0);
 }
 
 // With perfect splits, too, no leaf's box may be smaller by a float than what reaches into it.
@@ -208,6 +213,119 @@ TEST_F(KdValidationTest, LargeTreesAreCheckedBySubtrees) {
     ExpectFault("leaf", [](KdTree& t) { t.ids.back() = (t.ids.back() + 20'000) % 40'000; });
     ExpectFault("leaf", [](KdTree& t) { t.leaves.back().lo[2] -= 0.001f; });
   }
+}
+
+// Trees as hostile files may hold them: below a node, so many empty leaves that whoever took every
+// triangle to each of them, or kept them all, would be done for.
+class HostileKdTreeTest : public ::testing::Test {
+ protected:
+  static constexpr uint32_t kCopies = 17'000;
+  static constexpr int kEmptyLevels = 12;
+  // Taking them all to each would take four times as much.
+  static constexpr int64_t kMaxKibibytes = 512 << 10;
+  static_assert(int64_t{kCopies} * 32 << kEmptyLevels > 4 * kMaxKibibytes * 1024);
+
+  void AddTriangles(uint32_t copies, Vec3f a, Vec3f b, Vec3f c) {
+    const auto first = static_cast<uint32_t>(geometry_.vertices.size());
+    for (const Vec3f corner : {a, b, c}) {
+      geometry_.vertices.push_back(corner);
+      geometry_.bounds.Extend(corner);
+    }
+    geometry_.triangles.resize(geometry_.triangles.size() + copies, {first, first + 1, first + 2});
+    tree_.triangle_count += copies;
+    tree_.bounds = geometry_.bounds;
+  }
+  // Turns node `at` into an inner one; returns the first child.
+  uint32_t Split(uint32_t at, int axis, float split) {
+    const auto child = static_cast<uint32_t>(tree_.nodes.size());
+    tree_.nodes.resize(tree_.nodes.size() + 2);
+    tree_.nodes[at] = KdNode::Inner(axis, split, child);
+    return child;
+  }
+  // Triangles first .. last - 1.
+  void Leaf(uint32_t at, const Box3f& box, uint32_t first, uint32_t last) {
+    tree_.nodes[at] = KdNode::Leaf(static_cast<uint32_t>(tree_.leaves.size()));
+    tree_.leaves.push_back({{box.lo.x, box.lo.y, box.lo.z},
+                            static_cast<uint32_t>(tree_.ids.size()),
+                            {box.hi.x, box.hi.y, box.hi.z},
+                            last - first});
+    for (uint32_t id = first; id < last; ++id) tree_.ids.push_back(id);
+  }
+  void Emptiness(uint32_t at, const Box3f& cell, int levels) {
+    if (levels == 0) return;
+    const int axis = levels % 2;
+    Box3f below = cell, above = cell;
+    below.hi[axis] = above.lo[axis] = 0.5f * (cell.lo[axis] + cell.hi[axis]);
+    const uint32_t child = Split(at, axis, below.hi[axis]);
+    Emptiness(child, below, levels - 1);
+    Emptiness(child + 1, above, levels - 1);
+  }
+  // What it says of the tree; fails where that takes too much memory.
+  absl::Status Validate() const {
+    const auto peak = [] {
+      rusage usage{};
+      EXPECT_EQ(getrusage(RUSAGE_SELF, &usage), 0);
+      return int64_t{usage.ru_maxrss};
+    };
+    const int64_t before = peak();
+    absl::Status status = ValidateKdTree(tree_, geometry_);
+    EXPECT_LT(peak() - before, kMaxKibibytes);
+    return status;
+  }
+  // Two small triangles, and copies of a large one whose z goes from 0 to `top`; the emptiness is
+  // above z = 0.
+  void LayFloor(float top) {
+    AddTriangles(1, {0, 0, -1}, {0.5f, 0, -1}, {0, 0.5f, -0.5f});
+    AddTriangles(kCopies, {0, 0, 0}, {1, 0, 0}, {0, 1, top});
+    AddTriangles(1, {0, 0, 0.5f}, {0.5f, 0, 0.5f}, {0, 0.5f, 1});
+    tree_.nodes.resize(1);
+    const uint32_t floor = Split(0, 2, 0), roof = Split(floor + 1, 2, 0.25f);
+    Emptiness(roof, {{0, 0, 0}, {1, 1, 0.25f}}, kEmptyLevels);
+    Leaf(floor, {{0, 0, -1}, {1, 1, 0}}, 0, kCopies + 1);
+    Leaf(roof + 1, {{0, 0, 0.5f}, {0.5f, 0.5f, 1}}, kCopies + 1, kCopies + 2);
+    tree_.max_depth = 2 + kEmptyLevels;
+  }
+
+  SceneGeometry geometry_;
+  KdTree tree_;
+};
+
+// They stand on the other side.
+TEST_F(HostileKdTreeTest, ManyTrianglesInASplitAboveEmptiness) {
+  LayFloor(0);
+  EXPECT_TRUE(Validate().ok()) << Validate();
+}
+
+TEST_F(HostileKdTreeTest, ATriangleOnBothSidesOfItsSplit) {
+  LayFloor(0);
+  // The roof's leaf, which is beyond z = 0.25, becomes that of the cell above the floor.
+  tree_.nodes.resize(3);
+  tree_.leaves.pop_back();
+  tree_.ids.pop_back();
+  Leaf(2, {{0, 0, 0}, {1, 1, 1}}, kCopies, kCopies + 2);
+  tree_.max_depth = 1;
+  EXPECT_THAT(std::string(Validate().message()), HasSubstr("stands on both sides of it"));
+}
+
+TEST_F(HostileKdTreeTest, ManyTrianglesThatReachIntoEmptiness) {
+  LayFloor(0.125f);
+  // As if they began in the floor's cell.
+  geometry_.vertices[3].z = -0.125f;
+  EXPECT_THAT(std::string(Validate().message()), HasSubstr("stands in no leaf below it"));
+}
+
+// With perfect splits, triangles whose boxes alone reach there.
+TEST_F(HostileKdTreeTest, ManyClippedTrianglesAroundEmptiness) {
+  AddTriangles(kCopies, {1, 0, 0}, {0, 1, 0}, {0, 0, 1});
+  tree_.nodes.resize(1);
+  const uint32_t x = Split(0, 0, 0.75f), y = Split(x + 1, 1, 0.75f);
+  Emptiness(y + 1, {{0.75f, 0.75f, 0}, {1, 1, 1}}, kEmptyLevels);
+  Leaf(x, {{0, 0, 0}, {0.75f, 1, 1}}, 0, kCopies);
+  Leaf(y, {{0.75f, 0, 0}, {1, 0.75f, 1}}, 0, kCopies);
+  tree_.max_depth = 2 + kEmptyLevels;
+  tree_.reach.resize(tree_.nodes.size(), Box3f());
+  for (const uint32_t node : {0u, x, x + 1, y}) tree_.reach[node] = tree_.bounds;
+  EXPECT_TRUE(Validate().ok()) << Validate();
 }
 
 TEST(KdValidationEmptyTest, NothingToHit) {
