@@ -90,6 +90,8 @@ class Finder {
             const Vec3f p = vertices[v];
             const uint64_t hash = HashPosition(p);
             number_[v] = v;
+            // Equal to none, and of one hash: they would fill the places that others look for.
+            if (!IsFinite(p)) continue;
             for (size_t probe = 0; probe < kMaxProbes; ++probe) {
               std::atomic_ref<uint32_t> place(table[(hash + probe) & last]);
               uint32_t there = place.load(std::memory_order_relaxed);

@@ -5,12 +5,14 @@
 #include <array>
 #include <bit>
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <utility>
 #include <vector>
 
 #include "core/accel/bvh_builder.h"
 #include "core/accel/bvh_refit.h"
+#include "core/mesh/position_hash.h"
 #include "gtest/gtest.h"
 #include "tests/core/accel/test_meshes.h"
 #include "tests/support/random.h"
@@ -168,6 +170,42 @@ TEST(LeafMatesFinderTest, AreTheSameHoweverManyThreads) {
     const Bvh many = BuildWithMates(book, {}, 4);
     EXPECT_EQ(many.mates.rows, one.mates.rows);
     EXPECT_EQ(many.mates.units, one.mates.units);
+  }
+}
+
+// A vertex whose places would all be taken by those that are not finite, if they took any: where
+// they come first, and where they come last.
+TEST(LeafMatesFinderTest, VerticesThatAreNotFiniteTakeNoPlaces) {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  constexpr uint32_t kMany = 200;
+  constexpr uint64_t kSamePlace = 0xFFFF;  // In tables of up to so many.
+  TestRng rng;
+  Vec3f meeting;
+  do {
+    meeting = {static_cast<float>(rng.Uniform(0, 9)), 0.5f, static_cast<float>(rng.Uniform(0, 9))};
+  } while (((HashPosition(meeting) ^ HashPosition({kNan, kNan, kNan})) & kSamePlace) != 0);
+  for (const bool first : {true, false}) {
+    SceneGeometry ring = Ring(100, false);
+    const Vec3f moved = ring.vertices[0];
+    for (Vec3f& vertex : ring.vertices) vertex = vertex == moved ? meeting : vertex;
+    ring.bounds.Extend(meeting);
+    AlignedVector<Vec3f> vertices(kMany, Vec3f{kNan, kNan, kNan});
+    if (first) {
+      for (const Vec3f& vertex : ring.vertices) vertices.push_back(vertex);
+      for (auto& triangle : ring.triangles) {
+        for (uint32_t& corner : triangle) corner += kMany;
+      }
+      ring.vertices = vertices;
+    } else {
+      for (const Vec3f& vertex : vertices) ring.vertices.push_back(vertex);
+    }
+    const Bvh one = BuildWithMates(ring, {}, 1);
+    for (const auto& [ends, at] : CheckMates(one, ring)) {
+      EXPECT_EQ(at.joined, (at.up + at.down) / 2 * 2) << first;
+    }
+    for (int round = 0; round < 3; ++round) {
+      EXPECT_EQ(BuildWithMates(ring, {}, 4).mates.rows, one.mates.rows) << first;
+    }
   }
 }
 
