@@ -17,6 +17,8 @@ namespace sightline {
 namespace {
 
 constexpr size_t kGrain = 1 << 14;
+// Their tree's nodes, up to twice as many less one, are numbered in 32 bits.
+constexpr uint64_t kMaxTriangles = uint64_t{1} << 31;
 // Ranges of fewer triangles are built by one thread, which is when tasks stop paying.
 constexpr size_t kParallelTriangles = 1 << 12;
 
@@ -242,6 +244,12 @@ absl::StatusOr<BinaryBvh> BuildBinaryBvh(const SceneGeometry& geometry,
                                          const BinaryBvhOptions& options, ThreadPool& pool,
                                          const CancelToken* cancel) {
   SL_RETURN_IF_ERROR(ValidateBinaryBvhOptions(options));
+  const uint64_t triangles = geometry.triangles.size() - geometry.inert.size();
+  if (triangles > kMaxTriangles) {
+    return absl::ResourceExhaustedError(absl::StrCat("the scene has ", triangles,
+                                                     " triangles; a binary BVH holds at most ",
+                                                     kMaxTriangles, ": split the scene"));
+  }
   BinaryBvh bvh;
   Builder builder(geometry, options, cancel, &bvh);
   pool.ParallelFor(1, 1, [&](size_t, size_t) {

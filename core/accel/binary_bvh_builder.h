@@ -47,8 +47,8 @@ struct BinaryBvhOptions {  // Speed and memory only, all of these.
 // InvalidArgument naming what is out of range, its value and the range.
 absl::Status ValidateBinaryBvhOptions(const BinaryBvhOptions& options);
 
-// Errors: InvalidArgument (ValidateBinaryBvhOptions), Cancelled or
-// DeadlineExceeded from `cancel`.
+// Errors: InvalidArgument (ValidateBinaryBvhOptions), ResourceExhausted (more than 2^31 triangles
+// that can be hit), Cancelled or DeadlineExceeded from `cancel`.
 absl::StatusOr<BinaryBvh> BuildBinaryBvh(const SceneGeometry& geometry,
                                          const BinaryBvhOptions& options, ThreadPool& pool,
                                          const CancelToken* cancel = nullptr);

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/accel/binary_bvh_builder.h"
 
+#include <array>
 #include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <memory>
+#include <string>
 #include <vector>
 
 #include "core/accel/bvh.h"
@@ -162,6 +166,18 @@ TEST(BinaryBvhBuilderTest, ACancelledBuildSaysSo) {
   cancel.Cancel();
   EXPECT_EQ(BuildBinaryBvh(geometry, {}, pool, &cancel).status().code(),
             absl::StatusCode::kCancelled);
+}
+
+TEST(BinaryBvhBuilderTest, RefusesMoreTrianglesThanItsNodesAreNumberedFor) {
+  // Said to be so many, and never looked at.
+  using Triangles = AlignedVector<std::array<uint32_t, 3>>;
+  const auto one = std::make_shared<const Triangles>(1);
+  SceneGeometry geometry;
+  geometry.triangles = Triangles::Borrow({one->begin(), (size_t{1} << 31) + 1}, one);
+  ThreadPool pool(1);
+  const absl::Status status = BuildBinaryBvh(geometry, {.stop_by_cost = false}, pool).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+  EXPECT_NE(std::string(status.message()).find("2147483649 triangles"), std::string::npos);
 }
 
 }  // namespace
