@@ -57,7 +57,8 @@ struct Bvh {
   uint32_t triangle_count = 0;
   uint32_t max_depth = 0;  // Inner nodes on the longest path from the root, the root included.
   // What the heuristic expects a ray through the bounds to cost, over what it expected when the
-  // tree was built: above 1 once it was fitted to triangles that moved apart (bvh_refit.h).
+  // tree was built: above 1 once it was fitted to triangles that moved apart (bvh_refit.h). Goes
+  // along into a native scene file.
   double cost_growth = 1;
 
   bool empty() const { return nodes.empty(); }

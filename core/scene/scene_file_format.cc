@@ -86,6 +86,8 @@ absl::string_view SectionName(uint32_t kind) {
       return "leaf mates";
     case SectionKind::kLeafMateUnits:
       return "leaf mates' units";
+    case SectionKind::kBvhGrowth:
+      return "bvh growth";
   }
   return "addition";
 }
@@ -124,6 +126,8 @@ uint32_t SectionElementBytes(SectionKind kind) {
       return sizeof(BinaryBvhNode);
     case SectionKind::kLeafMateRows:
       return sizeof(LeafMate);
+    case SectionKind::kBvhGrowth:
+      return sizeof(SceneFileBvhGrowth);
     case SectionKind::kNames:
     case SectionKind::kLeafMateUnits:
       return 1;

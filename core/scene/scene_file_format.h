@@ -68,6 +68,8 @@ enum class SectionKind : uint32_t {
   // Bvh::mates, if it has any: both, or none.
   kLeafMateRows = 264,   // LeafMates::rows.
   kLeafMateUnits = 265,  // LeafMates::units.
+  // Of a BVH that was fitted to triangles that moved. Without it, the tree is as it was built.
+  kBvhGrowth = 266,  // One SceneFileBvhGrowth.
 };
 inline constexpr uint32_t kRequiredSections = 10;
 
@@ -128,6 +130,11 @@ struct SceneFileBinaryBvh {
   uint32_t leaf_count, max_depth;
 };
 static_assert(sizeof(SceneFileBinaryBvh) == 8);
+
+struct SceneFileBvhGrowth {
+  double cost_growth;  // Bvh::cost_growth: finite, above 0.
+};
+static_assert(sizeof(SceneFileBvhGrowth) == 8);
 
 constexpr bool IsSceneFileRevision(uint64_t revision) {
   return revision >= 1 && revision <= kMaxSceneFileRevision;

@@ -221,6 +221,12 @@ class Reader {
     bvh.triangle_count = static_cast<uint32_t>(geometry.triangles.size() - geometry.inert.size());
     SL_RETURN_IF_ERROR(Named(file_, ValidateBvh(bvh, geometry, cancel_)));
     SL_RETURN_IF_ERROR(Named(file_, ValidateLeafMates(bvh, geometry, cancel_)));
+    const auto growths = Elements<SceneFileBvhGrowth>(SectionKind::kBvhGrowth);
+    if (growths.size() > 1) return Fault(file_, "it has ", growths.size(), " bvh growths");
+    if (!growths.empty()) bvh.cost_growth = growths[0].cost_growth;
+    if (!(bvh.cost_growth > 0 && std::isfinite(bvh.cost_growth))) {
+      return Fault(file_, "its bvh is said to cost ", bvh.cost_growth, " times what it did");
+    }
     scene->bvh = std::move(bvh);
     return absl::OkStatus();
   }

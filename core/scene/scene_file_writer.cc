@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstring>
 #include <exception>
 #include <new>
@@ -108,6 +109,10 @@ class Image {
       Add(SectionKind::kLeafMateRows, std::span<const LeafMate>(mates.rows));
       Add(SectionKind::kLeafMateUnits, std::span<const uint8_t>(mates.units));
     }
+    if (scene.bvh.cost_growth != 1 && std::isfinite(scene.bvh.cost_growth)) {
+      bvh_growth_ = {scene.bvh.cost_growth};
+      Add(SectionKind::kBvhGrowth, std::span<const SceneFileBvhGrowth>(&bvh_growth_, 1));
+    }
   }
 
   void Sum(const CancelToken* cancel) {
@@ -189,6 +194,7 @@ class Image {
   const uint32_t version_;
   SceneFileKdTree kd_tree_ = {};
   SceneFileBinaryBvh binary_bvh_ = {};
+  SceneFileBvhGrowth bvh_growth_ = {};
   std::vector<SceneFileObject> objects_;
   std::string names_;
   SceneFileHeader header_ = {};
