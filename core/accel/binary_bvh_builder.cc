@@ -251,9 +251,9 @@ absl::StatusOr<BinaryBvh> BuildBinaryBvh(const SceneGeometry& geometry,
                                                      kMaxTriangles, ": split the scene"));
   }
   BinaryBvh bvh;
-  Builder builder(geometry, options, cancel, &bvh);
+  // One block: the calling thread enters the pool, and everything below runs within it.
   pool.ParallelFor(1, 1, [&](size_t, size_t) {
-    builder.Build();
+    Builder(geometry, options, cancel, &bvh).Build();
     bvh.leaves = MakeLeafTriangles(geometry, {bvh.ids.data(), bvh.ids.size()});
   });
   if (cancel != nullptr && cancel->cancelled()) return cancel->ToStatus();

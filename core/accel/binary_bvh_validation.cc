@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <vector>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 
 namespace sightline {
@@ -23,7 +25,8 @@ class Validator {
   Validator(const BinaryBvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel)
       : bvh_(bvh), geometry_(geometry), cancel_(cancel) {}
 
-  absl::Status Run() {
+  // Not inlined: it computes in its caller's floating-point environment.
+  ABSL_ATTRIBUTE_NOINLINE absl::Status Run() {
     const size_t triangles = geometry_.triangles.size() - geometry_.inert.size();
     if (bvh_.ids.size() != triangles) {
       return Fault(bvh_.ids.size(), " ids for ", triangles, " triangles that can be hit");
@@ -137,6 +140,7 @@ class Validator {
 
 absl::Status ValidateBinaryBvh(const BinaryBvh& bvh, const SceneGeometry& geometry,
                                const CancelToken* cancel) {
+  const ScopedFloatEnvironment environment;
   return Validator(bvh, geometry, cancel).Run();
 }
 

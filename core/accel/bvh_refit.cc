@@ -125,21 +125,20 @@ class Refitter {
 absl::Status Fit(const Bvh& from, const SceneGeometry& geometry, ThreadPool& pool,
                  const CancelToken* cancel, Bvh* to) {
   if (from.empty()) return absl::OkStatus();
-  const double area_before = HalfArea(from.bounds);
-  Fitted root;
   // One block: the calling thread enters the pool, and everything below runs within it.
-  pool.ParallelFor(
-      1, 1, [&](size_t, size_t) { root = Refitter(from, geometry, cancel, to).FitNode(0, 0); });
-  if (cancel != nullptr) SL_RETURN_IF_ERROR(cancel->ToStatus());
-  const Float4 lo = root.box.lo, hi = root.box.hi;
-  to->bounds = {{lo[0], lo[1], lo[2]}, {hi[0], hi[1], hi[2]}};
-  const double before = area_before > 0 ? root.cost_before / area_before : 0;
-  const double area_now = HalfArea(to->bounds);
-  const double now = area_now > 0 ? root.cost_now / area_now : 0;
-  // Of boxes without an area the heuristic says nothing.
-  constexpr double kUnknown = std::numeric_limits<double>::infinity();
-  to->cost_growth = before > 0 && now > 0 ? from.cost_growth * (now / before) : kUnknown;
-  return absl::OkStatus();
+  pool.ParallelFor(1, 1, [&](size_t, size_t) {
+    const double area_before = HalfArea(from.bounds);
+    const Fitted root = Refitter(from, geometry, cancel, to).FitNode(0, 0);
+    const Float4 lo = root.box.lo, hi = root.box.hi;
+    to->bounds = {{lo[0], lo[1], lo[2]}, {hi[0], hi[1], hi[2]}};
+    const double before = area_before > 0 ? root.cost_before / area_before : 0;
+    const double area_now = HalfArea(to->bounds);
+    const double now = area_now > 0 ? root.cost_now / area_now : 0;
+    // Of boxes without an area the heuristic says nothing.
+    constexpr double kUnknown = std::numeric_limits<double>::infinity();
+    to->cost_growth = before > 0 && now > 0 ? from.cost_growth * (now / before) : kUnknown;
+  });
+  return cancel == nullptr ? absl::OkStatus() : cancel->ToStatus();
 }
 
 }  // namespace

@@ -9,8 +9,10 @@
 #include <string>
 #include <vector>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/aligned_vector.h"
+#include "core/base/float_environment.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
 
@@ -27,7 +29,8 @@ class Validator {
   Validator(const Bvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel)
       : bvh_(bvh), geometry_(geometry), cancel_(cancel) {}
 
-  absl::Status Validate() {
+  // Not inlined: it computes in its caller's floating-point environment.
+  ABSL_ATTRIBUTE_NOINLINE absl::Status Validate() {
     const size_t live = geometry_.triangles.size() - geometry_.inert.size();
     if (bvh_.triangle_count != live) {
       return Fault("it counts ", bvh_.triangle_count, " triangles, the geometry ", live);
@@ -283,6 +286,7 @@ class Validator {
 }  // namespace
 
 absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel) {
+  const ScopedFloatEnvironment environment;
   return Validator(bvh, geometry, cancel).Validate();
 }
 

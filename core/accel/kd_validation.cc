@@ -7,8 +7,10 @@
 #include <utility>
 #include <vector>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
 #include "core/accel/kd_clip.h"
+#include "core/base/float_environment.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
 
@@ -32,7 +34,8 @@ class Validator {
   Validator(const KdTree& tree, const SceneGeometry& geometry, const CancelToken* cancel)
       : tree_(tree), geometry_(geometry), cancel_(cancel) {}
 
-  absl::Status Validate() {
+  // Not inlined: it computes in its caller's floating-point environment.
+  ABSL_ATTRIBUTE_NOINLINE absl::Status Validate() {
     const size_t live = geometry_.triangles.size() - geometry_.inert.size();
     if (tree_.triangle_count != live) {
       return Fault("it counts ", tree_.triangle_count, " triangles, the geometry ", live);
@@ -409,6 +412,7 @@ class Validator {
 
 absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry,
                             const CancelToken* cancel) {
+  const ScopedFloatEnvironment environment;
   return Validator(tree, geometry, cancel).Validate();
 }
 
