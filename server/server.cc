@@ -174,7 +174,7 @@ absl::Status Server::ServeHttp() {
 
 HttpReply Server::MetricsPage(const HttpRequest& request) {
   const absl::Status allowed =
-      access_.CheckRoles("/metrics", kMetricsRole, {.authorization = request.authorization});
+      access_.CheckRoles("/metrics", kMetricsRole, {.authorizations = {request.authorization}});
   if (!allowed.ok()) {
     return {.code = absl::IsUnauthenticated(allowed) ? 401 : 403,
             .body = absl::StrCat(allowed.message(), "\n")};

@@ -9,6 +9,14 @@
 #include "absl/strings/str_cat.h"
 
 namespace sightline {
+namespace {
+
+// Of somebody whom the access file does not know, such as a caller that it knew when the call was
+// checked and no longer does: next to nothing, since 0 would be no limit.
+constexpr CallerLimits kUnknownCaller{
+    .rays = 1, .streams = 1, .uploads = 1, .upload_bytes = 1, .scenes = 1};
+
+}  // namespace
 
 std::string ClientOfPeer(absl::string_view peer) {
   if (absl::StartsWith(peer, "unix")) return "unix";
@@ -21,6 +29,7 @@ Client ClientOf(const grpc::ServerContextBase& context, const AccessControl* acc
     if (const std::optional<Caller> caller = access->Identify(ShownBy(context))) {
       return {caller->name, caller->limits};
     }
+    return {ClientOfPeer(context.peer()), kUnknownCaller};
   }
   const std::shared_ptr<const grpc::AuthContext> auth = context.auth_context();
   if (auth != nullptr && auth->IsPeerAuthenticated()) {

@@ -25,7 +25,7 @@ struct Client {
   CallerLimits limits;
 };
 
-// `access` may be null.
+// `access` may be null. Whom an active one does not know may have next to nothing.
 Client ClientOf(const grpc::ServerContextBase& context, const AccessControl* access);
 
 // Of gRPC's name of a peer, such as "ipv4:10.1.2.3:40211" or "unix:".

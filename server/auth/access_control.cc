@@ -45,6 +45,11 @@ absl::Status AccessControl::CheckRoles(absl::string_view what, RoleSet roles,
   const std::optional<Caller> caller = Identify(shown);
   if (caller.has_value() && (caller->roles & roles) != 0) return absl::OkStatus();
   ++refused_;
+  if (!caller.has_value() && shown.authorizations.size() > 1) {
+    return absl::UnauthenticatedError(absl::StrCat(what, " wants the role ", RoleNames(roles), ": ",
+                                                   shown.authorizations.size(),
+                                                   " authorizations were sent; send one"));
+  }
   if (!caller.has_value()) {
     return absl::UnauthenticatedError(
         absl::StrCat(what, " wants the role ", RoleNames(roles),
@@ -54,11 +59,14 @@ absl::Status AccessControl::CheckRoles(absl::string_view what, RoleSet roles,
                                                   caller->name, " has ", RoleNames(caller->roles)));
 }
 
+void AddMetadata(absl::string_view key, absl::string_view value, Shown* shown) {
+  if (key == "authorization") shown->authorizations.emplace_back(value);
+}
+
 Shown ShownBy(const grpc::ServerContextBase& context) {
   Shown shown;
-  const auto found = context.client_metadata().find("authorization");
-  if (found != context.client_metadata().end()) {
-    shown.authorization.assign(found->second.data(), found->second.size());
+  for (const auto& [key, value] : context.client_metadata()) {
+    AddMetadata({key.data(), key.size()}, {value.data(), value.size()}, &shown);
   }
   const std::shared_ptr<const grpc::AuthContext> auth = context.auth_context();
   if (auth != nullptr && auth->IsPeerAuthenticated()) {

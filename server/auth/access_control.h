@@ -56,6 +56,10 @@ class AccessControl {
   std::shared_ptr<const AccessPolicy> policy_ ABSL_GUARDED_BY(mutex_);
 };
 
+// The one place that says which of a call's metadata tells who its caller is; called with all of
+// it, by ShownBy and by the check before the call.
+void AddMetadata(absl::string_view key, absl::string_view value, Shown* shown);
+
 // What the caller behind a call shows. REQUIRES: the call has begun.
 Shown ShownBy(const grpc::ServerContextBase& context);
 

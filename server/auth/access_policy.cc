@@ -181,8 +181,9 @@ std::optional<Caller> AccessPolicy::Identify(const Shown& shown) const {
 }
 
 std::optional<Caller> AccessPolicy::Recognize(const Shown& shown) const {
-  if (!shown.authorization.empty()) {
-    absl::string_view token = shown.authorization;
+  if (shown.authorizations.size() > 1) return std::nullopt;
+  if (!shown.authorizations.empty() && !shown.authorizations[0].empty()) {
+    absl::string_view token = shown.authorizations[0];
     const size_t blank = token.find(' ');
     if (blank == absl::string_view::npos ||
         !absl::EqualsIgnoreCase(token.substr(0, blank), "bearer")) {

@@ -48,7 +48,9 @@ namespace sightline {
 // What a caller shows of itself.
 struct Shown {
   std::vector<std::string> certificate_names;  // Of a verified certificate.
-  std::string authorization;                   // The header or metadata; empty without.
+  // Every value of the header or metadata. Several are nobody's: whoever looked at the first alone,
+  // or at the last, would know another caller than the next one who looks.
+  std::vector<std::string> authorizations;
   bool through_unix_socket = false;
 };
 
@@ -72,7 +74,8 @@ class AccessPolicy {
   // `name` stands for the file in errors.
   static absl::StatusOr<AccessPolicy> Parse(absl::string_view name, absl::string_view text);
 
-  // A token that is shown decides, even if it is wrong; then the certificate, then the socket.
+  // A token that is shown decides, even if it is wrong or one of several; then the certificate, then
+  // the socket.
   // Nothing: nobody whom the file knows.
   std::optional<Caller> Identify(const Shown& shown) const;
 

@@ -31,9 +31,7 @@ absl::Status CheckCall(const TransportCredentials::Options& options,
   absl::string_view method;
   for (size_t i = 0; i < count; ++i) {
     if (View(metadata[i].key) == ":path") method = View(metadata[i].value);
-    if (View(metadata[i].key) == "authorization") {
-      shown.authorization = std::string(View(metadata[i].value));
-    }
+    AddMetadata(View(metadata[i].key), View(metadata[i].value), &shown);
   }
   if (options.health_alone) {
     return RolesFor(method) == kNoRole

@@ -296,6 +296,27 @@ TEST_F(SecurityTest, LimitsBelongToTheTokenAndNotToTheAddress) {
   EXPECT_FALSE(writer->Finish().ok());
 }
 
+// Were one of two believed by the check and the other one by the limits, these would not hold.
+TEST_F(SecurityTest, TwoAuthorizationsAreNone) {
+  ServerOptions options;
+  options.access_file = Write("access", absl::StrCat("query token a plain:", kQueryToken, "\n"));
+  Start(options);
+  const auto stub =
+      v1::SceneService::NewStub(grpc::CreateChannel(Target(), grpc::InsecureChannelCredentials()));
+  const std::string good = std::string("Bearer ") + kQueryToken;
+  for (const auto& both : {std::pair<std::string, std::string>{"Bearer junk", good},
+                           {good, "Bearer junk"},
+                           {good, good}}) {
+    grpc::ClientContext context;
+    context.AddMetadata("authorization", both.first);
+    context.AddMetadata("authorization", both.second);
+    v1::ListScenesResponse response;
+    const grpc::Status status = stub->ListScenes(&context, {}, &response);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAUTHENTICATED);
+    EXPECT_THAT(status.error_message(), HasSubstr("2 authorizations were sent; send one"));
+  }
+}
+
 // An answer that its client does not let go out holds the item's rays: another stream of the same
 // caller has what is left of its role's limit, and another caller has all of it.
 TEST_F(SecurityTest, RaysBelongToTheTokenToo) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/auth/access_policy.h"
 
+#include <grpcpp/test/server_context_test_spouse.h>
 #include <sys/stat.h>
 
 #include <fstream>
@@ -8,6 +9,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "server/admission/client_name.h"
 #include "server/auth/access_control.h"
 #include "tests/support/temp_dir.h"
 
@@ -33,20 +35,21 @@ AccessPolicy Policy() {
 
 TEST(AccessPolicyTest, TokensAreKnownPlainAndHashed) {
   const AccessPolicy policy = Policy();
-  const std::optional<Caller> plain = policy.Identify({.authorization = "Bearer 0123456789abcdef"});
+  const std::optional<Caller> plain =
+      policy.Identify({.authorizations = {"Bearer 0123456789abcdef"}});
   ASSERT_TRUE(plain.has_value());
   EXPECT_EQ(plain->name, "token:prometheus");
   EXPECT_EQ(plain->roles, kMetricsRole);
   const std::optional<Caller> hashed =
-      policy.Identify({.authorization = "bearer correct horse battery staple"});
+      policy.Identify({.authorizations = {"bearer correct horse battery staple"}});
   ASSERT_TRUE(hashed.has_value());
   EXPECT_EQ(hashed->roles, kQueryRole | kMetricsRole);
   for (const char* wrong : {"Bearer 0123456789abcdeF", "Bearer 0123456789abcde", "Bearer ",
                             "0123456789abcdef", "Basic 0123456789abcdef", "Bearer", kHash}) {
-    EXPECT_FALSE(policy.Identify({.authorization = wrong}).has_value()) << wrong;
+    EXPECT_FALSE(policy.Identify({.authorizations = {wrong}}).has_value()) << wrong;
   }
   // The hash is no token.
-  EXPECT_FALSE(policy.Identify({.authorization = std::string("Bearer ") + kHash}).has_value());
+  EXPECT_FALSE(policy.Identify({.authorizations = {std::string("Bearer ") + kHash}}).has_value());
 }
 
 TEST(AccessPolicyTest, CertificatesAreKnownByTheirNames) {
@@ -66,9 +69,22 @@ TEST(AccessPolicyTest, CertificatesAreKnownByTheirNames) {
 
 TEST(AccessPolicyTest, AWrongTokenIsNotSavedByAnythingElse) {
   const Shown shown{.certificate_names = {"a.clients.example.org"},
-                    .authorization = "Bearer wrong",
+                    .authorizations = {"Bearer wrong"},
                     .through_unix_socket = true};
   EXPECT_FALSE(Policy().Identify(shown).has_value());
+}
+
+// Not the first of them, not the last, and nothing else that is shown beside them.
+TEST(AccessPolicyTest, SeveralAuthorizationsAreNobodys) {
+  const std::string good = "Bearer 0123456789abcdef";
+  for (const std::string& other : {std::string("Bearer wrong"), std::string(), good}) {
+    for (const auto& both : {std::vector{good, other}, std::vector{other, good}}) {
+      const Shown shown{.certificate_names = {"a.clients.example.org"},
+                        .authorizations = both,
+                        .through_unix_socket = true};
+      EXPECT_FALSE(Policy().Identify(shown).has_value()) << other;
+    }
+  }
 }
 
 TEST(AccessPolicyTest, UnixSocketsAreNamedApart) {
@@ -170,6 +186,30 @@ TEST(AccessControlTest, AReloadThatFailsKeepsThePolicy) {
   write("admin cert x\n");
   EXPECT_TRUE(access.Reload().ok());
   EXPECT_TRUE(access.Check(kMethod, shown).ok());
+}
+
+// Who the check before a call takes a caller for, and what its quotas are then.
+TEST(AccessControlTest, WhomTheFileDoesNotKnowHasNextToNothing) {
+  const testing_support::TempDir dir;
+  const std::string path = dir.File("access");
+  std::ofstream(path) << "query token a plain:0123456789abcdef\nlimit query rays 1000000\n";
+  chmod(path.c_str(), 0600);
+  AccessControl access;
+  ASSERT_TRUE(access.Load(path).ok());
+  grpc::ServerContext context;
+  grpc::testing::ServerContextTestSpouse metadata(&context);
+  metadata.AddClientMetadata("authorization", "Bearer 0123456789abcdef");
+  EXPECT_EQ(ClientOf(context, &access).name, "token:a");
+  EXPECT_EQ(ClientOf(context, &access).limits.rays, 1'000'000u);
+  metadata.AddClientMetadata("authorization", "Bearer junk");
+  EXPECT_EQ(ShownBy(context).authorizations.size(), 2u);
+  const CallerLimits unknown = ClientOf(context, &access).limits;
+  EXPECT_EQ(unknown.rays, 1u);
+  EXPECT_EQ(unknown.streams, 1u);
+  EXPECT_EQ(unknown.uploads, 1u);
+  EXPECT_EQ(unknown.upload_bytes, 1u);
+  EXPECT_EQ(unknown.scenes, 1u);
+  EXPECT_EQ(ClientOf(context, nullptr).limits.rays, 0u);
 }
 
 }  // namespace
