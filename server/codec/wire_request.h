@@ -1,17 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A message on its way in, read without copying its large arrays: a scan over the slices that it
-// came in finds them, and protobuf reads all the rest. Whatever is not plain to the scan (a field
-// that comes twice, two parts of a oneof, groups, lengths that do not fit) is left to protobuf
-// alone, so that what a message means, and whether it is one, is always protobuf's word.
+// came in finds them, and protobuf reads all the rest. Where an array is not plain to the scan (a
+// field on the way to it comes twice, or beside another of its oneof) protobuf reads that, too:
+// what a message means is always protobuf's word.
 //
-// Errors are INVALID_ARGUMENT: the bytes are no message of the type.
+// Two bytes of a message may become seventy of memory: an unknown field, which protobuf keeps, or
+// an element of a repeated field. So the scan drops the unknown ones, which nobody reads, and
+// counts the elements before anything is made of them. What is left is no more than the message's
+// bytes and a fixed part for itself and for each element.
+//
+// Errors are INVALID_ARGUMENT: the bytes are no message of the type, or have too many elements.
 //
 // Thread safety: functions only.
 //
 //   constexpr std::array<WirePath, 1> kPaths = {{{2, 2}}};   // item.segments
 //   std::array<WireArray, 1> arrays;
-//   SL_RETURN_IF_ERROR(ReadRequest(&buffer, kPaths, &request, arrays));
+//   SL_RETURN_IF_ERROR(ReadRequest(&buffer, kPaths, /*most_elements=*/1000, &request, arrays));
 //   if (arrays[0].empty()) arrays[0] = WireArray(std::move(*request.mutable_item()->...));
 //
 // The wire format: protobuf.dev/programming-guides/encoding.
@@ -23,6 +28,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 
 #include "absl/status/status.h"
@@ -41,11 +47,11 @@ inline constexpr size_t kMaxReadSlice = 256 << 10;
 
 // Reads `buffer`, which is empty then. An array that was long enough is in arrays[i], for paths[i],
 // and its field in `message` is empty. REQUIRES: every path is one of `message`'s type, through
-// singular fields; as many arrays as paths, all of them empty. `least`: kLeastLifted, but for
-// tests.
+// singular fields; as many arrays as paths, at most 31, all of them empty. `most_elements`: of all
+// repeated fields together. `least`: kLeastLifted, but for tests.
 absl::Status ReadRequest(grpc::ByteBuffer* buffer, std::span<const WirePath> paths,
-                         google::protobuf::Message* message, std::span<WireArray> arrays,
-                         size_t least = kLeastLifted);
+                         uint64_t most_elements, google::protobuf::Message* message,
+                         std::span<WireArray> arrays, size_t least = kLeastLifted);
 
 }  // namespace sightline
 

@@ -41,7 +41,8 @@ class SegmentMethod final : public StreamMethod {
                                                              const QueryEnvironment& env);
 
   static std::span<const WirePath> ArrayPaths();
-  static absl::Status Read(grpc::ByteBuffer* bytes, Request* request, Item* item);
+  static absl::Status Read(grpc::ByteBuffer* bytes, uint64_t most_elements, Request* request,
+                           Item* item);
 
   uint64_t Rays(const Item& item) const;
   absl::StatusOr<std::unique_ptr<ItemWork>> Prepare(Item&& item, const CancelToken& cancel,

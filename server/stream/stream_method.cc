@@ -33,6 +33,14 @@ absl::Status CheckItemRays(uint64_t rays, const Limits& limits) {
                    "cut the item into smaller ones");
 }
 
+uint64_t MostUnanswered(const Limits& limits) {
+  return (limits.stream_credit_rays + limits.min_item_cost_rays - 1) / limits.min_item_cost_rays;
+}
+
+uint64_t MostElements(const Limits& limits) {
+  return 2 * (limits.max_lights + MostUnanswered(limits)) + 1024;
+}
+
 uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits) {
   return std::max({rays, limits.min_item_cost_rays, message_bytes / kBytesPerRay});
 }

@@ -61,9 +61,18 @@ uint64_t RayCount(uint64_t elements, uint64_t rays_each);
 // ResourceExhausted (LIMIT_EXCEEDED) for more than max_item_rays.
 absl::Status CheckItemRays(uint64_t rays, const Limits& limits);
 
+// How many items of a stream may be unanswered at once: each costs at least min_item_cost_rays, and
+// is sent while there is credit.
+uint64_t MostUnanswered(const Limits& limits);
+
+// How many lights, mirrors and ids of items a message may have, above what any is good for: each
+// has a limit of its own, and an error that names it.
+uint64_t MostElements(const Limits& limits);
+
 // What an item takes off the credit and of the queue. Its rays say little of what is held for it if
-// its arrays do not fit one another, or if most of it is nothing that this server knows; so its
-// message's bytes count as well. An item that makes sense has no more than 56 of them to a ray.
+// its arrays do not fit one another; so its message's bytes count as well, and what is held is no
+// more than those and a fixed part: an item has no repeated fields, and its unknown ones are
+// dropped before it is read. An item that makes sense has no more than 56 bytes to a ray.
 inline constexpr uint64_t kBytesPerRay = 64;
 uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits);
 

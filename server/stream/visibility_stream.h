@@ -89,7 +89,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     typename Method::Item item;
     absl::Status read;
     const size_t bytes = ok ? incoming_.Length() : 0;  // Reading empties it.
-    if (ok) read = Method::Read(&incoming_, &request, &item);
+    if (ok) read = Method::Read(&incoming_, MostElements(env_.limits), &request, &item);
     MutexLock lock(mutex_);
     if (!ok) {
       half_closed_ = true;

@@ -10,11 +10,13 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "gtest/gtest.h"
 #include "server/base/error.h"
 #include "server/codec/wire_format.h"
 #include "server/stream/segment_method.h"
 #include "server/stream/shadow_method.h"
+#include "server/stream/tile_method.h"
 #include "tests/support/random.h"
 
 namespace sightline {
@@ -22,6 +24,8 @@ namespace {
 
 using google::protobuf::Message;
 using testing_support::TestRng;
+
+constexpr uint64_t kManyElements = 1 << 20;
 
 grpc::ByteBuffer Slices(const std::string& bytes, TestRng& rng, size_t longest) {
   std::vector<grpc::Slice> slices;
@@ -57,9 +61,10 @@ Outcome Compare(const std::string& bytes, TestRng& rng, size_t least) {
   typename Method::Request expected, read;
   Outcome outcome;
   outcome.parsed = expected.ParseFromString(bytes);
+  expected.DiscardUnknownFields();
   std::vector<WireArray> arrays(paths.size());
   grpc::ByteBuffer buffer = Slices(bytes, rng, 1 + rng.Below(64));
-  const absl::Status status = ReadRequest(&buffer, paths, &read, arrays, least);
+  const absl::Status status = ReadRequest(&buffer, paths, kManyElements, &read, arrays, least);
   EXPECT_EQ(status.ok(), outcome.parsed) << status;
   EXPECT_EQ(buffer.Length(), 0u);
   if (!status.ok()) {
@@ -122,12 +127,12 @@ v1::ComputeShadowsRequest RandomPoints(TestRng& rng) {
   return request;
 }
 
-// Changes a few bytes, cuts, repeats or drops a piece, or adds a field that nobody knows.
+// Changes a few bytes, cuts, repeats or drops a piece, or adds fields or a group that nobody knows.
 std::string Spoil(std::string bytes, TestRng& rng) {
   if (bytes.empty()) return bytes;
   const size_t at = rng.Below(bytes.size());
   const size_t count = rng.Below(std::min<size_t>(bytes.size() - at, 32) + 1);
-  switch (rng.Below(6)) {
+  switch (rng.Below(7)) {
     case 0:
       bytes.resize(at);
       break;
@@ -140,6 +145,17 @@ std::string Spoil(std::string bytes, TestRng& rng) {
     case 3:
       AppendLengthHead(static_cast<int>(1 + rng.Below(40)), rng.Below(4), &bytes);
       break;
+    case 4: {
+      const auto number = static_cast<uint32_t>(1 + rng.Below(40));
+      std::string group;
+      AppendVarint(number << 3 | static_cast<uint32_t>(WireType::kGroup), &group);
+      AppendLengthHead(3, 0, &group);
+      AppendVarint(
+          (number + (rng.Chance(0.2) ? 1 : 0)) << 3 | static_cast<uint32_t>(WireType::kEndGroup),
+          &group);
+      bytes.insert(rng.Chance(0.5) ? 0 : bytes.size(), group);
+      break;
+    }
     default:
       // Mostly where tags and lengths are.
       for (size_t i = 0; i <= rng.Below(3); ++i) {
@@ -229,7 +245,7 @@ TEST_F(WireRequestTest, LargeArraysStayWhereTheyCame) {
     grpc::ByteBuffer buffer(&slice, 1);
     v1::TestSegmentsRequest read;
     SegmentMethod::Item item;
-    ASSERT_TRUE(SegmentMethod::Read(&buffer, &read, &item).ok());
+    ASSERT_TRUE(SegmentMethod::Read(&buffer, kManyElements, &read, &item).ok());
     EXPECT_EQ(item.message.item().item_id(), 9u);
     EXPECT_EQ(item.segments.size(), bytes / 48 * 48);
     ASSERT_EQ(item.segments.pieces().size(), 1u);
@@ -246,11 +262,97 @@ TEST_F(WireRequestTest, StoredSegmentsStayWhereTheyCame) {
   grpc::ByteBuffer buffer(&slice, 1);
   v1::TestSegmentsRequest read;
   SegmentMethod::Item item;
-  ASSERT_TRUE(SegmentMethod::Read(&buffer, &read, &item).ok());
+  ASSERT_TRUE(SegmentMethod::Read(&buffer, kManyElements, &read, &item).ok());
   EXPECT_TRUE(item.segments.empty());
   ASSERT_EQ(item.stored_segments.size(), 2 * kLeastLifted);
   const uint8_t* const where = item.stored_segments.pieces()[0].slice.begin();
   EXPECT_TRUE(where >= slice.begin() && where < slice.end());
+}
+
+// Of nothing that the server knows: two bytes each on the wire, which protobuf keeps in seventy.
+std::string UnknownFields(size_t bytes) {
+  std::string fields;
+  while (fields.size() < bytes) AppendLengthHead(15, 0, &fields);
+  return fields;
+}
+
+template <typename Method>
+size_t HeldOf(const std::string& bytes) {
+  const grpc::Slice slice(bytes);
+  grpc::ByteBuffer buffer(&slice, 1);
+  typename Method::Request request;
+  typename Method::Item item;
+  const absl::Status status = Method::Read(&buffer, kManyElements, &request, &item);
+  EXPECT_TRUE(status.ok()) << status;
+  return request.SpaceUsedLong() + item.message.SpaceUsedLong();
+}
+
+// Wherever they stand, and whatever else is wrong with the message's shape.
+TEST_F(WireRequestTest, UnknownFieldsTakeNoMemory) {
+  constexpr size_t kBytes = 1 << 20, kFew = 2048;
+  const std::string junk = UnknownFields(kBytes);
+  const auto within = [](int field, const std::string& inner) {
+    std::string bytes;
+    AppendLengthHead(field, inner.size(), &bytes);
+    return bytes + inner;
+  };
+  v1::TileItem tile;
+  tile.mutable_item()->set_item_id(1);
+  tile.set_width(8);
+  const std::string item = tile.SerializeAsString();
+  EXPECT_LT(HeldOf<TileMethod>(within(2, item + junk)), kFew);
+  EXPECT_LT(HeldOf<TileMethod>(within(2, item) + junk), kFew);
+  EXPECT_LT(HeldOf<TileMethod>(within(2, junk + item + within(1, junk))), kFew);
+  EXPECT_LT(HeldOf<TileMethod>(within(2, item + junk) + within(2, item + junk)), kFew);
+  // Right numbers with wrong types are unknown as well.
+  EXPECT_LT(HeldOf<TileMethod>(within(2, item + within(4, "") + within(5, ""))), kFew);
+  // Beside an array that is lifted, one that is not, and two of one oneof.
+  for (const size_t array : {size_t{96}, 2 * kLeastLifted}) {
+    v1::SegmentItem segments;
+    segments.set_segments(std::string(array, 's'));
+    const std::string some = segments.SerializeAsString();
+    EXPECT_LT(HeldOf<SegmentMethod>(within(2, some + junk)), kFew + array);
+    EXPECT_LT(HeldOf<SegmentMethod>(within(2, some + junk + some)), kFew + array);
+    EXPECT_LT(HeldOf<SegmentMethod>(within(1, junk) + within(2, some + junk)), kFew + array);
+  }
+}
+
+// An empty light is two bytes on the wire, and eighty in memory.
+TEST_F(WireRequestTest, ElementsAreCountedBeforeTheyAreMade) {
+  const auto read = [](const v1::ComputeShadowsRequest& sent, uint64_t most) {
+    const grpc::Slice slice(sent.SerializeAsString());
+    grpc::ByteBuffer buffer(&slice, 1);
+    v1::ComputeShadowsRequest request;
+    ShadowMethod::Item item;
+    const absl::Status status = ShadowMethod::Read(&buffer, most, &request, &item);
+    EXPECT_EQ(buffer.Length(), 0u);
+    EXPECT_EQ(status.ok(), request.ByteSizeLong() > 0);
+    return status;
+  };
+  v1::ComputeShadowsRequest lights, ids;
+  for (uint64_t i = 0; i < 1000; ++i) {
+    lights.mutable_header()->add_lights();
+    ids.mutable_cancel()->add_item_ids(i);
+  }
+  for (const auto& message : {lights, ids}) {
+    EXPECT_TRUE(read(message, 1000).ok());
+    const absl::Status status = read(message, 999);
+    EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_INVALID_FIELD);
+    EXPECT_TRUE(absl::StrContains(status.message(), "more than 999 elements")) << status;
+    EXPECT_TRUE(absl::StrContains(status.message(), message.has_header() ? "lights" : "item_ids"));
+  }
+  // Not packed, as protobuf reads them, too.
+  std::string unpacked, cancel;
+  for (int i = 0; i < 1000; ++i) unpacked += {8, 7};
+  AppendLengthHead(v1::ComputeShadowsRequest::kCancelFieldNumber, unpacked.size(), &cancel);
+  ASSERT_TRUE(ids.ParseFromString(cancel + unpacked));
+  const grpc::Slice slice(cancel + unpacked);
+  for (const uint64_t most : {999, 1000}) {
+    grpc::ByteBuffer buffer(&slice, 1);
+    v1::ComputeShadowsRequest request;
+    ShadowMethod::Item item;
+    EXPECT_EQ(ShadowMethod::Read(&buffer, most, &request, &item).ok(), most == 1000);
+  }
 }
 
 }  // namespace
