@@ -76,10 +76,11 @@ absl::Status StreamStallError(const Limits& limits) {
   const std::string seconds = absl::StrCat(limits.max_stream_stall_seconds);
   return MakeError(
       absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
-      absl::StrCat("this stream has waited for max_stream_stall = ", seconds,
-                   " s for its client to take a reply or grant result credit: read what is sent, ",
-                   "keep fewer items on their way, or have the server wait longer ",
-                   "(--max-stream-stall-seconds) or send shorter replies (--target-reply-bytes)"),
+      absl::StrCat(
+          "this stream has waited for max_stream_stall = ", seconds,
+          " s for its client to take a reply or grant result credit enough for the next: read ",
+          "what is sent, keep fewer items on their way, or have the server wait longer ",
+          "(--max-stream-stall-seconds) or send shorter replies (--target-reply-bytes)"),
       {{"limit", "max_stream_stall"}, {"limit_value", seconds}});
 }
 

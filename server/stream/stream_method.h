@@ -85,7 +85,7 @@ absl::Status ItemExpiredError(uint64_t item_id);
 absl::Status ItemCancelledError(uint64_t item_id);
 // CANCELLED: there is nobody any more to answer.
 absl::Status CallCancelledError();
-// DEADLINE_EXCEEDED: for max_stream_stall no reply was taken and no credit granted.
+// DEADLINE_EXCEEDED: for max_stream_stall no reply was taken, or could be sent for want of credit.
 absl::Status StreamStallError(const Limits& limits);
 
 // Ends a call whose write does not complete: as TryCancel does, but the client is told why, by code

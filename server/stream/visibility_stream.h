@@ -19,8 +19,9 @@
 //     kMaxDiscarded messages.
 //  6. A stream whose client neither takes a reply nor grants the credit for it ends after
 //     max_stream_stall with DEADLINE_EXCEEDED, also one that has failed already: the rays that it
-//     holds are everybody's. Any reply taken or credit granted begins the time anew. Finish cannot
-//     follow a write that does not complete (2), so the call is cut off, which completes the write.
+//     holds are everybody's. Any reply taken begins the time anew, and credit that is not enough
+//     for one does not. Finish cannot follow a write that does not complete (2), so the call is cut
+//     off, which completes the write.
 //
 // Thread safety: gRPC calls the reactions from its threads, tasks run on the pool's; one mutex
 // guards all state, and gRPC's Start* and Finish are called with it held (completions run later).
@@ -340,7 +341,6 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
       return Fail(InvalidField("grant_result_credit.rays", rays, "must be positive"));
     }
     result_credit_ = std::min(kMost, result_credit_) + std::min(kMost, rays);
-    if (!writing_) blocked_since_.reset();  // Begins anew if that was not enough.
   }
 
   // Ends an item early: what waits is dropped, what runs sees the token.

@@ -508,6 +508,27 @@ TEST_F(StalledStreamTest, AnyProgressBeginsTheTimeAnew) {
   EXPECT_TRUE(stream.Finish().ok());
 }
 
+TEST_F(StalledStreamTest, AGrantThatIsNotEnoughIsNoProgress) {
+  TileStream stream(harness_, CreditHeader());
+  stream.Write(Tile(0));
+  EXPECT_EQ(ReadLast(stream).header().status().code(), 0);
+  // Refused as it comes: when the server has the item behind it, its reply waits for credit.
+  v1::TraceTilesRequest refused = Tile(1);
+  refused.mutable_item()->mutable_item()->set_priority(1000);
+  stream.Write(refused);
+  stream.Write(Tile(2));
+  WaitForQueuedRays(kTile * kTile);
+  const Clock::time_point before = Clock::now();
+  stream.Write(GrantOf(1));
+  stream.Write(Tile(3));
+  WaitForQueuedRays(2 * kTile * kTile);
+  harness_.server->EndStalledStreams(before + std::chrono::seconds(kStallSeconds));
+  WaitForQueuedRays(0);
+  v1::TraceTilesResponse response;
+  EXPECT_FALSE(stream.Read(&response));
+  ExpectStalled(stream.Finish(), "max_stream_stall = 3600 s");
+}
+
 TEST_F(StalledStreamTest, ADrainIsOverWhenTheyAre) {
   TileStream stream(harness_, CreditHeader());
   for (uint64_t id = 0; id < 2; ++id) stream.Write(Tile(id));
