@@ -45,6 +45,13 @@ uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits) {
   return std::max({rays, limits.min_item_cost_rays, message_bytes / kBytesPerRay});
 }
 
+absl::Status CheckCancelled(int ids, const Limits& limits) {
+  const uint64_t most = MostUnanswered(limits);
+  if (static_cast<uint64_t>(ids) <= most) return absl::OkStatus();
+  return InvalidField("cancel.item_ids", absl::StrCat(ids, " ids"),
+                      absl::StrCat("may be ", most, ", as many as a stream has unanswered items"));
+}
+
 absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered,
                          const Limits& limits) {
   return MakeError(

@@ -76,6 +76,9 @@ uint64_t MostElements(const Limits& limits);
 inline constexpr uint64_t kBytesPerRay = 64;
 uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits);
 
+// InvalidArgument (INVALID_FIELD) for a message that cancels more items than may be unanswered.
+absl::Status CheckCancelled(int ids, const Limits& limits);
+
 // An item that was sent while `unanswered` ones take up all the credit.
 absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered, const Limits& limits);
 

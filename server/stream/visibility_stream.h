@@ -325,6 +325,8 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   }
 
   void Cancel(const v1::CancelItems& cancel) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const absl::Status few = CheckCancelled(cancel.item_ids_size(), env_.limits);
+    if (!few.ok()) return Fail(few);
     std::vector<ItemPtr> named;
     if (cancel.item_ids().empty()) {
       for (const auto& [id, item] : items_) named.push_back(item);
@@ -343,11 +345,11 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     result_credit_ = std::min(kMost, result_credit_) + std::min(kMost, rays);
   }
 
-  // Ends an item early: what waits is dropped, what runs sees the token.
+  // Ends an item early, once: what waits is dropped, what runs sees the token.
   void Stop(const ItemPtr& item, const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (item->closed) return;
+    if (item->closed || !item->status.ok()) return;
     item->token.Cancel();
-    if (item->status.ok()) item->status = status;
+    item->status = status;
     DropWaiting(item);
     if (item->tasks_left == 0) Close(item);
   }

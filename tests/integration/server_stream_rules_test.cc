@@ -162,6 +162,27 @@ TEST_F(StreamRulesTest, CancelEndsWhatWaitsAtOnce) {
   EXPECT_EQ(ReadLast(stream).header().status().code(), grpc::StatusCode::CANCELLED);
 }
 
+// As many ids as there may be unanswered items, whichever they are; more are of no use.
+TEST_F(StreamRulesTest, CancelNamesNoMoreThanThereCanBe) {
+  TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
+  stream.Write(Endless(1));
+  ReadSomePart(stream, 1);
+  v1::TraceTilesRequest cancel;
+  for (int i = 0; i < 4096; ++i) cancel.mutable_cancel()->add_item_ids(1);
+  stream.Write(cancel);
+  EXPECT_EQ(ReadLast(stream).header().status().code(), grpc::StatusCode::CANCELLED);
+  stream.Write(TileRequest(2, 0, 0, 8, 8));
+  EXPECT_EQ(ReadLast(stream).header().item_id(), 2u);
+  cancel.mutable_cancel()->add_item_ids(1);
+  stream.Write(cancel);
+  stream.HalfClose();
+  v1::TraceTilesResponse response;
+  EXPECT_FALSE(stream.Read(&response));
+  const grpc::Status status = stream.Finish();
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status.error_message(), testing::HasSubstr("cancel.item_ids = 4097 ids"));
+}
+
 TEST_F(StreamRulesTest, TimeoutsStopWhatRunsAndWhatWaits) {
   TileStream stream(harness_, Header(v1::STRATEGY_BRUTE_FORCE));
   v1::TraceTilesRequest running = Endless(1), waiting = Endless(2);
