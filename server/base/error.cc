@@ -7,9 +7,15 @@
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
 #include "core/base/check.h"
+#include "server/base/shortened.h"
 
 namespace sightline {
 namespace {
+
+// Of what is said back to a client, in bytes. A message travels twice in gRPC's trailers, which may
+// be 8 KiB.
+constexpr size_t kMaxMessage = 1024;
+constexpr size_t kMaxTold = 200;
 
 constexpr absl::string_view kDomain = "sightline";
 constexpr absl::string_view kReasonPrefix = "ERROR_REASON_";
@@ -62,15 +68,18 @@ absl::Status WithReason(absl::Status status, v1::ErrorReason reason,
   v1::ErrorInfo info;
   info.set_reason(ReasonName(reason));
   info.set_domain(std::string(kDomain));
-  for (const auto& [key, value] : metadata) (*info.mutable_metadata())[key] = value;
+  for (const auto& [key, value] : metadata) {
+    (*info.mutable_metadata())[key] = Shortened(value, kMaxTold);
+  }
   status.SetPayload(kErrorInfoUrl, absl::Cord(info.SerializeAsString()));
   return status;
 }
 
 absl::Status InvalidFieldText(absl::string_view field, absl::string_view value,
                               absl::string_view remedy, v1::ErrorReason reason) {
+  const std::string shown = value.empty() ? "(empty)" : Shortened(value, kMaxTold);
   return MakeError(absl::StatusCode::kInvalidArgument, reason,
-                   absl::StrCat(field, " = ", value.empty() ? "(empty)" : value, ": ", remedy),
+                   absl::StrCat(field, " = ", shown, ": ", remedy),
                    {{"field", std::string(field)}, {"value", std::string(value)}});
 }
 
@@ -113,9 +122,10 @@ v1::ErrorReason ReasonOf(const absl::Status& status) {
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
   const absl::Status full = WithReason(status, ReasonOfCode(status.code()));
+  const std::string message = Shortened(full.message(), kMaxMessage);
   v1::Status details;
   details.set_code(full.raw_code());
-  details.set_message(std::string(full.message()));
+  details.set_message(message);
   google::protobuf::Any* any = details.add_details();
   any->set_type_url(std::string(kErrorInfoUrl));
   any->set_value(std::string(*full.GetPayload(kErrorInfoUrl)));
@@ -124,7 +134,7 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
     any->set_type_url(std::string(kRetryInfoUrl));
     any->set_value(std::string(*retry));
   }
-  return grpc::Status(static_cast<grpc::StatusCode>(full.code()), std::string(full.message()),
+  return grpc::Status(static_cast<grpc::StatusCode>(full.code()), message,
                       details.SerializeAsString());
 }
 
@@ -133,7 +143,7 @@ void ToItemStatus(const absl::Status& status, v1::ItemStatus* out) {
   if (status.ok()) return;
   out->set_code(status.raw_code());
   out->set_reason(ReasonOf(status));
-  out->set_message(std::string(status.message()));
+  out->set_message(Shortened(status.message(), kMaxMessage));
   v1::ErrorInfo info;
   if (ReadInfo(status, &info)) *out->mutable_metadata() = info.metadata();
   v1::RetryInfo retry;

@@ -4,7 +4,8 @@
 // and the one place where such a status becomes a gRPC status or the status of an item.
 //
 // Invariants: the domain is always "sightline"; a status without a reason gets one by its code on
-// the way out, so that no error leaves without.
+// the way out, so that no error leaves without. No value is told back in more than 200 bytes, and
+// no message leaves with more than 1,024 (and how many there were).
 //
 // Thread safety: functions only.
 //

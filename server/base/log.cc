@@ -23,6 +23,7 @@
 #include "absl/strings/string_view.h"
 #include "core/base/check_failure.h"
 #include "core/base/mutex.h"
+#include "server/base/shortened.h"
 
 namespace sightline {
 namespace {
@@ -30,6 +31,7 @@ namespace {
 // Some 400 bytes each, and more where a line is long: a megabyte, and tens of milliseconds of a
 // server that logs every item.
 constexpr size_t kQueuedLines = 2048;
+constexpr size_t kMaxLogValue = 1024;  // Bytes of one field.
 // What a failed check waits for its last lines.
 constexpr absl::Duration kCheckPatience = absl::Seconds(1);
 
@@ -158,7 +160,7 @@ void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField
   if (!logger.should_log(spdlog_level)) return;
   std::string line = absl::StrCat("level=", name, " event=", event);
   for (const auto& [key, value] : fields)
-    absl::StrAppend(&line, " ", key, "=", QuoteLogValue(value));
+    absl::StrAppend(&line, " ", key, "=", QuoteLogValue(Shortened(value, kMaxLogValue)));
   // First: then none of the lines before this one in the queue is uncounted.
   ++log.lines;
   logger.log(spdlog_level, spdlog::string_view_t(line));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Structured logs: one line per event, `key=value` pairs, values quoted where they need it, so that
-// both people and programs can read them.
+// Structured logs: one line per event, `key=value` pairs, values quoted where they need it and cut
+// after 1,024 bytes, so that both people and programs can read them.
 //
 // Log waits for nobody: lines go to a queue of 2,048, from which a thread of spdlog's writes them
 // to stderr. Where they come faster than stderr takes them the oldest are dropped and counted, and

@@ -10,6 +10,7 @@
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
+#include "server/base/shortened.h"
 
 namespace sightline {
 namespace {
@@ -121,10 +122,10 @@ absl::StatusOr<std::vector<Mirror>> DecodeMirrors(
         geometry.objects.begin(), geometry.objects.end(),
         [&](const ObjectRecord& record) { return record.name == mirror.object_name(); });
     if (object == geometry.objects.end()) {
-      return WithReason(
-          absl::NotFoundError(absl::StrCat(field, ".object_name = \"", mirror.object_name(),
-                                           "\": the scene has no such object")),
-          v1::ERROR_REASON_OBJECT_NOT_FOUND, {{"field", field}});
+      return WithReason(absl::NotFoundError(absl::StrCat(field, ".object_name = \"",
+                                                         Shortened(mirror.object_name(), 200),
+                                                         "\": the scene has no such object")),
+                        v1::ERROR_REASON_OBJECT_NOT_FOUND, {{"field", field}});
     }
     Mirror decoded = {.object = static_cast<uint32_t>(object - geometry.objects.begin())};
     if (mirror.has_plane()) {

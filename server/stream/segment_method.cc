@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -35,6 +36,8 @@ template <typename T>
 void Append(const std::vector<T>& some, std::vector<T>* all) {
   all->insert(all->end(), some.begin(), some.end());
 }
+
+std::string Text(Vec3d v) { return absl::StrFormat("(%.17g, %.17g, %.17g)", v.x, v.y, v.z); }
 
 }  // namespace
 
@@ -89,7 +92,7 @@ absl::StatusOr<std::unique_ptr<SegmentMethod>> SegmentMethod::Open(const Header&
   if (header.has_origin()) {
     const Vec3d origin = DecodeVector(header.origin());
     if (!IsFinite(origin)) {
-      return InvalidField("header.origin", header.origin().ShortDebugString(), "must be finite");
+      return InvalidField("header.origin", Text(origin), "must be finite");
     }
     method->origin_ = origin;
   }
@@ -126,12 +129,11 @@ absl::Status SegmentMethod::CheckOrigin(const Scene& scene) const {
   }
   const Vec3d current = scene.geometry.origin;
   if (*origin_ == current) return absl::OkStatus();
-  const auto text = [](Vec3d v) { return absl::StrFormat("(%.17g, %.17g, %.17g)", v.x, v.y, v.z); };
   return MakeError(
       absl::StatusCode::kFailedPrecondition, v1::ERROR_REASON_ORIGIN_MISMATCH,
-      absl::StrCat("header.origin = ", text(*origin_), ", but the origin of ",
-                   SceneName(scene.name), " is ", text(current), "; read it again"),
-      {{"resource", SceneName(scene.name)}, {"value", text(*origin_)}, {"current", text(current)}});
+      absl::StrCat("header.origin = ", Text(*origin_), ", but the origin of ",
+                   SceneName(scene.name), " is ", Text(current), "; read it again"),
+      {{"resource", SceneName(scene.name)}, {"value", Text(*origin_)}, {"current", Text(current)}});
 }
 
 absl::StatusOr<std::unique_ptr<ItemWork>> SegmentMethod::Prepare(Item&& item, const CancelToken&,

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
+#include "server/base/log.h"
 #include "server/codec/query_codec.h"
 
 namespace sightline {
@@ -89,6 +90,12 @@ absl::Status StreamStallError(const Limits& limits) {
           "what is sent, keep fewer items on their way, or have the server wait longer ",
           "(--max-stream-stall-seconds) or send shorter replies (--target-reply-bytes)"),
       {{"limit", "max_stream_stall"}, {"limit_value", seconds}});
+}
+
+void LogFailure(absl::string_view peer, const absl::Status& status) {
+  Log(LogLevel::kInfo, "stream_failed",
+      {{"peer", std::string(peer)},
+       {"status", status.ToString(absl::StatusToStringMode::kWithNoExtraData)}});
 }
 
 void CutOff(grpc::CallbackServerContext* context, const absl::Status& status) {

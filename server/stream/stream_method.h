@@ -18,6 +18,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 #include "server/codec/query_codec.h"
 #include "server/stream/light_set.h"
 #include "server/stream/query_environment.h"
@@ -90,6 +91,9 @@ absl::Status ItemCancelledError(uint64_t item_id);
 absl::Status CallCancelledError();
 // DEADLINE_EXCEEDED: for max_stream_stall no reply was taken, or could be sent for want of credit.
 absl::Status StreamStallError(const Limits& limits);
+
+// Why a stream of `peer` ends, for the log.
+void LogFailure(absl::string_view peer, const absl::Status& status);
 
 // Ends a call whose write does not complete: as TryCancel does, but the client is told why, by code
 // and message, without details. Before Finish, after which the context may be gone.

@@ -53,7 +53,6 @@
 #include "server/admission/client_name.h"
 #include "server/admission/timeout_check.h"
 #include "server/base/error.h"
-#include "server/base/log.h"
 #include "server/base/memory_guard.h"
 #include "server/codec/query_codec.h"
 #include "server/stream/item_report.h"
@@ -508,10 +507,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     for (const auto& [id, item] : items_) flow_->Withdraw(std::exchange(item->to_come, 0));
     if (flow_ != nullptr) flow_->Clear();
     outbox_.Clear();
-    if (!absl::IsCancelled(failure_)) {
-      Log(LogLevel::kInfo, "stream_failed",
-          {{"peer", std::string(context_->peer())}, {"status", failure_.ToString()}});
-    }
+    if (!absl::IsCancelled(failure_)) LogFailure(context_->peer(), failure_);
   }
 
   // Does whatever can be done next. Called at the end of every reaction and task.

@@ -5,6 +5,7 @@
 #include "server/base/log.h"
 #include "server/base/memory_guard.h"
 #include "server/base/resource_name.h"
+#include "server/base/shortened.h"
 #include "server/services/unary.h"
 
 namespace sightline {
@@ -49,6 +50,33 @@ TEST(ErrorTest, TheFirstReasonIsKept) {
   status = WithReason(status, v1::ERROR_REASON_INTERNAL);
   EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_INVALID_FIELD);
   EXPECT_TRUE(WithReason(absl::OkStatus(), v1::ERROR_REASON_INTERNAL).ok());
+}
+
+// Whatever a client sends: its name for a scene may be megabytes, and comes back in a trailer.
+TEST(ErrorTest, LongTextIsNotToldBack) {
+  const std::string text(1 << 20, 'x');
+  const absl::Status field = InvalidField("builtin.spec", text, "must be short");
+  EXPECT_EQ(std::string(field.message()),
+            "builtin.spec = " + std::string(200, 'x') + "... (1048576 bytes): must be short");
+  EXPECT_LT(InfoOf(ToGrpcStatus(field)).metadata().at("value").size(), 230u);
+  const absl::Status long_message =
+      WithReason(absl::NotFoundError(text), v1::ERROR_REASON_OBJECT_NOT_FOUND, {{"a", text}});
+  const grpc::Status sent = ToGrpcStatus(long_message);
+  EXPECT_LT(sent.error_message().size(), 1060u);
+  EXPECT_LT(InfoOf(sent).metadata().at("a").size(), 230u);
+  EXPECT_LT(sent.error_details().size(), 1500u);
+  v1::ItemStatus item;
+  ToItemStatus(long_message, &item);
+  EXPECT_LT(item.ByteSizeLong(), 1500u);
+}
+
+TEST(ErrorTest, CharactersAreNotCut) {
+  EXPECT_EQ(Shortened("abc", 3), "abc");
+  EXPECT_EQ(Shortened("abcd", 3), "abc... (4 bytes)");
+  EXPECT_EQ(Shortened("a\u00e9x", 2), "a... (4 bytes)");
+  EXPECT_EQ(Shortened("a\u00e9x", 3), "a\u00e9... (4 bytes)");
+  EXPECT_EQ(Shortened("\U0001F600", 3), "... (4 bytes)");
+  EXPECT_EQ(Shortened("\x80\x80\x80\x80\x80", 4), "\x80... (5 bytes)");
 }
 
 TEST(ErrorTest, ItemStatusSaysTheSame) {

@@ -70,6 +70,14 @@ TEST(LogTest, ALineHasTimeLevelEventAndQuotedFields) {
       << text;
 }
 
+TEST(LogTest, LongValuesAreCut) {
+  const StderrPipe pipe;
+  Log(LogLevel::kInfo, "long", {{"name", std::string(100'000, 'x')}, {"then", "end"}});
+  const std::string text = pipe.ReadUntil("then=end");
+  EXPECT_LT(text.size(), 1200u);
+  EXPECT_TRUE(absl::StrContains(text, "x... (100000 bytes)\" then=end")) << text;
+}
+
 // Nobody reads: whoever logs goes on, the oldest lines go, and it is said how many.
 TEST(LogTest, AFullPipeHoldsNobodyUp) {
   const uint64_t dropped_before = DroppedLogLines();
