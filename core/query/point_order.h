@@ -38,15 +38,16 @@ struct OwnOrder {
   float gain = 1;  // How many times as much rays would take without it, about.
 };
 // One that pays for so many samples, where the rays of a call are all it is for: parted in space
-// for many of them (fewer than 2^31 points); for one or a few, whose rays take so many cycles, by layers of depth
-// (depth_layers.h) where that is all that makes blocks wide.
+// for many of them (fewer than 2^31 points); for one or a few, whose rays take so many cycles, by
+// layers of depth (depth_layers.h) where that is all that makes blocks wide.
 std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
                                       std::span<const uint8_t> valid, size_t samples,
                                       float ray_cost, SimdTarget simd = SimdTarget::kBest);
 
-// The valid points, fewer than 2^31, ordered so that every 2^k from a multiple of 2^k on, k >= 4, were parted from
-// the others by planes, or nearly so (point_parter.h): neighbours all. Coincident points and equal
-// coordinates come in any order, always the same one. O(n log n), some 12 ns a point of a tile.
+// The valid points, fewer than 2^31, ordered so that every 2^k from a multiple of 2^k on, k >= 4,
+// were parted from the others by planes, or nearly so (point_parter.h): neighbours all. Coincident
+// points and equal coordinates come in any order, always the same one. O(n log n), some 12 ns a
+// point of a tile.
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
                                    std::span<const uint8_t> valid);
 // The same, with the points in that order.

@@ -26,8 +26,8 @@
 namespace sightline {
 
 // InvalidArgument (camera, rectangle; each field named with its value), what CheckOptions says of
-// the options, Cancelled / DeadlineExceeded. On an error the result holds nothing. Rows of invalid samples are zero; the
-// caller reports them (LightSample::valid).
+// the options, Cancelled / DeadlineExceeded. On an error the result holds nothing. Rows of invalid
+// samples are zero; the caller reports them (LightSample::valid).
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
                        std::span<const LightSample> samples, const TileOutputs& outputs,
                        const QueryOptions& options, TileResult* result);

@@ -74,9 +74,8 @@ class AccessPolicy {
   // `name` stands for the file in errors.
   static absl::StatusOr<AccessPolicy> Parse(absl::string_view name, absl::string_view text);
 
-  // A token that is shown decides, even if it is wrong or one of several; then the certificate, then
-  // the socket.
-  // Nothing: nobody whom the file knows.
+  // A token that is shown decides, even if it is wrong or one of several; then the certificate,
+  // then the socket. Nothing: nobody whom the file knows.
   std::optional<Caller> Identify(const Shown& shown) const;
 
  private:

@@ -7,7 +7,6 @@
 #include <sys/stat.h>
 
 #include <array>
-#include <cerrno>
 #include <cstring>
 #include <limits>
 #include <string>
@@ -577,24 +576,6 @@ TEST_F(SceneFileTest, LimitsAndCancelling) {
   EXPECT_EQ(WriteSceneFile(*scene, OpenFolder(), "other.slscene", pool_, &cancel).code(),
             absl::StatusCode::kCancelled);
   EXPECT_EQ(OpenFolder().List()->size(), 1u);
-}
-
-TEST_F(SceneFileTest, AFaultWhileWritingLeavesTheOldFile) {
-  const Folder folder = OpenFolder();
-  const auto old_scene = Build(Objects(40)), new_scene = Build(Objects(400));
-  ASSERT_TRUE(WriteSceneFile(*old_scene, folder, "scene.slscene", pool_).ok());
-  for (int writes = 0; writes < 12; writes += 3) {
-    calls_.write_error = ENOSPC;
-    calls_.writes_before_fault = writes;
-    const absl::Status status = WriteSceneFile(*new_scene, folder, "scene.slscene", pool_);
-    EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
-    EXPECT_THAT(std::string(status.message()), HasSubstr("free some space"));
-    calls_.write_error = 0;
-    const auto still = Load(*MapSceneFile(folder, "scene.slscene"));
-    ASSERT_TRUE(still.ok()) << still.status();
-    ExpectSame(*old_scene, **still);
-    EXPECT_EQ(folder.List()->size(), 1u);
-  }
 }
 
 // What is mapped stays what it was while another file takes its name.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Files of scenes whose source vertices lie in many arrays, and writing where memory runs out.
+// Files of scenes whose source vertices lie in many arrays, and writing where the disk is full or
+// memory runs out.
+#include <cerrno>
 #include <new>
 #include <string>
 #include <vector>
@@ -82,6 +84,28 @@ TEST_F(SceneFileWriterTest, ASumOfPartsIsTheSumOfTheirBytes) {
       rest = rest.subspan(size);
     }
     EXPECT_EQ(SectionSum(parts), SectionSum(std::span<const std::byte>(bytes)));
+  }
+}
+
+TEST_F(SceneFileWriterTest, AFaultWhileWritingLeavesTheOldFile) {
+  const Folder folder = OpenFolder();
+  ASSERT_TRUE(WriteSceneFile(*Build({Strip("a", 40)}), folder, "scene.slscene", pool_).ok());
+  const auto bytes = [&folder] {
+    const absl::StatusOr<SceneBytes> file = MapSceneFile(folder, "scene.slscene");
+    EXPECT_TRUE(file.ok()) << file.status();
+    return std::vector<std::byte>(file->bytes.begin(), file->bytes.end());
+  };
+  const std::vector<std::byte> before = bytes();
+  const auto other = Build({Strip("a", 400)});
+  for (int writes = 0; writes < 12; writes += 3) {
+    calls_.write_error = ENOSPC;
+    calls_.writes_before_fault = writes;
+    const absl::Status status = WriteSceneFile(*other, folder, "scene.slscene", pool_);
+    EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("free some space"));
+    calls_.write_error = 0;
+    EXPECT_EQ(bytes(), before);
+    EXPECT_EQ(folder.List()->size(), 1u);
   }
 }
 
