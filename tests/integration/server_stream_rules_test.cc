@@ -544,7 +544,7 @@ TEST_F(StalledStreamTest, AGrantThatIsNotEnoughIsNoProgress) {
   stream.Write(Tile(3));
   WaitForQueuedRays(2 * kTile * kTile);
   harness_.server->EndStalledStreams(before + std::chrono::seconds(kStallSeconds));
-  WaitForQueuedRays(0);
+  ASSERT_NO_FATAL_FAILURE(WaitForQueuedRays(0));
   v1::TraceTilesResponse response;
   EXPECT_FALSE(stream.Read(&response));
   ExpectStalled(stream.Finish(), "max_stream_stall = 3600 s");
