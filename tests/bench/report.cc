@@ -14,7 +14,7 @@ namespace {
 std::string Grouped(uint64_t value) {
   std::string digits = absl::StrCat(value);
   for (int64_t at = static_cast<int64_t>(digits.size()) - 3; at > 0; at -= 3) {
-    digits.insert(static_cast<size_t>(at), " ");
+    digits.insert(static_cast<size_t>(at), 1, ' ');
   }
   return digits;
 }

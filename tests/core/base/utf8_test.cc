@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
 namespace sightline {
@@ -39,7 +40,7 @@ TEST(Utf8Test, CharactersAreWholeWhereverTheyStand) {
     for (size_t size = 1; size < whole.size(); ++size) {
       EXPECT_FALSE(IsUtf8(whole.substr(0, size)));
       EXPECT_FALSE(IsUtf8(whole.substr(0, size) + "a"));
-      EXPECT_FALSE(IsUtf8("a" + whole.substr(size)));
+      EXPECT_FALSE(IsUtf8(absl::StrCat("a", whole.substr(size))));
     }
   }
   for (int byte = 0xF8; byte <= 0xFF; ++byte) {
