@@ -521,43 +521,6 @@ TEST_F(SceneFileTest, LeafMatesGoAlong) {
   EXPECT_TRUE((*without)->bvh.mates.empty());
 }
 
-// Or edits of what was written and read again could wear a tree out without bound.
-TEST_F(SceneFileTest, TheGrowthOfAFittedTreeGoesAlong) {
-  const SceneBuildOptions options = {.bvh = BvhPresetOptions(BvhPreset::kDynamic)};
-  const auto moved = [&](const Scene& scene, double x) {
-    Affine3d transform;
-    transform.m[3] = x;
-    const auto next = EditScene(scene, 8,
-                                std::vector<SceneEdit>{{SceneEdit::Kind::kSetTransform,
-                                                        {.name = "chair", .transform = transform}}},
-                                options, pool_);
-    EXPECT_TRUE(next.ok()) << next.status();
-    return *next;
-  };
-  const auto scene = moved(*Build(Objects(300), BvhPreset::kDynamic), 0.4);
-  ASSERT_TRUE(scene->report.bvh_refitted);
-  ASSERT_NE(scene->bvh.cost_growth, 1);
-  const Bytes good = Written(*scene);
-  const auto again = Load(good);
-  ASSERT_TRUE(again.ok()) << again.status();
-  ExpectSame(*scene, **again);
-  EXPECT_EQ(moved(**again, 0.8)->bvh.cost_growth, moved(*scene, 0.8)->bvh.cost_growth);
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  for (const double growth : {0.0, -1.0, kInfinity, std::nan("")}) {
-    Bytes bad = good;
-    std::memcpy(&bad[Section(bad, kRequiredSections).offset], &growth, sizeof(growth));
-    SealSceneFile(bad);
-    ExpectRefused(bad, absl::StatusCode::kDataLoss, "times what it did");
-  }
-  // Files of before there was any.
-  Bytes old = good;
-  Section(old, kRequiredSections).kind += 700;
-  SealSceneFile(old);
-  const auto without = Load(old);
-  ASSERT_TRUE(without.ok()) << without.status();
-  EXPECT_EQ((*without)->bvh.cost_growth, 1);
-}
-
 TEST_F(SceneFileTest, LimitsAndCancelling) {
   const Bytes good = Written(*Build(Objects(40)));
   auto owner = std::make_shared<const Bytes>(good);
