@@ -30,9 +30,9 @@
 // < 1: kGroundSlack = 16u of it is allowed for. Which triangles lie below, w = 0, is settled in
 // doubles with the normals in doubles, which floats are within u of: a ground's own triangle, and
 // its neighbours', lie as closely below as P is above them. Toward D products and lengths lose
-// 9u·(|Q|_1 + reach) and 4u of |D|: 2·kGroundSlack is more. Of N, `off` bounds what its cross product
-// lost, and its length is good to 4u where no square underflows (2^-100 and up); smaller triangles
-// have no N, as slivers have none.
+// 9u·(|Q|_1 + reach) and 4u of |D|: 2·kGroundSlack is more. Of N, `off` bounds what its cross
+// product lost, and its length is good to 4u where no square underflows (2^-100 and up); smaller
+// triangles have no N, as slivers have none.
 //
 // Thread safety: plain values.
 #ifndef SIGHTLINE_CORE_TRAVERSE_CLEAR_LEAVES_H_
