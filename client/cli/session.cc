@@ -103,9 +103,7 @@ Session::Session(std::shared_ptr<client::Connection> connection, std::shared_ptr
 
 client::StreamOptions Session::stream() const {
   client::StreamOptions options;
-  if (deadline_ != absl::InfiniteFuture()) {
-    options.timeout = std::max(deadline_ - absl::Now(), absl::ZeroDuration());
-  }
+  options.deadline = deadline_;
   options.cancellation = cancellation_;
   options.streams = static_cast<int>(flags_.streams);
   options.retry = RetriesOf(flags_);

@@ -5,34 +5,12 @@
 #include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
 #include "client/import/text_scanner.h"
+#include "core/base/utf8.h"
 
 namespace sightline {
 namespace {
 
 constexpr std::string_view kReplacement = "\xEF\xBF\xBD";  // U+FFFD.
-
-// Bytes of the well-formed UTF-8 character at the front of `text`; 0 where there is none (Unicode
-// 15, table 3-7: no overlong forms, no surrogates, nothing above U+10FFFF).
-size_t Utf8CharacterSize(std::string_view text) {
-  const auto byte = [&](size_t i) {
-    return i < text.size() ? static_cast<unsigned char>(text[i]) : 0u;
-  };
-  const auto in = [&](size_t i, unsigned lo, unsigned hi) {
-    return byte(i) >= lo && byte(i) <= hi;
-  };
-  const auto tail = [&](size_t i) { return in(i, 0x80, 0xBF); };
-  if (in(0, 0x00, 0x7F)) return 1;
-  if (in(0, 0xC2, 0xDF) && tail(1)) return 2;
-  const bool three = in(0, 0xE0, 0xE0)   ? in(1, 0xA0, 0xBF)
-                     : in(0, 0xED, 0xED) ? in(1, 0x80, 0x9F)
-                                         : in(0, 0xE1, 0xEF) && tail(1);
-  if (three && tail(2)) return 3;
-  const bool four = in(0, 0xF0, 0xF0)   ? in(1, 0x90, 0xBF)
-                    : in(0, 0xF4, 0xF4) ? in(1, 0x80, 0x8F)
-                                        : in(0, 0xF1, 0xF3) && tail(1);
-  if (four && tail(2) && tail(3)) return 4;
-  return 0;
-}
 
 }  // namespace
 
@@ -58,7 +36,7 @@ std::string CleanName(std::string_view raw) {
   raw = TrimBlanks(raw);
   std::string name;
   while (!raw.empty()) {
-    const size_t size = Utf8CharacterSize(raw);
+    const size_t size = Utf8CharacterSize({raw.data(), raw.size()});
     const unsigned char first = static_cast<unsigned char>(raw.front());
     const bool control = size == 1 && (first < 0x20 || first == 0x7F);
     const std::string_view next = size == 0 || control ? kReplacement : raw.substr(0, size);

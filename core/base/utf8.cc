@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/base/utf8.h"
 
-#include <cstddef>
-
 namespace sightline {
-namespace {
 
-// Bytes of the character at the front of `text`, which is not empty; 0 where there is none.
-size_t CharacterSize(absl::string_view text) {
+size_t Utf8CharacterSize(absl::string_view text) {
+  if (text.empty()) return 0;
   const auto in = [text](size_t i, unsigned lo, unsigned hi) {
     return i < text.size() && static_cast<unsigned char>(text[i]) >= lo &&
            static_cast<unsigned char>(text[i]) <= hi;
@@ -28,11 +25,9 @@ size_t CharacterSize(absl::string_view text) {
   return second && tail(2) && tail(3) ? 4 : 0;
 }
 
-}  // namespace
-
 bool IsUtf8(absl::string_view text) {
   while (!text.empty()) {
-    const size_t size = CharacterSize(text);
+    const size_t size = Utf8CharacterSize(text);
     if (size == 0) return false;
     text.remove_prefix(size);
   }

@@ -131,14 +131,12 @@ class Frames {
 
   absl::Status Run(Progress* progress) {
     const absl::Time start = absl::Now();
-    client::StreamOptions stream = session_.stream();
-    stream.deadline = session_.call().deadline;  // Of all frames together.
     SL_ASSIGN_OR_RETURN(picture_, client::Relighting::Make(session_.client(),
                                                            {.scene = query_.scene,
                                                             .camera = query_.camera,
                                                             .lights = query_.lights,
                                                             .options = query_.options},
-                                                           stream));
+                                                           session_.stream()));
     times_.first = absl::ToDoubleSeconds(absl::Now() - start);
     const auto light = static_cast<uint32_t>(a_.light.value_or(query_.lights.size() - 1));
     SL_RETURN_IF_ERROR(picture_->Choose(light));
