@@ -12,6 +12,7 @@
 #include "core/scene/scene_file.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/core/scene/scene_file_bytes.h"
 #include "tests/support/scene_file_seal.h"
 #include "tests/support/temp_dir.h"
 
@@ -20,7 +21,9 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::Not;
+using testing_support::Header;
 using testing_support::SealSceneFile;
+using testing_support::Section;
 using testing_support::TempDir;
 
 using Bytes = AlignedVector<std::byte>;
@@ -46,12 +49,6 @@ class SceneFileClaimsTest : public ::testing::Test {
     const absl::StatusOr<SceneBytes> file = MapSceneFile(folder_, "scene.slscene");
     EXPECT_TRUE(file.ok()) << file.status();
     return Bytes(file->bytes.begin(), file->bytes.end());
-  }
-  static SceneFileHeader& Header(Bytes& bytes) {
-    return *reinterpret_cast<SceneFileHeader*>(bytes.data());
-  }
-  static SceneFileSection& Section(Bytes& bytes, uint32_t index) {
-    return reinterpret_cast<SceneFileSection*>(bytes.data() + sizeof(SceneFileHeader))[index];
   }
   // With one more section that no reader knows.
   static Bytes WithAddition(Bytes bytes, uint64_t size) {

@@ -19,6 +19,7 @@
 #include "core/mesh/geometry_validation.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/core/scene/scene_file_bytes.h"
 #include "tests/support/faulty_file_calls.h"
 #include "tests/support/random.h"
 #include "tests/support/scene_file_seal.h"
@@ -30,8 +31,10 @@ namespace {
 
 using ::testing::HasSubstr;
 using testing_support::FaultyFileCalls;
+using testing_support::Header;
 using testing_support::ScaledCount;
 using testing_support::SealSceneFile;
+using testing_support::Section;
 using testing_support::TempDir;
 using testing_support::TestRng;
 
@@ -148,12 +151,6 @@ class SceneFileTest : public ::testing::Test {
     const absl::StatusOr<SceneBytes> file = MapSceneFile(folder, "scene.slscene");
     EXPECT_TRUE(file.ok()) << file.status();
     return Bytes(file->bytes.begin(), file->bytes.end());
-  }
-  static SceneFileHeader& Header(Bytes& bytes) {
-    return *reinterpret_cast<SceneFileHeader*>(bytes.data());
-  }
-  static SceneFileSection& Section(Bytes& bytes, uint32_t index) {
-    return reinterpret_cast<SceneFileSection*>(bytes.data() + sizeof(SceneFileHeader))[index];
   }
   void ExpectRefused(const Bytes& bytes, absl::StatusCode code, const std::string& part) {
     const absl::Status status = Load(bytes).status();
