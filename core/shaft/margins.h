@@ -92,6 +92,9 @@
 // radius by 4u(K|A-R|_1 + 3.5K·r): together 11u·K|A-R|_1 + 84u·K·r. The plane form N·(A-R) -
 // N·(P-R) likewise with K = |B-A|_1|C-B|_1 and one more coefficient: + 21u·K·r. kEdgeMargin is
 // 128u.
+// m's products lose up to 2^-149 where they underflow, which A-R and P-R scale: the bound of a ray
+// has kFloatUnderflow times |A-R|_1 + r beside kFloatUnderflow (ParallelEdgeBound), and that of a
+// block kEdgeUnderflow, which is more than 2^-149 times any r.
 //
 // Sides of planes, of rays that run within the edges (PlaneBound, core/traverse/shaft_leaf-inl.h)
 //

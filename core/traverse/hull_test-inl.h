@@ -174,7 +174,7 @@ class HullTest {
     const V hx = hn::Set(d, of_points.hx), hy = hn::Set(d, of_points.hy);
     const V iz = hn::Set(d, of_points.middle), ez = hn::Set(d, of_points.half);
     const V margin = hn::Set(d, forms_.margin_inverse[row] * of_points.most + forms_.margin[row]);
-    uint32_t reaching = 0;
+    uint32_t beyond = 0;  // What is surely outside of an edge. Overflows make NaNs, which are not.
     for (size_t k = 0; k < kBlockVectors; ++k) {
       const V s = hn::Load(d, light_.along[0] + k * kLanes);
       const V t = hn::Load(d, light_.along[1] + k * kLanes);
@@ -192,9 +192,9 @@ class HullTest {
             hn::Abs(f0), hx, hn::MulAdd(hn::Abs(f1), hy, hn::MulAdd(hn::Abs(f3), ez, margin)));
         most = hn::Min(most, hn::Add(middle, radius));
       }
-      reaching |= MaskBits(d, hn::Ge(most, hn::Zero(d))) << (k * kLanes);
+      beyond |= MaskBits(d, hn::Lt(most, hn::Zero(d))) << (k * kLanes);
     }
-    return reaching & forms_.samples[row];
+    return forms_.samples[row] & ~beyond;
   }
 
   // Which of the points `parted` each of the `samples` does not see: a vector of points at a time.

@@ -114,8 +114,8 @@ HWY_INLINE uint32_t PrepareOccluders(const SceneGeometry& geometry, const LeafVi
     V edge_bound;
     if constexpr (kParallel) {
       const V edge_k = hn::Mul(hn::Max(hn::Max(along1[0], along1[1]), along1[2]), common_inf);
-      edge_bound = hn::MulAdd(hn::Set(d, kParallelUnits), hn::Mul(edge_k, hn::Add(reach, spread)),
-                              underflow);
+      const V extent = hn::Add(reach, spread);
+      edge_bound = ParallelEdgeBound(hn::Mul(edge_k, extent), extent);
     } else {
       edge_bound = EdgeBound(farthest, MostV(along[0], along[1], along[2]), lanes.most_own());
     }

@@ -55,6 +55,12 @@ constexpr float kRayBoxUnits = 16 * 0x1p-24f;
 struct RayPartBox {
   float lo[3], hi[3];
 
+  // How far a face at t·d, |t·d| = `size`, may be off. A parameter that underflows is off by up to 2^-149, which d
+  // scales.
+  static HWY_INLINE float Margin(float size, float d) {
+    return size * kRayBoxUnits + kBoxExitShift * std::max(1.0f, std::abs(d));
+  }
+
   // REQUIRES: 0 <= begin, begin <= end but for roundings; end may be +inf.
   static HWY_INLINE RayPartBox Make(const BoxRay& ray, Vec3f direction, float begin, float end) {
     constexpr float kInf = std::numeric_limits<float>::infinity();
@@ -68,12 +74,12 @@ struct RayPartBox {
       }
       const float a = d == 0 ? 0 : begin * d, b = d == 0 ? 0 : end * d;
       const float size = std::max(std::abs(a), std::abs(b));
-      const float margin = size < kInf ? size * kRayBoxUnits + kBoxExitShift : 0;
+      const float margin = size < kInf ? Margin(size, d) : 0;
       box.lo[k] = std::min(a, b) - margin;
       box.hi[k] = std::max(a, b) + margin;
       if (size == kInf) {
         // An endless ray out of the scene: its nearer end carries its own rounding alone.
-        const float near = std::min(std::abs(a), std::abs(b)) * kRayBoxUnits + kBoxExitShift;
+        const float near = Margin(std::min(std::abs(a), std::abs(b)), d);
         (d > 0 ? box.lo[k] : box.hi[k]) = d > 0 ? a - near : a + near;
       }
     }
@@ -87,7 +93,7 @@ struct RayPartBox {
       const float d = direction[k];
       if (std::isnan(ray.inv[k]) || d == 0) continue;
       const float at = end * d;
-      const float margin = std::abs(at) * kRayBoxUnits + kBoxExitShift;
+      const float margin = Margin(std::abs(at), d);
       (d > 0 ? hi[k] : lo[k]) = d > 0 ? at + margin : at - margin;
     }
   }

@@ -149,6 +149,15 @@ HWY_INLINE ShaftV EdgeBound(const Vec3V<ShaftV>& corners, const Vec3V<ShaftV>& e
                     Broadcast(d, directions.x, directions.y, directions.z));
 }
 
+// The same of forms (A-R)·m - (P-R)·m, m = (B-A)×D, along one direction (margins.h): `extent` is
+// |A-R|_1 + |P-R|_1 at the most, and `k` that, times |B-A|_1|D|_inf. What of m underflows is scaled
+// by the extent, too.
+HWY_INLINE ShaftV ParallelEdgeBound(ShaftV k, ShaftV extent) {
+  const ShaftD d;
+  const ShaftV underflow = hn::Set(d, kFloatUnderflow);
+  return hn::MulAdd(hn::Set(d, kParallelUnits), k, hn::MulAdd(underflow, extent, underflow));
+}
+
 // How large N·(P-A) may be and yet have the wrong sign, where P's ray runs within the edges
 // (margins.h). `approach` is |N·(A-O)|, or |N·D|, as computed, and `off` bounds how far that may be
 // off for any point of the triangle; infinite where they are too close.
@@ -251,7 +260,6 @@ class ShaftLeaf {
                                 hn::Set(d, kFloatUnderflow));
     const V3 ab = SubV(b, a), bc = SubV(c, b), ca = SubV(a, c);
     const V ab1 = Norm1V(ab), bc1 = Norm1V(bc), ca1 = Norm1V(ca);
-    const V underflow = hn::Set(d, kFloatUnderflow);
     const V3 normal = CrossV(ab, bc), normal_bound = CrossBound(d, ab, bc);
     const V normal_k = hn::Mul(ab1, bc1);
     V depth = DotV(normal, oa);
@@ -294,9 +302,9 @@ class ShaftLeaf {
     const V3* along[3] = {&ab, &bc, &ca};
     // One bound for the three, of the farthest corner and the longest edge.
     V edge_k = hn::Max(hn::Max(ab1, bc1), ca1);
+    [[maybe_unused]] const V extent = hn::Add(reach, hn::Set(d, rays_.spread()));
     if constexpr (kParallel) {
-      edge_k = hn::Mul(hn::Mul(edge_k, hn::Set(d, MaxAbs(rays_.packet().direction))),
-                       hn::Add(reach, hn::Set(d, rays_.spread())));
+      edge_k = hn::Mul(hn::Mul(edge_k, hn::Set(d, MaxAbs(rays_.packet().direction))), extent);
     } else {
       edge_k = hn::Mul(edge_k, reach);
     }
@@ -335,8 +343,7 @@ class ShaftLeaf {
     }
     [[maybe_unused]] const V3 farthest = MostV(oa, ob, oc);
     if constexpr (kParallel) {
-      PutBounds(hn::MulAdd(hn::Set(d, kParallelUnits), edge_k, underflow), first, forms_.edge_most,
-                forms_.edge_least);
+      PutBounds(ParallelEdgeBound(edge_k, extent), first, forms_.edge_most, forms_.edge_least);
     } else {
       PutBounds(EdgeBound(farthest, MostV(ab, bc, ca), rays_.most_own()), first, forms_.edge_most,
                 forms_.edge_least);
