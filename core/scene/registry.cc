@@ -202,14 +202,19 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
   const uint64_t bytes = scene->report.memory_bytes;
   SceneStatus status;
   std::shared_ptr<const Scene> replaced;  // Let go of outside the lock: it may be large.
+  absl::Status room;
   {
     MutexLock lock(mutex_);
     // The estimate was reserved; a scene that needs more must fit as well.
     const uint64_t others = AliveBytes() + (reserved_bytes_ - reserved);
-    if (bytes <= reserved ||
-        (bytes <= options_.max_bytes_per_scene && others <= options_.memory_budget_bytes &&
-         bytes <= options_.memory_budget_bytes - others)) {
-      std::erase_if(alive_, [](const Revision& revision) { return revision.scene.expired(); });
+    std::erase_if(alive_, [](const Revision& revision) { return revision.scene.expired(); });
+    room = Guarded("publishing", name, [&alive = alive_] {
+      alive.reserve(alive.size() + 1);  // Before anything is changed: it may throw.
+      return absl::OkStatus();
+    });
+    if (room.ok() && (bytes <= reserved || (bytes <= options_.max_bytes_per_scene &&
+                                            others <= options_.memory_budget_bytes &&
+                                            bytes <= options_.memory_budget_bytes - others))) {
       Entry& entry = entries_.at(name);
       alive_.push_back({entry.creation, scene->revision, bytes, scene});
       reserved_bytes_ -= reserved;
@@ -220,6 +225,10 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
       replaced = std::exchange(entry.latest, scene);
       status = StatusOf(name, entry);
     }
+  }
+  if (!room.ok()) {
+    Fail(name, reserved, room);
+    return room;
   }
   if (status.latest == nullptr) {
     const bool alone = bytes > options_.max_bytes_per_scene;
