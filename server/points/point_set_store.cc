@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
@@ -56,9 +57,8 @@ absl::Status PointSetStore::MemoryLocked(uint64_t bytes) const {
 }
 
 absl::Status PointSetStore::SetAside(uint64_t bytes) {
-  std::vector<PointSetView> gone;
+  Sweep();
   MutexLock lock(mutex_);
-  SweepLocked(&gone);
   SL_RETURN_IF_ERROR(MemoryLocked(bytes));
   *bytes_ += bytes;
   return absl::OkStatus();
@@ -68,9 +68,8 @@ void PointSetStore::GiveBack(uint64_t bytes) { *bytes_ -= bytes; }
 
 absl::Status PointSetStore::CheckRoom(const std::string& scene_id, const std::string& point_set_id,
                                       uint64_t points, uint64_t arriving) {
-  std::vector<PointSetView> gone;
+  Sweep();
   MutexLock lock(mutex_);
-  SweepLocked(&gone);
   return RoomLocked({scene_id, point_set_id}, BytesFor(points) + arriving);
 }
 
@@ -80,15 +79,16 @@ uint64_t PointSetStore::BytesFor(uint64_t points) {
 
 absl::StatusOr<PointSetView> PointSetStore::Add(PointSet set, absl::Duration lease,
                                                 uint64_t set_aside) {
+  // Also if memory runs out on the way; else under the lock, so that nobody takes it in between.
+  absl::Cleanup give_back = [&] { *bytes_ -= set_aside; };
   set.create_time = clock_();
   auto made = std::make_unique<const PointSet>(std::move(set));
   const uint64_t bytes = made->MemoryBytes();
   PointSetView view;
   view.expire_time = made->create_time + lease;
-  std::vector<PointSetView> gone;
+  Sweep();
   MutexLock lock(mutex_);
-  *bytes_ -= set_aside;
-  SweepLocked(&gone);
+  std::move(give_back).Invoke();
   const Key key(made->scene_id, made->point_set_id);
   SL_RETURN_IF_ERROR(RoomLocked(key, bytes));
   *bytes_ += bytes;

@@ -83,8 +83,9 @@ class PointSetStore : public MemoryBudget {
                                  size_t count) const;
   // The sets of the scene with this tag; those of a later one of its name stay.
   void RemoveScene(const std::string& scene_id, uint64_t scene_tag);
-  // Lets go of sets whose lease ran out, as whatever asks for room does too. That takes time for
-  // large ones: not on a gRPC thread, as Get, Renew and List may be called, which free nothing.
+  // Lets go of sets whose lease ran out, as whatever asks for room does first: their memory is free
+  // then, but for what a query holds. That takes time for large ones: not on a gRPC thread, as Get,
+  // Renew and List may be called, which free nothing.
   void Sweep();
 
   absl::Status SetAside(uint64_t bytes) override;

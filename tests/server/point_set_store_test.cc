@@ -2,6 +2,7 @@
 #include "server/points/point_set_store.h"
 
 #include <memory>
+#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -72,6 +73,41 @@ TEST_F(PointSetStoreTest, WhatIsHeldCountsUntilItIsLetGoOf) {
   held.clear();
   EXPECT_EQ(store_.memory_bytes(), 0u);
   EXPECT_TRUE(store_.Add(Make("s", "a", kPoints), absl::Seconds(10)).ok());
+}
+
+// What expired makes room for the very request that finds it so, not for the next one.
+TEST_F(PointSetStoreTest, ExpiredSetsAreFreedBeforeRoomIsAskedFor) {
+  constexpr size_t kPoints = 120;  // Half of the budget, with some over.
+  const uint64_t bytes = PointSetStore::BytesFor(kPoints);
+  ASSERT_GT(2 * bytes, limits_.max_point_set_bytes);
+  const auto expire_one = [&](const char* id) {
+    ASSERT_TRUE(store_.Add(Make("s", id, kPoints), absl::Seconds(10)).ok());
+    now_ += absl::Seconds(10);
+  };
+  expire_one("a");
+  absl::Status status = store_.CheckRoom("s", "b", kPoints);
+  EXPECT_TRUE(status.ok()) << status;
+  expire_one("a");
+  status = store_.SetAside(bytes);
+  EXPECT_TRUE(status.ok()) << status;
+  store_.GiveBack(bytes);
+  expire_one("a");
+  status = store_.Add(Make("s", "b", kPoints), absl::Seconds(10)).status();
+  EXPECT_TRUE(status.ok()) << status;
+}
+
+// As where memory runs out, which ends the request and not the process (memory_guard.h).
+TEST_F(PointSetStoreTest, AnAddThatThrowsGivesBackWhatWasSetAside) {
+  bool out_of_memory = false;
+  PointSetStore store(limits_, [&] {
+    if (out_of_memory) throw std::bad_alloc();
+    return now_;
+  });
+  MemoryCharge charge(store);
+  ASSERT_TRUE(charge.Add(100).ok());
+  out_of_memory = true;
+  EXPECT_THROW((void)store.Add(Make("s", "a"), absl::Seconds(10), charge.Leave()), std::bad_alloc);
+  EXPECT_EQ(store.memory_bytes(), 0u);
 }
 
 TEST_F(PointSetStoreTest, ASetMayOutliveItsStore) {
