@@ -157,12 +157,15 @@ absl::StatusOr<uint32_t> DecodeTriangle(absl::string_view field, uint32_t object
   return record.first_triangle + triangle;
 }
 
+absl::Status CheckLightCount(uint64_t lights, const Limits& limits) {
+  if (lights <= limits.max_lights) return absl::OkStatus();
+  return OverLimit("lights", lights, "max_lights", limits.max_lights,
+                   "spread the lights over several streams");
+}
+
 absl::StatusOr<uint64_t> CheckLights(const google::protobuf::RepeatedPtrField<v1::Light>& lights,
                                      const Limits& limits) {
-  if (static_cast<uint64_t>(lights.size()) > limits.max_lights) {
-    return OverLimit("lights", lights.size(), "max_lights", limits.max_lights,
-                     "spread the lights over several streams");
-  }
+  SL_RETURN_IF_ERROR(CheckLightCount(static_cast<uint64_t>(lights.size()), limits));
   uint64_t total = 0;
   for (int i = 0; i < lights.size(); ++i) {
     const v1::Light& light = lights[i];

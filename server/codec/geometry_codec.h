@@ -56,6 +56,9 @@ struct SampleSet {
   std::vector<double> weights;
 };
 
+// ResourceExhausted (LIMIT_EXCEEDED) for more than max_lights.
+absl::Status CheckLightCount(uint64_t lights, const Limits& limits);
+
 // What can be said of lights without a scene: the kinds are set, the counts within the limits.
 // Returns the number of samples.
 absl::StatusOr<uint64_t> CheckLights(const google::protobuf::RepeatedPtrField<v1::Light>& lights,

@@ -119,28 +119,33 @@ WireType WireTypeOf(const FieldDescriptor& field) {
 // Two walks over one message: the first looks, the second writes what is left of it.
 class Scan {
  public:
-  Scan(const std::vector<grpc::Slice>& slices, std::span<const WirePath> paths, size_t least,
-       uint64_t most_elements)
-      : slices_(slices),
-        cursor_(slices),
-        paths_(paths),
-        least_(least),
-        most_elements_(most_elements) {}
+  Scan(const std::vector<grpc::Slice>& slices, std::span<const WirePath> paths, size_t least)
+      : slices_(slices), cursor_(slices), paths_(paths), least_(least) {}
 
-  // False: protobuf would not read it, or it has too many elements.
+  // False: protobuf would not read it.
   bool Look(const Descriptor& type, size_t bytes) {
     return Message(type, bytes, {.within = (1u << paths_.size()) - 1}, nullptr);
   }
   // What the look has found.
   bool unknown() const { return unknown_; }
   bool liftable() const { return plain_ && large_; }
-  const FieldDescriptor* too_many() const { return too_many_; }
+  uint64_t elements() const {
+    uint64_t all = 0;
+    for (const Count& count : counts_) all += count.elements;
+    return all;
+  }
+  // The repeated field that has most of them. REQUIRES: elements() > 0.
+  std::pair<const FieldDescriptor*, uint64_t> most_elements() const {
+    const auto most =
+        std::max_element(counts_.begin(), counts_.end(),
+                         [](const Count& a, const Count& b) { return a.elements < b.elements; });
+    return {most->field, most->elements};
+  }
 
   // The message without its unknown fields, and without the arrays, if it is liftable.
   // REQUIRES: Look said yes.
   std::string Rewrite(const Descriptor& type, size_t bytes, std::span<WireArray> arrays) {
     cursor_ = Cursor(slices_);
-    elements_ = 0;
     arrays_ = liftable() ? arrays : std::span<WireArray>();
     std::string rest;
     SIGHTLINE_CHECK(Message(type, bytes, {.within = (1u << paths_.size()) - 1}, &rest));
@@ -148,6 +153,10 @@ class Scan {
   }
 
  private:
+  struct Count {
+    const FieldDescriptor* field;
+    uint64_t elements;
+  };
   struct Place {
     int level = 0;        // Messages and groups that it is in.
     uint32_t within = 0;  // Bit i: the fields that have led here are those of paths_[i].
@@ -175,7 +184,7 @@ class Scan {
       if (onward != 0 ? (onward & seen) != 0 : Excludes(type, *field, place)) plain_ = false;
       seen |= onward;
       if (wire_type != WireType::kLength) {
-        if (field->is_repeated() && !AddElements(*field, 1)) return false;
+        if (field->is_repeated()) AddElements(*field, 1);
         if (!SkipValue(number, wire_type, end, place.level)) return false;
         if (rest != nullptr) begin.Copy(cursor_.at() - begin.at(), rest);
         continue;
@@ -184,9 +193,9 @@ class Scan {
       if (!length.has_value()) return false;
       if (packed) {
         Cursor values = cursor_;
-        if (!AddElements(*field, Packed(*field, *length, &values))) return false;
-      } else if (field->is_repeated() && !AddElements(*field, 1)) {
-        return false;
+        AddElements(*field, Packed(*field, *length, &values));
+      } else if (field->is_repeated()) {
+        AddElements(*field, 1);
       }
       if (!Value(*field, *length, {place.level + 1, onward}, rest)) return false;
     }
@@ -247,11 +256,15 @@ class Scan {
     return false;
   }
 
-  bool AddElements(const FieldDescriptor& field, uint64_t count) {
-    elements_ += count;
-    if (elements_ <= most_elements_) return true;
-    too_many_ = &field;
-    return false;
+  // Also beyond what is too many, so that an error can say how many.
+  void AddElements(const FieldDescriptor& field, uint64_t elements) {
+    const auto known = std::find_if(counts_.begin(), counts_.end(),
+                                    [&](const Count& count) { return count.field == &field; });
+    if (known != counts_.end()) {
+      known->elements += elements;
+    } else {
+      counts_.push_back({&field, elements});
+    }
   }
   static uint64_t Packed(const FieldDescriptor& field, size_t bytes, Cursor* values) {
     switch (WireTypeOf(field)) {
@@ -326,27 +339,36 @@ class Scan {
   Cursor cursor_;
   const std::span<const WirePath> paths_;
   const size_t least_;
-  const uint64_t most_elements_;
   std::span<WireArray> arrays_;
   bool plain_ = true;  // What is on the way to an array is there once.
   bool large_ = false;
   bool unknown_ = false;
-  uint64_t elements_ = 0;
-  const FieldDescriptor* too_many_ = nullptr;
+  std::vector<Count> counts_;  // A message's type has few repeated fields.
 };
 
 }  // namespace
 
+absl::Status TooManyElements(const FieldDescriptor& field, uint64_t count, uint64_t most) {
+  return InvalidField(field.full_name(), absl::StrCat(count, " elements"),
+                      absl::StrCat("send fewer: no message of use has more than ", most));
+}
+
 absl::Status ReadRequest(grpc::ByteBuffer* buffer, std::span<const WirePath> paths,
-                         uint64_t most_elements, google::protobuf::Message* message,
+                         const ElementLimit& elements, google::protobuf::Message* message,
                          std::span<WireArray> arrays, size_t least) {
   SIGHTLINE_CHECK_EQ(paths.size(), arrays.size());
   const Descriptor& type = *message->GetDescriptor();
   const size_t bytes = buffer->Length();
   std::vector<grpc::Slice> slices;
   bool parsed = buffer->Dump(&slices).ok();
-  Scan scan(slices, paths, least, most_elements);
+  Scan scan(slices, paths, least);
   parsed = parsed && scan.Look(type, bytes);
+  if (parsed && scan.elements() > elements.most) {
+    buffer->Clear();
+    const auto [field, count] = scan.most_elements();
+    return elements.error ? elements.error(*field, count)
+                          : TooManyElements(*field, count, elements.most);
+  }
   if (parsed && (scan.liftable() || scan.unknown())) {
     parsed = message->ParseFromString(scan.Rewrite(type, bytes, arrays));
   } else if (parsed) {
@@ -357,11 +379,6 @@ absl::Status ReadRequest(grpc::ByteBuffer* buffer, std::span<const WirePath> pat
   buffer->Clear();
   if (parsed) return absl::OkStatus();
   for (WireArray& array : arrays) array = WireArray();
-  if (scan.too_many() != nullptr) {
-    return InvalidField(scan.too_many()->full_name(),
-                        absl::StrCat("more than ", most_elements, " elements"),
-                        "send fewer: no message of use has as many");
-  }
   return InvalidField("message", absl::StrCat(bytes, " bytes"),
                       absl::StrCat("must be a ", type.full_name()));
 }

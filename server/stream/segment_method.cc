@@ -107,10 +107,10 @@ std::span<const WirePath> SegmentMethod::ArrayPaths() {
   return kPaths;
 }
 
-absl::Status SegmentMethod::Read(grpc::ByteBuffer* bytes, uint64_t most_elements, Request* request,
-                                 Item* item) {
+absl::Status SegmentMethod::Read(grpc::ByteBuffer* bytes, const ElementLimit& elements,
+                                 Request* request, Item* item) {
   std::array<WireArray, 2> arrays;
-  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), most_elements, request, arrays));
+  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), elements, request, arrays));
   if (!request->has_item()) return absl::OkStatus();
   item->message = std::move(*request->mutable_item());
   item->segments = ArrayOf(std::move(arrays[0]), item->message.mutable_segments());

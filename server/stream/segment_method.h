@@ -41,7 +41,7 @@ class SegmentMethod final : public StreamMethod {
                                                              const QueryEnvironment& env);
 
   static std::span<const WirePath> ArrayPaths();
-  static absl::Status Read(grpc::ByteBuffer* bytes, uint64_t most_elements, Request* request,
+  static absl::Status Read(grpc::ByteBuffer* bytes, const ElementLimit& elements, Request* request,
                            Item* item);
 
   uint64_t Rays(const Item& item) const;

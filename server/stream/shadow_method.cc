@@ -153,10 +153,10 @@ std::span<const WirePath> ShadowMethod::ArrayPaths() {
   return kPaths;
 }
 
-absl::Status ShadowMethod::Read(grpc::ByteBuffer* bytes, uint64_t most_elements, Request* request,
-                                Item* item) {
+absl::Status ShadowMethod::Read(grpc::ByteBuffer* bytes, const ElementLimit& elements,
+                                Request* request, Item* item) {
   std::array<WireArray, 4> arrays;
-  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), most_elements, request, arrays));
+  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), elements, request, arrays));
   if (!request->has_item()) return absl::OkStatus();
   item->message = std::move(*request->mutable_item());
   if (!item->message.has_points()) return absl::OkStatus();

@@ -10,6 +10,7 @@
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
 #include "server/base/log.h"
+#include "server/codec/geometry_codec.h"
 #include "server/codec/query_codec.h"
 
 namespace sightline {
@@ -38,17 +39,27 @@ uint64_t MostUnanswered(const Limits& limits) {
   return (limits.stream_credit_rays + limits.min_item_cost_rays - 1) / limits.min_item_cost_rays;
 }
 
-uint64_t MostElements(const Limits& limits) {
-  return 2 * (limits.max_lights + MostUnanswered(limits)) + 1024;
+ElementLimit MostElements(const Limits& limits) {
+  const uint64_t most = 2 * (limits.max_lights + MostUnanswered(limits)) + 1024;
+  return {most,
+          [&limits, most](const google::protobuf::FieldDescriptor& field,
+                          uint64_t count) -> absl::Status {
+            if (field.message_type() == v1::Light::descriptor()) {
+              SL_RETURN_IF_ERROR(CheckLightCount(count, limits));
+            } else if (field.containing_type() == v1::CancelItems::descriptor()) {
+              SL_RETURN_IF_ERROR(CheckCancelled(count, limits));
+            }
+            return TooManyElements(field, count, most);
+          }};
 }
 
 uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits) {
   return std::max({rays, limits.min_item_cost_rays, message_bytes / kBytesPerRay});
 }
 
-absl::Status CheckCancelled(int ids, const Limits& limits) {
+absl::Status CheckCancelled(uint64_t ids, const Limits& limits) {
   const uint64_t most = MostUnanswered(limits);
-  if (static_cast<uint64_t>(ids) <= most) return absl::OkStatus();
+  if (ids <= most) return absl::OkStatus();
   return InvalidField("cancel.item_ids", absl::StrCat(ids, " ids"),
                       absl::StrCat("may be ", most, ", as many as a stream has unanswered items"));
 }

@@ -20,6 +20,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
 #include "server/codec/query_codec.h"
+#include "server/codec/wire_request.h"
 #include "server/stream/light_set.h"
 #include "server/stream/query_environment.h"
 #include "server/stream/scene_pin.h"
@@ -67,8 +68,9 @@ absl::Status CheckItemRays(uint64_t rays, const Limits& limits);
 uint64_t MostUnanswered(const Limits& limits);
 
 // How many lights, mirrors and ids of items a message may have, above what any is good for: each
-// has a limit of its own, and an error that names it.
-uint64_t MostElements(const Limits& limits);
+// has a limit of its own, and whoever sends more than this is told of that one, too. `limits`
+// outlive it.
+ElementLimit MostElements(const Limits& limits);
 
 // What an item takes off the credit and of the queue. Its rays say little of what is held for it if
 // its arrays do not fit one another; so its message's bytes count as well, and what is held is no
@@ -78,7 +80,7 @@ inline constexpr uint64_t kBytesPerRay = 64;
 uint64_t ItemCost(uint64_t rays, uint64_t message_bytes, const Limits& limits);
 
 // InvalidArgument (INVALID_FIELD) for a message that cancels more items than may be unanswered.
-absl::Status CheckCancelled(int ids, const Limits& limits);
+absl::Status CheckCancelled(uint64_t ids, const Limits& limits);
 
 // An item that was sent while `unanswered` ones take up all the credit.
 absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered, const Limits& limits);

@@ -177,9 +177,9 @@ absl::StatusOr<std::unique_ptr<TileMethod>> TileMethod::Open(const Header& heade
   return method;
 }
 
-absl::Status TileMethod::Read(grpc::ByteBuffer* bytes, uint64_t most_elements, Request* request,
-                              Item* item) {
-  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), most_elements, request, {}));
+absl::Status TileMethod::Read(grpc::ByteBuffer* bytes, const ElementLimit& elements,
+                              Request* request, Item* item) {
+  SL_RETURN_IF_ERROR(ReadRequest(bytes, ArrayPaths(), elements, request, {}));
   if (request->has_item()) item->message = std::move(*request->mutable_item());
   return absl::OkStatus();
 }

@@ -39,9 +39,9 @@ class TileMethod final : public StreamMethod {
   // The arrays of a request that may be large.
   static std::span<const WirePath> ArrayPaths() { return {}; }
   // Takes the bytes of a message; if it is an item, into `item`, else into `request`.
-  // `most_elements`, and what is returned: as of ReadRequest (server/codec/wire_request.h). Cheap:
+  // `elements`, and what is returned: as of ReadRequest (server/codec/wire_request.h). Cheap:
   // called in a reaction.
-  static absl::Status Read(grpc::ByteBuffer* bytes, uint64_t most_elements, Request* request,
+  static absl::Status Read(grpc::ByteBuffer* bytes, const ElementLimit& elements, Request* request,
                            Item* item);
 
   // What the item asks for, in rays; saturating. Cheap: called in a reaction.

@@ -324,7 +324,8 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   }
 
   void Cancel(const v1::CancelItems& cancel) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const absl::Status few = CheckCancelled(cancel.item_ids_size(), env_.limits);
+    const auto ids = static_cast<uint64_t>(cancel.item_ids_size());
+    const absl::Status few = CheckCancelled(ids, env_.limits);
     if (!few.ok()) return Fail(few);
     std::vector<ItemPtr> named;
     if (cancel.item_ids().empty()) {

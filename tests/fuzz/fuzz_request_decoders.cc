@@ -223,7 +223,7 @@ void RequireSameAsProtobuf(absl::string_view body) {
   std::vector<WireArray> arrays(Method::ArrayPaths().size());
   grpc::ByteBuffer buffer = InSlices(body);
   const bool read =
-      ReadRequest(&buffer, Method::ArrayPaths(), kManyElements, &scanned, arrays, 0).ok();
+      ReadRequest(&buffer, Method::ArrayPaths(), {kManyElements}, &scanned, arrays, 0).ok();
   Require(read == parses);
   if (!parses) return;
   for (size_t i = 0; i < arrays.size(); ++i) {
@@ -262,7 +262,7 @@ absl::Status Answer(const Method& method, typename Method::Item item) {
   (*work)->Complete(&reply);
   typename Method::Response response;
   grpc::ByteBuffer answer = ReplyBytes({}, std::move(reply));
-  Require(ReadRequest(&answer, {}, kManyElements, &response, {}).ok() && response.has_reply());
+  Require(ReadRequest(&answer, {}, {kManyElements}, &response, {}).ok() && response.has_reply());
   return absl::OkStatus();
 }
 
@@ -276,7 +276,7 @@ void FuzzStream(absl::string_view bytes) {
     typename Method::Request message;
     typename Method::Item item;
     grpc::ByteBuffer buffer = InSlices(body);
-    if (!Method::Read(&buffer, kManyElements, &message, &item).ok()) continue;
+    if (!Method::Read(&buffer, {kManyElements}, &message, &item).ok()) continue;
     if (message.has_header()) {
       auto opened = Method::Open(message.header(), world.environment);
       if (!opened.ok()) return;

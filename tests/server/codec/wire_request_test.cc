@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 #include "server/base/error.h"
 #include "server/codec/wire_format.h"
@@ -64,7 +65,7 @@ Outcome Compare(const std::string& bytes, TestRng& rng, size_t least) {
   expected.DiscardUnknownFields();
   std::vector<WireArray> arrays(paths.size());
   grpc::ByteBuffer buffer = Slices(bytes, rng, 1 + rng.Below(64));
-  const absl::Status status = ReadRequest(&buffer, paths, kManyElements, &read, arrays, least);
+  const absl::Status status = ReadRequest(&buffer, paths, {kManyElements}, &read, arrays, least);
   EXPECT_EQ(status.ok(), outcome.parsed) << status;
   EXPECT_EQ(buffer.Length(), 0u);
   if (!status.ok()) {
@@ -245,7 +246,7 @@ TEST_F(WireRequestTest, LargeArraysStayWhereTheyCame) {
     grpc::ByteBuffer buffer(&slice, 1);
     v1::TestSegmentsRequest read;
     SegmentMethod::Item item;
-    ASSERT_TRUE(SegmentMethod::Read(&buffer, kManyElements, &read, &item).ok());
+    ASSERT_TRUE(SegmentMethod::Read(&buffer, {kManyElements}, &read, &item).ok());
     EXPECT_EQ(item.message.item().item_id(), 9u);
     EXPECT_EQ(item.segments.size(), bytes / 48 * 48);
     ASSERT_EQ(item.segments.pieces().size(), 1u);
@@ -262,7 +263,7 @@ TEST_F(WireRequestTest, StoredSegmentsStayWhereTheyCame) {
   grpc::ByteBuffer buffer(&slice, 1);
   v1::TestSegmentsRequest read;
   SegmentMethod::Item item;
-  ASSERT_TRUE(SegmentMethod::Read(&buffer, kManyElements, &read, &item).ok());
+  ASSERT_TRUE(SegmentMethod::Read(&buffer, {kManyElements}, &read, &item).ok());
   EXPECT_TRUE(item.segments.empty());
   ASSERT_EQ(item.stored_segments.size(), 2 * kLeastLifted);
   const uint8_t* const where = item.stored_segments.pieces()[0].slice.begin();
@@ -282,7 +283,7 @@ size_t HeldOf(const std::string& bytes) {
   grpc::ByteBuffer buffer(&slice, 1);
   typename Method::Request request;
   typename Method::Item item;
-  const absl::Status status = Method::Read(&buffer, kManyElements, &request, &item);
+  const absl::Status status = Method::Read(&buffer, {kManyElements}, &request, &item);
   EXPECT_TRUE(status.ok()) << status;
   return request.SpaceUsedLong() + item.message.SpaceUsedLong();
 }
@@ -305,7 +306,9 @@ TEST_F(WireRequestTest, UnknownFieldsTakeNoMemory) {
   EXPECT_LT(HeldOf<TileMethod>(within(2, junk + item + within(1, junk))), kFew);
   EXPECT_LT(HeldOf<TileMethod>(within(2, item + junk) + within(2, item + junk)), kFew);
   // Right numbers with wrong types are unknown as well.
-  EXPECT_LT(HeldOf<TileMethod>(within(2, item + within(4, "") + within(5, ""))), kFew);
+  std::string mistyped;
+  while (mistyped.size() < kBytes) mistyped += within(4, "") + within(5, "");
+  EXPECT_LT(HeldOf<TileMethod>(within(2, item + mistyped)), kFew);
   // Beside an array that is lifted, one that is not, and two of one oneof.
   for (const size_t array : {size_t{96}, 2 * kLeastLifted}) {
     v1::SegmentItem segments;
@@ -324,7 +327,7 @@ TEST_F(WireRequestTest, ElementsAreCountedBeforeTheyAreMade) {
     grpc::ByteBuffer buffer(&slice, 1);
     v1::ComputeShadowsRequest request;
     ShadowMethod::Item item;
-    const absl::Status status = ShadowMethod::Read(&buffer, most, &request, &item);
+    const absl::Status status = ShadowMethod::Read(&buffer, {most}, &request, &item);
     EXPECT_EQ(buffer.Length(), 0u);
     EXPECT_EQ(status.ok(), request.ByteSizeLong() > 0);
     return status;
@@ -338,7 +341,8 @@ TEST_F(WireRequestTest, ElementsAreCountedBeforeTheyAreMade) {
     EXPECT_TRUE(read(message, 1000).ok());
     const absl::Status status = read(message, 999);
     EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_INVALID_FIELD);
-    EXPECT_TRUE(absl::StrContains(status.message(), "more than 999 elements")) << status;
+    EXPECT_TRUE(absl::StrContains(status.message(), "1000 elements")) << status;
+    EXPECT_TRUE(absl::StrContains(status.message(), "more than 999")) << status;
     EXPECT_TRUE(absl::StrContains(status.message(), message.has_header() ? "lights" : "item_ids"));
   }
   // Not packed, as protobuf reads them, too.
@@ -351,8 +355,34 @@ TEST_F(WireRequestTest, ElementsAreCountedBeforeTheyAreMade) {
     grpc::ByteBuffer buffer(&slice, 1);
     v1::ComputeShadowsRequest request;
     ShadowMethod::Item item;
-    EXPECT_EQ(ShadowMethod::Read(&buffer, most, &request, &item).ok(), most == 1000);
+    EXPECT_EQ(ShadowMethod::Read(&buffer, {most}, &request, &item).ok(), most == 1000);
   }
+}
+
+// As one that has a few too many of them is: by the limit's name and value.
+TEST_F(WireRequestTest, ElementsFarBeyondALimitAreToldOfIt) {
+  const Limits limits;
+  const auto read = [&](const v1::ComputeShadowsRequest& sent) {
+    const grpc::Slice slice(sent.SerializeAsString());
+    grpc::ByteBuffer buffer(&slice, 1);
+    v1::ComputeShadowsRequest request;
+    ShadowMethod::Item item;
+    return ShadowMethod::Read(&buffer, MostElements(limits), &request, &item);
+  };
+  v1::ComputeShadowsRequest lights, ids;
+  const uint64_t count = MostElements(limits).most + 1000;
+  for (uint64_t i = 0; i < count; ++i) {
+    lights.mutable_header()->add_lights();
+    ids.mutable_cancel()->add_item_ids(i);
+  }
+  v1::ItemStatus told;
+  ToItemStatus(read(lights), &told);
+  EXPECT_EQ(told.code(), static_cast<int>(absl::StatusCode::kResourceExhausted));
+  EXPECT_EQ(told.reason(), v1::ERROR_REASON_LIMIT_EXCEEDED);
+  EXPECT_EQ(told.metadata().at("limit"), "max_lights");
+  EXPECT_EQ(told.metadata().at("limit_value"), absl::StrCat(limits.max_lights));
+  EXPECT_EQ(told.metadata().at("value"), absl::StrCat(count));
+  EXPECT_EQ(read(ids).message(), CheckCancelled(count, limits).message());
 }
 
 }  // namespace
