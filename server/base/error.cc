@@ -14,7 +14,8 @@ namespace {
 
 // Of what is said back to a client, in bytes. A message travels twice in gRPC's trailers, which may
 // be 8 KiB.
-constexpr size_t kMaxMessage = 1024;
+constexpr size_t kMaxMessageHead = 700;
+constexpr size_t kMaxMessageTail = 324;
 constexpr size_t kMaxTold = 200;
 
 constexpr absl::string_view kDomain = "sightline";
@@ -44,6 +45,10 @@ v1::ErrorReason ReasonOfCode(absl::StatusCode code) {
     default:
       return v1::ERROR_REASON_INTERNAL;
   }
+}
+
+std::string ToldMessage(const absl::Status& status) {
+  return ShortenedWithin(status.message(), kMaxMessageHead, kMaxMessageTail);
 }
 
 bool ReadInfo(const absl::Status& status, v1::ErrorInfo* info) {
@@ -122,7 +127,7 @@ v1::ErrorReason ReasonOf(const absl::Status& status) {
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
   const absl::Status full = WithReason(status, ReasonOfCode(status.code()));
-  const std::string message = Shortened(full.message(), kMaxMessage);
+  const std::string message = ToldMessage(full);
   v1::Status details;
   details.set_code(full.raw_code());
   details.set_message(message);
@@ -143,7 +148,7 @@ void ToItemStatus(const absl::Status& status, v1::ItemStatus* out) {
   if (status.ok()) return;
   out->set_code(status.raw_code());
   out->set_reason(ReasonOf(status));
-  out->set_message(Shortened(status.message(), kMaxMessage));
+  out->set_message(ToldMessage(status));
   v1::ErrorInfo info;
   if (ReadInfo(status, &info)) *out->mutable_metadata() = info.metadata();
   v1::RetryInfo retry;

@@ -5,7 +5,8 @@
 //
 // Invariants: the domain is always "sightline"; a status without a reason gets one by its code on
 // the way out, so that no error leaves without. No value is told back in more than 200 bytes, and
-// no message leaves with more than 1,024 (and how many there were).
+// no message leaves with more than 1,024 (and how many there were), of its beginning and of its
+// end, where cause and remedy stand.
 //
 // Thread safety: functions only.
 //

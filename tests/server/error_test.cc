@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/base/error.h"
 
+#include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 #include "server/base/log.h"
 #include "server/base/memory_guard.h"
@@ -70,6 +71,23 @@ TEST(ErrorTest, LongTextIsNotToldBack) {
   EXPECT_LT(item.ByteSizeLong(), 1500u);
 }
 
+// A name that a mesh may have is nearly as long as a message, and stands before what is wrong.
+TEST(ErrorTest, ALongMessageKeepsItsCauseAndItsRemedy) {
+  const std::string name(1010, 'x');
+  const absl::Status status = absl::InvalidArgumentError(
+      absl::StrCat("object 1 \"", name, "\" has the name of object 0: rename one of them"));
+  const std::string whole(status.message());
+  ASSERT_GT(whole.size(), 1024u);
+  const std::string told = absl::StrCat(whole.substr(0, 700), "... (", whole.size(), " bytes) ...",
+                                        whole.substr(whole.size() - 324));
+  EXPECT_EQ(ToGrpcStatus(status).error_message(), told);
+  v1::ItemStatus item;
+  ToItemStatus(status, &item);
+  EXPECT_EQ(item.message(), told);
+  const absl::Status longest = absl::InvalidArgumentError(whole.substr(0, 1024));
+  EXPECT_EQ(ToGrpcStatus(longest).error_message(), whole.substr(0, 1024));
+}
+
 TEST(ErrorTest, CharactersAreNotCut) {
   EXPECT_EQ(Shortened("abc", 3), "abc");
   EXPECT_EQ(Shortened("abcd", 3), "abc... (4 bytes)");
@@ -77,6 +95,12 @@ TEST(ErrorTest, CharactersAreNotCut) {
   EXPECT_EQ(Shortened("a\u00e9x", 3), "a\u00e9... (4 bytes)");
   EXPECT_EQ(Shortened("\U0001F600", 3), "... (4 bytes)");
   EXPECT_EQ(Shortened("\x80\x80\x80\x80\x80", 4), "\x80... (5 bytes)");
+  EXPECT_EQ(ShortenedWithin("abcd", 2, 2), "abcd");
+  EXPECT_EQ(ShortenedWithin("abcde", 2, 2), "ab... (5 bytes) ...de");
+  EXPECT_EQ(ShortenedWithin("a\u00e9xy\u00e9b", 2, 2), "a... (8 bytes) ...b");
+  EXPECT_EQ(ShortenedWithin("a\u00e9xy\u00e9b", 3, 3), "a\u00e9... (8 bytes) ...\u00e9b");
+  EXPECT_EQ(ShortenedWithin("ab\U0001F600", 1, 3), "a... (6 bytes) ...");
+  EXPECT_EQ(ShortenedWithin("ab\x80\x80\x80\x80\x80", 1, 4), "a... (7 bytes) ...\x80");
 }
 
 TEST(ErrorTest, ItemStatusSaysTheSame) {
