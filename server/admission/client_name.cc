@@ -29,7 +29,8 @@ Client ClientOf(const grpc::ServerContextBase& context, const AccessControl* acc
     if (const std::optional<Caller> caller = access->Identify(ShownBy(context))) {
       return {caller->name, caller->limits};
     }
-    return {ClientOfPeer(context.peer()), kUnknownCaller};
+    // Apart from those that are known by the same address or socket: its limits are not theirs.
+    return {absl::StrCat("unknown:", ClientOfPeer(context.peer())), kUnknownCaller};
   }
   const std::shared_ptr<const grpc::AuthContext> auth = context.auth_context();
   if (auth != nullptr && auth->IsPeerAuthenticated()) {

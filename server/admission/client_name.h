@@ -2,7 +2,8 @@
 //
 // Who a call comes from, as far as sharing and quotas go: an authenticated identity, or else the
 // address without its port, so that many connections of one machine are one client. All callers
-// through a Unix socket are one, as are those behind one proxy.
+// through a Unix socket are one, as are those behind one proxy, and beside them, "unknown:" before
+// the address, those whom an access file does not know.
 //
 // Thread safety: functions only.
 //

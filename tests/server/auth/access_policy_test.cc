@@ -203,6 +203,8 @@ TEST(AccessControlTest, WhomTheFileDoesNotKnowHasNextToNothing) {
   EXPECT_EQ(ClientOf(context, &access).limits.rays, 1'000'000u);
   metadata.AddClientMetadata("authorization", "Bearer junk");
   EXPECT_EQ(ShownBy(context).authorizations.size(), 2u);
+  // And no part of what others have who come by the same way, all of a Unix socket for one.
+  EXPECT_EQ(ClientOf(context, &access).name, "unknown:" + ClientOfPeer(context.peer()));
   const CallerLimits unknown = ClientOf(context, &access).limits;
   EXPECT_EQ(unknown.rays, 1u);
   EXPECT_EQ(unknown.streams, 1u);
