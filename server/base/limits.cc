@@ -57,8 +57,9 @@ constexpr LimitEntry kTable[] = {
     {"max_upload_idle_seconds", &Limits::max_upload_idle_seconds, 1, 86400,
      "how long an upload may wait for a message that brings something, seconds"},
     {"max_stream_stall_seconds", &Limits::max_stream_stall_seconds, 1, 86400,
-     "how long a visibility stream may wait for its client to take a reply or grant credit, "
-     "seconds"},
+     "how long a visibility stream, or a watch of a scene, may wait for its client to take a "
+     "reply, "
+     "a stream also to grant credit for one, seconds"},
 };
 
 }  // namespace

@@ -100,7 +100,7 @@ void SceneWatch::EndIfStalled(std::chrono::steady_clock::time_point now) {
   const std::chrono::seconds most(env_.limits.max_stream_stall_seconds);
   if (finished_ || !writing_ || now - write_start_ < most) return;
   next_.reset();
-  const absl::Status stalled = StreamStallError(env_.limits);
+  const absl::Status stalled = WatchStallError(env_.limits);
   EndWith(stalled);
   CutOff(context_, stalled);
 }

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <string>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
@@ -14,6 +15,18 @@
 #include "server/codec/query_codec.h"
 
 namespace sightline {
+namespace {
+
+// `what` is it that waited, `for_what` its client was to do, and what else helps.
+absl::Status StallError(const Limits& limits, absl::string_view what, absl::string_view for_what) {
+  const std::string seconds = absl::StrCat(limits.max_stream_stall_seconds);
+  return MakeError(absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
+                   absl::StrCat("this ", what, " has waited for max_stream_stall = ", seconds,
+                                " s for its client ", for_what),
+                   {{"limit", "max_stream_stall"}, {"limit_value", seconds}});
+}
+
+}  // namespace
 
 absl::Status StreamMethod::OpenScene(const v1::StreamHeader& header) {
   SL_ASSIGN_OR_RETURN(pin_, ScenePin::Open(header, env_));
@@ -92,15 +105,16 @@ absl::Status CallCancelledError() {
 }
 
 absl::Status StreamStallError(const Limits& limits) {
-  const std::string seconds = absl::StrCat(limits.max_stream_stall_seconds);
-  return MakeError(
-      absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
-      absl::StrCat(
-          "this stream has waited for max_stream_stall = ", seconds,
-          " s for its client to take a reply or grant result credit enough for the next: read ",
-          "what is sent, keep fewer items on their way, or have the server wait longer ",
-          "(--max-stream-stall-seconds) or send shorter replies (--target-reply-bytes)"),
-      {{"limit", "max_stream_stall"}, {"limit_value", seconds}});
+  return StallError(limits, "stream",
+                    "to take a reply or grant result credit enough for the next: read what is "
+                    "sent, keep fewer items on their way, or have the server wait longer "
+                    "(--max-stream-stall-seconds) or send shorter replies (--target-reply-bytes)");
+}
+
+absl::Status WatchStallError(const Limits& limits) {
+  return StallError(limits, "watch of a scene",
+                    "to take what it is told: read what is sent, watch again to hear how the scene "
+                    "is by then, or have the server wait longer (--max-stream-stall-seconds)");
 }
 
 void LogFailure(absl::string_view peer, const absl::Status& status) {

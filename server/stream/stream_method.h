@@ -93,6 +93,8 @@ absl::Status ItemCancelledError(uint64_t item_id);
 absl::Status CallCancelledError();
 // DEADLINE_EXCEEDED: for max_stream_stall no reply was taken, or could be sent for want of credit.
 absl::Status StreamStallError(const Limits& limits);
+// The same for a watch of a scene, which has no credit.
+absl::Status WatchStallError(const Limits& limits);
 
 // Why a stream of `peer` ends, for the log.
 void LogFailure(absl::string_view peer, const absl::Status& status);

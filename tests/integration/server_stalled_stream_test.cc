@@ -147,7 +147,7 @@ TEST_F(StalledStreamTest, AWatchThatIsNotReadEndsToo) {
   drain.join();
   EXPECT_TRUE(drained.ok()) << drained;
   EXPECT_THAT(unread.ReadUntil("max_stream_stall = 3600 s"),
-              testing::HasSubstr("max_stream_stall = 3600 s"));
+              testing::HasSubstr("this watch of a scene has waited for max_stream_stall = 3600 s"));
 }
 
 class ImpatientTest : public StreamRulesTest {

@@ -202,6 +202,14 @@ TEST(LimitErrorsTest, AStalledStreamIsToldWhatItKeptWaiting) {
   EXPECT_EQ(status.code(), absl::StatusCode::kDeadlineExceeded);
   EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_DEADLINE_EXCEEDED);
   EXPECT_TRUE(absl::StrContains(status.message(), "max_stream_stall = 7 s")) << status;
+  // A watch has no credit, and no replies that could be shorter.
+  const absl::Status watch = WatchStallError(limits);
+  EXPECT_EQ(watch.code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_EQ(ReasonOf(watch), v1::ERROR_REASON_DEADLINE_EXCEEDED);
+  EXPECT_TRUE(absl::StrContains(watch.message(), "watch of a scene")) << watch;
+  EXPECT_TRUE(absl::StrContains(watch.message(), "max_stream_stall = 7 s")) << watch;
+  EXPECT_FALSE(absl::StrContains(watch.message(), "credit")) << watch;
+  EXPECT_FALSE(absl::StrContains(watch.message(), "target-reply")) << watch;
 }
 
 // A new limit has a line above, or a reason why none is needed.
