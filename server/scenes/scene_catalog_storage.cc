@@ -132,7 +132,11 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
       [&](uint64_t, const std::function<void(double)>& progress)
           -> absl::StatusOr<std::shared_ptr<const Scene>> {
         if (name == NameOf::kNewScene) SL_RETURN_IF_ERROR(CheckFirstOfName(id));
-        return LoadScene(file, id, load, build_pool_, cancel, progress);
+        SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> loaded,
+                            LoadScene(file, id, load, build_pool_, cancel, progress));
+        // Before anybody can edit it, who begins with what is known here.
+        ChangeTimes(tag, [&](Times& times) { times.BuildAs(*loaded); });
+        return loaded;
       },
       keeper, tag, charge->Leave());
   if (!scene.ok()) {
@@ -140,14 +144,13 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
     return ExplainBuild(ExplainLoad(scene.status(), id), id);
   }
   KeepShare(id, tag, nullptr);
-  ReturnFreeMemory();  // What checking took.
-  ChangeTimes(tag, [&](Times& times) { times.BuildAs(**scene); });
   return Get(id);
 }
 
 absl::StatusOr<SceneView> SceneCatalog::CreateFromBytes(const CreateOptions& options,
                                                         const SceneBytes& file,
                                                         const CancelToken* cancel) {
+  const absl::Cleanup trim = [] { ReturnFreeMemory(); };
   CreateOptions temporary = options;
   temporary.temporary = true;
   MemoryCharge nothing(*this);  // The bytes are the caller's.
@@ -164,6 +167,7 @@ absl::StatusOr<SceneView> SceneCatalog::CreateFromFile(const CreateOptions& opti
     return view;
   }
   SL_RETURN_IF_ERROR(CheckName(options.scene_id));
+  const absl::Cleanup trim = [] { ReturnFreeMemory(); };
   MemoryCharge charge(*this);
   SL_ASSIGN_OR_RETURN(const SceneBytes file, OpenFile(file_id, &charge, cancel));
   return LoadFile(options, file, NameOf::kNewScene, &charge,
@@ -183,6 +187,8 @@ absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
       there.ok() && there->status.latest != nullptr) {
     return there;
   }
+  // What checking took: after the move, or edits would be refused while it is given back.
+  const absl::Cleanup trim = [] { ReturnFreeMemory(); };
   SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
   if (absl::StatusOr<SceneView> there = Get(scene_id);
       there.ok() && there->status.latest != nullptr) {
@@ -206,6 +212,8 @@ absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
 absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
                                                const CancelToken* cancel) {
   SL_RETURN_IF_ERROR(CheckRepository());
+  // What checking took, and the revision before: after the move, as in Load.
+  const absl::Cleanup trim = [] { ReturnFreeMemory(); };
   SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
   const uint64_t tag = TagNow(scene_id);
   if (tag == 0) return NotThere(scene_id);
@@ -239,7 +247,6 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
     times.temporary = false;  // There is a file to store the next edit in.
     times.BuildAs(**scene);
   });
-  ReturnFreeMemory();  // What checking took, and the revision before.
   return Get(scene_id);
 }
 

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -455,6 +456,49 @@ TEST_F(StoredScenesTest, AnEditAfterAReloadBuildsWhatTheFileHas) {
     const bool file_has_rows = id == "compact";
     EXPECT_EQ(rows(catalog.Reload(id, nullptr)), file_has_rows);
     EXPECT_EQ(rows(catalog.Edit({.scene_id = id}, {&edit, 1}, nullptr)), file_has_rows);
+  }
+}
+
+// By somebody who is told of it, before whoever had it made is.
+TEST_F(StoredScenesTest, AnEditOfASceneOfAFileThatIsJustReadyBuildsWhatTheFileHas) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  std::string watched;
+  std::optional<BvhPreset> asked;
+  int objects = 0;
+  const auto edit = [&](const std::string& id, std::optional<BvhPreset> preset) {
+    ObjectInput more = object_;
+    more.name = absl::StrCat("more", ++objects);
+    const SceneEdit edit{.kind = SceneEdit::Kind::kAdd, .object = more};
+    const absl::StatusOr<SceneView> edited =
+        catalog.Edit({.scene_id = id, .preset = preset}, {&edit, 1}, nullptr);
+    EXPECT_TRUE(edited.ok()) << edited.status();
+    return edited.ok() && edited->status.latest->bvh.has_leaf_rows();
+  };
+  std::optional<bool> rows;
+  catalog.SetListener([&](const SceneView& view) {
+    if (view.status.name != watched || view.status.state != SceneState::kReady) return;
+    watched.clear();
+    rows = edit(view.status.name, asked);
+  });
+  ASSERT_TRUE(
+      catalog
+          .CreateBuiltin(
+              {.scene_id = "compact", .preset = BvhPreset::kCompact, .builtin = "builtin:box:1000"},
+              nullptr)
+          .ok());
+  for (const bool temporary : {true, false}) {
+    for (const bool other : {false, true}) {
+      const std::string id = absl::StrCat("copy", temporary, other);
+      watched = id;
+      asked = other ? std::optional(BvhPreset::kStatic) : std::nullopt;
+      rows.reset();
+      const absl::Status made =
+          catalog.CreateFromFile({.scene_id = id, .temporary = temporary}, "compact", nullptr)
+              .status();
+      ASSERT_TRUE(made.ok()) << made;
+      EXPECT_EQ(rows, other);
+      EXPECT_EQ(edit(id, std::nullopt), other);  // What it asked for stays.
+    }
   }
 }
 
