@@ -126,8 +126,9 @@ class SceneCatalog : public MemoryBudget {
   absl::StatusOr<SceneView> CreateBuiltin(const CreateOptions& options, const CancelToken* cancel);
   absl::StatusOr<SceneView> Edit(const EditOptions& options, std::span<const SceneEdit> edits,
                                  const CancelToken* cancel);
-  // From memory and from the repository. STORAGE_FAILED: from neither, if it cannot be told whether
-  // there is a file, else from memory alone.
+  // From memory and from the repository, also what is made at the moment, if it is done by then.
+  // STORAGE_FAILED: from neither, if it cannot be told whether there is a file, else from memory
+  // alone.
   absl::Status Delete(const std::string& scene_id);
 
   // ---- The repository. FailedPrecondition (NO_REPOSITORY) without one.

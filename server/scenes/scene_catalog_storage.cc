@@ -276,22 +276,28 @@ absl::Status SceneCatalog::Delete(const std::string& scene_id) {
   SL_ASSIGN_OR_RETURN(const Move move, BeginMove(scene_id));
   const std::optional<Times> times = TimesOf(TagNow(scene_id));
   const bool temporary = times.has_value() && times->temporary;
-  const absl::StatusOr<bool> there = repository_ == nullptr ? false : repository_->Has(scene_id);
+  const auto look = [&]() -> absl::StatusOr<bool> {
+    return repository_ == nullptr ? false : repository_->Has(scene_id);
+  };
+  absl::StatusOr<bool> there = look();
   // A file that may be there would bring the scene back. A temporary one has none of its own.
   if (!temporary) SL_RETURN_IF_ERROR(there.status());
-  const bool has_file = !there.ok() || *there;
-  const bool stored = there.ok() && *there;
-  if (stored) {
-    // From now on nothing is stored under the name until its file is gone.
+  {
+    // From now on nothing new is stored under the name until its file is gone.
     MutexLock lock(mutex_);
     removing_.insert(scene_id);
   }
-  const absl::Cleanup removed = [&] {
+  absl::Cleanup removed = [&] {
     MutexLock lock(mutex_);
     removing_.erase(scene_id);
     removed_.SignalAll();
   };
   absl::StatusOr<SceneStatus> deleted = registry_.Delete(scene_id);
+  // A creation that was under way may have stored it since. What is gone has none any more.
+  if (there.ok() && !*there) there = look();
+  const bool has_file = !there.ok() || *there;
+  const bool stored = there.ok() && *there;
+  if (!stored) std::move(removed).Invoke();
   const uint64_t tag = deleted.ok() ? deleted->tag : 0;
   if (deleted.ok()) {
     Forget(View(*std::move(deleted)));
@@ -304,7 +310,7 @@ absl::Status SceneCatalog::Delete(const std::string& scene_id) {
   SetNote(scene_id, std::nullopt);
   if (stored) SL_RETURN_IF_ERROR(repository_->Remove(scene_id));
   DropShares(scene_id, tag, /*all=*/stored || !has_file);
-  return absl::OkStatus();
+  return temporary ? absl::OkStatus() : there.status();
 }
 
 absl::Status SceneCatalog::LoadAll() {

@@ -434,6 +434,22 @@ TEST_F(StoredScenesTest, AFileUnderTheNameOfATemporarySceneIsDeletedWithIt) {
   EXPECT_TRUE(catalog.Delete("shed").ok());
 }
 
+// It looks for a file when there is none yet, and goes on when a creation has stored one.
+TEST_F(StoredScenesTest, ADeletionLeavesNoFileOfWhatWasMadeMeanwhile) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  bool made = false;
+  calls_.on_stat = [&] {
+    if (std::exchange(made, true)) return;
+    ASSERT_TRUE(catalog.Create({.scene_id = "shed"}, {&object_, 1}, nullptr).ok());
+  };
+  const absl::Status deleted = catalog.Delete("shed");
+  calls_.on_stat = nullptr;
+  ASSERT_TRUE(made);
+  EXPECT_TRUE(deleted.ok()) << deleted;
+  EXPECT_FALSE(catalog.Get("shed").ok());
+  EXPECT_FALSE(Exists("shed"));
+}
+
 TEST_F(StoredScenesTest, AnEditAfterAReloadBuildsWhatTheFileHas) {
   SceneCatalog catalog(Limits(), pool_, repository_.get());
   const auto preset = [&](const std::string& id, BvhPreset preset) {

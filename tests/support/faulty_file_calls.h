@@ -63,6 +63,7 @@ class FaultyFileCalls final : public FileCalls {
   std::atomic<int> interrupts{0};
   // Called at the beginning of every Map, every UnlinkAt and every Write.
   FileCallHook on_map, on_unlink, on_write;
+  FileCallHook on_stat;  // Called at the end of every StatAt, which knows its answer by then.
 
   int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
     if (open_error != 0) return Fail(open_error);
@@ -93,7 +94,11 @@ class FaultyFileCalls final : public FileCalls {
   }
   int StatAt(int folder, const char* name, struct stat* status) override {
     if (stat_error != 0) return Fail(stat_error);
-    return FileCalls::StatAt(folder, name, status);
+    const int result = FileCalls::StatAt(folder, name, status);
+    const int error = errno;
+    on_stat();
+    errno = error;
+    return result;
   }
   int AccessAt(int folder, const char* name, int mode) override {
     if (access_error != 0) return Fail(access_error);
