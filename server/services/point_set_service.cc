@@ -143,8 +143,8 @@ class CreatePointSetSteps {
 
 }  // namespace
 
-grpc::ServerReadReactor<v1::CreatePointSetRequest>* PointSetService::CreatePointSet(
-    grpc::CallbackServerContext* context, v1::PointSet* response) {
+grpc::ServerReadReactor<grpc::ByteBuffer>* PointSetService::CreatePointSet(
+    grpc::CallbackServerContext* context, grpc::ByteBuffer* response) {
   return StartUpload<CreatePointSetSteps>(*context, response, env_, slots_);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// PointSetService over a PointSetStore: decode, call, encode.
+// PointSetService over a PointSetStore: decode, call, encode. Uploads take bytes, as scenes' do.
 //
 // Thread safety: gRPC calls the methods from many threads; the service holds no state of its own.
 #ifndef SIGHTLINE_SERVER_SERVICES_POINT_SET_SERVICE_H_
@@ -12,12 +12,13 @@
 
 namespace sightline {
 
-class PointSetService final : public v1::PointSetService::CallbackService {
+class PointSetService final : public v1::PointSetService::WithRawCallbackMethod_CreatePointSet<
+                                  v1::PointSetService::CallbackService> {
  public:
   PointSetService(const QueryEnvironment& env, UploadSlots& slots) : env_(env), slots_(slots) {}
 
-  grpc::ServerReadReactor<v1::CreatePointSetRequest>* CreatePointSet(
-      grpc::CallbackServerContext* context, v1::PointSet* response) override;
+  grpc::ServerReadReactor<grpc::ByteBuffer>* CreatePointSet(grpc::CallbackServerContext* context,
+                                                            grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* GetPointSet(grpc::CallbackServerContext* context,
                                         const v1::GetPointSetRequest* request,
                                         v1::PointSet* response) override;

@@ -170,13 +170,13 @@ absl::StatusOr<size_t> ParseObjectToken(const std::string& token, size_t objects
 
 }  // namespace
 
-grpc::ServerReadReactor<v1::CreateSceneRequest>* SceneService::CreateScene(
-    grpc::CallbackServerContext* context, v1::Scene* response) {
+grpc::ServerReadReactor<grpc::ByteBuffer>* SceneService::CreateScene(
+    grpc::CallbackServerContext* context, grpc::ByteBuffer* response) {
   return StartUpload<CreateSceneSteps>(*context, response, env_, slots_);
 }
 
-grpc::ServerReadReactor<v1::UpdateSceneRequest>* SceneService::UpdateScene(
-    grpc::CallbackServerContext* context, v1::Scene* response) {
+grpc::ServerReadReactor<grpc::ByteBuffer>* SceneService::UpdateScene(
+    grpc::CallbackServerContext* context, grpc::ByteBuffer* response) {
   return StartUpload<UpdateSteps>(*context, response, env_, slots_);
 }
 

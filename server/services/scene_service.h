@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// SceneService over a SceneCatalog: decode, call, encode.
+// SceneService over a SceneCatalog: decode, call, encode. Uploads take bytes, so that what this
+// server does not know of a message is dropped before it is read (upload_reactor.h).
 //
 // Thread safety: gRPC calls the methods from many threads; the service holds no state of its own.
 #ifndef SIGHTLINE_SERVER_SERVICES_SCENE_SERVICE_H_
@@ -12,12 +13,14 @@
 
 namespace sightline {
 
-class SceneService final : public v1::SceneService::CallbackService {
+class SceneService final
+    : public v1::SceneService::WithRawCallbackMethod_CreateScene<
+          v1::SceneService::WithRawCallbackMethod_UpdateScene<v1::SceneService::CallbackService>> {
  public:
   SceneService(const QueryEnvironment& env, UploadSlots& slots) : env_(env), slots_(slots) {}
 
-  grpc::ServerReadReactor<v1::CreateSceneRequest>* CreateScene(grpc::CallbackServerContext* context,
-                                                               v1::Scene* response) override;
+  grpc::ServerReadReactor<grpc::ByteBuffer>* CreateScene(grpc::CallbackServerContext* context,
+                                                         grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* GetScene(grpc::CallbackServerContext* context,
                                      const v1::GetSceneRequest* request,
                                      v1::Scene* response) override;
@@ -27,8 +30,8 @@ class SceneService final : public v1::SceneService::CallbackService {
   grpc::ServerUnaryReactor* ListSceneObjects(grpc::CallbackServerContext* context,
                                              const v1::ListSceneObjectsRequest* request,
                                              v1::ListSceneObjectsResponse* response) override;
-  grpc::ServerReadReactor<v1::UpdateSceneRequest>* UpdateScene(grpc::CallbackServerContext* context,
-                                                               v1::Scene* response) override;
+  grpc::ServerReadReactor<grpc::ByteBuffer>* UpdateScene(grpc::CallbackServerContext* context,
+                                                         grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* DeleteScene(grpc::CallbackServerContext* context,
                                         const v1::DeleteSceneRequest* request,
                                         google::protobuf::Empty* response) override;

@@ -87,7 +87,7 @@ class UploadJob {
 // The reactor for a new call. It deletes itself.
 template <typename Steps>
 UploadReactor<UploadJob<Steps>>* StartUpload(const grpc::CallbackServerContext& context,
-                                             typename Steps::Response* response,
+                                             grpc::ByteBuffer* response,
                                              const QueryEnvironment& env, UploadSlots& slots) {
   return UploadReactor<UploadJob<Steps>>::Start(context, response, env, slots);
 }

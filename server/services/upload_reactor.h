@@ -5,10 +5,11 @@
 // after, when everything has arrived (upload_job.h).
 //
 // Invariants
-//  1. Reactions never compute: reading a message is a task of the call pool, and so is freeing what
-//     has arrived; making something of it is one of the build pool. What has to wait for its turn
-//     elsewhere holds no thread of either meanwhile.
-//  2. One message is in memory beside what the upload holds.
+//  1. Reactions parse a message, and never compute: taking it in is a task of the call pool, and so
+//     is freeing what has arrived; making something of it is one of the build pool. What has to
+//     wait for its turn elsewhere holds no thread of either meanwhile.
+//  2. One message is in memory beside what the upload holds, without the fields that this server
+//     does not know, of which two bytes would become seventy (wire_request.h).
 //  3. Finish is called exactly once, with no task running, nor anything elsewhere; the job's cancel
 //     token fires when the client goes away.
 //  4. What has arrived counts against its client's bytes, and against the memory budget (the
@@ -22,10 +23,12 @@
 #define SIGHTLINE_SERVER_SERVICES_UPLOAD_REACTOR_H_
 
 #include <grpcpp/server_context.h>
+#include <grpcpp/support/byte_buffer.h>
 #include <grpcpp/support/server_callback.h>
 
 #include <chrono>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <utility>
 
@@ -44,7 +47,9 @@
 #include "server/admission/upload_slots.h"
 #include "server/base/error.h"
 #include "server/base/memory_guard.h"
+#include "server/codec/wire_request.h"
 #include "server/metrics/metrics.h"
+#include "server/stream/item_reply.h"
 #include "server/stream/query_environment.h"
 
 namespace sightline {
@@ -68,15 +73,16 @@ using WorkElsewhere = absl::AnyInvocable<void(absl::AnyInvocable<void()> resume)
 //   absl::StatusOr<WorkElsewhere> Prepare(const CancelToken&);
 //   absl::Status Finish(const CancelToken&, Response*);
 template <typename Job>
-class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request>,
+class UploadReactor final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
                             public WaitingUpload,
                             public std::enable_shared_from_this<UploadReactor<Job>> {
  public:
   using Request = typename Job::Request;
   using Response = typename Job::Response;
 
-  static UploadReactor* Start(const grpc::CallbackServerContext& context, Response* response,
-                              const QueryEnvironment& env, UploadSlots& slots) {
+  static UploadReactor* Start(const grpc::CallbackServerContext& context,
+                              grpc::ByteBuffer* response, const QueryEnvironment& env,
+                              UploadSlots& slots) {
     const Client client = ClientOf(context, env.access);
     std::shared_ptr<UploadReactor> reactor(new UploadReactor(response, env, client));
     reactor->Begin(client, env, slots);
@@ -85,12 +91,18 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   }
 
   void OnReadDone(bool ok) override {
+    const size_t bytes = ok ? incoming_.Length() : 0;  // Reading empties it.
+    absl::Status read;
+    if (ok) {
+      read = GuardMemory([&] { return ReadRequest(&incoming_, {}, AnyNumber(), &request_, {}); });
+    }
     MutexLock lock(mutex_);
     if (ended_) return;  // It was idle for too long, or cancelled.
-    idle_.Arrived(IdleClock::Now(), ok ? Job::BytesOf(request_) : 0);
+    idle_.Arrived(IdleClock::Now(), ok && read.ok() ? Job::BytesOf(request_) : 0);
     if (cancel_.cancelled()) return End(cancel_.ToStatus());
+    if (!read.ok()) return End(read);
     if (ok) {
-      const absl::Status room = bytes_.Add(request_.ByteSizeLong(), most_bytes_);
+      const absl::Status room = bytes_.Add(bytes, most_bytes_);
       if (!room.ok()) return End(room);
     }
     ++running_;
@@ -123,8 +135,11 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
   }
 
  private:
-  UploadReactor(Response* response, const QueryEnvironment& env, const Client& client)
-      : response_(response),
+  // The repeated fields of uploads are of numbers, which take no more than their bytes.
+  static ElementLimit AnyNumber() { return {std::numeric_limits<uint64_t>::max()}; }
+
+  UploadReactor(grpc::ByteBuffer* response, const QueryEnvironment& env, const Client& client)
+      : told_response_(response),
         call_pool_(env.call_pool),
         build_pool_(env.build_pool),
         timer_(env.metrics, Job::kOperation),
@@ -152,7 +167,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
 
   void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     idle_.Wait(IdleClock::Now());
-    this->StartRead(&request_);
+    this->StartRead(&incoming_);
   }
 
   void Receive() {
@@ -175,7 +190,7 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     });
   }
   absl::Status FinishJob() {
-    return GuardMemory([&] { return job_->Finish(cancel_, response_); });
+    return GuardMemory([&] { return job_->Finish(cancel_, &response_); });
   }
   // What a task says at the end of the upload; no read is under way.
   void EndTask(const absl::Status& status) {
@@ -200,17 +215,20 @@ class UploadReactor final : public grpc::ServerReadReactor<typename Job::Request
     share_.Release();
     bytes_.Release();
     timer_.Record(status.code());
+    if (status.ok()) *told_response_ = MessageBytes(response_);
     this->Finish(ToGrpcStatus(status));
   }
 
-  Response* const response_;
+  grpc::ByteBuffer* const told_response_;  // gRPC's; set before Finish with OK.
   ThreadPool& call_pool_;
   ThreadPool& build_pool_;
   const CallTimer timer_;
   const uint64_t most_bytes_;  // Of the client's uploads together; 0: any number.
   const uint64_t most_idle_seconds_;
-  std::unique_ptr<Job> job_;  // Used by one task at a time; null once it is done with.
+  std::unique_ptr<Job> job_;   // Used by one task at a time; null once it is done with.
+  grpc::ByteBuffer incoming_;  // Written by gRPC between StartRead and OnReadDone.
   Request request_;
+  Response response_;
   CancelToken cancel_;
 
   HandOver begun_;  // gRPC knows the call before it says that it was cancelled.

@@ -3,17 +3,21 @@
 // What HTTP/2 and gRPC would let one client do to the real server, and it does not: send messages
 // that expand as they are read, and keep calls without end on one connection.
 #include <grpc/compression.h>
+#include <grpcpp/generic/generic_stub.h>
 
 #include <atomic>
 #include <chrono>
 #include <csignal>
+#include <future>
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
+#include "server/codec/wire_format.h"
 #include "tests/integration/raw_connection.h"
 #include "tests/integration/server_harness.h"
 #include "tests/integration/serving_process.h"
@@ -75,6 +79,58 @@ TEST(TransportTest, BombsAreNotExpanded) {
   }
   server.Signal(SIGTERM);
   EXPECT_EQ(server.Wait(), 0);
+}
+
+// A call with one message of these bytes, whatever they are.
+grpc::Status CallWith(const std::shared_ptr<grpc::Channel>& channel, const std::string& method,
+                      const std::string& message) {
+  grpc::GenericStub stub(channel);
+  grpc::ClientContext context;
+  // So that a server that never ends it fails a test.
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::minutes(1));
+  const grpc::Slice slice(message);
+  const grpc::ByteBuffer request(&slice, 1);
+  grpc::ByteBuffer response;
+  std::promise<grpc::Status> ended;
+  stub.UnaryCall(&context, method, grpc::StubOptions(), &request, &response,
+                 [&](grpc::Status status) { ended.set_value(std::move(status)); });
+  return ended.get_future().get();
+}
+
+// Four megabytes of fields that nobody knows, two bytes each, which protobuf keeps in seventy.
+TEST(TransportTest, UnknownFieldsOfUploadsTakeNoMemory) {
+  ServingProcess server({"--scene=box=builtin:box:1000"});
+  constexpr size_t kBytes = 4'000'000;
+  std::string junk;
+  while (junk.size() < kBytes) AppendLengthHead(15, 0, &junk);
+  v1::CreateSceneRequest scene;
+  v1::UpdateSceneRequest edit;
+  v1::CreatePointSetRequest points;
+  scene.mutable_header()->mutable_builtin()->set_spec("builtin:box:1000");
+  edit.mutable_header()->set_name("scenes/none");
+  points.mutable_header()->set_parent("scenes/none");
+  points.mutable_header()->mutable_upload()->set_point_count(1);
+  const auto channel = server.Channel();
+  const auto call = [&](const std::string& method, const std::string& message) {
+    return CallWith(channel, absl::StrCat("/sightline.v1.", method), message);
+  };
+  ASSERT_TRUE(call("SceneService/CreateScene", scene.SerializeAsString()).ok());
+  const uint64_t before = server.PeakResidentBytes();
+  const grpc::Status made = call("SceneService/CreateScene", scene.SerializeAsString() + junk);
+  EXPECT_TRUE(made.ok()) << made.error_message();
+  const grpc::Status edited = call("SceneService/UpdateScene", edit.SerializeAsString() + junk);
+  EXPECT_EQ(ReasonIn(edited), "SCENE_NOT_FOUND") << edited.error_message();
+  const grpc::Status set =
+      call("PointSetService/CreatePointSet", points.SerializeAsString() + junk);
+  EXPECT_EQ(ReasonIn(set), "SCENE_NOT_FOUND") << set.error_message();
+  if (!testing_support::kSanitizerBuild) {
+    EXPECT_LT(server.PeakResidentBytes(), before + 8 * kBytes);
+  }
+  // What is no message at all is said to be none, with its length.
+  const grpc::Status none = call("SceneService/CreateScene", junk + "\xff");
+  EXPECT_EQ(ReasonIn(none), "INVALID_FIELD") << none.error_message();
+  EXPECT_EQ(none.error_message(),
+            "message = 4000001 bytes: must be a sightline.v1.CreateSceneRequest");
 }
 
 // An open stream of tiles.
