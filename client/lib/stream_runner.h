@@ -13,6 +13,8 @@
 // for RetryOptions.give_up_after since the first failure. Replies of an item are handed out whole,
 // when its last one is there: an answer that was cut off leaves nothing behind.
 //
+// Where memory runs out in `make_item` or `deliver` the run fails with RESOURCE_EXHAUSTED.
+//
 // Thread safety: RunStreams blocks its caller; `deliver` is called from lane threads, one call at a
 // time, never after RunStreams has returned.
 #ifndef SIGHTLINE_CLIENT_LIB_STREAM_RUNNER_H_
@@ -32,11 +34,13 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "client/lib/backoff.h"
 #include "client/lib/cancellation.h"
 #include "client/lib/connection.h"
+#include "client/lib/memory_guard.h"
 #include "client/lib/mutex.h"
 #include "client/lib/status.h"
 
@@ -196,10 +200,16 @@ class StreamRun {
         MutexLock lock(&mutex_);
         if (!TakeItem(session, &item)) break;
       }
-      const Request request = job_.make_item(item);
-      if (!stream->Write(request)) return;
+      const absl::StatusOr<Request> request =
+          GuardMemory([&]() -> absl::StatusOr<Request> { return job_.make_item(item); });
+      if (!request.ok()) {
+        MutexLock lock(&mutex_);
+        Fail(request.status());
+        return;
+      }
+      if (!stream->Write(*request)) return;
       MutexLock lock(&mutex_);
-      totals_.bytes_sent += request.ByteSizeLong();
+      totals_.bytes_sent += request->ByteSizeLong();
     }
     stream->WritesDone();
   }
@@ -279,7 +289,10 @@ class StreamRun {
     {
       MutexLock lock(&deliver_mutex_);
       // Another lane may wait here with its item while one finds that the caller has had enough.
-      if (delivery_.ok()) delivery_ = job_.deliver(static_cast<size_t>(id), std::move(replies));
+      if (delivery_.ok()) {
+        delivery_ =
+            GuardMemory([&] { return job_.deliver(static_cast<size_t>(id), std::move(replies)); });
+      }
       delivered = delivery_;
     }
     MutexLock lock(&mutex_);

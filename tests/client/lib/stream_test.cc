@@ -7,6 +7,7 @@
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <new>
 #include <span>
 #include <string>
 #include <thread>
@@ -17,6 +18,7 @@
 #include "client/lib/client.h"
 #include "client/lib/status.h"
 #include "client/lib/stored_segments.h"
+#include "client/lib/stream_runner.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/client/lib/fake_segments.h"
@@ -232,6 +234,50 @@ TEST_F(StreamTest, AnErrorOfTheCallbackEndsTheQuery) {
                                   .status();
   EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(calls, 3);
+}
+
+// Memory that runs out while the answers are put together ends the query, in whichever lane that
+// was, and not the process.
+TEST_F(StreamTest, RunningOutOfMemoryInTheCallbackEndsTheQuery) {
+  SegmentQuery query;
+  query.scene = "scenes/x";
+  query.segments = segments_;
+  query.segments_per_item = 21;
+  int calls = 0;
+  const absl::Status status = client_
+                                  .TestSegments(
+                                      query,
+                                      [&](const Segments&) -> absl::Status {
+                                        if (++calls == 3) throw std::bad_alloc();
+                                        return absl::OkStatus();
+                                      },
+                                      options_)
+                                  .status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr("out of memory"));
+  EXPECT_FALSE(IsRetryable(status));
+  EXPECT_EQ(calls, 3);
+}
+
+// The same of what is made in the threads that write.
+TEST(StreamRunnerTest, RunningOutOfMemoryForAnItemEndsTheRun) {
+  FakeServer server;
+  StreamJob<v1::TestSegmentsRequest, v1::TestSegmentsResponse> job;
+  job.item_count = 10;
+  job.header.mutable_header();
+  job.open = [&](int, const CallOptions&) { return std::make_unique<FakeSegmentStream>(&server); };
+  job.make_item = [](size_t item) -> v1::TestSegmentsRequest {
+    if (item == 5) throw std::bad_alloc();
+    v1::TestSegmentsRequest request;
+    request.mutable_item()->mutable_item()->set_item_id(item);
+    request.mutable_item()->set_segments(std::string(6 * sizeof(double), '\0'));
+    return request;
+  };
+  job.cost = [](size_t) { return 1; };
+  job.deliver = [](size_t, const auto&) { return absl::OkStatus(); };
+  RunTotals totals;
+  EXPECT_EQ(RunStreams(job, {.lanes = 2, .min_item_cost = 1}, &totals).code(),
+            absl::StatusCode::kResourceExhausted);
 }
 
 // A lane whose connection does not come about holds up neither a query that is over nor one that is
