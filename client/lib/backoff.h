@@ -31,22 +31,29 @@ struct RetryOptions {
 class Backoff {
  public:
   explicit Backoff(const RetryOptions& options)
-      : options_(options), bound_(options.initial_delay) {}
+      : options_(options), bound_(options.initial_delay), next_bound_(options.initial_delay) {}
 
-  // A random time between half the current bound and all of it; the bound then grows. Never less
-  // than what the server asked for, and up to half as much again, so that clients that were refused
-  // together do not return together.
-  absl::Duration Next(const absl::Status& status) {
-    const absl::Duration wait = bound_ * absl::Uniform(random_, 0.5, 1.0);
-    bound_ = std::min(bound_ * options_.multiplier, options_.max_delay);
-    const absl::Duration asked = RetryDelay(status).value_or(absl::ZeroDuration());
-    return std::max(wait, asked * absl::Uniform(random_, 1.0, 1.5));
+  // A random time between half the current bound and all of it; the bound grows from one call to
+  // the next. Never less than what the server asked for, and up to half as much again, so that
+  // clients that were refused together do not return together. And never more than `left`, after
+  // which no attempt is made, unless the server asked for that.
+  absl::Duration Next(const absl::Status& status, absl::Duration left = absl::InfiniteDuration()) {
+    bound_ = next_bound_;
+    next_bound_ = std::min(bound_ * options_.multiplier, options_.max_delay);
+    return Again(status, left);
   }
-  void Reset() { bound_ = options_.initial_delay; }
+  // The same, for one more failure of what Next was called for: the bound does not grow.
+  absl::Duration Again(const absl::Status& status, absl::Duration left = absl::InfiniteDuration()) {
+    const absl::Duration wait = bound_ * absl::Uniform(random_, 0.5, 1.0);
+    const absl::Duration asked = RetryDelay(status).value_or(absl::ZeroDuration());
+    return std::max(std::min(wait, left), asked * absl::Uniform(random_, 1.0, 1.5));
+  }
+  void Reset() { bound_ = next_bound_ = options_.initial_delay; }
 
  private:
   RetryOptions options_;
-  absl::Duration bound_;
+  absl::Duration bound_;  // Of the latest wait.
+  absl::Duration next_bound_;
   absl::BitGen random_;
 };
 

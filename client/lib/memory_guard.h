@@ -16,7 +16,7 @@
 
 namespace sightline::client {
 
-// What `run` returns, an absl::Status or StatusOr, or RESOURCE_EXHAUSTED when memory ran out in it.
+// What `run` returns, an absl::Status or StatusOr; RESOURCE_EXHAUSTED when memory ran out in it.
 template <typename Run>
 std::invoke_result_t<Run> GuardMemory(const Run& run) {
   try {

@@ -140,8 +140,9 @@ class StreamRun {
         Fail(status);
         return;
       }
-      const absl::Duration wait = backoff.Next(status);
-      if (!MayRetry(status, wait)) return;
+      const absl::Duration left = TimeLeft();
+      const absl::Duration wait = backoff.Next(status, left);
+      if (!MayRetry(status, wait, left)) return;
       WaitUntil(absl::Now() + wait);
     }
   }
@@ -310,6 +311,7 @@ class StreamRun {
     }
     first_failure_ = absl::InfiniteFuture();
     item_backoff_.Reset();
+    refused_until_ = absl::InfinitePast();
     return absl::OkStatus();
   }
 
@@ -318,23 +320,34 @@ class StreamRun {
       Fail(status);
       return;
     }
-    const absl::Duration wait = item_backoff_.Next(status);
-    if (!MayRetry(status, wait)) return;
-    queue_.push_back({item, absl::Now() + wait});
+    // A full queue refuses many items at once: together they are one failure.
+    const absl::Time now = absl::Now();
+    const bool known = now < refused_until_;
+    const absl::Duration left = TimeLeft();
+    const absl::Duration wait =
+        known ? item_backoff_.Again(status, left) : item_backoff_.Next(status, left);
+    if (!MayRetry(status, wait, left)) return;
+    if (!known) refused_until_ = now + wait;
+    queue_.push_back({item, now + wait});
     ++totals_.resent_items;
   }
 
-  // Whether the run goes on after a failure that may heal; fails it otherwise.
-  bool MayRetry(const absl::Status& status, absl::Duration wait)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  // From a failure that comes now until the run is given up, if nothing is answered before.
+  absl::Duration TimeLeft() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const absl::Time now = absl::Now();
     first_failure_ = std::min(first_failure_, now);
-    if (now + wait >= options_.deadline ||
-        now + wait > first_failure_ + options_.retry.give_up_after) {
-      Fail(status);
-      return false;
+    return first_failure_ + options_.retry.give_up_after - now;
+  }
+
+  // Whether the run goes on after a failure that may heal, when it has waited so long of the time
+  // that is left; fails it otherwise.
+  bool MayRetry(const absl::Status& status, absl::Duration wait, absl::Duration left)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (left > absl::ZeroDuration() && wait <= left && absl::Now() + wait < options_.deadline) {
+      return true;
     }
-    return true;
+    Fail(status);
+    return false;
   }
 
   void WaitUntil(absl::Time time) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -369,6 +382,8 @@ class StreamRun {
   absl::Status error_ ABSL_GUARDED_BY(mutex_);
   absl::Time first_failure_ ABSL_GUARDED_BY(mutex_) = absl::InfiniteFuture();
   Backoff item_backoff_ ABSL_GUARDED_BY(mutex_){options_.retry};
+  // When the first of the items that were refused together goes again.
+  absl::Time refused_until_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();
   RunTotals totals_ ABSL_GUARDED_BY(mutex_);
 };
 

@@ -31,6 +31,7 @@ struct FakeServer {
     int drain_after = -1;               // Accepts so many items, then drains.
     int break_after = -1;               // Accepts so many items, then the connection is lost.
     int full_every = 0;                 // Every k-th item finds the queue full.
+    int full_first = 0;                 // So many items find the queue full, then none.
     bool refuse = false;                // The stream ends at once with UNAVAILABLE.
     bool hang = false;                  // Items are never answered.
     uint64_t fail_item = ~uint64_t{0};  // This item gets INVALID_ARGUMENT.
@@ -88,7 +89,8 @@ class FakeSegmentStream final : public Connection::SegmentStream {
     if (script_.hang) return true;
     if (id == script_.fail_item) {
       held_.push_back({Failure(id, 3, v1::ERROR_REASON_INVALID_FIELD)});
-    } else if (script_.full_every > 0 && accepted_ % script_.full_every == 0) {
+    } else if (accepted_ <= script_.full_first ||
+               (script_.full_every > 0 && accepted_ % script_.full_every == 0)) {
       held_.push_back({Failure(id, 8, v1::ERROR_REASON_QUEUE_FULL)});
     } else {
       held_.push_back(request.item().segments_f32().empty()

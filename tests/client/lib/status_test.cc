@@ -100,5 +100,18 @@ TEST(BackoffTest, GrowsToItsBoundWithJitter) {
   EXPECT_LE(backoff.Next(absl::UnavailableError("")), absl::Milliseconds(100));
 }
 
+TEST(BackoffTest, StaysForMoreOfTheSameAndWithinTheTimeLeft) {
+  const absl::Status status = absl::UnavailableError("");
+  Backoff backoff({.initial_delay = absl::Milliseconds(100), .multiplier = 10});
+  EXPECT_LE(backoff.Next(status), absl::Milliseconds(100));
+  for (int i = 0; i < 10; ++i) {
+    const absl::Duration wait = backoff.Again(status);
+    EXPECT_GE(wait, absl::Milliseconds(50));
+    EXPECT_LE(wait, absl::Milliseconds(100));
+  }
+  EXPECT_EQ(backoff.Next(status, absl::Milliseconds(7)), absl::Milliseconds(7));
+  EXPECT_EQ(backoff.Again(status, absl::Milliseconds(8)), absl::Milliseconds(8));
+}
+
 }  // namespace
 }  // namespace sightline::client

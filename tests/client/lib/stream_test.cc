@@ -119,6 +119,20 @@ TEST_F(StreamTest, SendsAgainWhatFoundTheQueueFull) {
   EXPECT_GT(result->summary.resent_items, 0u);
 }
 
+// However many items a full queue refuses at once, they are one failure: forty-eight would be more
+// than anybody waits for.
+TEST_F(StreamTest, AFullQueueIsOneFailureHoweverManyItemsItRefuses) {
+  server_.scripts = {{.full_first = 48}};
+  options_.streams = 1;
+  options_.timeout = absl::Minutes(5);
+  options_.retry.give_up_after = options_.retry.max_delay = absl::InfiniteDuration();
+  options_.retry.multiplier = 10;
+  const absl::StatusOr<Segments> result = Test();
+  ASSERT_TRUE(result.ok()) << result.status();
+  ExpectRight(result);
+  EXPECT_GE(result->summary.resent_items, 48u);
+}
+
 TEST_F(StreamTest, AnItemThatCannotBeAnsweredFailsTheQuery) {
   server_.scripts = {{.fail_item = 30}};
   const absl::Status status = Test().status();
@@ -130,6 +144,24 @@ TEST_F(StreamTest, GivesUpOnAServerThatIsNotThere) {
   server_.scripts = {{.refuse = true}};
   options_.retry.give_up_after = absl::Milliseconds(20);
   EXPECT_EQ(Test().status().code(), absl::StatusCode::kUnavailable);
+}
+
+// The time is used up: a wait that goes beyond it ends with it, and one more attempt is made.
+TEST_F(StreamTest, NoWaitIsLongerThanTheTimeThatIsLeft) {
+  server_.scripts = {{.refuse = true}, {}};
+  options_.streams = 1;
+  options_.retry = {.give_up_after = absl::Milliseconds(20),
+                    .initial_delay = absl::Hours(10),
+                    .max_delay = absl::Hours(10)};
+  ExpectRight(Test());
+  {
+    MutexLock lock(&server_.mutex);
+    server_.streams = 0;
+  }
+  options_.retry.give_up_after = absl::ZeroDuration();
+  EXPECT_EQ(Test().status().code(), absl::StatusCode::kUnavailable);
+  MutexLock lock(&server_.mutex);
+  EXPECT_EQ(server_.streams, 1);
 }
 
 TEST_F(StreamTest, CancelEndsAQueryThatHangs) {
