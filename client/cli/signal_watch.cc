@@ -2,11 +2,11 @@
 #include "client/cli/signal_watch.h"
 
 #include <fcntl.h>
+#include <signal.h>  // NOLINT(modernize-deprecated-headers): sigaction is POSIX, not in <csignal>.
 #include <unistd.h>
 
 #include <atomic>
 #include <cerrno>
-#include <csignal>
 #include <utility>
 
 namespace sightline::cli {
@@ -20,11 +20,18 @@ std::atomic<bool> told{false};
 static_assert(std::atomic<int>::is_always_lock_free && std::atomic<bool>::is_always_lock_free,
               "a signal handler reads them");
 
+bool Meets(int signal, void (*handler)(int)) {
+  struct sigaction now {};
+  return sigaction(signal, nullptr, &now) == 0 && now.sa_handler == handler;
+}
+
 void Hear(int) {
   const int error = errno;
-  std::signal(SIGINT, SIG_DFL);
-  std::signal(SIGTERM, SIG_DFL);
-  std::signal(SIGHUP, SIG_IGN);
+  // One that is ignored stays so.
+  for (const int signal : {SIGINT, SIGTERM}) {
+    if (Meets(signal, Hear)) ::signal(signal, SIG_DFL);
+  }
+  ::signal(SIGHUP, SIG_IGN);
   // Of two signals at once that both came here, the watch reads one.
   if (::write(write_end, &kSignal, 1) < 0) told = false;
   constexpr char kHeard[] = "\ninterrupted: once more ends it there and then\n";
@@ -50,9 +57,9 @@ SignalWatch::SignalWatch(bool tell, std::function<void()> heard) {
       if (byte == kSignal && std::exchange(first, false)) heard();
     }
   });
-  std::signal(SIGINT, Hear);
-  std::signal(SIGTERM, Hear);
-  if (std::signal(SIGHUP, Hear) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    if (!Meets(signal, SIG_IGN)) ::signal(signal, Hear);
+  }
 }
 
 SignalWatch::~SignalWatch() {

@@ -3,7 +3,7 @@
 // SIGINT (Ctrl-C), SIGTERM and SIGHUP (the terminal is gone) as a call in a thread of its own, so
 // that a tool can tidy up. The first of them calls back; after it, SIGINT or SIGTERM ends the
 // program there and then, and SIGHUP does nothing: kernel and shell tell of the same hang-up. One
-// that was ignored before (nohup) stays so.
+// that was ignored before stays so: SIGHUP under nohup, SIGINT of what a script starts behind it.
 //
 // Thread safety: one object per process, which is made before other threads are.
 //

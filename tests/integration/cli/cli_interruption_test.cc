@@ -187,17 +187,25 @@ TEST_F(CliSignalTest, ASecondHangUpIsTheFirst) {
   }
 }
 
-// As nohup has it.
-TEST_F(CliSignalTest, AHangUpThatIsIgnoredStaysSo) {
-  const auto before = std::signal(SIGHUP, SIG_IGN);
-  TerminalProcess work(LongWork());
-  std::signal(SIGHUP, before);
-  ASSERT_TRUE(work.Says("relighting"));
-  work.Signal(SIGHUP);
-  // Were that the second signal, it would end it.
-  work.Signal(SIGINT);
-  EXPECT_EQ(work.Wait(), kExitTemporary) << work.said();
-  EXPECT_THAT(ScenesAt(server_.address()), IsEmpty());
+// As nohup has SIGHUP, and a script SIGINT of what it starts in the background.
+TEST_F(CliSignalTest, ASignalThatIsIgnoredStaysSo) {
+  for (const int ignored : {SIGINT, SIGTERM, SIGHUP}) {
+    const int other = ignored == SIGINT ? SIGTERM : SIGINT;
+    const auto before = std::signal(ignored, SIG_IGN);
+    TerminalProcess work(LongWork());
+    std::signal(ignored, before);
+    ASSERT_TRUE(work.Says("relighting"));
+    work.Signal(ignored);
+    // Were that the second signal, it would end it; as would the one after it, with the scene.
+    server_.Signal(SIGSTOP);
+    work.Signal(other);
+    const bool heard = static_cast<bool>(work.Says("interrupted: once more"));
+    work.Signal(ignored);
+    server_.Signal(SIGCONT);
+    EXPECT_TRUE(heard);
+    EXPECT_EQ(work.Wait(), kExitTemporary) << work.said();
+    EXPECT_THAT(ScenesAt(server_.address()), IsEmpty());
+  }
 }
 
 }  // namespace
