@@ -70,4 +70,9 @@ ExitCode ToExitCode(const absl::Status& status) {
   }
 }
 
+bool MayComeOfInterruption(const absl::Status& status) {
+  const ExitCode code = ToExitCode(status);
+  return absl::IsCancelled(status) || code == kExitTemporary || code == kExitUnavailable;
+}
+
 }  // namespace sightline::cli

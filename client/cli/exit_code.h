@@ -34,6 +34,11 @@ absl::Status UsageError(absl::string_view message);
 
 ExitCode ToExitCode(const absl::Status& status);
 
+// Whether `status` may come of a command's having been given up: it was cancelled, or cut off from
+// a server, or may be well another time. What is wrong with a command line, a file or an answer
+// is not of that kind, whenever the signal came.
+bool MayComeOfInterruption(const absl::Status& status);
+
 }  // namespace sightline::cli
 
 #endif  // SIGHTLINE_CLIENT_CLI_EXIT_CODE_H_

@@ -132,8 +132,8 @@ int RunCli(const std::vector<std::string>& args, std::ostream& out, std::ostream
   Context context{out, err, err_is_terminal, interruption == nullptr ? never : *interruption};
   std::string command;
   absl::Status status = WithoutExceptions([&] { return Dispatch(args, context, &command); });
-  // Whichever step it was that could not go on.
-  if (!status.ok() && context.interruption.interrupted()) {
+  // Whichever step it was that could not go on; an error of another kind is told as it is.
+  if (context.interruption.interrupted() && MayComeOfInterruption(status)) {
     status = absl::CancelledError("interrupted before it was done");
   }
   return Finish(std::move(status),

@@ -20,7 +20,7 @@ namespace sightline::cli {
 // `args` without the program's name. Results go to `out`; errors (one line), warnings and progress
 // (only if `err_is_terminal`) to `err`. Returns the exit code (exit_code.h). Once `interruption`
 // (may be null) comes, the command gives up what it is about, takes away what it made on a server,
-// and returns kExitTemporary.
+// and returns kExitTemporary; an error that has nothing to do with that is told all the same.
 int RunCli(const std::vector<std::string>& args, std::ostream& out, std::ostream& err,
            bool err_is_terminal = false, Interruption* interruption = nullptr);
 

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/cli/exit_code.h"
 #include "client/load/knee.h"
 #include "client/load/monitor.h"
 #include "client/load/plain_number.h"
@@ -76,6 +77,7 @@ absl::Status LoadTest::Prepare() {
     status = PrepareAll();
   }
   if (!Interrupted()) return status;
+  if (!status.ok() && !cli::MayComeOfInterruption(status)) return status;
   // Whichever step it was that could not go on.
   return absl::CancelledError("interrupted before the first request: there is nothing to report");
 }

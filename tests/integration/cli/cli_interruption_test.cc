@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <tuple>
 #include <vector>
 
 #include "absl/strings/match.h"
@@ -25,6 +26,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 constexpr char kGivenUp[] = "interrupted before it was done";
 
@@ -94,6 +96,22 @@ TEST_F(CliInterruptionTest, NothingIsDoneOnceInterrupted) {
   }
   EXPECT_THAT(ScenesAt(absl::StrCat("127.0.0.1:", server->port())), IsEmpty());
   ExpectNoOutput();
+}
+
+// An error is told whenever the signal came, if giving up cannot be its cause.
+TEST_F(CliInterruptionTest, WhatIsWrongIsToldThoughInterrupted) {
+  const std::tuple<std::vector<std::string>, ExitCode, std::string> commands[] = {
+      {{"view", obj_, "--size=big"}, kExitUsage, "size"},
+      {{"check", File("none.obj")}, kExitNoInput, "none.obj"},
+      {{"import", obj_, "-o", File("none/out.slscene")}, kExitCannotCreate, "none"}};
+  for (const auto& [command, code, word] : commands) {
+    Interruption interruption;
+    interruption.Interrupt();
+    std::ostringstream out, err;
+    EXPECT_EQ(RunCli(command, out, err, /*err_is_terminal=*/false, &interruption), code);
+    EXPECT_THAT(err.str(), HasSubstr(word));
+    EXPECT_THAT(err.str(), Not(HasSubstr(kGivenUp)));
+  }
 }
 
 // Interrupts once it is warned of something: the file is read by then, and no scene made of it yet.
