@@ -34,6 +34,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "client/lib/backoff.h"
+#include "client/lib/cancellation.h"
 #include "client/lib/connection.h"
 #include "client/lib/convert.h"
 #include "client/lib/status.h"
@@ -53,6 +54,8 @@ class Lane {
   virtual ~Lane() = default;
   // OK once the first stream is open; why it cannot be, otherwise.
   virtual absl::Status WaitUntilOpen() = 0;
+  // Ends everything for good, an opening and a wait for it too; before the lane goes.
+  virtual void Close() = 0;
   virtual void Send(const Request& request) = 0;
   // Ends what is unanswered, as CANCELLED and given up; the lane goes on with a new stream.
   virtual void CancelAll() = 0;
@@ -84,7 +87,7 @@ class ItemStream final : public Lane {
 
   // What the kind of stream has of its own.
   struct Wiring {
-    std::function<std::unique_ptr<Stream>()> open;
+    std::function<std::unique_ptr<Stream>(const client::CallOptions&)> open;
     Message header;
     // The item, all but its id and timeout.
     std::function<Message(const Work&)> make_item;
@@ -96,13 +99,19 @@ class ItemStream final : public Lane {
       : wiring_(std::move(wiring)), context_(std::move(context)), reader_([this] { Run(); }) {}
 
   ~ItemStream() override {
+    Close();
+    reader_.join();
+  }
+
+  void Close() override {
     {
       MutexLock lock(mutex_);
       closed_ = true;
       if (stream_ != nullptr) stream_->Cancel();
       changed_.SignalAll();
     }
-    reader_.join();
+    // One that is being opened is known to its call alone.
+    call_.Cancel();
   }
 
   absl::Status WaitUntilOpen() override {
@@ -110,11 +119,12 @@ class ItemStream final : public Lane {
         std::min(context_.retry.give_up_after + kOpenTimeout, absl::Hours(24));
     const auto until = std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(most);
     MutexLock lock(mutex_);
-    while (!opened_ && gone_.ok()) {
+    while (!opened_ && gone_.ok() && !closed_) {
       if (!changed_.WaitUntil(mutex_, until)) {
         return absl::DeadlineExceededError("the server does not open the streams of the test");
       }
     }
+    if (closed_) return absl::CancelledError("the streams of the test are given up");
     return gone_;
   }
 
@@ -230,7 +240,7 @@ class ItemStream final : public Lane {
 
   // One stream from its opening to its end.
   absl::Status RunStream(bool* cancelled, bool* was_open) {
-    std::unique_ptr<Stream> stream = wiring_.open();
+    std::unique_ptr<Stream> stream = wiring_.open({.cancellation = &call_});
     {
       MutexLock lock(mutex_);
       stream_ = stream.get();
@@ -355,6 +365,7 @@ class ItemStream final : public Lane {
 
   const Wiring wiring_;
   const LaneContext context_;
+  client::Cancellation call_;  // Of every stream, at the end.
   mutable Mutex mutex_;
   CondVar changed_;
   Stream* stream_ ABSL_GUARDED_BY(mutex_) = nullptr;

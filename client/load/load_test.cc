@@ -130,12 +130,13 @@ absl::Status LoadTest::PrepareAll() {
   }
   client::RetryOptions retry;
   retry.give_up_after = absl::Seconds(options_.session.retry_seconds);
+  Begin("opening streams");
   SL_ASSIGN_OR_RETURN(
       target_,
       ServerTarget::Open(
           *session_->connection(), *workload_, reference_.get(),
           {.item_timeout = options_.item_timeout, .retry = retry, .limits = capabilities_.limits},
-          clock_));
+          clock_, &cancelled_calls_));
   return absl::OkStatus();
 }
 

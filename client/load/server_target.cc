@@ -13,11 +13,9 @@ using TileStream = ItemStream<v1::TraceTilesRequest, v1::TraceTilesResponse>;
 using ShadowStream = ItemStream<v1::ComputeShadowsRequest, v1::ComputeShadowsResponse>;
 using SegmentStream = ItemStream<v1::TestSegmentsRequest, v1::TestSegmentsResponse>;
 
-absl::StatusOr<std::unique_ptr<ServerTarget>> ServerTarget::Open(client::Connection& connection,
-                                                                 const Workload& workload,
-                                                                 const Reference* reference,
-                                                                 const ServerTargetOptions& options,
-                                                                 Clock& clock) {
+absl::StatusOr<std::unique_ptr<ServerTarget>> ServerTarget::Open(
+    client::Connection& connection, const Workload& workload, const Reference* reference,
+    const ServerTargetOptions& options, Clock& clock, client::Cancellation* cancellation) {
   std::unique_ptr<ServerTarget> target(new ServerTarget(workload, reference));
   const LaneContext context = target->MakeContext(options, clock);
   for (int channel = 0; channel < connection.channel_count(); ++channel) {
@@ -31,6 +29,9 @@ absl::StatusOr<std::unique_ptr<ServerTarget>> ServerTarget::Open(client::Connect
       target->AddSegmentsLane(connection, channel, context);
     }
   }
+  const client::Cancellation::Registration give_up(cancellation, [opening = target.get()] {
+    for (const auto& lane : opening->all_) lane->Close();
+  });
   for (const auto& lane : target->all_) SL_RETURN_IF_ERROR(lane->WaitUntilOpen());
   return target;
 }
@@ -65,7 +66,9 @@ void ServerTarget::AddLane(Kind kind, int channel, std::unique_ptr<Lane> lane) {
 void ServerTarget::AddTileLane(client::Connection& connection, int channel, size_t camera,
                                const LaneContext& context) {
   TileStream::Wiring wiring;
-  wiring.open = [&connection, channel] { return connection.OpenTiles(channel, {}); };
+  wiring.open = [&connection, channel](const client::CallOptions& call) {
+    return connection.OpenTiles(channel, call);
+  };
   *wiring.header.mutable_header() = client::TilesHeader(workload_.tile_queries()[camera], 0);
   wiring.make_item = [this](const Work& work) {
     v1::TraceTilesRequest message;
@@ -86,7 +89,9 @@ void ServerTarget::AddTileLane(client::Connection& connection, int channel, size
 void ServerTarget::AddPointsLane(client::Connection& connection, int channel,
                                  const LaneContext& context) {
   ShadowStream::Wiring wiring;
-  wiring.open = [&connection, channel] { return connection.OpenShadows(channel, {}); };
+  wiring.open = [&connection, channel](const client::CallOptions& call) {
+    return connection.OpenShadows(channel, call);
+  };
   *wiring.header.mutable_header() = client::ShadowsHeader(workload_.shadow_query(), 0);
   wiring.make_item = [this](const Work& work) {
     v1::ComputeShadowsRequest message;
@@ -109,7 +114,9 @@ void ServerTarget::AddPointsLane(client::Connection& connection, int channel,
 void ServerTarget::AddSegmentsLane(client::Connection& connection, int channel,
                                    const LaneContext& context) {
   SegmentStream::Wiring wiring;
-  wiring.open = [&connection, channel] { return connection.OpenSegments(channel, {}); };
+  wiring.open = [&connection, channel](const client::CallOptions& call) {
+    return connection.OpenSegments(channel, call);
+  };
   *wiring.header.mutable_header() = client::SegmentsHeader(workload_.segment_query(), 0);
   wiring.make_item = [this](const Work& work) {
     v1::TestSegmentsRequest message;

@@ -19,6 +19,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "client/lib/backoff.h"
+#include "client/lib/cancellation.h"
 #include "client/lib/connection.h"
 #include "client/load/clock.h"
 #include "client/load/item_stream.h"
@@ -36,13 +37,12 @@ struct ServerTargetOptions {
 
 class ServerTarget final : public Target {
  public:
-  // Returns once every stream is open. `workload`, `reference` (may be null: nothing is checked),
-  // `clock` and `connection` must outlive the target.
-  static absl::StatusOr<std::unique_ptr<ServerTarget>> Open(client::Connection& connection,
-                                                            const Workload& workload,
-                                                            const Reference* reference,
-                                                            const ServerTargetOptions& options,
-                                                            Clock& clock);
+  // Returns once every stream is open, or with CANCELLED once `cancellation` (may be null) comes
+  // before. `workload`, `reference` (may be null: nothing is checked), `clock` and `connection`
+  // must outlive the target.
+  static absl::StatusOr<std::unique_ptr<ServerTarget>> Open(
+      client::Connection& connection, const Workload& workload, const Reference* reference,
+      const ServerTargetOptions& options, Clock& clock, client::Cancellation* cancellation);
 
   void SetOnDone(OnDone on_done) override { on_done_ = std::move(on_done); }
   void Send(const Request& request) override;

@@ -4,12 +4,15 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/synchronization/notification.h"
 #include "client/lib/query_wire.h"
 #include "client/load/recorder.h"
 #include "tests/client/lib/fake_segments.h"
@@ -28,7 +31,7 @@ class ItemStreamTest : public testing::Test {
   std::unique_ptr<SegmentStream> Open(absl::Duration give_up = absl::Minutes(1)) {
     query_.segments = std::span<const double>(kNoSegments, 120);
     SegmentStream::Wiring wiring;
-    wiring.open = [this] { return std::make_unique<FakeSegmentStream>(&server_); };
+    wiring.open = open_;
     *wiring.header.mutable_header() = client::SegmentsHeader(query_, 0);
     wiring.make_item = [](const Work& work) {
       std::vector<double> segments(120, work.item % 2 == 1 ? 1.0 : -1.0);
@@ -83,6 +86,8 @@ class ItemStreamTest : public testing::Test {
   client::SegmentQuery query_{.scene = "scenes/x"};
   bool checked_ = true;  // What is answered.
   FakeServer server_;
+  std::function<std::unique_ptr<FakeSegmentStream>(const client::CallOptions&)> open_ =
+      [this](const client::CallOptions&) { return std::make_unique<FakeSegmentStream>(&server_); };
   ManualClock clock_;
   Mutex mutex_;
   CondVar changed_;
@@ -219,6 +224,30 @@ TEST_F(ItemStreamTest, CancellingEndsWhatHangsAndWhatWaits) {
   for (uint64_t i = 0; i < 20; ++i) stream->Send(Item(i));
   EXPECT_EQ(CountOf(WaitFor(40), absl::StatusCode::kOk), 20);
   EXPECT_TRUE(stream->status().ok());
+}
+
+// A connection that does not come about holds up neither who waits for it nor the lane's end.
+TEST_F(ItemStreamTest, AnOpeningThatHangsIsGivenUp) {
+  absl::Notification opening;
+  open_ = [&](const client::CallOptions& call) {
+    absl::Notification given_up;
+    const client::Cancellation::Registration on_cancel(call.cancellation,
+                                                       [&] { given_up.Notify(); });
+    if (!opening.HasBeenNotified()) opening.Notify();
+    // The minute is for this test's own failure.
+    EXPECT_TRUE(given_up.WaitForNotificationWithTimeout(absl::Minutes(1)));
+    return std::make_unique<FakeSegmentStream>(&server_);
+  };
+  {
+    const auto stream = Open();
+    std::thread give_up([&] {
+      opening.WaitForNotification();
+      stream->Close();
+    });
+    EXPECT_EQ(stream->WaitUntilOpen().code(), absl::StatusCode::kCancelled);
+    give_up.join();
+  }
+  const auto stream = Open();  // And goes while it opens.
 }
 
 TEST_F(ItemStreamTest, ALaneMayGoWhileItemsAreUnanswered) {

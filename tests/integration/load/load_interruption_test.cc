@@ -113,8 +113,9 @@ TEST_F(LoadRunTest, AnInterruptedRunAtTheKneeIsNoKnee) {
 // Each step of the preparation is heard to begin, and the next one is not: it was given up before
 // it was done.
 TEST_F(LoadRunTest, APreparationIsGivenUpInWhicheverStep) {
-  const std::vector<std::string> steps = {
-      "connecting to ", "opening builtin:", "finding what is due", "keeping points"};
+  const std::vector<std::string> steps = {"connecting to ",
+                                          "opening builtin:", "finding what is due",
+                                          "keeping points", "opening streams"};
   for (size_t i = 0; i < steps.size(); ++i) {
     InterruptingTerminal terminal(
         [&](const std::string& line) { return absl::StartsWith(line, steps[i]); });
