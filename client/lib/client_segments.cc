@@ -61,7 +61,7 @@ absl::StatusOr<SegmentQuery> PinnedQuery(const Client& client, SegmentQuery quer
   }
   if (start.stored_segments) return query;
   if (!query.stored_segments.empty()) {
-    return absl::UnimplementedError("the server reads no stored_segments; give segments");
+    return absl::UnimplementedError("the server reads no stored_segments: give segments");
   }
   query.origin.reset();
   return query;
@@ -121,7 +121,7 @@ absl::StatusOr<StreamSummary> Client::TestSegments(
   absl::StatusOr<QueryStart> start = StartQuery(*this, options);
   if (!start.ok()) return start.status();
   const absl::StatusOr<SegmentQuery> pinned = PinnedQuery(*this, asked, *start);
-  if (!pinned.ok()) return pinned.status();
+  if (!pinned.ok()) return shared_->Checked(pinned.status());
   const SegmentQuery& query = *pinned;
   constexpr uint64_t kBytesPerSegment = 6 * 8;
   const ItemCut cut = CutIntoItems(SegmentCount(query), query.segments_per_item, 1,

@@ -129,18 +129,20 @@ absl::StatusOr<StreamSummary> Client::RunShadows(
   if (query.lights.empty()) return absl::InvalidArgumentError("lights: at least one is needed");
   absl::StatusOr<QueryStart> start = StartQuery(*this, options);
   if (!start.ok()) return start.status();
-  if (absl::Status s = CheckLights(query.lights, start->limits); !s.ok()) return s;
+  if (absl::Status s = CheckLights(query.lights, start->limits); !s.ok()) {
+    return shared_->Checked(s);
+  }
   const uint64_t samples = TotalSamples(query.lights);
   uint64_t n = query.points.positions.size() / 3;
   int64_t revision = query.options.revision;
   if (!query.point_set.empty()) {
     absl::StatusOr<PointSet> set = GetPointSet(query.point_set, start->call);
-    if (!set.ok()) return set.status();
+    if (!set.ok()) return shared_->Checked(set.status());
     n = set->points;
     if (revision == 0) revision = set->revision;
   } else {
     absl::StatusOr<int64_t> pinned = PinnedRevision(query.scene, revision, start->call);
-    if (!pinned.ok()) return pinned.status();
+    if (!pinned.ok()) return shared_->Checked(pinned.status());
     revision = *pinned;
   }
   *points = n;

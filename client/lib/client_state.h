@@ -22,6 +22,7 @@ struct Client::Shared {
 
   // Hand on how a query, or an upload, ended that was cut after the server's limits. Where it was
   // not without trouble the server may be another by now, which has others: they are forgotten.
+  // That is so of one that was refused here, too: by limits that may be another server's.
   absl::StatusOr<StreamSummary> Checked(absl::StatusOr<StreamSummary> ran) {
     if (!ran.ok() || ran->resent_items > 0) ForgetCapabilities();
     return ran;

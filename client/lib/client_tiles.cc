@@ -37,10 +37,10 @@ absl::Status CheckImage(const TileQuery& query, const Limits& limits) {
                                                    camera.height, "; both must be above 0"));
   }
   if (camera.width > limits.max_image_width || camera.height > limits.max_image_height) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the image has ", camera.width, " × ", camera.height,
-                     " pixels; max_image_width × max_image_height is ", limits.max_image_width,
-                     " × ", limits.max_image_height));
+    return absl::ResourceExhaustedError(absl::StrCat(
+        "the image has ", camera.width, " × ", camera.height,
+        " pixels; max_image_width × max_image_height is ", limits.max_image_width, " × ",
+        limits.max_image_height, ": ask for a smaller image, or for several cameras' images"));
   }
   if (query.tile_size == 0) return absl::InvalidArgumentError("tile_size is 0");
   return absl::OkStatus();
@@ -132,11 +132,12 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
   absl::StatusOr<QueryStart> start = StartQuery(*this, options);
   if (!start.ok()) return start.status();
   const Limits& limits = start->limits;
-  if (absl::Status s = CheckImage(query, limits); !s.ok()) return s;
-  if (absl::Status s = CheckLights(query.lights, limits); !s.ok()) return s;
+  absl::Status allowed = CheckImage(query, limits);
+  allowed.Update(CheckLights(query.lights, limits));
+  if (!allowed.ok()) return shared_->Checked(allowed);
   absl::StatusOr<int64_t> revision =
       PinnedRevision(query.scene, query.options.revision, start->call);
-  if (!revision.ok()) return revision.status();
+  if (!revision.ok()) return shared_->Checked(revision.status());
 
   const uint64_t samples = query.outputs.lit ? TotalSamples(query.lights) : 0;
   const uint64_t rays_per_pixel = 1 + samples;

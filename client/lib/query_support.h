@@ -170,8 +170,9 @@ void PlaceBlockers(const Part& part, uint64_t rows, uint64_t total, Part* all) {
 inline absl::Status CheckLights(const std::vector<Light>& lights, const Limits& limits) {
   const uint64_t samples = TotalSamples(lights);
   if (limits.max_light_samples != 0 && samples > limits.max_light_samples) {
-    return absl::ResourceExhaustedError(absl::StrCat(
-        "the lights have ", samples, " samples; max_light_samples is ", limits.max_light_samples));
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the lights have ", samples, " samples; max_light_samples is ",
+                     limits.max_light_samples, ": give fewer lights, or fewer samples of them"));
   }
   return absl::OkStatus();
 }

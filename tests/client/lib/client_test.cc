@@ -153,6 +153,37 @@ TEST_F(ClientTest, SizesThatMakeNoImageAreNamed) {
   EXPECT_THAT(std::string(trace().message()), HasSubstr("max_light_samples"));
 }
 
+// What a server refused that was replaced since is asked of the one that is there.
+TEST_F(ClientTest, LimitsThatRefuseAreAskedAnew) {
+  int asked = 0;
+  v1::Capabilities capabilities = mock_->GetCapabilities({}).value();
+  EXPECT_CALL(*mock_, GetCapabilities(_)).WillRepeatedly([&](const CallOptions&) {
+    ++asked;
+    return capabilities;
+  });
+  TileQuery image;
+  image.scene = "scenes/x";
+  image.camera.width = 5000;
+  image.camera.height = 10;
+  EXPECT_THAT(std::string(client_.TraceImage(image).status().message()),
+              HasSubstr("ask for a smaller image"));
+  image.camera.width = 10;
+  image.lights.resize(17);
+  EXPECT_THAT(std::string(client_.TraceImage(image).status().message()), HasSubstr("fewer lights"));
+  EXPECT_EQ(asked, 2);
+  ON_CALL(*mock_, channel_count()).WillByDefault(Return(1));
+  ShadowQuery shadows;  // Of no points: no stream is needed.
+  shadows.scene = "scenes/x";
+  shadows.lights.resize(17);
+  shadows.options.revision = 1;
+  EXPECT_THAT(std::string(client_.ComputeAllShadows(shadows).status().message()),
+              HasSubstr("fewer lights"));
+  EXPECT_EQ(asked, 3);
+  capabilities.mutable_limits()->set_max_light_samples(17);
+  EXPECT_TRUE(client_.ComputeAllShadows(shadows).ok());
+  EXPECT_EQ(asked, 4);
+}
+
 TEST_F(ClientTest, ArraysOfTheWrongLengthAreNamed) {
   const std::vector<double> points = {1, 2, 3, 4, 5, 6}, normals = {0, 0, 1};
   ShadowQuery query;
