@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/cancelled_work.h"
 #include "client/cli/session.h"
-#include "core/base/cancel.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
 #include "server/base/log.h"
@@ -28,10 +28,9 @@ class EmbeddedSession final : public Session {
 
   absl::StatusOr<client::Scene> LoadNative(const SceneBytes& file,
                                            const std::string& scene_id) const override {
-    CancelToken cancel;
-    const client::Cancellation::Registration stop(call().cancellation, [&] { cancel.Cancel(); });
+    const CancelledWork work(call().cancellation);
     SL_RETURN_IF_ERROR(
-        server_.scenes().CreateFromBytes({.scene_id = scene_id}, file, &cancel).status());
+        server_.scenes().CreateFromBytes({.scene_id = scene_id}, file, work.token()).status());
     return client().GetScene(absl::StrCat("scenes/", scene_id), call());
   }
 

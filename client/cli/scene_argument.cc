@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
+#include "client/cli/cancelled_work.h"
 #include "client/cli/exit_code.h"
 #include "client/cli/native_scene.h"
 #include "client/import/import.h"
@@ -123,7 +124,8 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
       break;
     }
     case SceneKind::kFile: {
-      SL_ASSIGN_OR_RETURN(file, ImportFile(argument));
+      const CancelledWork work(session.call().cancellation);
+      SL_ASSIGN_OR_RETURN(file, ImportFile(argument, {.cancel = work.token()}));
       for (const std::string& warning : file.report.warnings) {
         err << "warning: '" << argument << "': " << warning << '\n';
       }

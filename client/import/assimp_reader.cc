@@ -137,6 +137,7 @@ bool AssimpKnows(const std::string& extension) {
 absl::StatusOr<ImportedScene> ReadWithAssimp(std::string_view bytes, const ImportOptions& options) {
   ChildLimits limits;
   limits.timeout_seconds = options.assimp_timeout_seconds;
+  limits.cancel = options.cancel;
   SL_ASSIGN_OR_RETURN(const std::string encoded,
                       RunInChild([&] { return ImportAndEncode(bytes, options); }, limits));
   SL_ASSIGN_OR_RETURN(ImportedScene scene, DecodeScene(encoded));

@@ -37,6 +37,9 @@ namespace {
 // The first byte that the child sends.
 constexpr char kResult = 'R', kException = 'E', kNoMemory = 'M', kTooLong = 'L';
 
+// How often who waits for a child looks whether it is still wanted.
+constexpr int kLookMilliseconds = 20;
+
 bool WriteAll(int fd, const char* data, size_t size) {
   while (size > 0) {
     const ssize_t wrote = write(fd, data, size);
@@ -67,14 +70,14 @@ void LimitMemory([[maybe_unused]] uint64_t bytes) {
 
 [[noreturn]] void RunChild(int fd, pid_t parent, absl::FunctionRef<std::string()> work,
                            const ChildLimits& limits) {
-  // Dies with its parent, leaves no core file, and meets every signal with its default.
+  // Dies with its parent, leaves no core file, and meets every signal with its default, but for
+  // those that a terminal or a supervisor sends to both: they are the parent's, who ends it.
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (getppid() != parent) _exit(1);
   const struct rlimit no_core {};
   setrlimit(RLIMIT_CORE, &no_core);
-  for (const int s : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTERM, SIGINT, SIGHUP})
-    signal(s, SIG_DFL);
-  signal(SIGPIPE, SIG_IGN);
+  for (const int s : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) signal(s, SIG_DFL);
+  for (const int s : {SIGTERM, SIGINT, SIGHUP, SIGPIPE}) signal(s, SIG_IGN);
   LimitMemory(limits.memory_bytes);
   // What a library prints on the way out (assertions, glibc's heap checks) is no business of the
   // user's.
@@ -113,10 +116,12 @@ absl::StatusOr<std::string> ReadUntilClosed(int fd, const ChildLimits& limits) {
       return absl::DeadlineExceededError(
           absl::StrCat("was not read within ", limits.timeout_seconds, " seconds"));
     }
+    if (limits.cancel != nullptr && limits.cancel->cancelled()) return limits.cancel->ToStatus();
     struct pollfd ready {
       fd, POLLIN, 0
     };
-    const int events = poll(&ready, 1, static_cast<int>(std::min<int64_t>(left, 60'000)));
+    const int64_t most = limits.cancel != nullptr ? kLookMilliseconds : 60'000;
+    const int events = poll(&ready, 1, static_cast<int>(std::min(left, most)));
     if (events == 0 || (events < 0 && errno == EINTR)) continue;
     const size_t have = bytes.size();
     if (have > limits.result_bytes) {

@@ -18,6 +18,7 @@
 
 #include "absl/functional/function_ref.h"
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
 
 namespace sightline {
 
@@ -28,6 +29,8 @@ struct ChildLimits {
   uint64_t memory_bytes = uint64_t{8} << 30;
   // The most that the child may hand back.
   uint64_t result_bytes = uint64_t{8} << 30;
+  // Once it stops, the child is ended, and its status returned; may be null.
+  const CancelToken* cancel = nullptr;
 };
 
 // DataLoss: the child died of a signal. DeadlineExceeded, ResourceExhausted: it went over a limit.

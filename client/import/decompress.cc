@@ -14,6 +14,8 @@ namespace sightline {
 namespace {
 
 constexpr size_t kFirstOutputBytes = size_t{64} << 10;
+// Some ten milliseconds of work: so often the decoders look whether they are still wanted.
+constexpr size_t kOutputAtOnce = size_t{1} << 20;
 
 absl::Status OverLimit(uint64_t max_bytes) {
   return absl::ResourceExhaustedError(
@@ -35,7 +37,8 @@ class GrowingOutput {
     return used_ < buffer_.size();
   }
   char* next() { return buffer_.data() + used_; }
-  size_t room() const { return buffer_.size() - used_; }
+  // To be filled at once.
+  size_t room() const { return std::min(kOutputAtOnce, buffer_.size() - used_); }
   void Advance(size_t n) { used_ += n; }
   bool within_limit() const { return used_ <= max_bytes_; }
 
@@ -70,7 +73,8 @@ absl::Status LzmaError(lzma_ret code) {
 
 }  // namespace
 
-absl::StatusOr<std::string> DecompressXz(std::string_view bytes, uint64_t max_bytes) {
+absl::StatusOr<std::string> DecompressXz(std::string_view bytes, uint64_t max_bytes,
+                                         const CancelToken* cancel) {
   lzma_stream stream = LZMA_STREAM_INIT;
   if (const lzma_ret code = lzma_stream_decoder(&stream, kXzDecoderBytes, LZMA_CONCATENATED);
       code != LZMA_OK) {
@@ -81,6 +85,7 @@ absl::StatusOr<std::string> DecompressXz(std::string_view bytes, uint64_t max_by
   stream.avail_in = bytes.size();
   GrowingOutput output(max_bytes);
   for (;;) {
+    if (cancel != nullptr && cancel->cancelled()) return cancel->ToStatus();
     if (!output.MakeRoom()) return OverLimit(max_bytes);
     stream.next_out = reinterpret_cast<uint8_t*>(output.next());
     stream.avail_out = output.room();
@@ -94,7 +99,8 @@ absl::StatusOr<std::string> DecompressXz(std::string_view bytes, uint64_t max_by
   return output.Take();
 }
 
-absl::StatusOr<std::string> DecompressGzip(std::string_view bytes, uint64_t max_bytes) {
+absl::StatusOr<std::string> DecompressGzip(std::string_view bytes, uint64_t max_bytes,
+                                           const CancelToken* cancel) {
   z_stream stream{};
   constexpr int kGzipOnly = 16 + MAX_WBITS;
   if (inflateInit2(&stream, kGzipOnly) != Z_OK) {
@@ -105,6 +111,7 @@ absl::StatusOr<std::string> DecompressGzip(std::string_view bytes, uint64_t max_
   size_t position = 0;
   constexpr size_t kMost = std::numeric_limits<uInt>::max();  // zlib counts in 32 bits.
   for (;;) {
+    if (cancel != nullptr && cancel->cancelled()) return cancel->ToStatus();
     if (!output.MakeRoom()) return OverLimit(max_bytes);
     const size_t in = std::min(bytes.size() - position, kMost);
     const size_t out = std::min(output.room(), kMost);

@@ -14,6 +14,7 @@
 #include <string_view>
 
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
 
 namespace sightline {
 
@@ -22,9 +23,11 @@ namespace sightline {
 inline constexpr uint64_t kXzDecoderBytes = uint64_t{512} << 20;
 
 // DataLoss (truncated, corrupt, or no such stream), ResourceExhausted (over `max_bytes`, or over
-// kXzDecoderBytes). The result may be empty.
-absl::StatusOr<std::string> DecompressXz(std::string_view bytes, uint64_t max_bytes);
-absl::StatusOr<std::string> DecompressGzip(std::string_view bytes, uint64_t max_bytes);
+// kXzDecoderBytes), or the status of `cancel` once that stops. The result may be empty.
+absl::StatusOr<std::string> DecompressXz(std::string_view bytes, uint64_t max_bytes,
+                                         const CancelToken* cancel = nullptr);
+absl::StatusOr<std::string> DecompressGzip(std::string_view bytes, uint64_t max_bytes,
+                                           const CancelToken* cancel = nullptr);
 
 }  // namespace sightline
 

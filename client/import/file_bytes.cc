@@ -20,14 +20,15 @@ std::filesystem::path Uncompressed(const std::string& path) {
 
 }  // namespace
 
-absl::StatusOr<std::string> ReadFileBytes(const std::string& path, uint64_t max_bytes) {
+absl::StatusOr<std::string> ReadFileBytes(const std::string& path, uint64_t max_bytes,
+                                          const CancelToken* cancel) {
   SL_ASSIGN_OR_RETURN(const RegularFile file, RegularFile::Open(path));
   if (file.size() == 0) return absl::InvalidArgumentError("the file is empty");
   if (file.size() > max_bytes) {
     return absl::ResourceExhaustedError(absl::StrCat(
         "the file holds ", file.size(), " bytes; the limit max_file_bytes is ", max_bytes));
   }
-  return file.Read(max_bytes);
+  return file.Read(max_bytes, cancel);
 }
 
 std::string CompressionSuffix(const std::string& path) {

@@ -12,13 +12,15 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
 
 namespace sightline {
 
 // NotFound, PermissionDenied, InvalidArgument (a folder, a device, an empty file),
-// ResourceExhausted (larger than `max_bytes`), DataLoss (it cannot be read to its end). Messages do
-// not name the file: the caller does.
-absl::StatusOr<std::string> ReadFileBytes(const std::string& path, uint64_t max_bytes);
+// ResourceExhausted (larger than `max_bytes`), DataLoss (it cannot be read to its end), or the
+// status of `cancel` once that stops. Messages do not name the file: the caller does.
+absl::StatusOr<std::string> ReadFileBytes(const std::string& path, uint64_t max_bytes,
+                                          const CancelToken* cancel = nullptr);
 
 // "xz" or "gz" for a path that ends in ".xz" or ".gz" in either case, else empty.
 std::string CompressionSuffix(const std::string& path);

@@ -12,6 +12,7 @@
 #include "client/import/file_bytes.h"
 #include "client/import/text_scanner.h"
 #include "client/import/tinygltf_api.h"
+#include "core/base/status_macros.h"
 
 namespace sightline {
 namespace {
@@ -40,7 +41,7 @@ sightline_tinygltf::FsCallbacks ConfinedFiles(const ImportOptions* options) {
                         void* user) {
     const ImportOptions& options = *static_cast<const ImportOptions*>(user);
     absl::StatusOr<std::string> bytes =
-        ReadFileBytes(BufferPath(uri, options), options.max_file_bytes);
+        ReadFileBytes(BufferPath(uri, options), options.max_file_bytes, options.cancel);
     if (!bytes.ok()) {
       *error = std::string(bytes.status().message());
       return false;
@@ -114,6 +115,7 @@ absl::Status ParseGltf(const GltfSource& source, MeshFormat format, const Import
   } catch (const std::exception& e) {
     return absl::InvalidArgumentError(absl::StrCat("is malformed glTF: ", OneLine(e.what())));
   }
+  SL_RETURN_IF_ERROR(CheckWanted(options.cancel, 0));  // Which tinygltf has another word for.
   if (!parsed) {
     return absl::InvalidArgumentError(
         absl::StrCat("is malformed glTF: ", OneLine(std::move(error))));

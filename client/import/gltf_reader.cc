@@ -60,6 +60,7 @@ class GltfSceneReader {
  public:
   GltfSceneReader(const sightline_tinygltf::Model& model, const ImportOptions& options)
       : model_(model),
+        cancel_(options.cancel),
         mesh_reader_(model, options, &scene_.report),
         instances_(0, options, &scene_.report),
         meshes_(model.meshes.size()) {}
@@ -77,6 +78,7 @@ class GltfSceneReader {
   absl::Status AddObject(int mesh, std::string name, const Affine3d& world);
 
   const sightline_tinygltf::Model& model_;
+  const CancelToken* const cancel_;
   ImportedScene scene_;
   GltfMeshReader mesh_reader_;
   PolygonFan instances_;  // Counts triangles over all instances.
@@ -118,6 +120,7 @@ absl::Status GltfSceneReader::AddObject(int mesh_number, std::string name, const
     return absl::InvalidArgumentError(absl::StrCat("node ", Quoted(name), " names mesh ",
                                                    mesh_number, " of ", model_.meshes.size()));
   }
+  SL_RETURN_IF_ERROR(CheckWanted(cancel_, 0));
   std::optional<GltfMesh>& mesh = meshes_[mesh_number];
   if (!mesh.has_value()) {
     SL_ASSIGN_OR_RETURN(mesh, mesh_reader_.Read(mesh_number));

@@ -44,12 +44,12 @@ std::optional<MeshFormat> FormatOf(const std::string& extension) {
 
 // The file's bytes, decompressed.
 absl::StatusOr<std::string> LoadBytes(const std::string& path, const ImportOptions& options) {
-  SL_ASSIGN_OR_RETURN(std::string bytes, ReadFileBytes(path, options.max_file_bytes));
+  SL_ASSIGN_OR_RETURN(std::string bytes,
+                      ReadFileBytes(path, options.max_file_bytes, options.cancel));
   const std::string suffix = CompressionSuffix(path);
   if (suffix.empty()) return bytes;
-  SL_ASSIGN_OR_RETURN(std::string plain, suffix == "xz"
-                                             ? DecompressXz(bytes, options.max_file_bytes)
-                                             : DecompressGzip(bytes, options.max_file_bytes));
+  const auto decompress = suffix == "xz" ? DecompressXz : DecompressGzip;
+  SL_ASSIGN_OR_RETURN(std::string plain, decompress(bytes, options.max_file_bytes, options.cancel));
   if (plain.empty()) return absl::InvalidArgumentError("the file is empty once decompressed");
   return plain;
 }
@@ -95,7 +95,7 @@ absl::StatusOr<ImportedScene> ImportUnnamed(std::string_view bytes, MeshFormat f
                                             const ImportOptions& options) {
   if (bytes.empty()) return absl::InvalidArgumentError("the file is empty");
   SL_ASSIGN_OR_RETURN(ImportedScene scene, ReadFormat(bytes, format, options));
-  CountDefects(scene.objects, &scene.report);
+  SL_RETURN_IF_ERROR(CountDefects(scene.objects, &scene.report, options.cancel));
   if (scene.report.triangles == 0) return EmptyMesh(scene.report);
   FinishNames(options.name, &scene.objects);
   return scene;
@@ -147,7 +147,7 @@ absl::StatusOr<std::vector<Vec3d>> ImportPoints(const std::string& path,
   }
   return NamedResult(path, [&]() -> absl::StatusOr<std::vector<Vec3d>> {
     SL_ASSIGN_OR_RETURN(const std::string bytes, LoadBytes(path, options));
-    SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ReadPlyPoints(TextOf(bytes)));
+    SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ReadPlyPoints(TextOf(bytes), options.cancel));
     if (points.empty()) return absl::InvalidArgumentError("holds no point");
     return points;
   });

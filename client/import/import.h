@@ -15,6 +15,7 @@
 //   InvalidArgument               empty, of no known format, malformed, or without a triangle
 //   DataLoss                      truncated or corrupt
 //   ResourceExhausted             over a limit of ImportOptions
+//   Cancelled                     ImportOptions::cancel was
 //   Unimplemented                 needs an extension that is not read (Draco, meshopt, ...)
 //
 // Thread safety: free functions without shared state. assimp runs in a child process

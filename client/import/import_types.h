@@ -19,6 +19,8 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
+#include "core/base/cancel.h"
 #include "core/mesh/object.h"
 
 namespace sightline {
@@ -52,7 +54,17 @@ struct ImportOptions {
   // Where a .gltf may read its buffers from: files below this folder alone. Empty: data URIs only.
   // ImportFile fills it in with the file's folder.
   std::string base_folder;
+  // Once it stops, the import ends with its status; may be null. It is looked at every few
+  // milliseconds, but for what another library reads at one go: glTF's JSON.
+  const CancelToken* cancel = nullptr;
 };
+
+// Of a loop of short steps, at step `step`: not OK once nobody wants its end any more. It looks now
+// and then, and at step 0.
+inline absl::Status CheckWanted(const CancelToken* cancel, uint64_t step) {
+  constexpr uint64_t kStepsPerLook = 4096;  // Some tens of microseconds.
+  return cancel == nullptr || step % kStepsPerLook != 0 ? absl::OkStatus() : cancel->ToStatus();
+}
 
 struct ImportReport {
   std::string format;  // "obj", "ply ascii", "stl binary", "glb", "assimp 3ds", ...

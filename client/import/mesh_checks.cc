@@ -5,18 +5,41 @@
 #include <array>
 #include <cmath>
 
+#include "absl/status/statusor.h"
 #include "client/import/polygon_fan.h"
 #include "client/import/position_table.h"
 #include "client/import/text_scanner.h"
+#include "core/base/status_macros.h"
 
 namespace sightline {
 namespace {
 
 using Corners = std::array<uint32_t, 3>;
 
-// How many triples repeat an earlier one: sorting brings copies together.
-uint64_t CountRepeats(std::vector<Corners>* triples) {
-  std::sort(triples->begin(), triples->end());
+// Sorted at once, between two looks whether that is still wanted: some ten milliseconds.
+constexpr size_t kSortedAtOnce = size_t{1} << 17;
+
+// Sorts triples whose first corners are `begin` .. `end` - 1. More than may be sorted at once are
+// parted at the middle of these, as a sort would part them.
+absl::Status Sort(std::span<Corners> triples, uint64_t begin, uint64_t end,
+                  const CancelToken* cancel) {
+  SL_RETURN_IF_ERROR(CheckWanted(cancel, 0));
+  if (triples.size() <= kSortedAtOnce || end - begin <= 1) {
+    std::sort(triples.begin(), triples.end());
+    return absl::OkStatus();
+  }
+  const uint64_t middle = begin + (end - begin) / 2;
+  const auto second = std::partition(triples.begin(), triples.end(),
+                                     [middle](const Corners& t) { return t[0] < middle; });
+  const size_t below = static_cast<size_t>(second - triples.begin());
+  SL_RETURN_IF_ERROR(Sort(triples.first(below), begin, middle, cancel));
+  return Sort(triples.subspan(below), middle, end, cancel);
+}
+
+// How many triples of corners below `end` repeat an earlier one: sorting brings copies together.
+absl::StatusOr<uint64_t> CountRepeats(std::vector<Corners>* triples, uint64_t end,
+                                      const CancelToken* cancel) {
+  SL_RETURN_IF_ERROR(Sort(*triples, 0, end, cancel));
   uint64_t repeats = 0;
   for (size_t i = 1; i < triples->size(); ++i) repeats += (*triples)[i] == (*triples)[i - 1];
   return repeats;
@@ -33,7 +56,8 @@ bool HasZeroArea(Vec3d a, Vec3d b, Vec3d c) {
   return IsFinite(cross) && MaxAbs(cross) <= kZeroAreaUnits * largest * longest;
 }
 
-void CountDefects(std::span<const ObjectInput> objects, ImportReport* report) {
+absl::Status CountDefects(std::span<const ObjectInput> objects, ImportReport* report,
+                          const CancelToken* cancel) {
   report->triangles = 0;
   for (const ObjectInput& object : objects) report->triangles += object.indices.size() / 3;
   report->non_finite_triangles = report->degenerate_triangles = report->zero_area_triangles = 0;
@@ -42,7 +66,7 @@ void CountDefects(std::span<const ObjectInput> objects, ImportReport* report) {
   for (const ObjectInput& object : objects) vertices += object.vertices.size();
   if (vertices >= kMaxVertices) {
     report->warnings.emplace_back("too many vertices to look for flat and duplicate triangles");
-    return;
+    return absl::OkStatus();
   }
 
   PositionTable table;
@@ -53,9 +77,11 @@ void CountDefects(std::span<const ObjectInput> objects, ImportReport* report) {
     const bool placed = !object.transform.IsIdentity();
     ids.clear();
     for (const Vec3d v : object.vertices) {
+      SL_RETURN_IF_ERROR(CheckWanted(cancel, ids.size()));
       ids.push_back(table.Insert(CanonicalVertex(placed ? object.transform.Apply(v) : v)));
     }
     for (size_t i = 0; i + 2 < object.indices.size(); i += 3) {
+      SL_RETURN_IF_ERROR(CheckWanted(cancel, i / 3));
       Corners t{ids[object.indices[i]], ids[object.indices[i + 1]], ids[object.indices[i + 2]]};
       const Vec3d a = table.positions()[t[0]];
       const Vec3d b = table.positions()[t[1]];
@@ -71,7 +97,9 @@ void CountDefects(std::span<const ObjectInput> objects, ImportReport* report) {
       triples.push_back(t);
     }
   }
-  report->duplicate_triangles = CountRepeats(&triples);
+  SL_ASSIGN_OR_RETURN(report->duplicate_triangles,
+                      CountRepeats(&triples, table.positions().size(), cancel));
+  return absl::OkStatus();
 }
 
 }  // namespace sightline

@@ -6,12 +6,13 @@
 //
 // Thread safety: free function.
 //
-//   CountDefects(scene.objects, &scene.report);
+//   SL_RETURN_IF_ERROR(CountDefects(scene.objects, &scene.report, options.cancel));
 #ifndef SIGHTLINE_CLIENT_IMPORT_MESH_CHECKS_H_
 #define SIGHTLINE_CLIENT_IMPORT_MESH_CHECKS_H_
 
 #include <span>
 
+#include "absl/status/status.h"
 #include "client/import/import_types.h"
 
 namespace sightline {
@@ -30,8 +31,10 @@ bool HasZeroArea(Vec3d a, Vec3d b, Vec3d c);
 
 // Sets `triangles`, non_finite_triangles, degenerate_triangles, zero_area_triangles and
 // duplicate_triangles. Positions are compared in the world: with each object's transform applied.
-// Non-finite triangles take part in no other count. REQUIRES: every index is in range.
-void CountDefects(std::span<const ObjectInput> objects, ImportReport* report);
+// Non-finite triangles take part in no other count. Not OK once `cancel` stops; the counts are not
+// all there then. REQUIRES: every index is in range.
+absl::Status CountDefects(std::span<const ObjectInput> objects, ImportReport* report,
+                          const CancelToken* cancel = nullptr);
 
 }  // namespace sightline
 

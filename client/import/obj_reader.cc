@@ -16,6 +16,7 @@
 #include "client/import/obj_statements.h"
 #include "client/import/object_assembly.h"
 #include "client/import/polygon_fan.h"
+#include "core/base/status_macros.h"
 
 namespace sightline {
 namespace {
@@ -25,7 +26,7 @@ namespace {
 class ObjCollector {
  public:
   ObjCollector(std::string_view text, const ImportOptions& options)
-      : statements_(text), fan_(0, options, &report_) {}
+      : statements_(text, options.cancel), cancel_(options.cancel), fan_(0, options, &report_) {}
 
   absl::StatusOr<ImportedScene> Read();
 
@@ -44,6 +45,7 @@ class ObjCollector {
   void SelectFaces();
 
   ObjStatements statements_;
+  const CancelToken* const cancel_;
   ImportReport report_;
   PolygonFan fan_;
   uint64_t vertices_seen_ = 0;
@@ -110,7 +112,10 @@ absl::StatusOr<ImportedScene> ObjCollector::Read() {
   std::istream stream(&statements_);
   stream.exceptions(std::ios::badbit);  // Else an allocation that fails would look like the end.
   std::string warnings, errors;
-  if (!tinyobj::LoadObjWithCallback(stream, callback, this, nullptr, &warnings, &errors)) {
+  const bool read =
+      tinyobj::LoadObjWithCallback(stream, callback, this, nullptr, &warnings, &errors);
+  SL_RETURN_IF_ERROR(CheckWanted(cancel_, 0));  // What it saw is not all, then.
+  if (!read) {
     return absl::InvalidArgumentError(absl::StrCat("is not an OBJ file: ", errors));
   }
   const std::vector<Vec3d>& vertices = statements_.vertices();

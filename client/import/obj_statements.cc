@@ -9,6 +9,7 @@ namespace sightline {
 
 ObjStatements::int_type ObjStatements::underflow() {
   chunk_.clear();
+  if (cancel_ != nullptr && cancel_->cancelled()) return traits_type::eof();
   while (chunk_.size() < kChunkBytes && !scanner_.AtEnd()) Translate(NextLine());
   if (chunk_.empty()) return traits_type::eof();
   setg(chunk_.data(), chunk_.data(), chunk_.data() + chunk_.size());

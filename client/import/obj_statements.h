@@ -32,7 +32,9 @@ namespace sightline {
 
 class ObjStatements : public std::streambuf {
  public:
-  explicit ObjStatements(std::string_view text) : scanner_(text) {}
+  // Once `cancel` (may be null) stops, the text ends.
+  explicit ObjStatements(std::string_view text, const CancelToken* cancel = nullptr)
+      : scanner_(text), cancel_(cancel) {}
 
   const std::vector<Vec3d>& vertices() const { return vertices_; }
   uint64_t non_finite_vertices() const { return non_finite_vertices_; }
@@ -54,6 +56,7 @@ class ObjStatements : public std::streambuf {
   void TranslateFace(std::string_view arguments);
 
   TextScanner scanner_;
+  const CancelToken* const cancel_;
   std::string joined_;
   std::string chunk_;
   std::vector<Vec3d> vertices_;

@@ -20,7 +20,7 @@ constexpr size_t kShortestVertex = 6, kShortestFace = 2;
 class OffFileReader {
  public:
   OffFileReader(std::string_view text, const ImportOptions& options)
-      : scanner_(text), fan_(0, options, &scene_.report) {}
+      : scanner_(text), cancel_(options.cancel), fan_(0, options, &scene_.report) {}
 
   absl::StatusOr<ImportedScene> Read() {
     scene_.report.format = "off";
@@ -42,6 +42,7 @@ class OffFileReader {
   absl::StatusOr<std::string_view> NextLine();
 
   TextScanner scanner_;
+  const CancelToken* const cancel_;
   ImportedScene scene_;
   PolygonFan fan_;
   ObjectInput object_;
@@ -111,6 +112,7 @@ absl::Status OffFileReader::ReadVertices() {
   object_.vertices.reserve(vertex_count_);
   uint64_t malformed = 0;
   for (uint64_t i = 0; i < vertex_count_; ++i) {
+    SL_RETURN_IF_ERROR(CheckWanted(cancel_, i));
     SL_ASSIGN_OR_RETURN(std::string_view line, NextLine());
     Vec3d v;
     bool whole = true;

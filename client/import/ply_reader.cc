@@ -30,14 +30,17 @@ absl::Status CheckCount(const PlyElement& element, const PlyBody& body) {
   return absl::OkStatus();
 }
 
-void SkipElement(const PlyElement& element, PlyBody* body) {
-  if (element.properties.empty()) return;  // Nothing to read, however many there are.
-  for (uint64_t i = 0; i < element.count && body->ok(); ++i) {
+absl::Status SkipElement(const PlyElement& element, PlyBody* body, const CancelToken* cancel) {
+  // Without a property there is nothing to read, however many there are.
+  for (uint64_t i = 0; i < element.count && !element.properties.empty() && body->ok(); ++i) {
+    SL_RETURN_IF_ERROR(CheckWanted(cancel, i));
     for (const PlyProperty& property : element.properties) body->Skip(property);
   }
+  return absl::OkStatus();
 }
 
-absl::StatusOr<std::vector<Vec3d>> ReadVertices(const PlyElement& element, PlyBody* body) {
+absl::StatusOr<std::vector<Vec3d>> ReadVertices(const PlyElement& element, PlyBody* body,
+                                                const CancelToken* cancel) {
   std::vector<int> axis_of(element.properties.size(), -1);
   constexpr std::array<std::string_view, 3> kAxes{"x", "y", "z"};
   for (int axis = 0; axis < 3; ++axis) {
@@ -51,6 +54,7 @@ absl::StatusOr<std::vector<Vec3d>> ReadVertices(const PlyElement& element, PlyBo
   std::vector<Vec3d> vertices;
   vertices.reserve(element.count);  // Held against the bytes by CheckCount.
   for (uint64_t i = 0; i < element.count && body->ok(); ++i) {
+    SL_RETURN_IF_ERROR(CheckWanted(cancel, i));
     Vec3d v;
     for (size_t p = 0; p < element.properties.size(); ++p) {
       if (axis_of[p] < 0) {
@@ -74,7 +78,10 @@ int64_t CornerOf(double value) {
 class PlyFileReader {
  public:
   PlyFileReader(const PlyHeader& header, std::string_view bytes, const ImportOptions& options)
-      : header_(header), body_(bytes, header), fan_(0, options, &scene_.report) {}
+      : header_(header),
+        body_(bytes, header),
+        cancel_(options.cancel),
+        fan_(0, options, &scene_.report) {}
 
   absl::StatusOr<ImportedScene> Read();
 
@@ -85,6 +92,7 @@ class PlyFileReader {
 
   const PlyHeader& header_;
   PlyBody body_;
+  const CancelToken* const cancel_;
   ImportedScene scene_;
   PolygonFan fan_;
   ObjectInput object_;
@@ -145,12 +153,12 @@ absl::StatusOr<ImportedScene> PlyFileReader::Read() {
     if (element.name == "vertex") {
       if (has_vertices) return absl::InvalidArgumentError("has two elements \"vertex\"");
       has_vertices = true;
-      SL_ASSIGN_OR_RETURN(object_.vertices, ReadVertices(element, &body_));
+      SL_ASSIGN_OR_RETURN(object_.vertices, ReadVertices(element, &body_, cancel_));
     } else if (element.name == "face" || element.name == "tristrips") {
       SL_RETURN_IF_ERROR(ReadFaces(element));
     } else {
       if (element.name == "edge") report.skipped_primitives += element.count;
-      SkipElement(element, &body_);
+      SL_RETURN_IF_ERROR(SkipElement(element, &body_, cancel_));
     }
     if (!body_.ok()) return body_.error();
   }
@@ -166,17 +174,18 @@ absl::StatusOr<ImportedScene> ReadPly(std::string_view bytes, const ImportOption
   return PlyFileReader(header, bytes, options).Read();
 }
 
-absl::StatusOr<std::vector<Vec3d>> ReadPlyPoints(std::string_view bytes) {
+absl::StatusOr<std::vector<Vec3d>> ReadPlyPoints(std::string_view bytes,
+                                                 const CancelToken* cancel) {
   SL_ASSIGN_OR_RETURN(const PlyHeader header, ParsePlyHeader(bytes));
   PlyBody body(bytes, header);
   for (const PlyElement& element : header.elements) {
     SL_RETURN_IF_ERROR(CheckCount(element, body));
     if (element.name == "vertex") {
-      SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ReadVertices(element, &body));
+      SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ReadVertices(element, &body, cancel));
       if (!body.ok()) return body.error();
       return points;
     }
-    SkipElement(element, &body);
+    SL_RETURN_IF_ERROR(SkipElement(element, &body, cancel));
     if (!body.ok()) return body.error();
   }
   return absl::InvalidArgumentError("has no element \"vertex\"");

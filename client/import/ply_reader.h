@@ -25,7 +25,8 @@ namespace sightline {
 absl::StatusOr<ImportedScene> ReadPly(std::string_view bytes, const ImportOptions& options);
 
 // The vertices alone, for point sets; may be none.
-absl::StatusOr<std::vector<Vec3d>> ReadPlyPoints(std::string_view bytes);
+absl::StatusOr<std::vector<Vec3d>> ReadPlyPoints(std::string_view bytes,
+                                                 const CancelToken* cancel = nullptr);
 
 }  // namespace sightline
 

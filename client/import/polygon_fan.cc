@@ -6,6 +6,7 @@
 namespace sightline {
 
 absl::Status PolygonFan::Add(std::span<const int64_t> corners, std::vector<uint32_t>* indices) {
+  if (absl::Status status = CheckWanted(cancel_, report_->polygons); !status.ok()) return status;
   ++report_->polygons;
   if (corners.size() < 3) {
     ++report_->faces_too_few_corners;

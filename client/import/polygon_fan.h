@@ -31,13 +31,17 @@ class PolygonFan {
   static constexpr int64_t kBadCorner = -1;
 
   PolygonFan(uint64_t vertex_count, const ImportOptions& options, ImportReport* report)
-      : vertex_count_(vertex_count), max_triangles_(options.max_triangles), report_(report) {}
+      : vertex_count_(vertex_count),
+        max_triangles_(options.max_triangles),
+        cancel_(options.cancel),
+        report_(report) {}
 
   // For formats whose vertices and faces come mixed.
   void set_vertex_count(uint64_t vertex_count) { vertex_count_ = vertex_count; }
 
   // Appends the triangles of a face. ResourceExhausted where the scene would hold more triangles
-  // than the options allow. REQUIRES: vertex_count <= kMaxVertices.
+  // than the options allow; the status of their `cancel` soon after that stopped. REQUIRES:
+  // vertex_count <= kMaxVertices.
   absl::Status Add(std::span<const int64_t> corners, std::vector<uint32_t>* indices);
 
   // Counts triangles that come about without a face of the file (instances of a mesh).
@@ -46,6 +50,7 @@ class PolygonFan {
  private:
   uint64_t vertex_count_;
   const uint64_t max_triangles_;
+  const CancelToken* const cancel_;
   uint64_t triangles_ = 0;
   ImportReport* const report_;
 };

@@ -19,14 +19,15 @@ namespace sightline::load {
 namespace {
 
 // The objects of a mesh file or of builtin:NAME, as a server would be given them.
-absl::StatusOr<std::vector<ObjectInput>> ReadObjects(const std::string& argument) {
+absl::StatusOr<std::vector<ObjectInput>> ReadObjects(const std::string& argument,
+                                                     const CancelToken* cancel) {
   if (cli::KindOf(argument) == cli::SceneKind::kBuiltin) {
     SL_ASSIGN_OR_RETURN(const BuiltinSpec spec,
                         ParseBuiltin(std::string(absl::StripPrefix(argument, "builtin:"))));
-    SL_ASSIGN_OR_RETURN(BuiltinScene scene, MakeBuiltin(spec));
+    SL_ASSIGN_OR_RETURN(BuiltinScene scene, MakeBuiltin(spec, cancel));
     return std::move(scene.objects);
   }
-  SL_ASSIGN_OR_RETURN(ImportedScene scene, ImportFile(argument));
+  SL_ASSIGN_OR_RETURN(ImportedScene scene, ImportFile(argument, {.cancel = cancel}));
   return std::move(scene.objects);
 }
 
@@ -36,7 +37,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> Open(const std::string& argument, V
     SL_ASSIGN_OR_RETURN(const SceneBytes file, cli::OpenSceneFile(argument));
     return LoadScene(file, argument, {}, pool, cancel);
   }
-  SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, ReadObjects(argument));
+  SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, ReadObjects(argument, cancel));
   return BuildScene(argument, /*revision=*/1, objects, origin, {}, pool, cancel);
 }
 

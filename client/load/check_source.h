@@ -44,7 +44,7 @@ absl::StatusOr<CheckSource> ChooseCheck(const LoadOptions& options, const client
 // The scene for the engine, relative to the origin of `served`: a native scene file is loaded,
 // anything else read or made and built. InvalidArgument where it cannot be what `served` is made
 // of: other numbers of objects, triangles or vertices, or another origin in the file. Cancelled
-// from `cancel`, once a mesh file has been read or a built-in scene made.
+// from `cancel`.
 absl::StatusOr<std::shared_ptr<const Scene>> OpenCheckScene(const std::string& argument,
                                                             const client::Scene& served,
                                                             ThreadPool& pool,

@@ -13,6 +13,9 @@
 namespace sightline {
 namespace {
 
+// A few milliseconds of a fast disk: so often a reader looks whether it is still wanted.
+constexpr size_t kReadAtOnce = size_t{8} << 20;
+
 absl::Status OpenError(int error) {
   if (error == ENOENT || error == ENOTDIR) return absl::NotFoundError("no such file");
   // What a socket says to whoever opens it.
@@ -43,14 +46,15 @@ RegularFile::~RegularFile() {
   if (descriptor_ >= 0) close(descriptor_);
 }
 
-absl::StatusOr<std::string> RegularFile::Read(uint64_t max_bytes) const {
+absl::StatusOr<std::string> RegularFile::Read(uint64_t max_bytes, const CancelToken* cancel) const {
   // A byte more than there is, or than there may be: it shows the end, or what is too much.
   std::string bytes(std::min(size(), max_bytes) + 1, '\0');
   uint64_t have = 0;
   while (have <= max_bytes) {
     if (have == bytes.size()) bytes.resize(std::min(max_bytes, 2 * have) + 1);
-    const auto at = static_cast<off_t>(have);
-    const ssize_t got = pread(descriptor_, bytes.data() + have, bytes.size() - have, at);
+    if (cancel != nullptr && cancel->cancelled()) return cancel->ToStatus();
+    const size_t most = std::min(kReadAtOnce, bytes.size() - have);
+    const ssize_t got = pread(descriptor_, bytes.data() + have, most, static_cast<off_t>(have));
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) {
       return absl::DataLossError(absl::StrCat("cannot be read: ", std::strerror(errno)));

@@ -20,6 +20,7 @@
 #include <utility>
 
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
 
 namespace sightline {
 
@@ -37,8 +38,8 @@ class RegularFile {
   const struct stat& facts() const { return facts_; }
   uint64_t size() const { return static_cast<uint64_t>(facts_.st_size); }
   // All of it. ResourceExhausted (more than `max_bytes`), DataLoss (it cannot be read to its end,
-  // or has become shorter since it was opened).
-  absl::StatusOr<std::string> Read(uint64_t max_bytes) const;
+  // or has become shorter since it was opened), or the status of `cancel` once that stops.
+  absl::StatusOr<std::string> Read(uint64_t max_bytes, const CancelToken* cancel = nullptr) const;
 
  private:
   RegularFile(int descriptor, const struct stat& facts) : descriptor_(descriptor), facts_(facts) {}

@@ -404,9 +404,9 @@ absl::StatusOr<SceneView> SceneCatalog::CreateBuiltin(const CreateOptions& optio
   MemoryCharge input(*this), scene(*this);
   SL_RETURN_IF_ERROR(input.Add(triangles * kBuiltinInputBytes));
   SL_RETURN_IF_ERROR(scene.Add(EstimateSceneBytes(triangles, 0)));
-  absl::StatusOr<BuiltinScene> made = MakeBuiltin(*parsed);
-  if (!made.ok()) return explain(made.status());
+  absl::StatusOr<BuiltinScene> made = MakeBuiltin(*parsed, cancel);
   if (cancel != nullptr) SL_RETURN_IF_ERROR(cancel->ToStatus());
+  if (!made.ok()) return explain(made.status());
   SL_RETURN_IF_ERROR(CheckName(options.scene_id));  // It took a while.
   return Build(options, made->objects, &scene, cancel);
 }

@@ -70,14 +70,15 @@ absl::Status CheckCommand(std::span<const std::string> args, Context& context) {
       absl::StatusOr<BuiltinSpec> spec =
           ParseBuiltin(std::string(absl::StripPrefix(name, "builtin:")));
       if (!spec.ok()) return WithExitCode(spec.status(), kExitUsage);
-      absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*spec);
-      if (!scene.ok()) return WithExitCode(scene.status(), kExitUsage);
+      absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*spec, context.interruption.work());
+      if (absl::IsInvalidArgument(scene.status())) return UsageError(scene.status().message());
+      SL_RETURN_IF_ERROR(scene.status());
       imported.objects = std::move(scene->objects);
       imported.report.format = "builtin";
       break;
     }
     case SceneKind::kFile: {
-      SL_ASSIGN_OR_RETURN(imported, ImportFile(name));
+      SL_ASSIGN_OR_RETURN(imported, ImportFile(name, {.cancel = context.interruption.work()}));
       break;
     }
   }

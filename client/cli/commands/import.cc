@@ -35,14 +35,16 @@ absl::StatusOr<std::vector<ObjectInput>> ReadObjects(const std::string& name, Co
       absl::StatusOr<BuiltinSpec> spec =
           ParseBuiltin(std::string(absl::StripPrefix(name, "builtin:")));
       if (!spec.ok()) return WithExitCode(spec.status(), kExitUsage);
-      absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*spec);
-      if (!scene.ok()) return WithExitCode(scene.status(), kExitUsage);
+      absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*spec, context.interruption.work());
+      if (absl::IsInvalidArgument(scene.status())) return UsageError(scene.status().message());
+      SL_RETURN_IF_ERROR(scene.status());
       return std::move(scene->objects);
     }
     case SceneKind::kFile:
       break;
   }
-  SL_ASSIGN_OR_RETURN(ImportedScene imported, ImportFile(name));
+  SL_ASSIGN_OR_RETURN(ImportedScene imported,
+                      ImportFile(name, {.cancel = context.interruption.work()}));
   for (const std::string& warning : imported.report.warnings) {
     context.err << "warning: '" << name << "': " << warning << '\n';
   }

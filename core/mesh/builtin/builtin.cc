@@ -104,10 +104,12 @@ uint64_t CountTriangles(const Generator& generator, double detail, uint64_t seed
 
 // The detail whose scene comes nearest to `target`, by bisection on the logarithm. Counts rise with
 // detail but for the dither of a few objects, so the nearest of all that were tried is kept.
-double FitDetail(const Generator& generator, uint64_t target, uint64_t seed) {
+double FitDetail(const Generator& generator, uint64_t target, uint64_t seed,
+                 const CancelToken* cancel) {
   double low = 0x1p-14, high = 0x1p12, best = low;
   uint64_t best_error = UINT64_MAX;
   for (int step = 0; step < 40 && best_error != 0; ++step) {
+    if (cancel != nullptr && cancel->cancelled()) break;
     const double middle = std::sqrt(low * high);
     const uint64_t count = CountTriangles(generator, middle, seed);
     const uint64_t error = count > target ? count - target : target - count;
@@ -169,7 +171,7 @@ std::string FormatBuiltin(const BuiltinSpec& spec) {
   return absl::StrCat(spec.name, ":", target, ",seed=", spec.seed);
 }
 
-absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec) {
+absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec, const CancelToken* cancel) {
   const absl::StatusOr<size_t> index = Find(spec.name);
   if (!index.ok()) return index.status();
   const BuiltinInfo& info = kInfos[*index];
@@ -179,9 +181,10 @@ absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec) {
   if (absl::Status status = CheckTarget(info, target); !status.ok()) return status;
 
   BuiltinScene scene;
-  const double detail = FitDetail(generator, target, spec.seed);
-  SceneBuilder builder(detail, spec.seed, &scene.objects);
+  const double detail = FitDetail(generator, target, spec.seed, cancel);
+  SceneBuilder builder(detail, spec.seed, &scene.objects, cancel);
   generator.make(builder);
+  if (cancel != nullptr && cancel->cancelled()) return cancel->ToStatus();
   SIGHTLINE_CHECK(builder.Triangles() == CountTriangles(generator, detail, spec.seed));
   scene.views = generator.views(spec.seed);
   if (info.name == "office") scene.many_lights = OfficeLights();

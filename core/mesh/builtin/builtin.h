@@ -30,6 +30,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
 #include "core/geometry/vec3.h"
 #include "core/mesh/object.h"
 
@@ -87,8 +88,10 @@ absl::StatusOr<BuiltinSpec> ParseBuiltin(std::string_view text);
 std::string FormatBuiltin(const BuiltinSpec& spec);
 
 // Makes the scene: up to some seconds for ten million triangles. InvalidArgument for an unknown
-// name or a target outside [min_triangles, kMaxBuiltinTriangles].
-absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec);
+// name or a target outside [min_triangles, kMaxBuiltinTriangles]; the status of `cancel` once that
+// stops, which is looked at between objects.
+absl::StatusOr<BuiltinScene> MakeBuiltin(const BuiltinSpec& spec,
+                                         const CancelToken* cancel = nullptr);
 
 }  // namespace sightline
 

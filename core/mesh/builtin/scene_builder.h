@@ -7,7 +7,7 @@
 // Numbers are rounded up or down by a hash of the object's name and of the number, so that equal
 // things do not all become finer at the same detail, and a budget can be met closely; the order of
 // the questions does not matter (that of a call's arguments is open in C++). A builder without
-// objects counts only.
+// objects counts only, and so does one whose scene nobody wants any more.
 //
 // Thread safety: one thread per builder.
 //
@@ -24,6 +24,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/base/cancel.h"
 #include "core/base/mix_bits.h"
 #include "core/mesh/builtin/deterministic_math.h"
 #include "core/mesh/builtin/mesh_builder.h"
@@ -33,9 +34,15 @@ namespace sightline {
 
 class SceneBuilder {
  public:
-  // `objects` is appended to; null: count only. REQUIRES: detail > 0.
-  SceneBuilder(double detail, uint64_t seed, std::vector<ObjectInput>* objects)
-      : detail_(detail), root_(std::sqrt(detail)), seed_(seed), objects_(objects) {}
+  // `objects` is appended to; null: count only. From the next object on, once `cancel` (may be
+  // null) stops, nothing more is appended. REQUIRES: detail > 0.
+  SceneBuilder(double detail, uint64_t seed, std::vector<ObjectInput>* objects,
+               const CancelToken* cancel = nullptr)
+      : detail_(detail),
+        root_(std::sqrt(detail)),
+        seed_(seed),
+        cancel_(cancel),
+        objects_(objects) {}
 
   uint64_t seed() const { return seed_; }
   double detail() const { return detail_; }
@@ -47,6 +54,7 @@ class SceneBuilder {
   MeshBuilder& Object(std::string_view name) {
     Close();
     object_key_ = HashString(name);
+    if (cancel_ != nullptr && cancel_->cancelled()) objects_ = nullptr;
     ObjectInput* object = nullptr;
     if (objects_ != nullptr) {
       object = &objects_->emplace_back();
@@ -89,7 +97,8 @@ class SceneBuilder {
   const double detail_;
   const double root_;
   const uint64_t seed_;
-  std::vector<ObjectInput>* const objects_;
+  const CancelToken* const cancel_;
+  std::vector<ObjectInput>* objects_;
   std::optional<MeshBuilder> mesh_;
   uint64_t triangles_ = 0;
   uint64_t object_key_ = 0;  // A hash of the open object's name.

@@ -57,6 +57,36 @@ TEST(ChildProcessTest, EndsWorkThatTakesTooLong) {
                       kDeadlineExceeded, "0.2 seconds");
 }
 
+TEST(ChildProcessTest, EndsWorkThatNobodyWants) {
+  CancelToken cancel;
+  cancel.Cancel();
+  ChildLimits limits;
+  limits.cancel = &cancel;
+  EXPECT_EQ(RunInChild(
+                []() -> std::string {
+                  for (;;) pause();
+                },
+                limits)
+                .status()
+                .code(),
+            absl::StatusCode::kCancelled);
+  EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1);
+}
+
+// A terminal's Ctrl-C goes to the child as well; what comes of it is for the parent to say.
+TEST(ChildProcessTest, LeavesSignalsOfTheTerminalToItsParent) {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    EXPECT_EQ(RunInChild(
+                  [signal]() -> std::string {
+                    std::raise(signal);
+                    return "goes on";
+                  },
+                  {})
+                  .value_or("error"),
+              "goes on");
+  }
+}
+
 TEST(ChildProcessTest, EndsWorkThatReturnsTooMuch) {
   ChildLimits limits;
   limits.result_bytes = 1000;

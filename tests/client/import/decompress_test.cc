@@ -15,14 +15,15 @@ using import_testing::Xz;
 struct Codec {
   const char* name;
   std::string (*compress)(std::string_view);
-  absl::StatusOr<std::string> (*decompress)(std::string_view, uint64_t);
+  absl::StatusOr<std::string> (*decompress)(std::string_view, uint64_t, const CancelToken*);
 };
 
 class DecompressTest : public testing::TestWithParam<Codec> {
  protected:
   std::string Compress(std::string_view text) const { return GetParam().compress(text); }
-  absl::StatusOr<std::string> Decompress(std::string_view bytes, uint64_t limit = 1 << 24) const {
-    return GetParam().decompress(bytes, limit);
+  absl::StatusOr<std::string> Decompress(std::string_view bytes, uint64_t limit = 1 << 24,
+                                         const CancelToken* cancel = nullptr) const {
+    return GetParam().decompress(bytes, limit, cancel);
   }
 };
 
@@ -49,6 +50,16 @@ TEST_P(DecompressTest, KeepsToTheLimit) {
                       "max_file_bytes");
   EXPECT_IMPORT_ERROR(Decompress(Compress(std::string(4 << 20, '\0')), 1000).status(),
                       kResourceExhausted, "1000");
+}
+
+// In parts, between which it looks: more than one of them.
+TEST_P(DecompressTest, IsGivenUpOnceNobodyWantsIt) {
+  const std::string zeros(5 << 20, '\0');
+  CancelToken cancel;
+  EXPECT_EQ(Decompress(Compress(zeros), 1 << 24, &cancel).value_or("error"), zeros);
+  cancel.Cancel();
+  EXPECT_EQ(Decompress(Compress(zeros), 1 << 24, &cancel).status().code(),
+            absl::StatusCode::kCancelled);
 }
 
 TEST_P(DecompressTest, ReportsTruncationAndDamage) {

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/import/child_process.h"
@@ -47,6 +48,49 @@ TEST_F(ImportFileTest, ReadsCompressedFilesAsTheyAre) {
 TEST_F(ImportFileTest, GivesTheSameBytesTwice) {
   const std::string path = Write("a.obj", kObj);
   EXPECT_TRUE(SameBits(*ImportFile(path), *ImportFile(path)));
+}
+
+// By every reader, and while the file is read and decompressed.
+TEST_F(ImportFileTest, IsGivenUpOnceNobodyWantsIt) {
+  constexpr char kPly[] =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\n"
+      "property double z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+      "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+  constexpr char kStl[] =
+      "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+      "endloop\nendfacet\nendsolid s\n";
+  constexpr char kGltf[] =
+      R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],)"
+      R"("meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],)"
+      R"("accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],)"
+      R"("bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,)"
+      R"("uri":"data:application/octet-stream;base64,)"
+      R"(AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]})";
+  const std::pair<std::string, std::string> files[] = {{"a.obj", kObj},   {"a.off", kOff},
+                                                       {"a.ply", kPly},   {"a.stl", kStl},
+                                                       {"a.gltf", kGltf}, {"a.obj.xz", Xz(kObj)}};
+  for (const auto& [name, bytes] : files) {
+    SCOPED_TRACE(name);
+    CancelToken cancel;
+    const ImportOptions options{.cancel = &cancel};
+    const absl::StatusOr<ImportedScene> scene = ImportFile(Write(name, bytes), options);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_TRUE(SameBits(*scene, *ImportFile(folder_.File(name))));
+    cancel.Cancel();
+    EXPECT_EQ(ImportFile(folder_.File(name), options).status().code(),
+              absl::StatusCode::kCancelled);
+    if (name.ends_with(".xz")) continue;
+    const MeshFormat format = name.ends_with("obj")   ? MeshFormat::kObj
+                              : name.ends_with("off") ? MeshFormat::kOff
+                              : name.ends_with("ply") ? MeshFormat::kPly
+                              : name.ends_with("stl") ? MeshFormat::kStl
+                                                      : MeshFormat::kGltf;
+    EXPECT_EQ(ImportBytes(bytes, format, options).status().code(), absl::StatusCode::kCancelled);
+  }
+  CancelToken cancel;
+  cancel.Cancel();
+  EXPECT_EQ(ImportPoints(folder_.File("a.ply"), {.cancel = &cancel}).status().code(),
+            absl::StatusCode::kCancelled);
 }
 
 TEST_F(ImportFileTest, NamesTheFileAndTheReason) {

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/import/mesh_checks.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "client/import/position_table.h"
 #include "gtest/gtest.h"
@@ -57,12 +60,37 @@ TEST(CountDefectsTest, CountsEachKind) {
   moved.indices = {0, 1, 2};
   moved.transform.m[3] = -10;  // Onto the first triangle.
   ImportReport report;
-  CountDefects(std::vector<ObjectInput>{object, moved}, &report);
+  ASSERT_TRUE(CountDefects(std::vector<ObjectInput>{object, moved}, &report).ok());
   EXPECT_EQ(report.triangles, 7u);
   EXPECT_EQ(report.non_finite_triangles, 1u);
   EXPECT_EQ(report.degenerate_triangles, 2u);
   EXPECT_EQ(report.zero_area_triangles, 3u);
   EXPECT_EQ(report.duplicate_triangles, 3u);
+}
+
+// More triangles than are sorted at once, half of which share a corner.
+TEST(CountDefectsTest, FindsTheCopiesAmongMany) {
+  constexpr uint32_t kVertices = 1000, kTriangles = 400'000;
+  ObjectInput object;
+  for (uint32_t i = 0; i < kVertices; ++i) {
+    object.vertices.push_back({i * 1.0, i * i * 1.0, i % 7 * 1.0});
+  }
+  std::vector<std::array<uint32_t, 3>> triples;
+  for (uint32_t i = 0; i < kTriangles; ++i) {
+    const uint32_t a = i % 2 == 0 ? 0 : i / 2 % (kVertices - 2);
+    triples.push_back({a, a + 1 + i % 3, a + 5 + i % 11});
+    for (uint32_t& corner : triples.back()) corner = std::min(corner, kVertices - 1);
+    object.indices.insert(object.indices.end(), triples.back().rbegin(), triples.back().rend());
+  }
+  std::sort(triples.begin(), triples.end());
+  const auto distinct = std::unique(triples.begin(), triples.end()) - triples.begin();
+  ImportReport report;
+  CancelToken cancel;
+  ASSERT_TRUE(CountDefects(std::vector<ObjectInput>{object}, &report, &cancel).ok());
+  EXPECT_EQ(report.duplicate_triangles, kTriangles - static_cast<uint64_t>(distinct));
+  cancel.Cancel();
+  EXPECT_EQ(CountDefects(std::vector<ObjectInput>{object}, &report, &cancel).code(),
+            absl::StatusCode::kCancelled);
 }
 
 TEST(PositionTableTest, NumbersDistinctPositionsInOrder) {

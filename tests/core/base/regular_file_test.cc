@@ -69,6 +69,14 @@ TEST_F(RegularFileTest, WhatGrewIsReadToItsEndAndWhatShrankIsAnError) {
   EXPECT_THAT(std::string(status.message()), HasSubstr("read 2 of 4 bytes: it became shorter"));
 }
 
+TEST_F(RegularFileTest, IsReadNoFurtherOnceNobodyWantsIt) {
+  const absl::StatusOr<RegularFile> file = RegularFile::Open(Write("a", "text"));
+  CancelToken cancel;
+  EXPECT_EQ(file->Read(100, &cancel).value(), "text");
+  cancel.Cancel();
+  EXPECT_EQ(file->Read(100, &cancel).status().code(), absl::StatusCode::kCancelled);
+}
+
 // Of the pipes one has no writer: whoever waits for it never ends.
 TEST_F(RegularFileTest, WhatIsNoRegularFileIsAnErrorAtOnce) {
   ExpectOpenError(dir_.File("none"), absl::StatusCode::kNotFound, "no such file");

@@ -92,6 +92,16 @@ TEST(BuiltinScene, ComesTwiceTheSameAndDiffersBySeed) {
   EXPECT_NE(HashScene(scene), HashScene(Make({"room", 0, 2})));
 }
 
+TEST(BuiltinScene, IsGivenUpOnceNobodyWantsIt) {
+  CancelToken cancel;
+  EXPECT_EQ(HashScene(*MakeBuiltin({"room", 0, 1}, &cancel)), HashScene(Make({"room", 0, 1})));
+  cancel.Cancel();
+  for (const BuiltinInfo& info : BuiltinScenes()) {
+    EXPECT_EQ(MakeBuiltin({.name = std::string(info.name)}, &cancel).status().code(),
+              absl::StatusCode::kCancelled);
+  }
+}
+
 // Within a tenth, from the least to the most (the most of one scene: ten million take a second or
 // two).
 TEST(BuiltinScene, HasTheSizeAskedFor) {
