@@ -5,6 +5,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/cancelled_work.h"
 #include "client/cli/formats/table.h"
 #include "client/cli/view_choice.h"
 #include "core/base/status_macros.h"
@@ -36,8 +37,9 @@ struct PathPlace {
   Vec3d eye, at;
 };
 
-absl::StatusOr<std::vector<PathPlace>> ReadPath(const std::string& file) {
-  SL_ASSIGN_OR_RETURN(const std::vector<double> rows, cli::ReadRows(file, 6, "places"));
+absl::StatusOr<std::vector<PathPlace>> ReadPath(const std::string& file,
+                                                const CancelToken* cancel) {
+  SL_ASSIGN_OR_RETURN(const std::vector<double> rows, cli::ReadRows(file, 6, "places", cancel));
   if (rows.empty() || rows.size() > 6 * 32) {
     return absl::InvalidArgumentError(
         absl::StrCat("'", file, "' has ", rows.size() / 6, " places; a path has 1 to 32"));
@@ -112,7 +114,8 @@ absl::StatusOr<TestScene> OpenTestScene(const cli::Session& session, const LoadO
                                       static_cast<double>(options.width) / options.height));
   std::vector<PathPlace> places = PathAcross(view, options.cameras);
   if (!options.path.empty()) {
-    SL_ASSIGN_OR_RETURN(places, ReadPath(options.path));
+    const cli::CancelledWork work(session.call().cancellation);
+    SL_ASSIGN_OR_RETURN(places, ReadPath(options.path, work.token()));
   }
   for (const PathPlace& place : places) {
     SL_ASSIGN_OR_RETURN(

@@ -44,7 +44,8 @@ absl::Status SegmentsCommand(std::span<const std::string> args, Context& context
   if (segments_path.empty()) return UsageError("wants --segments FILE");
   if (out.empty()) return UsageError("wants --out FILE.npy");
   SL_RETURN_IF_ERROR(CheckOutputs({out}));
-  SL_ASSIGN_OR_RETURN(const std::vector<double> segments, ReadRows(segments_path, 6, "segments"));
+  SL_ASSIGN_OR_RETURN(const std::vector<double> segments,
+                      ReadRows(segments_path, 6, "segments", context.interruption.work()));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
                       Session::Open(session_flags, context.interruption.calls()));

@@ -89,10 +89,11 @@ absl::Status CheckArguments(const ShadeArguments& a) {
 }
 
 // Those of the file.
-absl::StatusOr<std::vector<client::Light>> ReadLights(const ShadeArguments& a) {
+absl::StatusOr<std::vector<client::Light>> ReadLights(const ShadeArguments& a,
+                                                      const CancelToken* cancel) {
   std::vector<client::Light> lights;
   if (a.lights.empty()) return lights;
-  SL_ASSIGN_OR_RETURN(const std::vector<double> xyz, ReadRows(a.lights, 3, "lights"));
+  SL_ASSIGN_OR_RETURN(const std::vector<double> xyz, ReadRows(a.lights, 3, "lights", cancel));
   for (size_t i = 0; i + 2 < xyz.size(); i += 3) {
     lights.push_back(client::Light::Point({xyz[i], xyz[i + 1], xyz[i + 2]}));
   }
@@ -116,17 +117,18 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
                       a.build.ForQuery(flags, words[0], a.strategy.Trees()));
   SL_RETURN_IF_ERROR(CheckArguments(a));
   // Files first: a mistake in them shows before a scene is built.
-  SL_ASSIGN_OR_RETURN(const std::vector<double> points, ReadRows(a.points, 3, "points"));
+  const CancelToken* const cancel = context.interruption.work();
+  SL_ASSIGN_OR_RETURN(const std::vector<double> points, ReadRows(a.points, 3, "points", cancel));
   std::vector<double> normals;
   if (!a.normals.empty()) {
-    SL_ASSIGN_OR_RETURN(normals, ReadRows(a.normals, 3, "normals"));
+    SL_ASSIGN_OR_RETURN(normals, ReadRows(a.normals, 3, "normals", cancel));
     if (normals.size() != points.size()) {
       return absl::InvalidArgumentError(absl::StrCat("'", a.normals, "': holds ",
                                                      normals.size() / 3, " normals for ",
                                                      points.size() / 3, " points"));
     }
   }
-  SL_ASSIGN_OR_RETURN(std::vector<client::Light> lights, ReadLights(a));
+  SL_ASSIGN_OR_RETURN(std::vector<client::Light> lights, ReadLights(a, cancel));
 
   SL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
                       Session::Open(a.session, context.interruption.calls()));

@@ -13,6 +13,9 @@
 namespace sightline::cli {
 namespace {
 
+// So often one looks whether the rest is still wanted.
+constexpr size_t kLinesPerLook = 4096;
+
 bool ParseNumber(absl::string_view text, double* value) {
   if (!text.empty() && text.front() == '+') {
     text.remove_prefix(1);
@@ -72,13 +75,17 @@ absl::Status BadLine(const std::string& name, size_t line, absl::string_view wha
 
 }  // namespace
 
-absl::StatusOr<CsvTable> ParseCsv(absl::string_view text, const std::string& name) {
+absl::StatusOr<CsvTable> ParseCsv(absl::string_view text, const std::string& name,
+                                  const CancelToken* cancel) {
   if (text.substr(0, 3) == "\xEF\xBB\xBF") text.remove_prefix(3);  // A byte order mark.
   CsvTable table;
   std::vector<absl::string_view> fields;
   char separator = '\0';
   bool seen_header = false;
   for (size_t line_number = 1; !text.empty(); ++line_number) {
+    if (line_number % kLinesPerLook == 0 && cancel != nullptr && cancel->cancelled()) {
+      return cancel->ToStatus();
+    }
     const size_t end = text.find('\n');
     const absl::string_view line = absl::StripAsciiWhitespace(text.substr(0, end));
     text.remove_prefix(end == absl::string_view::npos ? text.size() : end + 1);
@@ -130,10 +137,10 @@ absl::StatusOr<CsvTable> ParseCsv(absl::string_view text, const std::string& nam
   return table;
 }
 
-absl::StatusOr<CsvTable> ReadCsv(const std::string& path) {
-  absl::StatusOr<std::string> text = ReadFile(path);
+absl::StatusOr<CsvTable> ReadCsv(const std::string& path, const CancelToken* cancel) {
+  absl::StatusOr<std::string> text = ReadFile(path, cancel);
   if (!text.ok()) return text.status();
-  return ParseCsv(*text, path);
+  return ParseCsv(*text, path, cancel);
 }
 
 }  // namespace sightline::cli

@@ -18,6 +18,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "core/base/cancel.h"
 
 namespace sightline::cli {
 
@@ -29,9 +30,10 @@ struct CsvTable {
 };
 
 // `name` is the file's name for the messages. INVALID_ARGUMENT for text that is no such table and
-// for text without a single row.
-absl::StatusOr<CsvTable> ParseCsv(absl::string_view text, const std::string& name);
-absl::StatusOr<CsvTable> ReadCsv(const std::string& path);
+// for text without a single row; the status of `cancel` once that stops.
+absl::StatusOr<CsvTable> ParseCsv(absl::string_view text, const std::string& name,
+                                  const CancelToken* cancel = nullptr);
+absl::StatusOr<CsvTable> ReadCsv(const std::string& path, const CancelToken* cancel = nullptr);
 
 }  // namespace sightline::cli
 

@@ -2,6 +2,7 @@
 #include "client/cli/formats/file.h"
 
 #include <fcntl.h>
+#include <poll.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -18,6 +19,19 @@ namespace {
 
 absl::Status Failed(int error, absl::string_view what, const std::string& path) {
   return absl::ErrnoToStatus(error, absl::StrCat(what, " '", path, "'"));
+}
+
+// How often who waits for a pipe looks whether that is still wanted.
+constexpr int kLookMilliseconds = 20;
+
+// Waits until a read would not; OK also where that cannot be told.
+absl::Status WaitForBytes(int fd, const CancelToken* cancel) {
+  while (true) {
+    if (cancel != nullptr && cancel->cancelled()) return cancel->ToStatus();
+    pollfd ready = {.fd = fd, .events = POLLIN, .revents = 0};
+    const int events = ::poll(&ready, 1, cancel != nullptr ? kLookMilliseconds : -1);
+    if (events > 0 || (events < 0 && errno != EINTR)) return absl::OkStatus();
+  }
 }
 
 absl::Status WriteAll(int fd, absl::string_view bytes, const std::string& path) {
@@ -72,8 +86,9 @@ std::string Resolve(const std::string& path) {
 
 }  // namespace
 
-absl::StatusOr<std::string> ReadFile(const std::string& path) {
-  FileDescriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+absl::StatusOr<std::string> ReadFile(const std::string& path, const CancelToken* cancel) {
+  // O_NONBLOCK: opening a named pipe would wait for its writer. Of regular files it says nothing.
+  FileDescriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (file.get() < 0) return Failed(errno, "cannot open", path);
   struct stat info;
   if (::fstat(file.get(), &info) != 0) return Failed(errno, "cannot read", path);
@@ -85,10 +100,11 @@ absl::StatusOr<std::string> ReadFile(const std::string& path) {
   // The size is a hint alone: pipes say 0, and a file may grow or shrink while it is read.
   constexpr size_t kChunk = size_t{1} << 20;
   while (true) {
+    if (absl::Status s = WaitForBytes(file.get(), cancel); !s.ok()) return s;
     const size_t old_size = bytes.size();
     bytes.resize(old_size + kChunk);
     const ssize_t n = ::read(file.get(), bytes.data() + old_size, kChunk);
-    if (n < 0 && errno == EINTR) {
+    if (n < 0 && (errno == EINTR || errno == EAGAIN)) {
       bytes.resize(old_size);
       continue;
     }

@@ -18,11 +18,15 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "core/base/cancel.h"
 
 namespace sightline::cli {
 
-// All bytes of the file. NOT_FOUND, PERMISSION_DENIED or INVALID_ARGUMENT (a folder) name the path.
-absl::StatusOr<std::string> ReadFile(const std::string& path);
+// All bytes of the file, or of a pipe until its writers have closed it. NOT_FOUND,
+// PERMISSION_DENIED or INVALID_ARGUMENT (a folder) name the path. Once `cancel` (may be null)
+// stops, its status; a pipe without a writer, or with one that writes nothing, is waited for no
+// longer.
+absl::StatusOr<std::string> ReadFile(const std::string& path, const CancelToken* cancel = nullptr);
 
 // Puts `bytes` at `path`. The errors name the path and what the system said.
 absl::Status WriteFile(const std::string& path, absl::string_view bytes);

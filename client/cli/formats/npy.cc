@@ -299,8 +299,8 @@ absl::StatusOr<NpyArray> ParseNpy(absl::string_view bytes, const std::string& na
   return array;
 }
 
-absl::StatusOr<NpyArray> ReadNpy(const std::string& path) {
-  absl::StatusOr<std::string> bytes = ReadFile(path);
+absl::StatusOr<NpyArray> ReadNpy(const std::string& path, const CancelToken* cancel) {
+  absl::StatusOr<std::string> bytes = ReadFile(path, cancel);
   if (!bytes.ok()) return bytes.status();
   return ParseNpy(*bytes, path);
 }

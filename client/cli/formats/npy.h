@@ -24,6 +24,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "core/base/cancel.h"
 
 namespace sightline::cli {
 
@@ -38,7 +39,7 @@ std::string NpyShapeText(std::span<const size_t> shape);
 
 // `name` is the file's name for the messages. INVALID_ARGUMENT for what is no such file.
 absl::StatusOr<NpyArray> ParseNpy(absl::string_view bytes, const std::string& name);
-absl::StatusOr<NpyArray> ReadNpy(const std::string& path);
+absl::StatusOr<NpyArray> ReadNpy(const std::string& path, const CancelToken* cancel = nullptr);
 
 // The bytes of a file that holds `values`. T: uint8_t, int32_t, int64_t, float or double.
 // REQUIRES: values.size() is the product of `shape`.

@@ -14,10 +14,10 @@
 namespace sightline::cli {
 
 absl::StatusOr<std::vector<double>> ReadRows(const std::string& path, size_t columns,
-                                             absl::string_view what) {
+                                             absl::string_view what, const CancelToken* cancel) {
   const std::string lower = absl::AsciiStrToLower(path);
   if (absl::EndsWith(lower, ".npy")) {
-    SL_ASSIGN_OR_RETURN(NpyArray array, ReadNpy(path));
+    SL_ASSIGN_OR_RETURN(NpyArray array, ReadNpy(path, cancel));
     if (array.shape.size() != 2 || array.shape[1] != columns) {
       const bool one_row = array.shape.size() == 1 && array.shape[0] == columns;
       return absl::InvalidArgumentError(absl::StrCat(
@@ -30,7 +30,7 @@ absl::StatusOr<std::vector<double>> ReadRows(const std::string& path, size_t col
   }
   for (const char* extension : {".csv", ".tsv", ".txt", ".xyz", ".dat"}) {
     if (!absl::EndsWith(lower, extension)) continue;
-    SL_ASSIGN_OR_RETURN(CsvTable table, ReadCsv(path));
+    SL_ASSIGN_OR_RETURN(CsvTable table, ReadCsv(path, cancel));
     if (table.columns != columns) {
       return absl::InvalidArgumentError(absl::StrCat("'", path, "': ", what, " want ", columns,
                                                      " columns, but it has ", table.columns));
@@ -39,7 +39,7 @@ absl::StatusOr<std::vector<double>> ReadRows(const std::string& path, size_t col
   }
   for (const char* extension : {".ply", ".ply.xz", ".ply.gz"}) {
     if (!absl::EndsWith(lower, extension) || columns != 3) continue;
-    SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ImportPoints(path));
+    SL_ASSIGN_OR_RETURN(std::vector<Vec3d> points, ImportPoints(path, {.cancel = cancel}));
     std::vector<double> values;
     values.reserve(points.size() * 3);
     for (const Vec3d& p : points) values.insert(values.end(), {p.x, p.y, p.z});

@@ -16,12 +16,15 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "core/base/cancel.h"
 
 namespace sightline::cli {
 
 // `columns` numbers per row, row by row. `what` names the rows in messages: "points", "lights".
+// Once `cancel` (may be null) stops, its status.
 absl::StatusOr<std::vector<double>> ReadRows(const std::string& path, size_t columns,
-                                             absl::string_view what);
+                                             absl::string_view what,
+                                             const CancelToken* cancel = nullptr);
 
 }  // namespace sightline::cli
 

@@ -2,15 +2,21 @@
 //
 // `sightline` interrupted: in the test's own process before it began and while it opens a scene,
 // and as a process that is sent signals where it would go on for long.
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <csignal>
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <tuple>
 #include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/synchronization/notification.h"
 #include "client/cli/interruption.h"
 #include "client/lib/client.h"
 #include "client/lib/connection.h"
@@ -140,6 +146,29 @@ TEST_F(CliInterruptionTest, ASceneThatIsOpenedIsGivenUp) {
     EXPECT_THAT(err.text, HasSubstr(kGivenUp));
   }
   EXPECT_THAT(ScenesAt(absl::StrCat("127.0.0.1:", server->port())), IsEmpty());
+  ExpectNoOutput();
+}
+
+// Whoever writes into the pipe interrupts, and keeps it open until the command has ended.
+TEST_F(CliInterruptionTest, APipeThatNobodyWritesToIsGivenUp) {
+  const std::string pipe = File("pipe.csv");
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  Interruption interruption;
+  absl::Notification ended;
+  std::thread writer([&] {
+    const int silent = open(pipe.c_str(), O_WRONLY | O_CLOEXEC);
+    interruption.Interrupt();
+    ended.WaitForNotification();
+    close(silent);
+  });
+  std::ostringstream out, err;
+  EXPECT_EQ(RunCli({"shade", obj_, "--points", pipe, "--light=5,5,9", "--out", out_}, out, err,
+                   /*err_is_terminal=*/false, &interruption),
+            kExitTemporary)
+      << err.str();
+  ended.Notify();
+  writer.join();
+  EXPECT_THAT(err.str(), HasSubstr(kGivenUp));
   ExpectNoOutput();
 }
 

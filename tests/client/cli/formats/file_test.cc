@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/formats/file.h"
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <filesystem>
+#include <string>
+#include <thread>
 
+#include "absl/synchronization/notification.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/support/temp_dir.h"
@@ -47,6 +51,38 @@ TEST(FileTest, DevicesAreWrittenToNotReplaced) {
   struct stat info;
   ASSERT_EQ(::stat("/dev/null", &info), 0);
   EXPECT_TRUE(S_ISCHR(info.st_mode));
+}
+
+TEST(FileTest, PipesAreReadUntilTheirWriterIsGone) {
+  TempDir dir;
+  const std::string path = dir.File("pipe");
+  ASSERT_EQ(::mkfifo(path.c_str(), 0600), 0);
+  const std::string bytes(300'000, 'x');  // More than a pipe holds.
+  std::thread writer([&] { EXPECT_TRUE(WriteFile(path, bytes).ok()); });
+  const CancelToken cancel;
+  EXPECT_EQ(ReadFile(path, &cancel).value_or("error"), bytes);
+  writer.join();
+}
+
+// One that has no writer, and one whose writer writes nothing.
+TEST(FileTest, PipesAreNotWaitedForOnceNobodyWantsThem) {
+  TempDir dir;
+  const std::string path = dir.File("pipe");
+  ASSERT_EQ(::mkfifo(path.c_str(), 0600), 0);
+  CancelToken cancel;
+  absl::Notification given_up;
+  std::thread writer([&] {
+    // Opens once a reader has.
+    const int silent = ::open(path.c_str(), O_WRONLY | O_CLOEXEC);
+    EXPECT_GE(silent, 0);
+    cancel.Cancel();
+    given_up.WaitForNotification();
+    ::close(silent);
+  });
+  EXPECT_EQ(ReadFile(path, &cancel).status().code(), absl::StatusCode::kCancelled);
+  given_up.Notify();
+  writer.join();
+  EXPECT_EQ(ReadFile(path, &cancel).status().code(), absl::StatusCode::kCancelled);
 }
 
 TEST(FileTest, ErrorsNameThePath) {
