@@ -58,6 +58,13 @@ void DeleteTemporary(const Session& session, const std::string& name) {
   session.client().DeleteScene(name, {.deadline = absl::Now() + absl::Seconds(10)}).IgnoreError();
 }
 
+// Whether a scene may have been made though `status` is what came of it: it was given up here, or
+// the connection was lost, and the server may have been done with it by then.
+bool MayBeThere(const absl::Status& status) {
+  return absl::IsCancelled(status) || absl::IsDeadlineExceeded(status) ||
+         absl::IsUnavailable(status);
+}
+
 std::string ArgumentHelp(absl::string_view name, bool at_server) {
   std::string help = absl::StrCat(
       name,
@@ -138,9 +145,12 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
       break;
     }
   }
+  // Where the server does not even say this, nothing is made there.
+  SL_RETURN_IF_ERROR(session.client().GetCapabilities(session.call()).status());
   absl::StatusOr<client::Scene> scene = session.client().CreateScene(source, session.call());
   if (!scene.ok()) {
     const absl::Status& status = scene.status();
+    if (temporary && MayBeThere(status)) DeleteTemporary(session, SceneName(scene_id));
     // What the server says of the arrays is said of the file.
     if (KindOf(argument) != SceneKind::kFile || absl::IsUnavailable(status)) return status;
     return Reworded(status, absl::StrCat("'", argument, "': ", status.message()));
@@ -168,13 +178,8 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
     return std::make_unique<OpenedScene>(session, *std::move(scene), /*temporary=*/false);
   }
   ImportedScene imported;
-  const std::string id = TemporaryId();
   absl::StatusOr<client::Scene> scene =
-      LoadScene(session, argument, id, build, /*temporary=*/true, err, &imported);
-  if (absl::IsCancelled(scene.status()) || absl::IsDeadlineExceeded(scene.status())) {
-    // Given up here; the server may have been done with it by then.
-    DeleteTemporary(session, SceneName(id));
-  }
+      LoadScene(session, argument, TemporaryId(), build, /*temporary=*/true, err, &imported);
   SL_RETURN_IF_ERROR(scene.status());
   auto opened =
       std::make_unique<OpenedScene>(session, *std::move(scene), /*temporary=*/!session.embedded());

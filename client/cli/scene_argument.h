@@ -77,8 +77,9 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                                        const SceneBuild& build = {});
 
 // Makes a scene on the session's server of a file or a built-in scene, with a name of its own or
-// one that the server makes up (empty), built as `build` says; a `temporary` one is not stored.
-// `imported` (may be null) receives a mesh file's arrays and report.
+// one that the server makes up (empty), built as `build` says; a `temporary` one, which has a name
+// of its own, is not stored, and is deleted if it may be there in spite of an error. `imported`
+// (may be null) receives a mesh file's arrays and report.
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
                                         const std::string& scene_id, const SceneBuild& build,
                                         bool temporary, std::ostream& err, ImportedScene* imported);

@@ -2,12 +2,25 @@
 #include "client/lib/relighting.h"
 
 #include <algorithm>
+#include <cstdint>
+#include <string>
 #include <utility>
 
+#include "absl/random/random.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "client/lib/query_run.h"
 
 namespace sightline::client {
+namespace {
+
+// 64 random bits: known before the server's answer, and nobody else's.
+std::string NewPointSetId() {
+  absl::BitGen random;
+  return absl::StrFormat("relighting-%016x", absl::Uniform<uint64_t>(random));
+}
+
+}  // namespace
 
 Relighting::Relighting(const Client& client, Source source, const StreamOptions& stream)
     : client_(client), source_(std::move(source)), stream_(stream), lights_(source_.lights) {}
@@ -20,14 +33,23 @@ absl::StatusOr<std::unique_ptr<Relighting>> Relighting::Make(const Client& clien
   std::unique_ptr<Relighting> picture(new Relighting(client, std::move(source), stream));
   const Source& of = picture->source_;
   const StreamOptions begun = Begun(stream);
+  const std::string id = NewPointSetId();
+  picture->point_set_ = absl::StrCat(of.scene, "/pointSets/", id);
   absl::StatusOr<PointSet> set =
       client.CreatePointSet({.scene = of.scene,
+                             .point_set_id = id,
                              .revision = of.options.revision,
                              .lease = of.lease,
                              .camera = of.camera,
                              .options = of.options},
                             {.deadline = begun.deadline, .cancellation = begun.cancellation});
-  if (!set.ok()) return set.status();
+  if (!set.ok()) {
+    // One that was given up may be there all the same, and goes with the picture.
+    if (!absl::IsCancelled(set.status()) && !absl::IsDeadlineExceeded(set.status())) {
+      picture->point_set_.clear();
+    }
+    return set.status();
+  }
   picture->point_set_ = set->name;
   for (const Light& light : picture->lights_) {
     absl::StatusOr<std::vector<uint8_t>> lit = picture->Ask(light, begun);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/random/random.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/exit_code.h"
@@ -147,19 +148,30 @@ absl::Status LoadTest::OpenPointSet() {
     return absl::OkStatus();
   }
   Begin("keeping points on the server");
-  SL_ASSIGN_OR_RETURN(const client::PointSet set, session_->client().CreatePointSet(
-                                                      {.scene = scene_.opened->scene().name,
-                                                       .lease = LeaseFor(options_.plan),
-                                                       .points = workload_->shadow_query().points},
-                                                      session_->call()));
-  point_set_ = set.name;
+  absl::BitGen random;
+  const std::string id = absl::StrFormat("load-%016x", absl::Uniform<uint64_t>(random));
+  const std::string& scene = scene_.opened->scene().name;
+  // Before the answer: a set that was given up may be there all the same, and goes with the test.
+  point_set_ = absl::StrCat(scene, "/pointSets/", id);
+  const absl::StatusOr<client::PointSet> set =
+      session_->client().CreatePointSet({.scene = scene,
+                                         .point_set_id = id,
+                                         .lease = LeaseFor(options_.plan),
+                                         .points = workload_->shadow_query().points},
+                                        session_->call());
+  if (!set.ok()) {
+    if (!absl::IsCancelled(set.status()) && !absl::IsDeadlineExceeded(set.status())) {
+      point_set_.clear();
+    }
+    return set.status();
+  }
   if (TimeOf(options_.plan) > capabilities_.limits.max_lease) {
     err_ << "warning: a run may take " << absl::FormatDuration(TimeOf(options_.plan))
          << ", but the server keeps points for max_lease = "
          << absl::FormatDuration(capabilities_.limits.max_lease)
          << " at most: shorten --duration, or have the server's --max-lease-seconds raised\n";
   }
-  workload_->UsePointSet(set.name);
+  workload_->UsePointSet(point_set_);
   return absl::OkStatus();
 }
 

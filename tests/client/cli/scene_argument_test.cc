@@ -17,6 +17,7 @@ namespace {
 using client::CallOptions;
 using client::MockConnection;
 using ::testing::_;
+using ::testing::Return;
 
 class MockSession final : public Session {
  public:
@@ -28,6 +29,7 @@ class OpenSceneTest : public ::testing::Test {
  protected:
   // OpenScene of a scene of which the server says `says`, and is done with it nevertheless.
   absl::Status Open(const absl::Status& says) {
+    EXPECT_CALL(*connection_, GetCapabilities(_)).WillRepeatedly(Return(v1::Capabilities()));
     EXPECT_CALL(*connection_, CreateScene(_, _))
         .WillOnce([&](const client::Upload<v1::CreateSceneRequest>& upload,
                       const CallOptions& options) -> absl::StatusOr<v1::Scene> {
@@ -49,7 +51,8 @@ class OpenSceneTest : public ::testing::Test {
 };
 
 TEST_F(OpenSceneTest, WhatWasGivenUpHereIsTakenAwayThere) {
-  for (const absl::Status& says : {absl::CancelledError(""), absl::DeadlineExceededError("")}) {
+  for (const absl::Status& says : {absl::CancelledError(""), absl::DeadlineExceededError(""),
+                                   absl::UnavailableError("lost on the way back")}) {
     EXPECT_CALL(*connection_, DeleteScene(_, _))
         .WillOnce([this](const v1::DeleteSceneRequest& request, const CallOptions& options) {
           EXPECT_EQ(request.name(), made_);
@@ -64,6 +67,16 @@ TEST_F(OpenSceneTest, WhatWasGivenUpHereIsTakenAwayThere) {
 TEST_F(OpenSceneTest, WhatTheServerRefusedIsNotThere) {
   EXPECT_CALL(*connection_, DeleteScene(_, _)).Times(0);
   EXPECT_EQ(Open(absl::InvalidArgumentError("")).code(), absl::StatusCode::kInvalidArgument);
+}
+
+// Nobody waits for a server that was never there to take something away.
+TEST_F(OpenSceneTest, NothingIsTakenAwayWhereNothingCanHaveBeenMade) {
+  EXPECT_CALL(*connection_, GetCapabilities(_))
+      .WillOnce(Return(absl::UnavailableError("no connection")));
+  EXPECT_CALL(*connection_, CreateScene(_, _)).Times(0);
+  EXPECT_CALL(*connection_, DeleteScene(_, _)).Times(0);
+  std::ostringstream err;
+  EXPECT_TRUE(absl::IsUnavailable(OpenScene(session_, "builtin:box", err).status()));
 }
 
 }  // namespace

@@ -4,9 +4,12 @@
 // made ready for what the server will not answer.
 #include <algorithm>
 #include <memory>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "client/lib/client.h"
@@ -103,6 +106,39 @@ TEST_F(ShadowsTest, EveryCallOfARelitPictureIsWithinItsTime) {
   const absl::Time moved = ExpectOneDeadline(2);
   EXPECT_GT(moved, made);
   EXPECT_LE(moved, absl::Now() + absl::Minutes(1));
+}
+
+// A set whose making was given up may be there all the same: its name is known, and it is deleted.
+TEST_F(ShadowsTest, TheSetOfAPictureThatWasGivenUpIsDeleted) {
+  const std::pair<absl::Status, bool> ends[] = {{absl::CancelledError(""), true},
+                                                {absl::DeadlineExceededError(""), true},
+                                                {absl::InvalidArgumentError(""), false}};
+  for (const auto& [status, may_be_there] : ends) {
+    std::string made;
+    EXPECT_CALL(*mock_, CreatePointSet(_, _))
+        .WillOnce([&, &end = status](const Upload<v1::CreatePointSetRequest>& upload,
+                                     const CallOptions&) -> absl::StatusOr<v1::PointSet> {
+          upload([&](const v1::CreatePointSetRequest& request) {
+            made = absl::StrCat(request.header().parent(), "/pointSets/",
+                                request.header().point_set_id());
+            return true;
+          });
+          return end;
+        });
+    std::string deleted;
+    EXPECT_CALL(*mock_, DeletePointSet(_, _))
+        .Times(testing::AtMost(1))
+        .WillRepeatedly([&](const v1::DeletePointSetRequest& request, const CallOptions& options) {
+          EXPECT_EQ(options.cancellation, nullptr) << "this call has to be made";
+          deleted = request.name();
+          return absl::OkStatus();
+        });
+    const auto picture =
+        Relighting::Make(client_, {.scene = "scenes/x", .lights = {Light::Point({0, 0, 0})}}, {});
+    EXPECT_EQ(picture.status(), status);
+    EXPECT_EQ(deleted, may_be_there ? made : "");
+    testing::Mock::VerifyAndClearExpectations(mock_.get());
+  }
 }
 
 TEST_F(ShadowsTest, ADeadlineHoldsForAllMovesTogether) {
