@@ -8,6 +8,7 @@
 #include "absl/strings/str_format.h"
 #include "client/lib/client_state.h"
 #include "client/lib/convert.h"
+#include "client/lib/query_run.h"
 #include "client/lib/upload.h"
 
 namespace sightline::client {
@@ -348,9 +349,8 @@ absl::StatusOr<PointSet> Client::RenewLease(const std::string& name, absl::Durat
 absl::StatusOr<int64_t> Client::PinnedRevision(const std::string& scene, int64_t revision,
                                                const CallOptions& options) const {
   if (revision != 0) return revision;
-  absl::StatusOr<Scene> current = GetScene(scene, options);
+  absl::StatusOr<Scene> current = SceneToAsk(*this, scene, options);
   if (!current.ok()) return current.status();
-  // A scene without a revision is not ready; the stream says so better than we could.
   return current->revision;
 }
 

@@ -141,10 +141,20 @@ class Client {
   struct Shared;
   absl::StatusOr<int64_t> PinnedRevision(const std::string& scene, int64_t revision,
                                          const CallOptions& options) const;
-  // ComputeShadows; `*points`, of which there are so many, is set before the first part comes.
+  // The queries as they are run on one revision, the one that is current when they begin if theirs
+  // is 0.
+  absl::StatusOr<StreamSummary> RunTiles(const TileQuery& query, const StreamOptions& options,
+                                         const std::function<absl::Status(Tile)>& on_tile) const;
+  // `*points`, of which there are so many, is set before the first part comes.
   absl::StatusOr<StreamSummary> RunShadows(const ShadowQuery& query, const StreamOptions& options,
                                            const std::function<absl::Status(Shadows)>& on_shadows,
                                            uint64_t* points) const;
+  absl::StatusOr<StreamSummary> RunShadowsOnce(
+      const ShadowQuery& query, const StreamOptions& options,
+      const std::function<absl::Status(Shadows)>& on_shadows, uint64_t* points) const;
+  absl::StatusOr<StreamSummary> RunSegments(
+      const SegmentQuery& query, const StreamOptions& options,
+      const std::function<absl::Status(Segments)>& on_segments) const;
   std::shared_ptr<Shared> shared_;
 };
 

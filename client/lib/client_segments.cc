@@ -53,9 +53,8 @@ absl::Status CheckSegmentQuery(const SegmentQuery& query) {
 absl::StatusOr<SegmentQuery> PinnedQuery(const Client& client, SegmentQuery query,
                                          const QueryStart& start) {
   if (query.options.revision == 0) {
-    const absl::StatusOr<Scene> scene = client.GetScene(query.scene, start.call);
+    const absl::StatusOr<Scene> scene = SceneToAsk(client, query.scene, start.call);
     if (!scene.ok()) return scene.status();
-    // A scene without a revision is not ready; the stream says so better than we could.
     query.options.revision = scene->revision;
     if (!query.origin.has_value()) query.origin = scene->origin;
   }
@@ -115,8 +114,17 @@ absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t begi
 }
 
 absl::StatusOr<StreamSummary> Client::TestSegments(
-    const SegmentQuery& asked, const std::function<absl::Status(Segments)>& on_segments,
+    const SegmentQuery& query, const std::function<absl::Status(Segments)>& on_segments,
     const StreamOptions& options) const {
+  const StreamOptions begun = Begun(options);
+  if (query.options.revision != 0) return RunSegments(query, begun, on_segments);
+  return RunOnCurrent(on_segments,
+                      [&](const auto& deliver) { return RunSegments(query, begun, deliver); });
+}
+
+absl::StatusOr<StreamSummary> Client::RunSegments(
+    const SegmentQuery& asked, const StreamOptions& options,
+    const std::function<absl::Status(Segments)>& on_segments) const {
   if (absl::Status s = CheckSegmentQuery(asked); !s.ok()) return s;
   absl::StatusOr<QueryStart> start = StartQuery(*this, options);
   if (!start.ok()) return start.status();

@@ -124,6 +124,18 @@ absl::StatusOr<StreamSummary> Client::ComputeShadows(
 absl::StatusOr<StreamSummary> Client::RunShadows(
     const ShadowQuery& query, const StreamOptions& options,
     const std::function<absl::Status(Shadows)>& on_shadows, uint64_t* points) const {
+  const StreamOptions begun = Begun(options);
+  const auto run = [&](const std::function<absl::Status(Shadows)>& deliver) {
+    return RunShadowsOnce(query, begun, deliver, points);
+  };
+  // A point set has the revision that it was made for.
+  if (query.options.revision != 0 || !query.point_set.empty()) return run(on_shadows);
+  return RunOnCurrent(on_shadows, run);
+}
+
+absl::StatusOr<StreamSummary> Client::RunShadowsOnce(
+    const ShadowQuery& query, const StreamOptions& options,
+    const std::function<absl::Status(Shadows)>& on_shadows, uint64_t* points) const {
   if (absl::Status s = CheckPoints(query.points); !s.ok()) return s;
   if (query.points_per_item == 0) return absl::InvalidArgumentError("points_per_item is 0");
   if (query.lights.empty()) return absl::InvalidArgumentError("lights: at least one is needed");

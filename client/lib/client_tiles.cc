@@ -129,6 +129,15 @@ absl::StatusOr<Tile> DecodeTile(const TileQuery& query, size_t index, const Tile
 absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
                                                  const std::function<absl::Status(Tile)>& on_tile,
                                                  const StreamOptions& options) const {
+  const StreamOptions begun = Begun(options);
+  if (query.options.revision != 0) return RunTiles(query, begun, on_tile);
+  return RunOnCurrent(on_tile,
+                      [&](const auto& deliver) { return RunTiles(query, begun, deliver); });
+}
+
+absl::StatusOr<StreamSummary> Client::RunTiles(
+    const TileQuery& query, const StreamOptions& options,
+    const std::function<absl::Status(Tile)>& on_tile) const {
   absl::StatusOr<QueryStart> start = StartQuery(*this, options);
   if (!start.ok()) return start.status();
   const Limits& limits = start->limits;

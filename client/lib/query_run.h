@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How every streamed query goes: ask what the server allows, cut the query into items, run them,
-// decode what comes back and add up what it took. For the library's own files.
+// How every streamed query goes: ask what the server allows and which revision is current, cut the
+// query into items, run them, decode what comes back and add up what it took. For the library's own
+// files.
 //
 // Thread safety: free functions; callbacks come as StreamJob.deliver does (stream_runner.h).
 //
@@ -16,14 +17,19 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "client/lib/client.h"
+#include "client/lib/status.h"
 #include "client/lib/stream_runner.h"
 #include "client/lib/types.h"
 #include "client/lib/upload.h"
@@ -53,6 +59,41 @@ inline absl::StatusOr<QueryStart> StartQuery(const Client& client, const StreamO
   start.limits = capabilities->limits;
   start.stored_segments = capabilities->stored_segments;
   return start;
+}
+
+// The scene as it is now. FAILED_PRECONDITION (SCENE_NOT_READY) where it has no revision yet: a
+// stream that named none would see whichever comes, and another one after an edit.
+inline absl::StatusOr<Scene> SceneToAsk(const Client& client, const std::string& name,
+                                        const CallOptions& call) {
+  absl::StatusOr<Scene> scene = client.GetScene(name, call);
+  if (!scene.ok() || scene->revision != 0) return scene;
+  absl::Status status = absl::FailedPreconditionError(
+      scene->state == SceneState::kFailed
+          ? absl::StrCat(name, " could not be built: ", scene->state_message,
+                         ". Delete it, and make it anew")
+          : absl::StrCat(name, " is still being built: ask again once it is ready"));
+  v1::ErrorInfo info;
+  info.set_domain("sightline");
+  info.set_reason("SCENE_NOT_READY");
+  status.SetPayload(kErrorInfoUrl, absl::Cord(info.SerializeAsString()));
+  return status;
+}
+
+// Runs a query whose caller wants the current revision: run(callback), which finds out what that
+// is. If an edit came between, and the server has let go of it before anything was delivered, the
+// query runs once more, on what is current then.
+template <typename Part, typename Run>
+absl::StatusOr<StreamSummary> RunOnCurrent(const std::function<absl::Status(Part)>& on_part,
+                                           const Run& run) {
+  bool delivered = false;
+  const std::function<absl::Status(Part)> deliver = [&](Part part) {
+    delivered = true;
+    return on_part(std::move(part));
+  };
+  absl::StatusOr<StreamSummary> ran = run(deliver);
+  const std::optional<ErrorDetail> detail = GetErrorDetail(ran.status());
+  if (delivered || !detail || detail->reason != "REVISION_MISMATCH") return ran;
+  return run(deliver);
 }
 
 inline uint64_t MaxItemRays(const Limits& limits) {

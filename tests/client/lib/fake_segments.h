@@ -20,6 +20,7 @@
 
 #include "client/lib/connection.h"
 #include "client/lib/mutex.h"
+#include "client/lib/status.h"
 
 namespace sightline::client {
 
@@ -38,6 +39,7 @@ struct FakeServer {
     int short_every = 0;                // Every k-th item's answer lacks its last elements.
   };
   std::vector<Script> scripts = {{}};
+  int64_t gone_revision = 0;  // Streams that ask for it end with REVISION_MISMATCH.
 
   Mutex mutex;
   int streams = 0;
@@ -63,6 +65,14 @@ class FakeSegmentStream final : public Connection::SegmentStream {
     if (request.has_header()) {
       if (script_.refuse) {
         End(absl::UnavailableError("not yet"));
+        return true;
+      }
+      if (server_->gone_revision != 0 &&
+          request.header().stream().revision() == server_->gone_revision) {
+        v1::ItemStatus gone;
+        gone.set_code(9);
+        gone.set_reason(v1::ERROR_REASON_REVISION_MISMATCH);
+        End(FromItem(gone));
         return true;
       }
       v1::TestSegmentsResponse response;

@@ -339,6 +339,51 @@ TEST_F(StreamTest, WhatIsNotYetOpenIsGivenUpWithTheQuery) {
   EXPECT_EQ(Test().status().code(), absl::StatusCode::kCancelled);
 }
 
+// A stream that names no revision would see whichever comes.
+TEST_F(StreamTest, ASceneWithoutARevisionIsNotAskedAbout) {
+  v1::Scene scene;
+  scene.set_state(v1::SCENE_STATE_BUILDING);
+  ON_CALL(*mock_, GetScene(_, _)).WillByDefault(Return(scene));
+  EXPECT_CALL(*mock_, OpenSegments(_, _)).Times(0);
+  absl::Status status = Test().status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(GetErrorDetail(status)->reason, "SCENE_NOT_READY");
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr("scenes/x is still being built"));
+  scene.set_state(v1::SCENE_STATE_FAILED);
+  scene.set_state_message("out of room");
+  ON_CALL(*mock_, GetScene(_, _)).WillByDefault(Return(scene));
+  EXPECT_THAT(std::string(Test().status().message()),
+              testing::HasSubstr("scenes/x could not be built: out of room"));
+}
+
+// An edit may come between the question which revision is current and the first stream.
+TEST_F(StreamTest, TheCurrentRevisionIsAskedForOnceMoreWhereItWasReplaced) {
+  server_.gone_revision = 7;
+  int64_t revision = 7;
+  int asked = 0;
+  ON_CALL(*mock_, GetScene(_, _))
+      .WillByDefault([&](const v1::GetSceneRequest&, const CallOptions&) {
+        v1::Scene scene;
+        scene.set_revision(revision);
+        if (++asked == 1) revision = 8;
+        return scene;
+      });
+  const absl::StatusOr<Segments> result = Test();
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->summary.revision, 8);
+  EXPECT_EQ(asked, 2);
+  // Once, and not where the caller has named it.
+  revision = 7;
+  absl::Status status = Test().status();
+  EXPECT_EQ(GetErrorDetail(status)->reason, "REVISION_MISMATCH");
+  EXPECT_EQ(asked, 4);
+  SegmentQuery query{.scene = "scenes/x", .segments = segments_};
+  query.options.revision = 7;
+  status = client_.TestAllSegments(query, options_).status();
+  EXPECT_EQ(GetErrorDetail(status)->reason, "REVISION_MISMATCH");
+  EXPECT_EQ(asked, 4);
+}
+
 // A server that came in the place of another may allow less.
 TEST_F(StreamTest, LimitsAreAskedAnewOnceTheServerMayBeAnother) {
   int asked = 0;
