@@ -10,10 +10,15 @@
 #include <array>
 #include <cstdlib>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
+#include <thread>
 
+#include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "client/lib/connection.h"
 #include "client/lib/security.h"
 #include "grpcpp/create_channel.h"
@@ -89,16 +94,86 @@ TEST(GrpcConnectionTest, WaitsForAServerThatIsSlowToSpeak) {
   ::close(connection);
 }
 
-// A peer that is gone without a word is noticed within a minute, however little is said. Servers
-// send away who asks more often than every ten seconds (kLeastPingIntervalMs).
-TEST(GrpcConnectionTest, APeerThatFallsSilentIsNoticed) {
-  const grpc::ChannelArguments arguments = DefaultChannelArguments();
+std::map<std::string, int> NumbersOf(const grpc::ChannelArguments& arguments) {
   const grpc_channel_args all = arguments.c_channel_args();
   std::map<std::string, int> numbers;
   for (size_t i = 0; i < all.num_args; ++i) {
     const grpc_arg& argument = all.args[i];
     if (argument.type == GRPC_ARG_INTEGER) numbers[argument.key] = argument.value.integer;
   }
+  return numbers;
+}
+
+// All of it; false once the peer has hung up.
+bool Receive(int connection, void* bytes, size_t size) {
+  return size == 0 || ::recv(connection, bytes, size, MSG_WAITALL) == static_cast<ssize_t>(size);
+}
+
+void Say(int connection, const std::string& bytes) {
+  EXPECT_EQ(::send(connection, bytes.data(), bytes.size(), MSG_NOSIGNAL),
+            static_cast<ssize_t>(bytes.size()));
+}
+
+// Speaks HTTP/2 as far as to open a connection and to answer so many pings; then it is silent until
+// the other side hangs up.
+void FallSilent(int connection, int pings) {
+  constexpr unsigned char kSettings = 4, kPing = 6, kAck = 1;
+  const auto frame = [](unsigned char type, unsigned char flags, const std::string& payload) {
+    const char header[] = {0,
+                           0,
+                           static_cast<char>(payload.size()),
+                           static_cast<char>(type),
+                           static_cast<char>(flags),
+                           0,
+                           0,
+                           0,
+                           0};
+    return std::string(header, sizeof(header)) + payload;
+  };
+  std::string payload(24, '\0');  // First of all, what every client begins with.
+  if (!Receive(connection, payload.data(), payload.size())) return;
+  Say(connection, frame(kSettings, 0, ""));
+  std::array<unsigned char, 9> header;
+  while (Receive(connection, header.data(), header.size())) {
+    payload.resize(size_t{header[0]} << 16 | size_t{header[1]} << 8 | header[2]);
+    if (!Receive(connection, payload.data(), payload.size())) return;
+    if ((header[4] & kAck) != 0) continue;
+    if (header[3] == kSettings) Say(connection, frame(kSettings, kAck, ""));
+    if (header[3] == kPing && --pings >= 0) Say(connection, frame(kPing, kAck, payload));
+  }
+}
+
+// With less time between pings than there is: a call that waits goes on to ask, however little is
+// said, and ends when no answer comes, long before its own deadline.
+TEST(GrpcConnectionTest, APeerThatFallsSilentIsNoticed) {
+  const Listener listener;
+  ASSERT_NE(listener.port(), 0);
+  std::map<std::string, int> numbers = NumbersOf(DefaultChannelArguments());
+  numbers[GRPC_ARG_KEEPALIVE_TIME_MS] = 100;
+  numbers[GRPC_ARG_KEEPALIVE_TIMEOUT_MS] = 500;
+  grpc::ChannelArguments arguments;
+  for (const auto& [key, value] : numbers) arguments.SetInt(key, value);
+  std::thread peer([&] {
+    const int connection = ::accept(listener.socket(), nullptr, nullptr);
+    EXPECT_GE(connection, 0);
+    FallSilent(connection, /*pings=*/2);
+    ::close(connection);
+  });
+  {
+    const std::shared_ptr<Connection> connection = MakeGrpcConnection(
+        {grpc::CreateCustomChannel(absl::StrCat("127.0.0.1:", listener.port()),
+                                   grpc::InsecureChannelCredentials(), arguments)});
+    const absl::Status status =
+        connection->GetCapabilities({.deadline = absl::Now() + absl::Minutes(5)}).status();
+    EXPECT_TRUE(absl::IsUnavailable(status)) << status;
+  }
+  peer.join();
+}
+
+// Within a minute. Servers send away who asks more often than every ten seconds
+// (kLeastPingIntervalMs).
+TEST(GrpcConnectionTest, PeersAreAskedOftenEnoughAndNotTooOften) {
+  std::map<std::string, int> numbers = NumbersOf(DefaultChannelArguments());
   EXPECT_GE(numbers[GRPC_ARG_KEEPALIVE_TIME_MS], 20'000);
   EXPECT_GE(numbers[GRPC_ARG_KEEPALIVE_TIMEOUT_MS], 10'000);
   EXPECT_LE(numbers[GRPC_ARG_KEEPALIVE_TIME_MS] + numbers[GRPC_ARG_KEEPALIVE_TIMEOUT_MS], 60'000);

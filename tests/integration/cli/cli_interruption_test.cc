@@ -8,6 +8,7 @@
 
 #include <csignal>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -18,8 +19,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/notification.h"
 #include "client/cli/interruption.h"
+#include "client/cli/native_scene.h"
 #include "client/lib/client.h"
 #include "client/lib/connection.h"
+#include "core/base/parallel.h"
+#include "core/mesh/builtin/builtin.h"
+#include "core/scene/scene.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/integration/cli/cli_testing.h"
@@ -146,6 +151,24 @@ TEST_F(CliInterruptionTest, ASceneThatIsOpenedIsGivenUp) {
     EXPECT_THAT(err.text, HasSubstr(kGivenUp));
   }
   EXPECT_THAT(ScenesAt(absl::StrCat("127.0.0.1:", server->port())), IsEmpty());
+  ExpectNoOutput();
+}
+
+TEST_F(CliInterruptionTest, AFileThatIsGivenUpWhileItIsWrittenIsNotThere) {
+  ThreadPool pool(1);
+  const auto scene = BuildScene("box", /*revision=*/1, MakeBuiltin({.name = "box"})->objects,
+                                std::nullopt, {}, pool);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  Interruption interruption;
+  double written = 0;
+  const absl::Status status =
+      SaveSceneFile(**scene, File("out.slscene"), pool, interruption.work(), [&](double share) {
+        written = share;
+        interruption.Interrupt();
+      });
+  EXPECT_TRUE(absl::IsCancelled(status)) << status;
+  EXPECT_GT(written, 0);
+  EXPECT_LT(written, 1);
   ExpectNoOutput();
 }
 
