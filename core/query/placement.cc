@@ -20,6 +20,11 @@ constexpr double kMaxReach = 16;
 // The offsets, in units of PlacementOffset, that are tried for several planes. Rounding alone needs
 // the first; the others help where planes are slivers, whose normals are bad in doubles.
 constexpr std::array<double, 3> kScales = {1, 4, 16};
+// A plane whose distances may be off by more than this share of what the coordinates allow says
+// nothing: a sliver's normal can be wrong in all its bits, and the offset for that be longer than
+// the sliver. Triangles that are none stay below 2^-21 at the largest scale (ClosestPoints::sliver),
+// so that they are placed alike here and a vector at a time (placement-inl.h).
+constexpr double kMostSlack = 0x1p-20;
 // More touched triangles than this (the pole of a finely cut sphere may have that many) are not
 // sorted out.
 constexpr size_t kMaxTouched = 1024;
@@ -71,16 +76,18 @@ Vec3d SignsOfNormal(const Plane& plane) {
 }
 
 Vec3f PlaceBesideSource(const Plane& plane, Vec3d at) {
+  const Vec3d anchor = ToDouble(plane.corners[0]);
+  const double slack = Slack(plane, at - anchor);
   Vec3f placed;
   for (double scale : kScales) {
+    if (!(scale * slack <= kMostSlack * (NormOne(at) + NormOne(anchor)))) break;
     Vec3d x = at;
     Correct(plane, scale, &x);
-    if (!IsFinite(x)) break;
     placed = Rounded(x);
     if (plane.Holds(placed)) return placed;
   }
   const Vec3d signs = SignsOfNormal(plane);
-  double step = PlacementOffset({1, 1, 1}, at, 0x1p-50 * NormOne(ToDouble(plane.corners[0])));
+  double step = PlacementOffset({1, 1, 1}, at, 0x1p-50 * NormOne(anchor));
   for (int i = 0; i < kMaxDoublings; ++i, step *= 2) {
     placed = Rounded(at + signs * step);
     if (plane.Holds(placed)) return placed;

@@ -228,6 +228,9 @@ TEST(PlacementTest, HitsOnSliversAreOnTheEyesSide) {
     hits += blocks;
     const Vec3f placed = PlaceHit(scene, eye, direction, t_hit, 0);
     ASSERT_EQ(SideOf(scene.geometry, 0, placed), side);
+    // Beside a place on the triangle, however little its normal in doubles is worth.
+    const float farthest = std::max({MaxAbs(p), MaxAbs(q), MaxAbs(r)});
+    ASSERT_LE(MaxAbs(placed), 1.01f * farthest + 0x1p-140f) << "of " << farthest;
   }
   EXPECT_GT(hits, 100);
 }

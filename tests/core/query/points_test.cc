@@ -143,6 +143,22 @@ TEST(PointsTest, AttachesToTheNearestWithinReach) {
   for (size_t i = 0; i < at.size(); ++i) EXPECT_EQ(p.positions[i], ToFloat(at[i]));
 }
 
+// A sliver's normal in doubles may be wrong in every bit, and by how much grows with the sliver's
+// length: a point was put 243,290 away for the sake of that, or at infinity, and called valid.
+TEST(PointsTest, AttachedToASliverMoveByRoundings) {
+  for (const double thin : {0x1p-40, 0x1p-50, 0x1p-67, 0x1p-120}) {
+    const IndexedGeometry scene =
+        MakeScene({{.vertices = {{0, 1, 0}, {0, 0, -thin}, {thin, 0, 0}}, .indices = {0, 1, 2}}});
+    const std::vector<Vec3d> at = {{0, 0.5, 0}, {0.25, 0.5, 0.125}, {0, 0.5, -0x1p-30}};
+    const PreparedPoints p = Prepare(scene, at, {.attach_distance = 1});
+    for (size_t i = 0; i < at.size(); ++i) {
+      EXPECT_EQ(p.sources[i], 0u);
+      EXPECT_NE(SideOf(scene.geometry, 0, p.positions[i]), 0);
+      EXPECT_LE(Length(ToDouble(p.positions[i]) - at[i]), 1e-5) << thin << ", point " << i;
+    }
+  }
+}
+
 TEST(PointsTest, GivenSourcesStay) {
   const IndexedGeometry scene = MakeScene({UnitTriangle()});
   const std::vector<Vec3d> at = {{.25, .25, 0}, {.25, .25, 0}};
