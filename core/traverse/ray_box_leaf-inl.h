@@ -55,8 +55,8 @@ constexpr float kRayBoxUnits = 16 * 0x1p-24f;
 struct RayPartBox {
   float lo[3], hi[3];
 
-  // How far a face at t·d, |t·d| = `size`, may be off. A parameter that underflows is off by up to 2^-149, which d
-  // scales.
+  // How far a face at t·d, |t·d| = `size`, may be off. A parameter that underflows is off by up to
+  // 2^-149, which d scales.
   static HWY_INLINE float Margin(float size, float d) {
     return size * kRayBoxUnits + kBoxExitShift * std::max(1.0f, std::abs(d));
   }

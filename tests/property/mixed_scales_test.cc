@@ -105,8 +105,8 @@ ObjectInput Triangles(std::span<const std::array<Vec3d, 3>> triangles) {
   return object;
 }
 
-// What an edge's form loses by products of its triangle's length and the direction, which underflow,
-// the points' distance scales: the least of them had been taken for as much as it may be off by.
+// What an edge's form loses by products of its triangle's length and the direction, which
+// underflow, the points' distance scales: it had been taken for the least float alone.
 TEST(MixedScalesTest, ParallelRaysFromAfarPassTrianglesOfNothing) {
   TestRng rng;
   const std::array<Vec3d, 3> triangle = {Vec3d{0x1.6p-117, -0x1.8p-115, -0x1.fp-118},
@@ -151,8 +151,8 @@ TEST(MixedScalesTest, ParallelRaysAgainstTinyTriangles) {
   }
 }
 
-// A form's share of what is near the light's centre overflowed beside one that is far from it, and a
-// sample whose sum was no number was taken for one that sees nothing.
+// A form's share of what is near the light's centre overflowed beside one that is far from it, and
+// a sample whose sum was no number was taken for one that sees nothing.
 TEST(MixedScalesTest, HugeLightsSeeBesideTheirCentre) {
   TestRng rng;
   const std::array<Vec3d, 3> triangle = {Vec3d{-0x1p38, -0x1p37, 0x1p33},
