@@ -70,32 +70,7 @@ ObjectInput LatticeSoup(uint64_t triangles, Random& random) {
   return soup;
 }
 
-// Triangles about one place, each as large as it happens, from floats' least to what scenes may
-// hold: products have factors of every size.
-ObjectInput SoupOfAllScales(uint64_t triangles, Random& random) {
-  ObjectInput soup;
-  soup.name = "soup";
-  for (uint64_t i = 0; i < triangles; ++i) {
-    const double size =
-        i == 0 ? kMostScaled : std::ldexp(1, 36 - static_cast<int>(random.Below(184)));
-    const Vec3d middle = Direction(random) * (random.Chance(0.3) ? 0 : size);
-    for (int k = 0; k < 3; ++k) {
-      soup.indices.push_back(static_cast<uint32_t>(soup.vertices.size()));
-      soup.vertices.push_back(middle + Direction(random) * size);
-    }
-  }
-  return soup;
-}
-
-// `origin` where it matters.
-std::vector<ObjectInput> RandomObjects(uint64_t max_triangles, Random& random, std::string* name,
-                                       std::optional<Vec3d>* origin) {
-  if (random.Chance(0.1)) {
-    const uint64_t triangles = 1 + random.Below(40);
-    *name = absl::StrCat("soup of all scales:", triangles);
-    *origin = Vec3d{};
-    return {SoupOfAllScales(triangles, random)};
-  }
+std::vector<ObjectInput> RandomObjects(uint64_t max_triangles, Random& random, std::string* name) {
   if (!random.Chance(0.25)) {
     const auto infos = BuiltinScenes();
     const BuiltinInfo& info = infos[random.Below(infos.size())];
@@ -176,8 +151,7 @@ VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& 
   VerifyScene scene;
   do {
     scene = {};
-    std::optional<Vec3d> origin;
-    std::vector<ObjectInput> objects = RandomObjects(max_triangles, random, &scene.name, &origin);
+    std::vector<ObjectInput> objects = RandomObjects(max_triangles, random, &scene.name);
     if (random.Chance(0.25)) Rescale(random, &objects, &scene.name);
     if (random.Chance(0.3)) {
       absl::StrAppend(&scene.name, " with masks and culling");
@@ -188,7 +162,8 @@ VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& 
         }
       }
     }
-    if (!origin.has_value() && random.Chance(0.15)) {
+    std::optional<Vec3d> origin;
+    if (random.Chance(0.15)) {
       absl::StrAppend(&scene.name, ", origin far off");
       // Up to where floats tell apart some hundred places along the scene: beyond, all is exact
       // arithmetic.

@@ -39,11 +39,11 @@ struct VerifyScene {
   IndependentWalk walk;  // Over indexed.geometry.
 };
 
-// A built-in scene of a random kind, size (up to `max_triangles`) and seed, a soup of triangles on
-// a small lattice (coplanar, duplicate, degenerate and sharing corners), or one of triangles that
-// are each of a size of their own; at times with an origin far away (which makes its floats
-// coarse), scaled to any size that floats have, with masks and culling per object, and built with
-// random options, half of them with a kd-tree and half with a binary BVH beside the BVH.
+// A built-in scene of a random kind, size (up to `max_triangles`) and seed, or a soup of triangles
+// on a small lattice (coplanar, duplicate, degenerate and sharing corners); at times with an origin
+// far away (which makes its floats coarse), scaled to any size that floats have, with masks and
+// culling per object, and built with random options, half of them with a kd-tree and half with a
+// binary BVH beside the BVH.
 VerifyScene MakeRandomScene(uint64_t max_triangles, Random& random, ThreadPool& pool);
 
 // Where something stands, as stored floats.
