@@ -208,8 +208,9 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
     // The estimate was reserved; a scene that needs more must fit as well.
     const uint64_t others = AliveBytes() + (reserved_bytes_ - reserved);
     std::erase_if(alive_, [](const Revision& revision) { return revision.scene.expired(); });
-    room = Guarded("publishing", name, [&alive = alive_] {
-      alive.reserve(alive.size() + 1);  // Before anything is changed: it may throw.
+    std::vector<Revision>* const alive = &alive_;  // The lock is held, which a lambda cannot say.
+    room = Guarded("publishing", name, [alive] {
+      alive->reserve(alive->size() + 1);  // Before anything is changed: it may throw.
       return absl::OkStatus();
     });
     if (room.ok() && (bytes <= reserved || (bytes <= options_.max_bytes_per_scene &&
