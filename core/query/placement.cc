@@ -22,8 +22,9 @@ constexpr double kMaxReach = 16;
 constexpr std::array<double, 3> kScales = {1, 4, 16};
 // A plane whose distances may be off by more than this share of what the coordinates allow says
 // nothing: a sliver's normal can be wrong in all its bits, and the offset for that be longer than
-// the sliver. Triangles that are none stay below 2^-21 at the largest scale (ClosestPoints::sliver),
-// so that they are placed alike here and a vector at a time (placement-inl.h).
+// the sliver. Triangles that are none stay below 2^-21 at the largest scale
+// (ClosestPoints::sliver), so that they are placed alike here and a vector at a time
+// (placement-inl.h).
 constexpr double kMostSlack = 0x1p-20;
 // More touched triangles than this (the pole of a finely cut sphere may have that many) are not
 // sorted out.
