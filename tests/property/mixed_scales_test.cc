@@ -41,7 +41,7 @@ constexpr int kSmallest = -148;  // A few of a float's least.
 double PowerOfTwo(int exponent) { return std::ldexp(1.0, exponent); }
 
 int Between(TestRng& rng, int low, int high) {
-  return low + static_cast<int>(rng.Below(static_cast<uint64_t>(high - low + 1)));
+  return low + static_cast<int>(rng.Below(static_cast<uint64_t>(high - low) + 1));
 }
 
 // Within a cube from -1 to 1.
@@ -275,7 +275,7 @@ TEST(MixedScalesTest, EverythingOfAScaleOfItsOwn) {
     }
     const IndexedGeometry scene = Index(object, 2 + static_cast<int>(rng.Below(15)));
     CheckShadows(scene, points, samples, /*nearest=*/false, rng);
-    if (rng.Chance(0.25)) CheckShadows(scene, points, {&samples[0], 1}, /*nearest=*/true, rng);
+    if (rng.Chance(0.25)) CheckShadows(scene, points, {samples.data(), 1}, /*nearest=*/true, rng);
   }
 }
 
