@@ -27,6 +27,7 @@
 #include <vector>
 
 #include "client/import/text_scanner.h"
+#include "core/base/cancel.h"
 
 namespace sightline {
 

@@ -153,7 +153,7 @@ class Client {
       const ShadowQuery& query, const StreamOptions& options,
       const std::function<absl::Status(Shadows)>& on_shadows, uint64_t* points) const;
   absl::StatusOr<StreamSummary> RunSegments(
-      const SegmentQuery& query, const StreamOptions& options,
+      const SegmentQuery& asked, const StreamOptions& options,
       const std::function<absl::Status(Segments)>& on_segments) const;
   std::shared_ptr<Shared> shared_;
 };

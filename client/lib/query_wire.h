@@ -38,9 +38,9 @@ void FillSegmentItem(const SegmentQuery& query, uint64_t begin, uint64_t count,
 
 absl::StatusOr<Tile> DecodeTile(const TileQuery& query, size_t index, const TileRect& rect,
                                 std::vector<v1::TileReply> replies);
-absl::StatusOr<Shadows> DecodeShadows(const ShadowQuery& query, uint64_t begin, uint64_t count,
+absl::StatusOr<Shadows> DecodeShadows(const ShadowQuery& query, uint64_t begin, uint64_t n,
                                       std::vector<v1::ShadowReply> replies);
-absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t begin, uint64_t count,
+absl::StatusOr<Segments> DecodeSegments(const SegmentQuery& query, uint64_t begin, uint64_t n,
                                         std::vector<v1::SegmentReply> replies);
 
 }  // namespace sightline::client

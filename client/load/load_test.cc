@@ -252,7 +252,7 @@ absl::Status LoadTest::MeasureReported(LoadReport* report) {
   if (!options_.server_metrics.empty()) {
     before = ReadMetrics(options_.server_metrics, metrics_token_);
   }
-  const absl::Status status =
+  absl::Status status =
       Measure(plan, options_.until_stable,
               plan.mode == Mode::kOpen ? absl::StrCat(PlainNumber(plan.rate, 4), "/s")
                                        : absl::StrCat(plan.concurrency, " at once"),
@@ -317,7 +317,7 @@ absl::Status LoadTest::Run(LoadReport* report) {
   report->check = check_;
   report->streams = target_->stream_count();
   report->rate = options_.plan.rate;
-  const absl::Status status = options_.find_knee ? RunAtKnee(report) : MeasureReported(report);
+  absl::Status status = options_.find_knee ? RunAtKnee(report) : MeasureReported(report);
   report->interrupted = Interrupted();
   report->stability = JudgeStability(report->measured.windows, kStabilityTolerance);
   report->slo = options_.slo.Judge(report->measured);

@@ -67,12 +67,12 @@ set(SIGHTLINE_TEST_ENVIRONMENT
     "TSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/deploy/tsan.supp"
     "UBSAN_OPTIONS=print_stacktrace=1")
 
-# Which targets CMAKE_UNITY_BUILD (release, what shares its folder, core-asan, and fuzz) compiles several files at a time of:
+# Which targets CMAKE_UNITY_BUILD (release, what shares its folder, and core-asan) compiles several files at a time of:
 # server, client, their tests and core's, which then take a fraction of the time: gRPC's or GoogleTest's headers are
 # read once for all. Not core and what is mostly its headers (tests/bench, tests/property), much of which is compiled
 # once per instruction set, as some of core's tests are; nor what protoc writes; nor tests/support, where GCC 12 would
-# see the overlap that is none (above). The other presets, clang-tidy's among them, compile each file by itself: it has
-# to include what it uses.
+# see the overlap that is none (above). The other presets, the suite's fuzz and clang-tidy's among them, compile each
+# file by itself: it has to include what it uses.
 function(sightline_choose_unity NAME)
   cmake_path(RELATIVE_PATH CMAKE_CURRENT_SOURCE_DIR BASE_DIRECTORY "${PROJECT_SOURCE_DIR}" OUTPUT_VARIABLE folder)
   if(folder MATCHES "^((tests/)?proto|core|tests/(bench|property|support))(/|$)")
