@@ -3,7 +3,6 @@
 
 #include <utility>
 
-#include "absl/random/random.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -12,6 +11,7 @@
 #include "client/cli/exit_code.h"
 #include "client/cli/native_scene.h"
 #include "client/import/import.h"
+#include "client/lib/new_id.h"
 #include "core/base/status_macros.h"
 
 namespace sightline::cli {
@@ -45,11 +45,6 @@ absl::Status Reworded(const absl::Status& status, absl::string_view message) {
     reworded.SetPayload(url, payload);
   });
   return reworded;
-}
-
-std::string TemporaryId() {
-  absl::BitGen random;
-  return absl::StrFormat("cli-%016x", absl::Uniform<uint64_t>(random));
 }
 
 // Whether or not the session's calls are cancelled by now. Nothing more can be done about a failure
@@ -121,7 +116,7 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
                                      "give a file or builtin:NAME"));
     case SceneKind::kNative: {
       SL_ASSIGN_OR_RETURN(const SceneBytes native, OpenSceneFile(argument));
-      return session.LoadNative(native, scene_id.empty() ? TemporaryId() : scene_id);
+      return session.LoadNative(native, scene_id.empty() ? client::NewId("cli") : scene_id);
     }
     case SceneKind::kBuiltin: {
       const std::string name(absl::StripPrefix(argument, kBuiltinPrefix));
@@ -179,7 +174,7 @@ absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
   }
   ImportedScene imported;
   absl::StatusOr<client::Scene> scene =
-      LoadScene(session, argument, TemporaryId(), build, /*temporary=*/true, err, &imported);
+      LoadScene(session, argument, client::NewId("cli"), build, /*temporary=*/true, err, &imported);
   SL_RETURN_IF_ERROR(scene.status());
   auto opened =
       std::make_unique<OpenedScene>(session, *std::move(scene), /*temporary=*/!session.embedded());

@@ -2,26 +2,14 @@
 #include "client/lib/relighting.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <string>
 #include <utility>
 
-#include "absl/random/random.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
+#include "client/lib/new_id.h"
 #include "client/lib/query_run.h"
 
 namespace sightline::client {
-namespace {
-
-// 64 random bits: known before the server's answer, and nobody else's.
-std::string NewPointSetId() {
-  absl::BitGen random;
-  return absl::StrFormat("relighting-%016x", absl::Uniform<uint64_t>(random));
-}
-
-}  // namespace
-
 Relighting::Relighting(const Client& client, Source source, const StreamOptions& stream)
     : client_(client), source_(std::move(source)), stream_(stream), lights_(source_.lights) {}
 
@@ -33,7 +21,7 @@ absl::StatusOr<std::unique_ptr<Relighting>> Relighting::Make(const Client& clien
   std::unique_ptr<Relighting> picture(new Relighting(client, std::move(source), stream));
   const Source& of = picture->source_;
   const StreamOptions begun = Begun(stream);
-  const std::string id = NewPointSetId();
+  const std::string id = NewId("relighting");
   picture->point_set_ = absl::StrCat(of.scene, "/pointSets/", id);
   absl::StatusOr<PointSet> set =
       client.CreatePointSet({.scene = of.scene,

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <utility>
 
-#include "absl/random/random.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/exit_code.h"
+#include "client/lib/new_id.h"
 #include "client/load/knee.h"
 #include "client/load/monitor.h"
 #include "client/load/plain_number.h"
@@ -148,8 +148,7 @@ absl::Status LoadTest::OpenPointSet() {
     return absl::OkStatus();
   }
   Begin("keeping points on the server");
-  absl::BitGen random;
-  const std::string id = absl::StrFormat("load-%016x", absl::Uniform<uint64_t>(random));
+  const std::string id = client::NewId("load");
   const std::string& scene = scene_.opened->scene().name;
   // Before the answer: a set that was given up may be there all the same, and goes with the test.
   point_set_ = absl::StrCat(scene, "/pointSets/", id);

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <new>
@@ -62,6 +63,14 @@ class StreamTest : public testing::Test {
     query.segments_per_item = 21;
     query.options.statistics = true;
     return client_.TestAllSegments(query, options_);
+  }
+
+  absl::Status TestWithCallback(const std::function<absl::Status(Segments)>& on_segments) {
+    SegmentQuery query;
+    query.scene = "scenes/x";
+    query.segments = segments_;
+    query.segments_per_item = 21;
+    return client_.TestSegments(query, on_segments, options_).status();
   }
 
   void ExpectRight(const absl::StatusOr<Segments>& result) {
@@ -250,20 +259,11 @@ TEST(StoredSegmentsTest, AreTheDifferencesToTheOrigin) {
 }
 
 TEST_F(StreamTest, AnErrorOfTheCallbackEndsTheQuery) {
-  SegmentQuery query;
-  query.scene = "scenes/x";
-  query.segments = segments_;
-  query.segments_per_item = 21;
   int calls = 0;
-  const absl::Status status = client_
-                                  .TestSegments(
-                                      query,
-                                      [&](const Segments&) -> absl::Status {
-                                        if (++calls == 3) return absl::DataLossError("disk full");
-                                        return absl::OkStatus();
-                                      },
-                                      options_)
-                                  .status();
+  const absl::Status status = TestWithCallback([&](const Segments&) -> absl::Status {
+    if (++calls == 3) return absl::DataLossError("disk full");
+    return absl::OkStatus();
+  });
   EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(calls, 3);
 }
@@ -271,20 +271,11 @@ TEST_F(StreamTest, AnErrorOfTheCallbackEndsTheQuery) {
 // Memory that runs out while the answers are put together ends the query, in whichever lane that
 // was, and not the process.
 TEST_F(StreamTest, RunningOutOfMemoryInTheCallbackEndsTheQuery) {
-  SegmentQuery query;
-  query.scene = "scenes/x";
-  query.segments = segments_;
-  query.segments_per_item = 21;
   int calls = 0;
-  const absl::Status status = client_
-                                  .TestSegments(
-                                      query,
-                                      [&](const Segments&) -> absl::Status {
-                                        if (++calls == 3) throw std::bad_alloc();
-                                        return absl::OkStatus();
-                                      },
-                                      options_)
-                                  .status();
+  const absl::Status status = TestWithCallback([&](const Segments&) -> absl::Status {
+    if (++calls == 3) throw std::bad_alloc();
+    return absl::OkStatus();
+  });
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_THAT(std::string(status.message()), testing::HasSubstr("out of memory"));
   EXPECT_FALSE(IsRetryable(status));
