@@ -117,9 +117,8 @@ absl::StatusOr<StreamSummary> Client::TestSegments(
     const SegmentQuery& query, const std::function<absl::Status(Segments)>& on_segments,
     const StreamOptions& options) const {
   const StreamOptions begun = Begun(options);
-  if (query.options.revision != 0) return RunSegments(query, begun, on_segments);
-  return RunOnCurrent(on_segments,
-                      [&](const auto& deliver) { return RunSegments(query, begun, deliver); });
+  return RunOnRevision(query.options.revision != 0, on_segments,
+                       [&](const auto& deliver) { return RunSegments(query, begun, deliver); });
 }
 
 absl::StatusOr<StreamSummary> Client::RunSegments(

@@ -129,8 +129,8 @@ absl::StatusOr<StreamSummary> Client::RunShadows(
     return RunShadowsOnce(query, begun, deliver, points);
   };
   // A point set has the revision that it was made for.
-  if (query.options.revision != 0 || !query.point_set.empty()) return run(on_shadows);
-  return RunOnCurrent(on_shadows, run);
+  const bool named = query.options.revision != 0 || !query.point_set.empty();
+  return RunOnRevision(named, on_shadows, run);
 }
 
 absl::StatusOr<StreamSummary> Client::RunShadowsOnce(

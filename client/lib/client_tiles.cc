@@ -130,9 +130,8 @@ absl::StatusOr<StreamSummary> Client::TraceTiles(const TileQuery& query,
                                                  const std::function<absl::Status(Tile)>& on_tile,
                                                  const StreamOptions& options) const {
   const StreamOptions begun = Begun(options);
-  if (query.options.revision != 0) return RunTiles(query, begun, on_tile);
-  return RunOnCurrent(on_tile,
-                      [&](const auto& deliver) { return RunTiles(query, begun, deliver); });
+  return RunOnRevision(query.options.revision != 0, on_tile,
+                       [&](const auto& deliver) { return RunTiles(query, begun, deliver); });
 }
 
 absl::StatusOr<StreamSummary> Client::RunTiles(

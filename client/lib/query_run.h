@@ -79,12 +79,14 @@ inline absl::StatusOr<Scene> SceneToAsk(const Client& client, const std::string&
   return status;
 }
 
-// Runs a query whose caller wants the current revision: run(callback), which finds out what that
-// is. If an edit came between, and the server has let go of it before anything was delivered, the
-// query runs once more, on what is current then.
+// Runs a query: run(callback). Unless its caller has named the revision, it finds out which is
+// current; if an edit came between, and the server has let go of it before anything was delivered,
+// the query runs once more, on what is current then.
 template <typename Part, typename Run>
-absl::StatusOr<StreamSummary> RunOnCurrent(const std::function<absl::Status(Part)>& on_part,
-                                           const Run& run) {
+absl::StatusOr<StreamSummary> RunOnRevision(bool named,
+                                            const std::function<absl::Status(Part)>& on_part,
+                                            const Run& run) {
+  if (named) return run(on_part);
   bool delivered = false;
   const std::function<absl::Status(Part)> deliver = [&](Part part) {
     delivered = true;

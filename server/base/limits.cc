@@ -58,8 +58,7 @@ constexpr LimitEntry kTable[] = {
      "how long an upload may wait for a message that brings something, seconds"},
     {"max_stream_stall_seconds", &Limits::max_stream_stall_seconds, 1, 86400,
      "how long a visibility stream, or a watch of a scene, may wait for its client to take a "
-     "reply, "
-     "a stream also to grant credit for one, seconds"},
+     "reply, a stream also to grant credit for one, seconds"},
 };
 
 }  // namespace
