@@ -35,12 +35,12 @@ target_compile_definitions(sightline_options INTERFACE HWY_DISABLE_PCLMUL_AES
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 12.3)
   target_compile_options(sightline_options INTERFACE -fno-tree-vectorize -fno-tree-slp-vectorize)
 endif()
+# GCC 12 sees overlaps in std::string's operator+ that are none (GCC bug 105651).
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
+  target_compile_options(sightline_options INTERFACE -Wno-restrict)
+endif()
 if(SIGHTLINE_WERROR)
   target_compile_options(sightline_options INTERFACE -Werror)
-  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-    # GCC 12 sees overlaps in std::string's operator+ that are none (GCC bug 105651).
-    target_compile_options(sightline_options INTERFACE -Wno-restrict)
-  endif()
 endif()
 if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
   target_compile_options(sightline_options INTERFACE -Werror=thread-safety
@@ -67,15 +67,14 @@ set(SIGHTLINE_TEST_ENVIRONMENT
     "TSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/deploy/tsan.supp"
     "UBSAN_OPTIONS=print_stacktrace=1")
 
-# Which targets CMAKE_UNITY_BUILD (release, what shares its folder, and core-asan) compiles several files at a time of:
-# server, client, their tests and core's, which then take a fraction of the time: gRPC's or GoogleTest's headers are
-# read once for all. Not core and what is mostly its headers (tests/bench, tests/property), much of which is compiled
-# once per instruction set, as some of core's tests are; nor what protoc writes; nor tests/support, where GCC 12 would
-# see the overlap that is none (above). The other presets, the suite's fuzz and clang-tidy's among them, compile each
-# file by itself: it has to include what it uses.
+# Which targets CMAKE_UNITY_BUILD (the suite's presets and what shares a folder with them) compiles several files at a
+# time of: server, client, their tests and core's, which then take a fraction of the time: gRPC's or GoogleTest's
+# headers are read once for all. Not core and what is mostly its headers (tests/bench, tests/property), much of which is
+# compiled once per instruction set, as some of core's tests are; nor what protoc writes. The other presets, clang-tidy's
+# among them, compile each file by itself: it has to include what it uses.
 function(sightline_choose_unity NAME)
   cmake_path(RELATIVE_PATH CMAKE_CURRENT_SOURCE_DIR BASE_DIRECTORY "${PROJECT_SOURCE_DIR}" OUTPUT_VARIABLE folder)
-  if(folder MATCHES "^((tests/)?proto|core|tests/(bench|property|support))(/|$)")
+  if(folder MATCHES "^((tests/)?proto|core|tests/(bench|property))(/|$)")
     set_target_properties(${NAME} PROPERTIES UNITY_BUILD OFF)
   endif()
 endfunction()

@@ -220,7 +220,9 @@ TEST_P(ClearLeavesTest, WallsWhoseNormalsUnderflowHideNothingUnseen) {
     const auto clear = std::make_unique<ClearLeaves>();
     WalkStats stats;
     kernels().find_grounds(scene, nullptr, grounds.get(), clear.get(), &stats);
-    if (k == 18) ASSERT_GT(clear->count, 0u);
+    if (k == 18) {
+      ASSERT_GT(clear->count, 0u);
+    }
     if (clear->count == 0) continue;
     for (int ask = 0; ask < 200; ++ask) {
       const double from = ask == 0 ? 0.9 : rng.Uniform(0.5, 1.1);
