@@ -16,7 +16,9 @@
 // times (8(1 + 9u) + 2(1 + 10u))u, therefore holds; as computed it carries at most 12 roundings:
 // 10(1 + 10u)(1 + 12u) < 11 = kRayUnits. Products of D and a that underflow lose 2^-149 each, which
 // b and c scale; those of b and c lose as much, which D scales: kFloatUnderflow is added to what
-// either is multiplied by, and once more for the products that come last. Values stay below 2^126.7
+// either is multiplied by, and once more for the products that come last. The units' share of
+// |D|_inf, which |a|_1 multiplies, is taken of kLeastDirection at least: of a shorter direction it
+// would underflow itself, and what that lost come to 2^-150 times |a|_1. Values stay below 2^126.7
 // for coordinates within 2^40. Up to 1.5·2^40 the difference N·D - s·b may overflow, and the middle
 // edge be infinite: no determinant of them reaches 2^127.2, so that its sign is right even then.
 // Measured (tests/core/intersect/float_stage_test.cc): the largest error that a hill climb finds is
@@ -43,13 +45,15 @@ namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr float kRayUnits = 11 * 0x1p-24f;
+constexpr float kLeastDirection = 0x1p-100f;
+static_assert(kRayUnits * kLeastDirection >= kFloatUnderflow, "a normal number");
 
 // The ray, in every lane.
 template <class V>
 struct RayLanes {
   Vec3V<V> origin, direction, target;
   V direction_inf;    // |D|_inf,
-  V direction_units;  // and kRayUnits of it.
+  V direction_units;  // and kRayUnits of it, or of kLeastDirection.
 
   template <class D>
   static HWY_INLINE RayLanes Of(D d, const PredicateRay& ray) {
@@ -58,7 +62,8 @@ struct RayLanes {
                       .direction = Broadcast(d, dir.x, dir.y, dir.z),
                       .target = Broadcast(d, t.x, t.y, t.z)};
     lanes.direction_inf = NormInfV(lanes.direction);
-    lanes.direction_units = hn::Mul(lanes.direction_inf, hn::Set(d, kRayUnits));
+    lanes.direction_units =
+        hn::Mul(hn::Max(lanes.direction_inf, hn::Set(d, kLeastDirection)), hn::Set(d, kRayUnits));
     return lanes;
   }
 };

@@ -5,9 +5,9 @@
 #include <bit>
 #include <cmath>
 #include <string_view>
-#include <unordered_set>
 #include <vector>
 
+#include "absl/container/btree_set.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
@@ -71,13 +71,16 @@ class Validator {
     if (!IsFinite(geometry_.origin) || MaxAbs(geometry_.origin) > kMaxCoordinate) {
       return Fault("its origin is not finite or out of range");
     }
-    std::unordered_set<std::string_view> names;
+    absl::btree_set<std::string_view> names;  // Of any hash, names could be made to collide.
     uint64_t triangles = 0, vertices = 0;
     bool uniform = true;
     double largest_rounding = 0;
     for (size_t i = 0; i < geometry_.objects.size(); ++i) {
       const ObjectRecord& object = geometry_.objects[i];
       const auto fault = [&](const auto&... args) { return Fault("object ", i, args...); };
+      if (i % kGrain == 0 && cancel_ != nullptr) {
+        SL_RETURN_IF_ERROR(cancel_->ToStatus());
+      }
       if (object.name.empty() || !names.insert(object.name).second) {
         return fault(" has no name of its own");
       }

@@ -7,10 +7,11 @@
 #include <limits>
 #include <memory>
 #include <string>
-#include <unordered_set>
+#include <string_view>
 #include <utility>
 
 #include "absl/base/attributes.h"
+#include "absl/container/btree_set.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -179,8 +180,9 @@ class Compiler {
   }
 
   absl::Status NameObjects() {
-    std::unordered_set<std::string> names;
+    absl::btree_set<std::string_view> names;  // Of any hash, names could be made to collide.
     for (size_t i = 0; i < sources_.size(); ++i) {
+      if (i % kGrain == 0) SL_RETURN_IF_ERROR(CheckCancel());
       const std::string& name = out_.objects[i].name;
       if (!name.empty() && !names.insert(name).second) {
         return absl::InvalidArgumentError(
@@ -191,6 +193,7 @@ class Compiler {
     for (size_t i = 0; i < sources_.size(); ++i) {
       std::string& name = out_.objects[i].name;
       if (!name.empty()) continue;
+      if (i % kGrain == 0) SL_RETURN_IF_ERROR(CheckCancel());
       number = std::max(number, i);
       do {
         name = absl::StrCat("object-", number++);

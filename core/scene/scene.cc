@@ -6,10 +6,11 @@
 #include <cmath>
 #include <exception>
 #include <new>
-#include <unordered_map>
+#include <string_view>
 #include <utility>
 #include <vector>
 
+#include "absl/container/btree_map.h"
 #include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
 #include "core/accel/bvh_refit.h"
@@ -213,7 +214,8 @@ class EditedObjects {
 
   const SceneGeometry& base_;
   std::vector<Entry> sources_;
-  std::unordered_map<std::string, size_t> by_name_;
+  // Of any hash, names could be made to collide.
+  absl::btree_map<std::string_view, size_t> by_name_;
 };
 
 }  // namespace

@@ -35,9 +35,10 @@ std::vector<uint32_t> ShadowChunk::Begin(size_t part, const PointRange& points,
                                          ShadowHints* hints) {
   MutexLock lock(mutex_);
   *hints = hints_;
-  if (!std::exchange(ordered_, true)) {
+  if (!ordered_) {
     order_ = orders_ != nullptr ? orders_->Of(begin_, count_)
                                 : SpatialOrder(points.positions, points.valid);
+    ordered_ = true;  // Not before: memory may run out, and other parts go on (memory_guard.h).
   }
   const size_t begin = std::min(part * part_points_, order_.size());
   const size_t end = std::min(begin + part_points_, order_.size());
@@ -58,7 +59,10 @@ absl::StatusOr<bool> ShadowChunk::RunPart(size_t part, const PointRange& points,
   }
   MutexLock lock(mutex_);
   hints_ = std::move(hints);
-  if (!std::exchange(begun_, true)) all_ = NothingLit(count_, samples, outputs);
+  if (!begun_) {
+    all_ = NothingLit(count_, samples, outputs);
+    begun_ = true;  // As above.
+  }
   if (!places.empty()) {
     ShadowOutputs others = outputs;
     others.bits = false;

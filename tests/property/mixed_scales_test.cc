@@ -2,8 +2,8 @@
 //
 // Where one scene holds what is as small as floats go and what is as large as scenes may be: bounds
 // that are relative to one factor of a product then stand or fall by what underflows, or overflows,
-// in the others. Every strategy has to say what brute force says, which alone asks the predicate of
-// every triangle.
+// in the others. Every strategy, brute force among them, has to say what the definition says of each
+// triangle by itself, without a float stage; and of first hits what brute force says.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,6 +14,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "core/accel/indexed_geometry.h"
+#include "core/intersect/predicate.h"
 #include "core/light/light.h"
 #include "core/mesh/object.h"
 #include "core/query/shadows.h"
@@ -80,11 +81,39 @@ ShadowResult Shade(const IndexedGeometry& scene, std::span<const Vec3f> points,
   return result;
 }
 
+// Which samples each point is lit by, as the predicate has it of one triangle after the other.
+std::vector<uint8_t> LitByDefinition(const IndexedGeometry& scene, std::span<const Vec3f> points,
+                                     std::span<const LightSample> samples) {
+  const size_t row = (points.size() + 7) / 8;
+  std::vector<uint8_t> lit(samples.size() * row);
+  for (size_t s = 0; s < samples.size(); ++s) {
+    const Vec3f value = samples[s].value;
+    for (size_t p = 0; p < points.size(); ++p) {
+      const PredicateRay ray = samples[s].directional ? PredicateRay::Ray(points[p], value)
+                                                      : PredicateRay::Segment(value, points[p]);
+      const auto blocks = [&](const std::array<uint32_t, 3>& corners) {
+        const auto& vertices = scene.geometry.vertices;
+        return Blocks(ray, vertices[corners[0]], vertices[corners[1]], vertices[corners[2]]);
+      };
+      const auto& triangles = scene.geometry.triangles;
+      if (std::none_of(triangles.begin(), triangles.end(), blocks)) {
+        lit[s * row + p / 8] |= static_cast<uint8_t>(1u << p % 8);
+      }
+    }
+  }
+  return lit;
+}
+
 // Any hit, and with `nearest` the first one and where.
 void CheckShadows(const IndexedGeometry& scene, std::span<const Vec3f> points,
                   std::span<const LightSample> samples, bool nearest, TestRng& rng) {
   const ShadowOutputs outputs{.bits = !nearest, .blockers = nearest};
-  const ShadowResult truth = Shade(scene, points, samples, outputs, AllWays().front());
+  ShadowResult truth = Shade(scene, points, samples, outputs, AllWays().front());
+  if (!nearest) {
+    const std::vector<uint8_t> lit = LitByDefinition(scene, points, samples);
+    EXPECT_TRUE(SameBytes(truth.lit_bits, lit)) << "brute force";
+    truth.lit_bits.assign(lit.begin(), lit.end());
+  }
   for (const Way& way : InTurn(AllWays(scene.kd_tree.has_value()), rng)) {
     SCOPED_TRACE(way.Name());
     const ShadowResult result = Shade(scene, points, samples, outputs, way);
@@ -128,6 +157,47 @@ TEST(MixedScalesTest, ParallelRaysFromAfarPassDenormalTriangles) {
                                        Vec3f{-0x1.8p-132f, 0x1.8p-133f, -0x1.8p-132f}};
   const LightSample sun = {.directional = true, .value = {0x1p-4f, -0x1.8p-5f, -0x1p-4f}};
   CheckShadows(Index(Triangles({&triangle, 1}), 16), points, {&sun, 1}, /*nearest=*/false, rng);
+}
+
+// What the length of a segment loses where it is multiplied by a rounding's share, the distance of
+// a triangle's corner scales.
+TEST(MixedScalesTest, ShortSegmentsPassFarSlivers) {
+  TestRng rng;
+  const std::array<Vec3d, 3> triangle = {Vec3d{0x1.d1ea34p38, -0x1.aa867cp35, 0},
+                                         Vec3d{-0x1.27f6b4p38, 0x1.0ef136p35, 0},
+                                         Vec3d{0x1.d27e82p38, -0x1.aefaacp35, 0}};
+  const LightSample light = At({-0x1.76e9p-131, -0x1.7451cp-131, -0x1.8fa6p-134}, 0);
+  const std::vector<Vec3f> points(8, Vec3f{-0x1.ea788p-131f, -0x1.315c8p-132f, 0x1.a53bp-131f});
+  CheckShadows(Index(Triangles({&triangle, 1}), 16), points, {&light, 1}, /*nearest=*/false, rng);
+}
+
+TEST(MixedScalesTest, ShortSegmentsThroughFarSlivers) {
+  TestRng rng;
+  for (int64_t round = ScaledCount(200); round > 0 && !HasFailure(); --round) {
+    const int far = Between(rng, 20, kLargest - 1), near = Between(rng, -145, -90);
+    const int axis = Between(rng, 0, 2);  // Across it all triangles lie, between light and points.
+    ObjectInput object;
+    for (int i = Between(rng, 1, 12); i > 0; --i) {
+      // One edge passes the middle by no more than a rounding of its ends.
+      const Vec3d a = InCube(rng) * PowerOfTwo(far);
+      for (Vec3d corner :
+           {a, a * -rng.Uniform(0.1, 1), a + InCube(rng) * PowerOfTwo(far - Between(rng, 0, 20))}) {
+        corner[axis] = 0;
+        object.indices.push_back(static_cast<uint32_t>(object.vertices.size()));
+        object.vertices.push_back(ToDouble(Stored(corner)));
+      }
+    }
+    const auto beyond = [&](double side) {
+      Vec3d v = InCube(rng) * PowerOfTwo(near);
+      v[axis] = side * std::abs(v[axis]);
+      return v;
+    };
+    std::vector<Vec3f> points;
+    for (uint64_t n = 16 + rng.Below(100); n > 0; --n) points.push_back(Stored(beyond(1)));
+    const std::array<LightSample, 2> lights = {At(beyond(-1), 0), At(beyond(-8), 1)};
+    SCOPED_TRACE(absl::StrCat("slivers of 2^", far, ", points within 2^", near));
+    CheckShadows(Index(object, 16), points, lights, /*nearest=*/false, rng);
+  }
 }
 
 TEST(MixedScalesTest, ParallelRaysAgainstTinyTriangles) {

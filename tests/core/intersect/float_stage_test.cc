@@ -373,6 +373,46 @@ TEST(FloatStageTest, AHillClimbFindsNoErrorBeyondItsBound) {
   }
 }
 
+// Directions as short as floats go, past triangles as far off as scenes reach: a share of the one
+// that underflows is scaled by the other.
+TEST(FloatStageTest, BoundsHoldForShortDirectionsPastFarTriangles) {
+  for (const Target& target : Targets()) {
+    SCOPED_TRACE(target.name);
+    TestRng rng;
+    StageLanes lanes;
+    for (int64_t i = ScaledCount(4'000); i > 0; --i) {
+      const auto about = [&rng](int exponent) {
+        Vec3f v;
+        for (int k = 0; k < 3; ++k) {
+          v[k] = static_cast<float>(std::ldexp(rng.Uniform(-1, 1), exponent));
+        }
+        return v;
+      };
+      const int far = 20 + static_cast<int>(rng.Below(20));
+      const int near = -148 + static_cast<int>(rng.Below(60));
+      const PredicateRay ray{about(near), about(near), rng.Chance(0.5)};
+      for (int lane = 0; lane < kStageLanes; ++lane) {
+        // Two corners that are close to each other, or on either side of the origin.
+        const Vec3f a = about(far), beside = about(far - static_cast<int>(rng.Below(24)));
+        const Vec3f b = rng.Chance(0.5) ? about(far) : a * -0.5f;
+        lanes.SetTriangle(lane, a, b, ClampToRange(a + beside));
+      }
+      target.evaluate(ray, lanes);
+      for (int lane = 0; lane < kStageLanes; ++lane) {
+        for (int form = 0; form < (ray.segment ? kForms : kForms - 1); ++form) {
+          const float value = lanes.value[form][lane], bound = lanes.bound[form][lane];
+          ASSERT_LE(Ratio(target.stage, ray, lanes, form, lane), 1.0)
+              << "2^" << far << ", 2^" << near << ", form " << form << ", lane " << lane;
+          if (value > bound || value < -bound) {
+            ASSERT_EQ(TruthOf(target.stage, ray, lanes, form, lane).sign, value > 0 ? 1 : -1)
+                << "2^" << far << ", 2^" << near << ", form " << form << ", lane " << lane;
+          }
+        }
+      }
+    }
+  }
+}
+
 // The largest coordinates there are, and what placing points may make of them: nothing overflows
 // among the first, no sign is wrong among the second.
 TEST(FloatStageTest, SignsAreRightAtTheCornersOfTheRange) {
