@@ -171,32 +171,44 @@ TEST(MixedScalesTest, ShortSegmentsPassFarSlivers) {
   CheckShadows(Index(Triangles({&triangle, 1}), 16), points, {&light, 1}, /*nearest=*/false, rng);
 }
 
+// Triangles that lie across an axis, one edge of each past the middle by no more than a rounding of
+// its ends.
+ObjectInput SliversAcross(int axis, int far, TestRng& rng) {
+  ObjectInput object;
+  for (int i = Between(rng, 1, 12); i > 0; --i) {
+    const Vec3d a = InCube(rng) * PowerOfTwo(far);
+    for (Vec3d corner :
+         {a, a * -rng.Uniform(0.1, 1), a + InCube(rng) * PowerOfTwo(far - Between(rng, 0, 20))}) {
+      corner[axis] = 0;
+      object.indices.push_back(static_cast<uint32_t>(object.vertices.size()));
+      object.vertices.push_back(ToDouble(Stored(corner)));
+    }
+  }
+  return object;
+}
+
+// By one light of a sample or two, and by one of many: on one side of what is at 0 along an axis,
+// the points on the other.
 TEST(MixedScalesTest, ShortSegmentsThroughFarSlivers) {
   TestRng rng;
   for (int64_t round = ScaledCount(200); round > 0 && !HasFailure(); --round) {
     const int far = Between(rng, 20, kLargest - 1), near = Between(rng, -145, -90);
-    const int axis = Between(rng, 0, 2);  // Across it all triangles lie, between light and points.
-    ObjectInput object;
-    for (int i = Between(rng, 1, 12); i > 0; --i) {
-      // One edge passes the middle by no more than a rounding of its ends.
-      const Vec3d a = InCube(rng) * PowerOfTwo(far);
-      for (Vec3d corner :
-           {a, a * -rng.Uniform(0.1, 1), a + InCube(rng) * PowerOfTwo(far - Between(rng, 0, 20))}) {
-        corner[axis] = 0;
-        object.indices.push_back(static_cast<uint32_t>(object.vertices.size()));
-        object.vertices.push_back(ToDouble(Stored(corner)));
-      }
-    }
-    const auto beyond = [&](double side) {
-      Vec3d v = InCube(rng) * PowerOfTwo(near);
+    const int axis = Between(rng, 0, 2);
+    const auto beyond = [&](int scale, double side) {
+      Vec3d v = InCube(rng) * PowerOfTwo(scale);
       v[axis] = side * std::abs(v[axis]);
       return v;
     };
     std::vector<Vec3f> points;
-    for (uint64_t n = 16 + rng.Below(100); n > 0; --n) points.push_back(Stored(beyond(1)));
-    const std::array<LightSample, 2> lights = {At(beyond(-1), 0), At(beyond(-8), 1)};
+    for (uint64_t n = 16 + rng.Below(100); n > 0; --n) points.push_back(Stored(beyond(near, 1)));
+    std::vector<LightSample> lights = {At(beyond(near, -1), 0), At(beyond(near + 3, -1), 1)};
+    const Vec3d middle = beyond(near, -1), u = InCube(rng) * PowerOfTwo(near - Between(rng, 0, 6));
+    const Vec3d v = InCube(rng) * PowerOfTwo(near - Between(rng, 0, 6));
+    for (int i = Between(rng, 0, 16); i > 0; --i) {
+      lights.push_back(At(middle + u * rng.Uniform(-1, 1) + v * rng.Uniform(-1, 1), 2));
+    }
     SCOPED_TRACE(absl::StrCat("slivers of 2^", far, ", points within 2^", near));
-    CheckShadows(Index(object, 16), points, lights, /*nearest=*/false, rng);
+    CheckShadows(Index(SliversAcross(axis, far, rng), 16), points, lights, /*nearest=*/false, rng);
   }
 }
 
