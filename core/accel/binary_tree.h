@@ -8,7 +8,7 @@
 //
 // Thread safety: a tree is built by one call, then read.
 //
-//   BinaryTree tree = BuildBinaryTree(std::move(primitives), cost, options, cancel, progress);
+//   BinaryTree tree = BuildBinaryTree(geometry, cost, options, cancel, progress);
 #ifndef SIGHTLINE_CORE_ACCEL_BINARY_TREE_H_
 #define SIGHTLINE_CORE_ACCEL_BINARY_TREE_H_
 

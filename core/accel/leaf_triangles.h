@@ -20,12 +20,15 @@
 #include <cstdint>
 #include <span>
 
+#include "core/accel/bvh.h"
 #include "core/base/aligned_vector.h"
 #include "core/mesh/scene_geometry.h"
 
 namespace sightline {
 
 inline constexpr size_t kLeafTriangleBytes = 16 * sizeof(float);  // A triangle named.
+// What is held beyond those, at most.
+inline constexpr size_t kMostLeafPaddingBytes = (2 * kLeafPadding - 1) * kLeafTriangleBytes;
 
 struct LeafTriangles {
   AlignedVector<float> rows;   // 10 × stride: 40 bytes a triangle named.

@@ -102,7 +102,7 @@ bool Intersect(Intersector intersector, const PreparedTriangle& triangle, Vec3f 
 bool IntersectRay(Intersector intersector, const PredicateRay& ray, Vec3f a, Vec3f b, Vec3f c,
                   IntersectorHit* hit);
 
-// Rays in lanes. Invariant: rows are readable up to the next multiple of kMaxLanes.
+// Rays in lanes. Invariant: rows are readable up to the next multiple of kMaxIntersectorLanes.
 inline constexpr size_t kMaxIntersectorLanes = 16;
 struct IntersectorRays {
   const float* origin[3];
@@ -115,7 +115,7 @@ struct IntersectorHits {
   float *t, *u, *v;
   uint8_t* hit;
 };
-// Triangles in lanes: row k of `value` holds value[k] of each.
+// Triangles in lanes: row k of `value` holds value[k] of each. Invariant: as of rays' rows.
 struct PreparedTriangles {
   const float* value[kPreparedFloats];
   size_t count = 0;

@@ -34,15 +34,21 @@ std::invoke_result_t<Run> Guarded(const char* what, const std::string& name, con
 
 // What a scene of these sizes will hold, in the registry's books.
 struct SceneSize {
-  uint64_t triangles = 0, vertices = 0, kept_doubles = 0;
+  uint64_t triangles = 0, vertices = 0, kept_doubles = 0, objects = 0, name_bytes = 0;
 
   void Add(const ObjectInput& object) {
     triangles += object.indices.size() / 3;
     vertices += object.vertices.size();
     if (object.dynamic) kept_doubles += object.vertices.size();
+    AddObject(object.name);
+  }
+  void AddObject(const std::string& name) {
+    ++objects;
+    name_bytes += name.size();
   }
   uint64_t bytes(const SceneBuildOptions& options) const {
-    return EstimateSceneBytes(triangles, vertices, options) + kept_doubles * sizeof(Vec3d);
+    return EstimateSceneBytes(triangles, vertices, options) + kept_doubles * sizeof(Vec3d) +
+           EstimateObjectBytes(objects, name_bytes);
   }
 };
 
@@ -166,6 +172,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Edit(
     size.vertices += base.geometry.vertices.size();
     for (const ObjectRecord& object : base.geometry.objects) {
       if (object.source_vertices != nullptr) size.kept_doubles += object.vertex_count;
+      size.AddObject(object.name);
     }
     return size.bytes(options);
   };

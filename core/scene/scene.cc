@@ -6,6 +6,7 @@
 #include <cmath>
 #include <exception>
 #include <new>
+#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
 #include "core/accel/bvh_refit.h"
+#include "core/accel/leaf_triangles.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/scene_compiler.h"
 
@@ -257,19 +259,26 @@ uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices,
     // The smallest is a node and a leaf, too.
     per_triangle += 180;
     bytes += sizeof(KdNode) + sizeof(KdLeaf) + sizeof(uint32_t) + sizeof(Box3f);
-    // Rows and a box for each triangle that a leaf names, sixteen at a time.
-    constexpr uint64_t kLaidOutBytes = 64;
+    // Rows and a box for each triangle that a leaf names.
     if (options.kd_tree->lay_out_leaves) {
       // BuildKdTree refuses what is out of range.
       const float asked = options.kd_tree->max_references;
       const float references = asked >= 1 ? std::min(asked, kMaxKdReferences) : 1;
-      per_triangle += kLaidOutBytes * static_cast<uint64_t>(std::ceil(references));
-      bytes += 16 * kLaidOutBytes;
+      per_triangle += kLeafTriangleBytes * static_cast<uint64_t>(std::ceil(references));
+      bytes += kMostLeafPaddingBytes;
     }
   }
-  // At most two nodes, an id, its rows and its box each.
-  if (options.binary_bvh) per_triangle += 2 * sizeof(BinaryBvhNode) + 4 + 40 + 24;
+  if (options.binary_bvh) {
+    // At most two nodes, an id, its rows and its box each.
+    per_triangle += 2 * sizeof(BinaryBvhNode) + sizeof(uint32_t) + kLeafTriangleBytes;
+    bytes += kMostLeafPaddingBytes;
+  }
   return triangles * per_triangle + bytes;
+}
+
+uint64_t EstimateObjectBytes(uint64_t objects, uint64_t name_bytes) {
+  // A string that grows holds up to twice what it held within itself.
+  return objects * (sizeof(ObjectRecord) + 2 * std::string().capacity()) + name_bytes;
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(

@@ -73,6 +73,8 @@ struct SceneBuildOptions {
 // building.
 uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices,
                             const SceneBuildOptions& options = {});
+// What so many objects add to that, whose names have so many bytes together.
+uint64_t EstimateObjectBytes(uint64_t objects, uint64_t name_bytes);
 
 absl::StatusOr<std::shared_ptr<const Scene>> BuildScene(
     std::string name, uint64_t revision, std::span<const ObjectInput> objects,

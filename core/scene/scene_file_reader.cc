@@ -386,7 +386,7 @@ absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
     }
     // Leaves' triangles are laid out again.
     if (kind == SectionKind::kBinaryBvhIds || (kind == SectionKind::kKdIds && kd_leaves)) {
-      info.scene_bytes += section.count * kLeafTriangleBytes;
+      info.scene_bytes += section.count * kLeafTriangleBytes + kMostLeafPaddingBytes;
     }
   }
   SceneFileScene scene;

@@ -20,7 +20,7 @@ namespace sightline {
 
 struct LeafView {
   const float* rows;
-  uint32_t stride;
+  size_t stride;
   uint32_t count;
 
   LeafView(const IndexedGeometry& scene, ChildRef ref) : count(ref.leaf_count()) {
@@ -36,13 +36,13 @@ struct LeafView {
                     kMaxLeafTriangles, fetched_);
     }
   }
-  LeafView(const float* rows, uint32_t stride, uint32_t count)
+  LeafView(const float* rows, size_t stride, uint32_t count)
       : rows(rows), stride(stride), count(count) {}
 
   const float* id_row() const { return rows + 9 * stride; }  // Their bits.
   uint32_t id(uint32_t lane) const { return std::bit_cast<uint32_t>(id_row()[lane]); }
   Vec3f corner(int corner, uint32_t lane) const {
-    const float* p = rows + 3 * corner * stride + lane;
+    const float* p = rows + static_cast<size_t>(3 * corner) * stride + lane;
     return {p[0], p[stride], p[2 * stride]};
   }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/scene/scene.h"
 
+#include <string>
 #include <vector>
 
 #include "core/accel/bvh_validation.h"
@@ -133,6 +134,35 @@ TEST_F(SceneTest, AKdTreeMayStandAlone) {
       **scene, 2, {{{.kind = Kind::kRemove, .object = {.name = "chair"}}}}, options, pool_);
   ASSERT_TRUE(edited.ok()) << edited.status();
   EXPECT_TRUE((*edited)->kd_tree_alone());
+}
+
+// Names and records of many small objects weigh as much as their triangles.
+TEST_F(SceneTest, EstimatesCountObjects) {
+  constexpr size_t kObjects = 3000;
+  std::vector<ObjectInput> objects(kObjects);
+  uint64_t name_bytes = 0;
+  for (size_t i = 0; i < kObjects; ++i) {
+    const double x = static_cast<double>(i);
+    objects[i].vertices = {{x, 0, 0}, {x + 1, 0, 0}, {x, 1, 0}};
+    objects[i].indices = {0, 1, 2};
+    objects[i].name = std::string(i % 60, 'o') + std::to_string(i);
+    name_bytes += objects[i].name.size();
+  }
+  for (const BvhPreset preset : {BvhPreset::kStatic, BvhPreset::kDynamic, BvhPreset::kCompact}) {
+    SceneBuildOptions options{.bvh = BvhPresetOptions(preset)};
+    options.binary_bvh.emplace();
+    const auto scene = BuildScene("many", 1, objects, std::nullopt, options, pool_);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_LE((*scene)->report.memory_bytes, EstimateSceneBytes(kObjects, 3 * kObjects, options) +
+                                                 EstimateObjectBytes(kObjects, name_bytes));
+  }
+  objects.resize(1);
+  SceneBuildOptions options;
+  options.binary_bvh.emplace();
+  const auto one = BuildScene("one", 1, objects, std::nullopt, options, pool_);
+  ASSERT_TRUE(one.ok()) << one.status();
+  EXPECT_LE((*one)->report.memory_bytes,
+            EstimateSceneBytes(1, 3, options) + EstimateObjectBytes(1, 1));
 }
 
 // Estimates are upper ones, whatever is built, and what is left out is not in them.

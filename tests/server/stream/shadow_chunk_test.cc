@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <bit>
+#include <exception>
+#include <limits>
 #include <numeric>
 #include <span>
 #include <thread>
@@ -97,6 +99,28 @@ TEST(ShadowChunkTest, EveryPointGetsItsOwnAnswers) {
       }
     }
   }
+}
+
+// A part that memory ran out for ends its item; others of it may still be under way.
+TEST(ShadowChunkTest, RunningOutOfMemoryLeavesTheRestWhole) {
+  testing_support::TestRng rng;
+  const Numbered points(100, &rng);
+  ShadowChunk chunk(100, 64);
+  ShadowResult result;
+  QueryStats stats;
+  const auto run = [&](size_t part, size_t samples) {
+    return chunk.RunPart(
+        part, points.range(), samples, kAll,
+        [&](std::span<const uint32_t> some, ShadowHints*, ShadowResult* out) {
+          return points.Compute(some, out);
+        },
+        &result, &stats);
+  };
+  // More than any vector may hold.
+  EXPECT_THROW(run(0, std::numeric_limits<size_t>::max() / 16).IgnoreError(), std::exception);
+  const absl::StatusOr<bool> last = run(1, kSamples);
+  ASSERT_TRUE(last.ok()) << last.status();
+  EXPECT_FALSE(*last);
 }
 
 // A part is a cell of space: together the parts are far smaller than what they were parted from.
