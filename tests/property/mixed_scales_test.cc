@@ -2,8 +2,8 @@
 //
 // Where one scene holds what is as small as floats go and what is as large as scenes may be: bounds
 // that are relative to one factor of a product then stand or fall by what underflows, or overflows,
-// in the others. Every strategy, brute force among them, has to say what the definition says of each
-// triangle by itself, without a float stage; and of first hits what brute force says.
+// in the others. Every strategy, brute force among them, has to say what the definition says of
+// each triangle by itself, without a float stage; and of first hits what brute force says.
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -135,8 +135,8 @@ TEST_F(RegistryTest, AFailedCreationLeavesNothing) {
 }
 
 TEST_F(RegistryTest, LimitsAreNamedWithTheirValue) {
-  SceneRegistry registry({.memory_budget_bytes = EstimateSceneBytes(1000, 1002), .max_scenes = 2},
-                         pool_);
+  const uint64_t room = EstimateSceneBytes(1000, 1002) + EstimateObjectBytes(1, /*name_bytes=*/16);
+  SceneRegistry registry({.memory_budget_bytes = room, .max_scenes = 2}, pool_);
   const std::string budget = std::to_string(registry.options().memory_budget_bytes);
   ExpectError(Create(registry, "large", 1001).status(), absl::StatusCode::kResourceExhausted,
               {"\"large\"", budget});

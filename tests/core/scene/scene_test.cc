@@ -167,8 +167,9 @@ TEST_F(SceneTest, EstimatesCountObjects) {
 
 // Estimates are upper ones, whatever is built, and what is left out is not in them.
 TEST_F(SceneTest, EstimatesCountWhatIsBuilt) {
-  const auto estimate = [](const SceneBuildOptions& options) {
-    return EstimateSceneBytes(350, 1050, options) + 150 * sizeof(Vec3d);
+  const auto estimate = [&](const SceneBuildOptions& options) {
+    return EstimateSceneBytes(350, 1050, options) + 150 * sizeof(Vec3d) +
+           EstimateObjectBytes(objects_.size(), /*name_bytes=*/10);
   };
   SceneBuildOptions options;
   const uint64_t bvh_alone = estimate(options);
