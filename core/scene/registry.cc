@@ -73,13 +73,17 @@ absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes, ui
                         absl::StrCat("the server holds ", entries_.size(), " scenes"),
                         "delete one");
     }
-    SL_RETURN_IF_ERROR(Reserve(name, bytes, &evicted));
-    Entry& entry = entries_[name];
-    entry.creation = ++creations_;
+    // All that may run out of memory comes before what it would leave half done.
+    std::map<std::string, Entry> fresh;
+    Entry& entry = fresh[name];
+    entry.creation = creations_ + 1;
     entry.tag = tag;
     entry.last_use = uses_;
     entry.building = true;
     status = StatusOf(name, entry);
+    SL_RETURN_IF_ERROR(Reserve(name, bytes, &evicted));
+    ++creations_;
+    entries_.merge(fresh);
   }
   NotifyEvicted(std::move(evicted));
   Notify(status);
@@ -109,11 +113,12 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::BeginNext(
                                                         ": look at the change and edit again"));
     }
     *reserved = size(*base);
+    std::string told = name;  // Before anything is changed: memory may run out.
     SL_RETURN_IF_ERROR(Reserve(name, *reserved, &evicted));
     entry.building = true;
     entry.progress = 0;
     entry.error = absl::OkStatus();
-    status = StatusOf(name, entry);
+    status = StatusOf(std::move(told), entry);
   }
   NotifyEvicted(std::move(evicted));
   Notify(status);
@@ -216,8 +221,10 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
     const uint64_t others = AliveBytes() + (reserved_bytes_ - reserved);
     std::erase_if(alive_, [](const Revision& revision) { return revision.scene.expired(); });
     std::vector<Revision>* const alive = &alive_;  // The lock is held, which a lambda cannot say.
-    room = Guarded("publishing", name, [alive] {
-      alive->reserve(alive->size() + 1);  // Before anything is changed: it may throw.
+    std::string told;
+    room = Guarded("publishing", name, [alive, &told, &name] {
+      alive->reserve(alive->size() + 1);  // Before anything is changed: both may throw.
+      told = name;
       return absl::OkStatus();
     });
     if (room.ok() && (bytes <= reserved || (bytes <= options_.max_bytes_per_scene &&
@@ -231,7 +238,7 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
       entry.kept = kept;
       entry.keep_error = absl::OkStatus();
       replaced = std::exchange(entry.latest, scene);
-      status = StatusOf(name, entry);
+      status = StatusOf(std::move(told), entry);
     }
   }
   if (!room.ok()) {
@@ -486,9 +493,9 @@ void SceneRegistry::NotifyEvicted(std::vector<Evicted> evicted) {
   }
 }
 
-SceneStatus SceneRegistry::StatusOf(const std::string& name, const Entry& entry) {
+SceneStatus SceneRegistry::StatusOf(std::string name, const Entry& entry) {
   SceneStatus status;
-  status.name = name;
+  status.name = std::move(name);
   status.tag = entry.tag;
   status.creation = entry.creation;
   status.state = entry.building ? SceneState::kBuilding : SceneState::kReady;

@@ -199,7 +199,7 @@ class SceneRegistry {
   void NotifyEvicted(std::vector<Evicted> evicted);
   void GiveBackLocked(uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint64_t AliveBytes() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  static SceneStatus StatusOf(const std::string& name, const Entry& entry);
+  static SceneStatus StatusOf(std::string name, const Entry& entry);
 
   const RegistryOptions options_;
   ThreadPool& pool_;
