@@ -81,6 +81,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
     return UsageError(absl::StrCat("wants -o FILE", kSceneFileEnding, "; got '", out, "'"));
   }
   const std::string& name = words[0];
+  SL_RETURN_IF_ERROR(build.Check(flags, name));
   if (KindOf(name) != SceneKind::kServer) SL_RETURN_IF_ERROR(CheckSceneFileWritable(out));
 
   const absl::Time start = absl::Now();
