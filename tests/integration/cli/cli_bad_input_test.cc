@@ -76,6 +76,23 @@ TEST_F(CliTest, CommandLinesThatMakeNoSense) {
   Bad(kExitUsage, {"segments", obj, "--out", out}, {"--segments"});
 }
 
+// Of files, built-in scenes and whatever asks for a direction upward.
+TEST_F(CliTest, AnUpWithoutADirectionIsAMistakeOfTheCommandLine) {
+  const std::string obj = Write("small.obj", kSmallObj), out = File("lit.npy");
+  const std::string points = WriteDoubles("points.npy", {1, 2, 3}, 3);
+  for (const std::string& scene : {obj, std::string("builtin:box")}) {
+    for (const std::vector<std::string>& query : std::vector<std::vector<std::string>>{
+             {"view", scene, "--stats"},
+             {"relight", scene, "--by", "1,0,0"},
+             {"shade", scene, "--points", points, "--sky", "145", "--out", out}}) {
+      std::vector<std::string> args = query;
+      args.insert(args.end(), {"--up", "0,-0,0"});
+      Bad(kExitUsage, args,
+          {"--up = (0, -0, 0) has no direction; give a finite vector that is not zero"});
+    }
+  }
+}
+
 // What is built for one query comes to whoever builds it, which refuses what is out of range.
 TEST_F(CliTest, FlagsOfWhatIsBuiltReachTheBuilderFromEveryQuery) {
   const std::string obj = Write("small.obj", kSmallObj), out = File("out.npy");
