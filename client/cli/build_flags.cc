@@ -27,6 +27,22 @@ absl::Status NoneGiven(const FlagSet& flags, const absl::string_view (&names)[kC
   return absl::OkStatus();
 }
 
+// Of a scene that is built already: all that commands of either kind register.
+absl::Status NoneGivenOfBuild(const FlagSet& flags, absl::string_view why) {
+  SL_RETURN_IF_ERROR(NoneGiven(flags, {"build"}, why));
+  SL_RETURN_IF_ERROR(NoneGiven(flags, kOfKdTree, why));
+  return NoneGiven(flags, kOfBinaryBvh, why);
+}
+
+bool IsBuilt(const std::string& argument) {
+  const SceneKind kind = KindOf(argument);
+  return kind == SceneKind::kServer || kind == SceneKind::kNative;
+}
+
+std::string WhyBuilt(const std::string& argument) {
+  return absl::StrCat("'", argument, "' is built already");
+}
+
 }  // namespace
 
 void BuildFlags::Register(FlagSet* flags) {
@@ -101,6 +117,26 @@ void BuildFlags::RegisterBinaryBvh(FlagSet* flags) {
                 &binary_ignore_cost_);
 }
 
+absl::Status BuildFlags::Check(const FlagSet& flags, const std::string& argument) const {
+  if (IsBuilt(argument)) {
+    const std::string why = WhyBuilt(argument);
+    SL_RETURN_IF_ERROR(NoneGiven(flags, {"structure", "binary-bvh"}, why));
+    return NoneGivenOfBuild(flags, why);
+  }
+  if (without_bvh()) {
+    SL_RETURN_IF_ERROR(
+        NoneGiven(flags, {"build"}, "no BVH is built with --structure kd-tree, but with both"));
+  }
+  if (!with_kd_tree()) {
+    SL_RETURN_IF_ERROR(
+        NoneGiven(flags, kOfKdTree, "a kd-tree is built with --structure kd-tree or both"));
+  }
+  if (!binary_bvh_) {
+    SL_RETURN_IF_ERROR(NoneGiven(flags, kOfBinaryBvh, "a binary BVH is built with --binary-bvh"));
+  }
+  return absl::OkStatus();
+}
+
 SceneBuild BuildFlags::ForServer() const {
   SceneBuild build;
   build.preset = PresetForServer();
@@ -112,13 +148,7 @@ SceneBuild BuildFlags::ForServer() const {
 
 absl::StatusOr<SceneBuild> BuildFlags::ForQuery(const FlagSet& flags, const std::string& argument,
                                                 Trees trees) const {
-  const SceneKind kind = KindOf(argument);
-  if (kind == SceneKind::kServer || kind == SceneKind::kNative) {
-    const std::string why = absl::StrCat("'", argument, "' is built already");
-    SL_RETURN_IF_ERROR(NoneGiven(flags, {"build"}, why));
-    SL_RETURN_IF_ERROR(NoneGiven(flags, kOfKdTree, why));
-    SL_RETURN_IF_ERROR(NoneGiven(flags, kOfBinaryBvh, why));
-  }
+  if (IsBuilt(argument)) SL_RETURN_IF_ERROR(NoneGivenOfBuild(flags, WhyBuilt(argument)));
   if (!trees.kd_tree) {
     SL_RETURN_IF_ERROR(NoneGiven(flags, kOfKdTree,
                                  "a kd-tree is walked with --structure KD_TREE or --strategy RTT"));

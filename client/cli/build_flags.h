@@ -10,6 +10,7 @@
 //   BuildFlags build;
 //   build.Register(&flags);
 //   ... parse ...
+//   SL_RETURN_IF_ERROR(build.Check(flags, argument));
 //   LoadScene(session, argument, name, build.ForServer(), ...);
 //   BuildScene(name, 1, objects, origin, build.ForLibrary(), pool);
 // or, after RegisterForQuery,
@@ -20,6 +21,7 @@
 #include <cstdint>
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/cli/flags.h"
 #include "client/cli/scene_argument.h"
@@ -35,6 +37,9 @@ class BuildFlags {
   void RegisterForQuery(FlagSet* flags);
 
   const std::string& preset() const { return preset_; }
+  // After Register. A usage error names a flag that would change nothing: of what is not built of
+  // `argument`, or of a scene that is built already.
+  absl::Status Check(const FlagSet& flags, const std::string& argument) const;
   SceneBuild ForServer() const;
   SceneBuildOptions ForLibrary() const;
   // The trees that one query of `argument` walks beside the BVH, or in its place. A usage error

@@ -9,8 +9,9 @@
 //   CameraFlags camera;
 //   camera.Register(&flags);
 //   ... parse ...
-//   SL_ASSIGN_OR_RETURN(ViewChoice view, ChooseView(session, scene, name, camera,
-//   camera.aspect())); SL_ASSIGN_OR_RETURN(client::Camera eye, camera.CameraOf(view));
+//   SL_ASSIGN_OR_RETURN(ViewChoice view,
+//                       ChooseView(session, scene, name, camera, camera.aspect()));
+//   SL_ASSIGN_OR_RETURN(client::Camera eye, camera.CameraOf(view));
 #ifndef SIGHTLINE_CLIENT_CLI_CAMERA_FLAGS_H_
 #define SIGHTLINE_CLIENT_CLI_CAMERA_FLAGS_H_
 

@@ -97,6 +97,20 @@ std::string SceneName(const std::string& argument) {
   return absl::StartsWith(argument, kServerPrefix) ? argument : kServerPrefix + argument;
 }
 
+void WarnOfLosses(const std::string& name, const ImportReport& report, std::ostream& err) {
+  const auto warn = [&](absl::string_view what) {
+    err << "warning: '" << name << "': " << what << '\n';
+  };
+  const auto warn_of = [&](uint64_t count, absl::string_view what) {
+    if (count > 0) warn(absl::StrCat(count, " ", what, " (see sightline check)"));
+  };
+  for (const std::string& warning : report.warnings) warn(warning);
+  warn_of(report.faces_bad_index + report.faces_too_few_corners,
+          "faces with bad indices or too few corners were left out");
+  warn_of(report.non_finite_triangles, "triangles with corners that are not finite are never hit");
+  warn_of(report.skipped_primitives, "points and lines were skipped");
+}
+
 absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::string& argument,
                                         const std::string& scene_id, const SceneBuild& build,
                                         bool temporary, std::ostream& err,
@@ -128,14 +142,7 @@ absl::StatusOr<client::Scene> LoadScene(const Session& session, const std::strin
     case SceneKind::kFile: {
       const CancelledWork work(session.call().cancellation);
       SL_ASSIGN_OR_RETURN(file, ImportFile(argument, {.cancel = work.token()}));
-      for (const std::string& warning : file.report.warnings) {
-        err << "warning: '" << argument << "': " << warning << '\n';
-      }
-      const uint64_t dropped = file.report.faces_bad_index + file.report.faces_too_few_corners;
-      if (dropped > 0) {
-        err << "warning: '" << argument << "': " << dropped
-            << " faces with bad indices or too few corners were left out (see sightline check)\n";
-      }
+      WarnOfLosses(argument, file.report, err);
       for (const ObjectInput& object : file.objects) source.objects.push_back(ToUpload(object));
       break;
     }

@@ -69,7 +69,11 @@ class OpenedScene {
   std::string format_;
 };
 
-// What a file lost on the way is said on `err`, one line each. `build` is for scenes that the
+// Says on `err` what was lost of the file `name` on the way, one line each: its reader's warnings,
+// faces that were left out, triangles that are not finite, points and lines.
+void WarnOfLosses(const std::string& name, const ImportReport& report, std::ostream& err);
+
+// What a file lost on the way is said on `err`, by WarnOfLosses. `build` is for scenes that the
 // server does not hold yet.
 absl::StatusOr<std::unique_ptr<OpenedScene>> OpenScene(const Session& session,
                                                        const std::string& argument,

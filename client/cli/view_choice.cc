@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/exit_code.h"
 #include "core/base/status_macros.h"
 
 namespace sightline::cli {
@@ -231,8 +232,17 @@ Vec3d GuessUp(const Box3d& bounds, const std::string& format) {
   return flat || format.substr(0, 3) == "stl" ? Vec3d{0, 0, 1} : Vec3d{0, 1, 0};
 }
 
-Vec3d SceneUp(const OpenedScene& scene, const std::optional<Vec3d>& flag) {
-  if (flag) return *flag;
+absl::StatusOr<Vec3d> SceneUp(const OpenedScene& scene, const std::optional<Vec3d>& flag) {
+  if (flag) {
+    const double size = MaxAbs(*flag);
+    if (!(size > 0) || !std::isfinite(size)) {
+      return UsageError(absl::StrCat("--up = (", flag->x, ", ", flag->y, ", ", flag->z,
+                                     ") has no direction; give a finite vector that is not zero"));
+    }
+    // No square of it over- or underflows then; a power of two, so that no answer depends on it.
+    const int e = -std::ilogb(size);
+    return Vec3d{std::ldexp(flag->x, e), std::ldexp(flag->y, e), std::ldexp(flag->z, e)};
+  }
   if (scene.builtin_view()) return scene.builtin_view()->up;
   const auto& bounds = scene.scene().bounds;
   return GuessUp(bounds ? Box3d{ToVec((*bounds)[0]), ToVec((*bounds)[1])} : Box3d{},
@@ -281,19 +291,18 @@ absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene&
   }
   const Box3d bounds{ToVec((*scene.scene().bounds)[0]), ToVec((*scene.scene().bounds)[1])};
   const double diagonal = Length(bounds.Extent());
+  SL_ASSIGN_OR_RETURN(const Vec3d up, SceneUp(scene, flags.up));
   ViewChoice view;
   if (scene.builtin_view()) {
     const BuiltinView& own = *scene.builtin_view();
-    view = {own.eye, own.at, own.up, own.fov_y_degrees, own.lights, "built-in"};
+    view = {own.eye, own.at, up, own.fov_y_degrees, own.lights, "built-in"};
     if (flags.eye) view.eye = *flags.eye;
     if (flags.at) view.at = *flags.at;
-    if (flags.up) view.up = *flags.up;
     if (flags.fov_y_degrees) view.fov_y_degrees = *flags.fov_y_degrees;
     if (flags.eye || flags.at) view.how = "given";
     return view;
   }
-  view.up = SceneUp(scene, flags.up);
-  if (!(Length(view.up) > 0)) return absl::InvalidArgumentError("--up is the zero vector");
+  view.up = up;
   const Frame frame(view.up);
   // A sight line of this length that starts within the bounds leaves them.
   const double reach = 1.1 * diagonal;

@@ -45,15 +45,17 @@ struct ViewChoice {
 // z or y, as said above. `format` as ImportReport has it; may be empty.
 Vec3d GuessUp(const Box3d& bounds, const std::string& format);
 
-// `flag` if it was given, a built-in scene's own, else by the rule above.
-Vec3d SceneUp(const OpenedScene& scene, const std::optional<Vec3d>& flag);
+// `flag` if it was given, a built-in scene's own, else by the rule above. A flag is scaled by a
+// power of two, so that its largest component is from 1 to 2. A usage error of one without a
+// direction.
+absl::StatusOr<Vec3d> SceneUp(const OpenedScene& scene, const std::optional<Vec3d>& flag);
 
 // The nearest eye along `toward_eye` from which the whole box is within the field of view, with a
 // margin.
 Vec3d FitBox(const Box3d& bounds, Vec3d toward_eye, Vec3d up, double fov_y_degrees, double aspect);
 
-// `aspect`: width / height. INVALID_ARGUMENT for a scene without anything to see; errors of
-// queries.
+// `aspect`: width / height. INVALID_ARGUMENT for a scene without anything to see; errors of SceneUp
+// and of queries.
 absl::StatusOr<ViewChoice> ChooseView(const Session& session, const OpenedScene& scene,
                                       const std::string& name, const ViewFlags& flags,
                                       double aspect);

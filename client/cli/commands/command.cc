@@ -121,6 +121,25 @@ absl::Status ParseMask(const std::string& text, uint32_t* mask) {
 
 }  // namespace
 
+Json ImportJson(const ImportReport& r) {
+  Json json;
+  json["format"] = r.format;
+  json["polygons"] = r.polygons;
+  json["polygons_fanned"] = r.polygons_fanned;
+  json["triangles"] = r.triangles;
+  json["skipped_primitives"] = r.skipped_primitives;
+  json["faces_too_few_corners"] = r.faces_too_few_corners;
+  json["faces_bad_index"] = r.faces_bad_index;
+  json["non_finite_vertices"] = r.non_finite_vertices;
+  json["non_finite_triangles"] = r.non_finite_triangles;
+  json["degenerate_triangles"] = r.degenerate_triangles;
+  json["zero_area_triangles"] = r.zero_area_triangles;
+  json["duplicate_triangles"] = r.duplicate_triangles;
+  json["float_precision_loss"] = r.float_precision_loss;
+  json["warnings"] = r.warnings;
+  return json;
+}
+
 const char* StateName(client::SceneState state) {
   switch (state) {
     case client::SceneState::kBuilding:

@@ -23,6 +23,7 @@
 #include "client/cli/interruption.h"
 #include "client/cli/light_flags.h"
 #include "client/cli/progress.h"
+#include "client/import/import_types.h"
 #include "client/lib/types.h"
 
 namespace sightline::cli {
@@ -102,6 +103,9 @@ absl::Status CheckAnswers(uint64_t lights, uint64_t places, absl::string_view wh
 // What --sun-at found: an array of objects; rows for PrintTable.
 Json SunsJson(const LightFlags& lights);
 void AddSunRows(const LightFlags& lights, std::vector<std::pair<std::string, std::string>>* rows);
+
+// What became of a file on the way in, every count of it.
+Json ImportJson(const ImportReport& report);
 
 // "ready", "unloaded" and so on.
 const char* StateName(client::SceneState state);

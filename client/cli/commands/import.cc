@@ -23,7 +23,7 @@
 namespace sightline::cli {
 namespace {
 
-absl::StatusOr<std::vector<ObjectInput>> ReadObjects(const std::string& name, Context& context) {
+absl::StatusOr<ImportedScene> ReadScene(const std::string& name, Context& context) {
   switch (KindOf(name)) {
     case SceneKind::kServer:
       return UsageError(absl::StrCat("'", name,
@@ -38,17 +38,17 @@ absl::StatusOr<std::vector<ObjectInput>> ReadObjects(const std::string& name, Co
       absl::StatusOr<BuiltinScene> scene = MakeBuiltin(*spec, context.interruption.work());
       if (absl::IsInvalidArgument(scene.status())) return UsageError(scene.status().message());
       SL_RETURN_IF_ERROR(scene.status());
-      return std::move(scene->objects);
+      ImportedScene made{.objects = std::move(scene->objects)};
+      made.report.format = "builtin";
+      return made;
     }
     case SceneKind::kFile:
       break;
   }
   SL_ASSIGN_OR_RETURN(ImportedScene imported,
                       ImportFile(name, {.cancel = context.interruption.work()}));
-  for (const std::string& warning : imported.report.warnings) {
-    context.err << "warning: '" << name << "': " << warning << '\n';
-  }
-  return std::move(imported.objects);
+  WarnOfLosses(name, imported.report, context.err);
+  return imported;
 }
 
 }  // namespace
@@ -81,10 +81,11 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
     return UsageError(absl::StrCat("wants -o FILE", kSceneFileEnding, "; got '", out, "'"));
   }
   const std::string& name = words[0];
+  SL_RETURN_IF_ERROR(build.Check(flags, name));
   if (KindOf(name) != SceneKind::kServer) SL_RETURN_IF_ERROR(CheckSceneFileWritable(out));
 
   const absl::Time start = absl::Now();
-  SL_ASSIGN_OR_RETURN(const std::vector<ObjectInput> objects, ReadObjects(name, context));
+  SL_ASSIGN_OR_RETURN(const ImportedScene imported, ReadScene(name, context));
   const absl::Time read = absl::Now();
   ThreadPool pool(static_cast<int>(threads));
   const SceneBuildOptions options = build.ForLibrary();
@@ -93,8 +94,8 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
   {
     Progress progress(context.err, context.err_is_terminal, "building", "parts", kParts);
     Mutex mutex;
-    scene = BuildScene(std::filesystem::path(out).stem().string(), /*revision=*/1, objects, origin,
-                       options, pool, context.interruption.work(), [&](double share) {
+    scene = BuildScene(std::filesystem::path(out).stem().string(), /*revision=*/1, imported.objects,
+                       origin, options, pool, context.interruption.work(), [&](double share) {
                          MutexLock lock(mutex);
                          progress.Update(static_cast<uint64_t>(share * kParts));
                        });
@@ -126,6 +127,7 @@ absl::Status ImportCommand(std::span<const std::string> args, Context& context) 
     json["never_hit_triangles"] = report.inert_triangles;
     json["duplicate_triangles"] = report.duplicate_triangles;
     json["max_rounding"] = report.largest_rounding;
+    json["import_report"] = ImportJson(imported.report);
     json["build"] = build.preset();
     json["read_seconds"] = absl::ToDoubleSeconds(read - start);
     json["build_seconds"] = absl::ToDoubleSeconds(built - read);

@@ -30,12 +30,12 @@ absl::Status SceneLoadCommand(std::span<const std::string> args, Context& contex
   SL_ASSIGN_OR_RETURN(bool go, command.Begin(args, {"SCENE"}, context, SceneHelp()));
   if (!go) return absl::OkStatus();
   if (name.substr(0, 7) == "scenes/") name = name.substr(7);
+  SL_RETURN_IF_ERROR(build.Check(command.flags(), command.word(0)));
   client::Scene scene;
   if (KindOf(command.word(0)) == SceneKind::kServer) {
-    if (!name.empty() || command.flags().given("build") || command.flags().given("structure") ||
-        command.flags().given("binary-bvh")) {
-      return UsageError(absl::StrCat("'", command.word(0), "' has a name and a build of its own: ",
-                                     "give none of --name, --build, --structure and --binary-bvh"));
+    if (!name.empty()) {
+      return UsageError(
+          absl::StrCat("'", command.word(0), "' has a name of its own; leave out --name"));
     }
     SL_ASSIGN_OR_RETURN(scene, command.client().LoadScene(command.word(0), command.call()));
   } else {

@@ -134,8 +134,8 @@ absl::Status ShadeCommand(std::span<const std::string> args, Context& context) {
                       Session::Open(a.session, context.interruption.calls()));
   SL_ASSIGN_OR_RETURN(std::unique_ptr<OpenedScene> scene,
                       OpenScene(*session, words[0], context.err, build));
-  SL_ASSIGN_OR_RETURN(const std::vector<client::Light> named,
-                      a.light.Lights(SceneUp(*scene, a.up)));
+  SL_ASSIGN_OR_RETURN(const Vec3d up, SceneUp(*scene, a.up));
+  SL_ASSIGN_OR_RETURN(const std::vector<client::Light> named, a.light.Lights(up));
   lights.insert(lights.end(), named.begin(), named.end());
   const size_t n = points.size() / 3;
   SL_RETURN_IF_ERROR(CheckAnswers(lights.size(), n, "points",

@@ -72,11 +72,6 @@ class FileDescriptor {
   int fd_;
 };
 
-bool ExistsButIsNoRegularFile(const std::string& path) {
-  struct stat info;
-  return ::stat(path.c_str(), &info) == 0 && !S_ISREG(info.st_mode);
-}
-
 // Where a write to `path` ends up: links are followed, so that they stay links.
 std::string Resolve(const std::string& path) {
   std::error_code error;
@@ -119,7 +114,9 @@ absl::Status WriteFile(const std::string& path, absl::string_view bytes) {
 }
 
 absl::Status WriteFile(const std::string& path, std::span<const absl::string_view> parts) {
-  if (ExistsButIsNoRegularFile(path)) {
+  struct stat old;
+  const bool exists = ::stat(path.c_str(), &old) == 0;
+  if (exists && !S_ISREG(old.st_mode)) {
     FileDescriptor file(::open(path.c_str(), O_WRONLY | O_CLOEXEC));
     if (file.get() < 0) return Failed(errno, "cannot write", path);
     return WriteParts(file.get(), parts, path);
@@ -127,9 +124,13 @@ absl::Status WriteFile(const std::string& path, std::span<const absl::string_vie
   static std::atomic<int> counter{0};
   const std::string target = Resolve(path);
   const std::string temporary = absl::StrCat(target, ".", ::getpid(), ".", ++counter, ".tmp");
-  FileDescriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+  const mode_t mode = exists ? old.st_mode & 0777 : 0666;
+  FileDescriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode));
   if (file.get() < 0) return Failed(errno, "cannot write", path);
-  absl::Status status = WriteParts(file.get(), parts, path);
+  absl::Status status;
+  // What the umask took of an old file's permissions; a new file's are those that it leaves.
+  if (exists && ::fchmod(file.get(), mode) != 0) status = Failed(errno, "cannot write", path);
+  if (status.ok()) status = WriteParts(file.get(), parts, path);
   if (!file.Close() && status.ok()) status = Failed(errno, "cannot write", path);
   if (status.ok() && ::rename(temporary.c_str(), target.c_str()) != 0) {
     status = Failed(errno, "cannot write", path);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Whole files in and out. What is written appears at its path complete or not at all: the bytes go
-// to a temporary file beside the target, which is then renamed. A target that exists and is no
+// to a temporary file beside the target, which is then renamed. A target that exists keeps its
+// permissions, though not its owner; the temporary file has them from the start. One that is no
 // regular file (/dev/null, a pipe) is written to as it is. Nothing is synced: a file is there when
 // its command has ended, not when the power failed right after. What must outlive that is a scene's
 // file, written by core/base/file_replacement.h.

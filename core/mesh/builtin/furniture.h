@@ -26,8 +26,8 @@ void AddTable(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& plac
 // A vase `height` high, shaped by `rng`, hollow from above.
 void AddVase(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, double height,
              Prng& rng);
-// A row of standing books along x, filling `width`, none higher than `height` or deeper than
-// `depth`.
+// A row of standing books along x that fills the width of `space`, none deeper or higher than that:
+// width, depth and height.
 void AddBooks(SceneBuilder& scene, MeshBuilder& mesh, const ShapePlacement& place, Vec3d space,
               Prng& rng);
 // Shelves: a case of the given width, depth and height with `boards` compartments, backed toward

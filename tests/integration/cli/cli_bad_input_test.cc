@@ -76,6 +76,23 @@ TEST_F(CliTest, CommandLinesThatMakeNoSense) {
   Bad(kExitUsage, {"segments", obj, "--out", out}, {"--segments"});
 }
 
+// Of files, built-in scenes and whatever asks for a direction upward.
+TEST_F(CliTest, AnUpWithoutADirectionIsAMistakeOfTheCommandLine) {
+  const std::string obj = Write("small.obj", kSmallObj), out = File("lit.npy");
+  const std::string points = WriteDoubles("points.npy", {1, 2, 3}, 3);
+  for (const std::string& scene : {obj, std::string("builtin:box")}) {
+    for (const std::vector<std::string>& query : std::vector<std::vector<std::string>>{
+             {"view", scene, "--stats"},
+             {"relight", scene, "--by", "1,0,0"},
+             {"shade", scene, "--points", points, "--sky", "145", "--out", out}}) {
+      std::vector<std::string> args = query;
+      args.insert(args.end(), {"--up", "0,-0,0"});
+      Bad(kExitUsage, args,
+          {"--up = (0, -0, 0) has no direction; give a finite vector that is not zero"});
+    }
+  }
+}
+
 // What is built for one query comes to whoever builds it, which refuses what is out of range.
 TEST_F(CliTest, FlagsOfWhatIsBuiltReachTheBuilderFromEveryQuery) {
   const std::string obj = Write("small.obj", kSmallObj), out = File("out.npy");
@@ -101,6 +118,41 @@ TEST_F(CliTest, FlagsOfWhatIsBuiltReachTheBuilderFromEveryQuery) {
     std::vector<std::string> held = with({"--build", "dynamic"});
     held[1] = "scenes/x";
     Bad(kExitUsage, held, {"'scenes/x' is built already"});
+  }
+}
+
+// Of what is built to be kept, too, a flag that changes nothing is refused before a file is read.
+TEST_F(CliTest, FlagsOfWhatIsNotBuiltAreRefusedByImportAndLoad) {
+  const std::string obj = File("none.obj");
+  for (const std::vector<std::string>& command :
+       std::vector<std::vector<std::string>>{{"import", obj, "-o", File("none.slscene")},
+                                             {"scene", "load", obj, "--server=127.0.0.1:1"}}) {
+    const auto with = [&](std::vector<std::string> flags) {
+      flags.insert(flags.begin(), command.begin(), command.end());
+      return flags;
+    };
+    Bad(kExitUsage, with({"--kd-cost", "999"}),
+        {"--kd-cost changes nothing: a kd-tree is built with --structure kd-tree or both"});
+    Bad(kExitUsage, with({"--kd-lay-out-leaves", "--binary-bvh", "--structure", "bvh"}),
+        {"--kd-lay-out-leaves changes nothing"});
+    Bad(kExitUsage, with({"--binary-bins", "4", "--structure", "both"}),
+        {"--binary-bins changes nothing: a binary BVH is built with --binary-bvh"});
+    Bad(kExitUsage, with({"--build", "compact", "--structure", "kd-tree"}),
+        {"--build changes nothing: no BVH is built with --structure kd-tree"});
+    // What is built is looked for.
+    Bad(kExitNoInput,
+        with({"--structure", "kd-tree", "--kd-cost", "2", "--binary-bvh", "--binary-bins", "4"}),
+        {"none.obj"});
+  }
+  for (const std::vector<std::string>& flag :
+       std::vector<std::vector<std::string>>{{"--build", "static"},
+                                             {"--structure", "bvh"},
+                                             {"--kd-depth", "9"},
+                                             {"--binary-bvh"},
+                                             {"--binary-cost", "1"}}) {
+    std::vector<std::string> args = {"scene", "load", "scenes/x", "--server=127.0.0.1:1"};
+    args.insert(args.end(), flag.begin(), flag.end());
+    Bad(kExitUsage, args, {flag[0] + " changes nothing: 'scenes/x' is built already"});
   }
 }
 

@@ -516,5 +516,27 @@ TEST_F(CliTest, RelightToleratesWhatAPublishedTestLeavesOpen) {
   }
 }
 
+// Lengths whose squares are no doubles, or zero; none changes a bit of what is seen.
+TEST_F(CliTest, UpMayHaveAnyLength) {
+  const std::string obj = Write("small.obj", kSmallObj);
+  const std::string points = WriteDoubles("points.npy", {1, 1, 1, 8, 1, 1, 6, 5, 2}, 3);
+  const auto seen = [&](const std::string& scene, const std::string& up) {
+    Good({"view", scene, "--size", "37x29", "--auto-lights", "2", "--ids", File("ids.npy"),
+          "--depth", File("depth.npy"), "--lit", File("view.npy"), "--up", up});
+    Good(
+        {"shade", scene, "--points", points, "--sky", "145", "--out", File("lit.npy"), "--up", up});
+    std::string all;
+    for (const char* file : {"ids.npy", "depth.npy", "view.npy", "lit.npy"})
+      all += Read(File(file));
+    return all;
+  };
+  for (const std::string& scene : {obj, std::string("builtin:box")}) {
+    const std::string unit = seen(scene, "0,0,1");
+    EXPECT_TRUE(seen(scene, "0,0,1e-200") == unit) << scene;
+    EXPECT_TRUE(seen(scene, "0,0,1e200") == unit) << scene;
+    EXPECT_TRUE(seen(scene, "0.25,0.5,0.75") == seen(scene, "1,2,3")) << scene;
+  }
+}
+
 }  // namespace
 }  // namespace sightline::cli

@@ -223,6 +223,40 @@ TEST_F(CliTest, CheckTellsWhatAFileHolds) {
   EXPECT_THAT(Good({"check", "builtin:box"}).out, HasSubstr("builtin"));
 }
 
+// Whatever reads a file for its triangles says what it lost, in the same words.
+TEST_F(CliTest, WhatAFileLostIsSaid) {
+  const std::string obj = Write("lossy.obj", std::string(kSmallObj) +
+                                                 "o odd\nv nan 0 0\nf 1 2 21\n"
+                                                 "f 1 2 99\nf 1 2\nl 1 2\nl 2 3\nl 3 4\n");
+  const std::string said = absl::StrCat("warning: '", obj, "': ");
+  const std::string losses = absl::StrCat(
+      said, "2 faces with bad indices or too few corners were left out (see sightline check)\n",
+      said, "1 triangles with corners that are not finite are never hit (see sightline check)\n",
+      said, "3 points and lines were skipped (see sightline check)\n");
+  const std::string native = File("lossy.slscene");
+  const std::string segments = WriteDoubles("segments.npy", {1, 1, 1, 8, 1, 1}, 6);
+  EXPECT_EQ(Good({"import", obj, "-o", native}).err, losses);
+  EXPECT_EQ(Good({"segments", obj, "--segments", segments, "--out", File("hit.npy")}).err, losses);
+  const std::unique_ptr<Server> server = StartServer();
+  ASSERT_NE(server, nullptr);
+  EXPECT_EQ(Good({"scene", "load", obj, ServerFlag(*server)}).err, losses);
+
+  // To machines import says what check does.
+  const auto report = [&](std::vector<std::string> args) {
+    args.emplace_back("--output=json");
+    return nlohmann::json::parse(Good(args).out)["import_report"];
+  };
+  const nlohmann::json imported = report({"import", obj, "-o", native});
+  EXPECT_EQ(imported["faces_too_few_corners"], 1);
+  EXPECT_EQ(imported["faces_bad_index"], 1);
+  EXPECT_EQ(imported["non_finite_triangles"], 1);
+  EXPECT_EQ(imported["skipped_primitives"], 3);
+  EXPECT_EQ(imported, report({"check", obj}));
+  EXPECT_EQ(report({"import", "builtin:box", "-o", native}), report({"check", "builtin:box"}));
+  // A file that lost nothing is not spoken of.
+  EXPECT_EQ(Good({"import", Write("small.obj", kSmallObj), "-o", native}).err, "");
+}
+
 TEST_F(CliTest, HelpListsCommandsAndFlags) {
   const std::string help = Good({"help"}).out;
   for (const std::string command :

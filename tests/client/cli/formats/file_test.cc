@@ -45,6 +45,31 @@ TEST(FileTest, LinksStayLinks) {
   EXPECT_EQ(ReadFile(dir.File("target")).value(), "new");
 }
 
+// Neither more than its owner gave nor less, whatever the umask.
+TEST(FileTest, WhatIsReplacedKeepsItsPermissions) {
+  TempDir dir;
+  const auto mode = [&](const std::string& name) {
+    struct stat info;
+    EXPECT_EQ(::stat(dir.File(name).c_str(), &info), 0);
+    return info.st_mode & 07777;
+  };
+  const mode_t before = ::umask(022);
+  for (const mode_t given : {0600u, 0640u, 0644u, 0666u, 0755u}) {
+    ASSERT_TRUE(WriteFile(dir.File("a"), "old").ok());
+    ASSERT_EQ(::chmod(dir.File("a").c_str(), given), 0);
+    ASSERT_TRUE(WriteFile(dir.File("a"), "new").ok());
+    EXPECT_EQ(ReadFile(dir.File("a")).value(), "new");
+    EXPECT_EQ(mode("a"), given);
+  }
+  ASSERT_EQ(::chmod(dir.File("a").c_str(), 0600), 0);
+  ASSERT_EQ(::symlink("a", dir.File("link").c_str()), 0);
+  ASSERT_TRUE(WriteFile(dir.File("link"), "newer").ok());
+  EXPECT_EQ(mode("a"), 0600u);
+  ASSERT_TRUE(WriteFile(dir.File("b"), "first").ok());
+  EXPECT_EQ(mode("b"), 0644u);
+  ::umask(before);
+}
+
 TEST(FileTest, DevicesAreWrittenToNotReplaced) {
   ASSERT_TRUE(CheckWritable("/dev/null").ok());
   ASSERT_TRUE(WriteFile("/dev/null", "bytes").ok());
