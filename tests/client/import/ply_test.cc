@@ -85,6 +85,19 @@ TEST(PlyTest, ReadsTriangleStrips) {
   EXPECT_THAT(scene.objects[0].indices, ElementsAre(0, 1, 2, 2, 1, 3, 1, 2, 3));
 }
 
+TEST(PlyTest, DropsTheTrianglesOfAStripThatNameABadIndex) {
+  for (const char* bad : {"-7", "2.5", "x", "nan", "4", "-1.5", "4294967296"}) {
+    const ImportedScene scene = MustImport(
+        Header("ascii", std::string(kVertices) +
+                            "element tristrips 1\nproperty list int int vertex_indices\n") +
+            "0 0 0\n1 0 0\n0 1 0\n1 1 0\n11 0 1 2 " + bad + " 1 2 3 -1 1 2 3\n",
+        MeshFormat::kPly);
+    // Three triangles go; the strip's turns are still those of its places.
+    EXPECT_THAT(scene.objects[0].indices, ElementsAre(0, 1, 2, 1, 2, 3, 1, 2, 3)) << bad;
+    EXPECT_EQ(scene.report.faces_bad_index, 3u) << bad;
+  }
+}
+
 TEST(PlyTest, CountsBadFacesAndNonFiniteVertices) {
   const ImportedScene scene = MustImport(
       Header("ascii",
