@@ -92,7 +92,8 @@ class AsciiReader {
       const std::string_view keyword = TakeToken(&line);
       if (!keyword.empty()) SL_RETURN_IF_ERROR(Statement(keyword, line));
     }
-    if (in_facet_) return absl::DataLossError("ends inside a facet");
+    // Vertices may come without the facet around them.
+    if (in_facet_ || !corners_.empty()) return absl::DataLossError("ends inside a facet");
     if (in_solid_) scene_.report.warnings.emplace_back("the last solid has no endsolid");
     solid_.Finish(name_, &scene_);
     if (not_understood_ > 0) {
