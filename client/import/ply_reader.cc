@@ -168,6 +168,9 @@ absl::StatusOr<ImportedScene> PlyFileReader::Read() {
     }
     if (!body_.ok()) return body_.error();
   }
+  if (const uint64_t unread = body_.Unread(); unread > 0) {
+    report.warnings.push_back(absl::StrCat(unread, " bytes after the last element were not read"));
+  }
   for (const Vec3d& v : object_.vertices) report.non_finite_vertices += !IsFinite(v);
   if (!object_.indices.empty()) scene_.objects.push_back(std::move(object_));
   return std::move(scene_);

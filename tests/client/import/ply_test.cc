@@ -144,6 +144,22 @@ TEST(PlyTest, RefusesWhatIsTruncated) {
                       kDataLoss, "end_header");
 }
 
+TEST(PlyTest, WarnsOfWhatComesAfterTheLastElement) {
+  const std::string text = Header("ascii", std::string(kVertices) + kFaces) +
+                           "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3";
+  EXPECT_THAT(MustImport(text + " \r\n\n", MeshFormat::kPly).report.warnings, ElementsAre());
+  EXPECT_THAT(MustImport(text + "\n\n3 1 2 3\n", MeshFormat::kPly).report.warnings,
+              ElementsAre("8 bytes after the last element were not read"));
+  const std::string binary =
+      Header("binary_little_endian",
+             "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+             "element face 1\nproperty list uchar uchar vertex_indices\n") +
+      Bytes(0.f, 0.f, 0.f, 1.f, 0.f, 0.f, 0.f, 1.f, 0.f) + std::string("\3\0\1\2", 4);
+  EXPECT_THAT(MustImport(binary, MeshFormat::kPly).report.warnings, ElementsAre());
+  EXPECT_THAT(MustImport(binary + std::string(3, '\0'), MeshFormat::kPly).report.warnings,
+              ElementsAre("3 bytes after the last element were not read"));
+}
+
 TEST(PlyTest, RefusesHeadersThatMakeNoSense) {
   const auto error = [](const std::string& elements) {
     return ImportError(Header("ascii", elements), MeshFormat::kPly);
