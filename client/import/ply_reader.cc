@@ -128,6 +128,7 @@ absl::Status PlyFileReader::ReadFaces(const PlyElement& element) {
   const auto corner_of = element.name == "face" ? CornerOf : StripCornerOf;
   std::vector<int64_t> corners;
   for (uint64_t i = 0; i < element.count && body_.ok(); ++i) {
+    SL_RETURN_IF_ERROR(CheckWanted(cancel_, i));
     for (size_t p = 0; p < element.properties.size(); ++p) {
       const PlyProperty& property = element.properties[p];
       if (static_cast<int>(p) != list) {
