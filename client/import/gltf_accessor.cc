@@ -52,6 +52,12 @@ uint64_t LoadIndex(int type, const uint8_t* at) {
 
 }  // namespace
 
+uint64_t BufferBytes(const sightline_tinygltf::Model& model) {
+  uint64_t bytes = 0;
+  for (const sightline_tinygltf::Buffer& buffer : model.buffers) bytes += buffer.data.size();
+  return bytes;
+}
+
 absl::StatusOr<GltfAccessor::Run> GltfAccessor::OpenRun(const sightline_tinygltf::Model& model,
                                                         int view_number, uint64_t offset,
                                                         uint64_t count, size_t element_size,
@@ -87,8 +93,8 @@ absl::StatusOr<GltfAccessor::Run> GltfAccessor::OpenRun(const sightline_tinygltf
   return Run{buffer.data() + view.byteOffset + (count > 0 ? offset : 0), stride};
 }
 
-absl::StatusOr<GltfAccessor> GltfAccessor::Open(const sightline_tinygltf::Model& model,
-                                                int number) {
+absl::StatusOr<GltfAccessor> GltfAccessor::Open(const sightline_tinygltf::Model& model, int number,
+                                                uint64_t buffer_bytes) {
   if (number < 0 || static_cast<size_t>(number) >= model.accessors.size()) {
     return absl::InvalidArgumentError(
         absl::StrCat("a primitive names accessor ", number, " of ", model.accessors.size()));
@@ -115,9 +121,7 @@ absl::StatusOr<GltfAccessor> GltfAccessor::Open(const sightline_tinygltf::Model&
   } else {
     // All zero but for its sparse elements. No bytes stand behind its count, so hold it against all
     // that the file has: a count beyond that cannot be meant.
-    uint64_t bytes = 0;
-    for (const sightline_tinygltf::Buffer& buffer : model.buffers) bytes += buffer.data.size();
-    if (!in.sparse.isSparse || in.count > bytes) {
+    if (!in.sparse.isSparse || in.count > buffer_bytes) {
       return named(absl::InvalidArgumentError(
           absl::StrCat("has no bufferView for its ", in.count, " elements")));
     }

@@ -8,8 +8,9 @@
 //
 // Thread safety: immutable; the model must outlive it.
 //
-//   absl::StatusOr<GltfAccessor> positions = GltfAccessor::Open(model,
-//   primitive.attributes["POSITION"]); Vec3d p = positions->Position(7);
+//   absl::StatusOr<GltfAccessor> positions =
+//       GltfAccessor::Open(model, primitive.attributes["POSITION"], BufferBytes(model));
+//   Vec3d p = positions->Position(7);
 #ifndef SIGHTLINE_CLIENT_IMPORT_GLTF_ACCESSOR_H_
 #define SIGHTLINE_CLIENT_IMPORT_GLTF_ACCESSOR_H_
 
@@ -25,10 +26,15 @@ class Model;
 
 namespace sightline {
 
+// Of all the model's buffers together.
+uint64_t BufferBytes(const sightline_tinygltf::Model& model);
+
 class GltfAccessor {
  public:
-  // InvalidArgument, naming the accessor, for whatever reaches out of its place.
-  static absl::StatusOr<GltfAccessor> Open(const sightline_tinygltf::Model& model, int number);
+  // InvalidArgument, naming the accessor, for whatever reaches out of its place. `buffer_bytes` is
+  // BufferBytes(model), which whoever opens many accessors asks for once.
+  static absl::StatusOr<GltfAccessor> Open(const sightline_tinygltf::Model& model, int number,
+                                           uint64_t buffer_bytes);
 
   // InvalidArgument unless it holds what an index list, or a list of positions, may hold.
   absl::Status CheckIndices() const;

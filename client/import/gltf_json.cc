@@ -103,6 +103,7 @@ class Filter {
 
   absl::StatusOr<json> Run(const json& in);
   std::vector<std::string> Warnings() const;
+  std::vector<uint64_t> TakeFileLengths() { return std::move(file_lengths_); }
 
  private:
   void Fail(std::string_view where, std::string_view what) {
@@ -141,6 +142,7 @@ class Filter {
   absl::Status status_;
   std::string where_;
   uint64_t items_ = 0, buffer_count_ = 0, buffer_bytes_ = 0;
+  std::vector<uint64_t> file_lengths_;
   bool skins_or_targets_ = false, instancing_ = false;
 };
 
@@ -220,13 +222,21 @@ void Filter::CopyList(const json& in, const char* key, Copy copy, json* out) {
   (*out)[key] = std::move(list);
 }
 
+// Digits of base64 that hold `bytes` bytes, whether padding follows or not.
+uint64_t Base64Digits(uint64_t bytes) {
+  const uint64_t left = bytes % 3;
+  return bytes / 3 * 4 + (left == 0 ? 0 : left + 1);
+}
+
 void Filter::CopyBuffer(const json& in, json* out) {
   CopyWhole(in, "byteLength", kMaxExact, out);
   CopyString(in, "uri", out);
   const uint64_t number = buffer_count_++;
   if (!out->contains("byteLength")) return Fail(where_, "has no byteLength");
   // Every buffer becomes a copy of its bytes, so together they must keep to the limit.
-  buffer_bytes_ += (*out)["byteLength"].get<uint64_t>();
+  const uint64_t length = (*out)["byteLength"].get<uint64_t>();
+  if (length == 0) return Fail(where_, "has a byteLength of 0; glTF asks for 1 or more");
+  buffer_bytes_ += length;
   if (buffer_bytes_ > options_.max_file_bytes) {
     if (status_.ok()) {
       status_ = absl::ResourceExhaustedError(absl::StrCat(
@@ -241,9 +251,13 @@ void Filter::CopyBuffer(const json& in, json* out) {
   // tinygltf knows a handful of media types and takes the rest for file names; only "base64"
   // matters.
   const std::string& uri = (*out)["uri"].get_ref<const std::string&>();
-  const size_t base64 = uri.find(";base64,");
+  constexpr std::string_view kBase64 = ";base64,";
+  const size_t base64 = uri.find(kBase64);
   if (uri.starts_with("data:") && base64 != std::string::npos) {
-    (*out)["uri"] = "data:application/octet-stream" + uri.substr(base64);
+    (*out)["uri"] =
+        "data:application/octet-stream" + uri.substr(base64, kBase64.size() + Base64Digits(length));
+  } else if (!uri.empty()) {  // Where it is, tinygltf takes a GLB's binary chunk.
+    file_lengths_.push_back(length);
   }
 }
 
@@ -390,6 +404,7 @@ absl::StatusOr<GltfSource> PrepareGltf(std::string_view bytes, MeshFormat format
   } catch (const json::exception& e) {  // The one boundary for the JSON library.
     return absl::InvalidArgumentError(absl::StrCat("its JSON is malformed: ", Quoted(e.what())));
   }
+  source.file_lengths = filter.TakeFileLengths();
   source.warnings = filter.Warnings();
   return source;
 }

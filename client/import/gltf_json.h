@@ -6,7 +6,8 @@
 // bytes past its end, copies the binary chunk for every buffer that names it, narrows integers,
 // expands file names by a shell's rules). So the JSON is scanned for its depth and size before it
 // is parsed, and written anew with only scenes, nodes, meshes, accessors, buffer views and buffers
-// in it, every number checked to be of the kind and range that its place asks for.
+// in it, every number checked to be of the kind and range that its place asks for. A data URI is
+// cut to its buffer's byteLength, beyond which glTF lets data go on and tinygltf does not.
 //
 // Thread safety: free functions.
 //
@@ -35,6 +36,8 @@ inline constexpr uint64_t kMaxGltfItems = uint64_t{1} << 20;
 struct GltfSource {
   std::string json;      // The geometry's part of the document.
   std::string_view bin;  // A GLB's binary chunk; empty where there is none.
+  // byteLength of each buffer that is a file, in the document's order.
+  std::vector<uint64_t> file_lengths;
   std::vector<std::string> warnings;
 };
 

@@ -6,7 +6,6 @@
 
 #include "absl/container/flat_hash_map.h"
 #include "absl/strings/str_cat.h"
-#include "client/import/gltf_accessor.h"
 #include "client/import/text_scanner.h"
 #include "client/import/tinygltf_api.h"
 #include "core/base/status_macros.h"
@@ -64,11 +63,12 @@ absl::Status GltfMeshReader::AddPrimitive(const sightline_tinygltf::Primitive& p
   if (attribute == primitive.attributes.end()) {
     return absl::InvalidArgumentError("has a primitive without positions");
   }
-  SL_ASSIGN_OR_RETURN(const GltfAccessor positions, GltfAccessor::Open(model_, attribute->second));
+  SL_ASSIGN_OR_RETURN(const GltfAccessor positions,
+                      GltfAccessor::Open(model_, attribute->second, buffer_bytes_));
   SL_RETURN_IF_ERROR(positions.CheckPositions());
   std::optional<GltfAccessor> indices;
   if (primitive.indices >= 0) {
-    SL_ASSIGN_OR_RETURN(indices, GltfAccessor::Open(model_, primitive.indices));
+    SL_ASSIGN_OR_RETURN(indices, GltfAccessor::Open(model_, primitive.indices, buffer_bytes_));
     SL_RETURN_IF_ERROR(indices->CheckIndices());
   }
   const uint64_t corners = indices.has_value() ? indices->count() : positions.count();

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "client/import/gltf_accessor.h"
 #include "client/import/import_types.h"
 #include "client/import/polygon_fan.h"
 
@@ -37,6 +38,7 @@ class GltfMeshReader {
   GltfMeshReader(const sightline_tinygltf::Model& model, const ImportOptions& options,
                  ImportReport* report)
       : model_(model),
+        buffer_bytes_(BufferBytes(model)),
         report_(report),
         fan_(0, options, report),
         elements_left_(kElementsPerTriangle * options.max_triangles) {}
@@ -53,6 +55,7 @@ class GltfMeshReader {
   void SkipPrimitive(const sightline_tinygltf::Primitive& primitive);
 
   const sightline_tinygltf::Model& model_;
+  const uint64_t buffer_bytes_;
   ImportReport* const report_;
   PolygonFan fan_;
   uint64_t elements_left_;

@@ -17,6 +17,14 @@
 namespace sightline {
 namespace {
 
+// The files of a document's buffers, which tinygltf reads in the document's order, each once.
+struct BufferFiles {
+  const ImportOptions& options;
+  const std::vector<uint64_t>& lengths;  // GltfSource::file_lengths.
+  size_t next = 0;
+  uint64_t bytes = 0;  // Of those that have been read.
+};
+
 // Where a buffer's file lies; empty where it would leave the base folder.
 std::string BufferPath(const std::string& uri, const ImportOptions& options) {
   const std::filesystem::path relative(uri);
@@ -27,21 +35,41 @@ std::string BufferPath(const std::string& uri, const ImportOptions& options) {
   return (std::filesystem::path(options.base_folder) / relative).string();
 }
 
+// A file as long as its buffer says, or shorter, for tinygltf to refuse: it compares for equality,
+// and glTF lets a file go on. Together the files must keep to the limit, as what the buffers claim
+// of them does: any number of buffers may name a long one.
+absl::StatusOr<std::string> ReadBufferFile(const std::string& uri, BufferFiles* files) {
+  const ImportOptions& options = files->options;
+  if (files->next == files->lengths.size()) {
+    return absl::InternalError("tinygltf reads more files than there are buffers in files");
+  }
+  absl::StatusOr<std::string> bytes = ReadFileBytes(
+      BufferPath(uri, options), options.max_file_bytes - files->bytes, options.cancel);
+  if (files->bytes > 0 && absl::IsResourceExhausted(bytes.status())) {
+    return absl::ResourceExhaustedError(absl::StrCat("is past the limit max_file_bytes, ",
+                                                     options.max_file_bytes,
+                                                     ", with the buffers before it"));
+  }
+  const uint64_t length = files->lengths[files->next++];
+  if (!bytes.ok()) return bytes;
+  files->bytes += bytes->size();
+  if (bytes->size() > length) bytes->resize(length);
+  return bytes;
+}
+
 // tinygltf's own file access searches the working folder too and expands names as a shell would.
-sightline_tinygltf::FsCallbacks ConfinedFiles(const ImportOptions* options) {
+sightline_tinygltf::FsCallbacks ConfinedFiles(BufferFiles* files) {
   sightline_tinygltf::FsCallbacks fs;
-  fs.user_data = const_cast<ImportOptions*>(options);
+  fs.user_data = files;
   fs.ExpandFilePath = [](const std::string& uri, void*) { return uri; };
   fs.FileExists = [](const std::string& uri, void* user) {
     std::error_code error;
-    const std::string path = BufferPath(uri, *static_cast<const ImportOptions*>(user));
+    const std::string path = BufferPath(uri, static_cast<BufferFiles*>(user)->options);
     return !path.empty() && std::filesystem::is_regular_file(path, error);
   };
   fs.ReadWholeFile = [](std::vector<unsigned char>* out, std::string* error, const std::string& uri,
                         void* user) {
-    const ImportOptions& options = *static_cast<const ImportOptions*>(user);
-    absl::StatusOr<std::string> bytes =
-        ReadFileBytes(BufferPath(uri, options), options.max_file_bytes, options.cancel);
+    const absl::StatusOr<std::string> bytes = ReadBufferFile(uri, static_cast<BufferFiles*>(user));
     if (!bytes.ok()) {
       *error = std::string(bytes.status().message());
       return false;
@@ -100,8 +128,9 @@ absl::Status ParseGltf(const GltfSource& source, MeshFormat format, const Import
   std::string error, warning;
   bool parsed = false;
   try {
+    BufferFiles files{.options = options, .lengths = source.file_lengths};
     sightline_tinygltf::TinyGLTF reader;
-    reader.SetFsCallbacks(ConfinedFiles(&options));
+    reader.SetFsCallbacks(ConfinedFiles(&files));
     if (format == MeshFormat::kGlb) {
       const std::vector<unsigned char> glb = MakeGlb(source);
       parsed = reader.LoadBinaryFromMemory(model, &error, &warning, glb.data(),

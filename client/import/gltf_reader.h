@@ -9,8 +9,8 @@
 // - The default scene, else the first; without scenes every root node; without nodes every mesh.
 // - Triangles, strips and fans. Points and lines are counted and skipped.
 // - Positions of any type that KHR_mesh_quantization allows, sparse accessors, data URIs, buffers
-//   in files below the file's folder. Skins, morph targets and gpu instancing are not applied, with
-//   a warning.
+//   in files below the file's folder. Data may go on past its buffer's byteLength; only so much is
+//   read. Skins, morph targets and gpu instancing are not applied, with a warning.
 // - A node that is its own ancestor, or has two parents, is an error.
 //
 // Thread safety: free function.

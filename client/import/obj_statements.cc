@@ -4,16 +4,22 @@
 #include <limits>
 
 #include "absl/strings/str_cat.h"
+#include "client/import/import_types.h"
 
 namespace sightline {
 
 ObjStatements::int_type ObjStatements::underflow() {
   chunk_.clear();
   if (cancel_ != nullptr && cancel_->cancelled()) return traits_type::eof();
-  while (chunk_.size() < kChunkBytes && !scanner_.AtEnd()) Translate(NextLine());
-  if (chunk_.empty()) return traits_type::eof();
+  while (chunk_.size() < kChunkBytes && !scanner_.AtEnd() && Wanted()) Translate(NextLine());
+  if (chunk_.empty() || stopped_) return traits_type::eof();
   setg(chunk_.data(), chunk_.data(), chunk_.data() + chunk_.size());
   return traits_type::to_int_type(chunk_.front());
+}
+
+bool ObjStatements::Wanted() {
+  stopped_ = stopped_ || !CheckWanted(cancel_, lines_++).ok();
+  return !stopped_;
 }
 
 std::string_view ObjStatements::NextLine() {
@@ -21,7 +27,7 @@ std::string_view ObjStatements::NextLine() {
   std::string_view line = scanner_.RestOfLine();
   if (!continues(line)) return line;
   joined_.clear();
-  while (continues(line)) {
+  while (continues(line) && Wanted()) {
     joined_.append(line.substr(0, line.size() - 1)).push_back(' ');
     line = scanner_.RestOfLine();  // Empty at the end of the text, which ends the loop.
   }

@@ -52,6 +52,9 @@ class ObjStatements : public std::streambuf {
 
   // The next statement with its continued lines; a view into the text or into joined_.
   std::string_view NextLine();
+  // False once `cancel` has stopped, and from then on. Asked line by line, it looks now and then:
+  // most lines hand on nothing, and a file may hold no others.
+  bool Wanted();
   void Translate(std::string_view line);
   void ReadVertex(std::string_view arguments);
   void TranslateFace(std::string_view arguments);
@@ -61,6 +64,8 @@ class ObjStatements : public std::streambuf {
   std::string joined_;
   std::string chunk_;
   std::vector<Vec3d> vertices_;
+  uint64_t lines_ = 0;
+  bool stopped_ = false;
   uint64_t non_finite_vertices_ = 0;
   uint64_t malformed_vertices_ = 0;
   uint64_t skipped_primitives_ = 0;

@@ -27,6 +27,11 @@ class OffFileReader {
     SL_RETURN_IF_ERROR(ReadCounts());
     SL_RETURN_IF_ERROR(ReadVertices());
     SL_RETURN_IF_ERROR(ReadFaces());
+    const size_t rest = scanner_.remaining();
+    if (!scanner_.ContentLine('#').empty()) {
+      scene_.report.warnings.push_back(
+          absl::StrCat(rest, " bytes after the last face were not read"));
+    }
     if (!object_.indices.empty()) scene_.objects.push_back(std::move(object_));
     return std::move(scene_);
   }

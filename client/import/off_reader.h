@@ -6,7 +6,7 @@
 //   counts without a blank (`OFF8 6 12`), or be missing. `#` begins a comment. Dimensions other
 //   than three (4OFF, nOFF) and the binary form are Unimplemented.
 // - A line a vertex, its first three numbers; a line a face, its corner count, its indices, and
-//   perhaps a colour, which is not read.
+//   perhaps a colour, which is not read. More lines than the counts promise are warned of.
 //
 // Thread safety: free function.
 #ifndef SIGHTLINE_CLIENT_IMPORT_OFF_READER_H_

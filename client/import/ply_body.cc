@@ -104,6 +104,13 @@ void PlyBody::Skip(const PlyProperty& property) {
   }
 }
 
+uint64_t PlyBody::Unread() const {
+  if (!ascii()) return binary_.size();
+  TextScanner rest = text_;
+  const std::string_view next = rest.Token();
+  return next.size() + rest.remaining();
+}
+
 uint64_t PlyBody::MostElements(const PlyElement& element) const {
   if (element.properties.empty()) return std::numeric_limits<uint64_t>::max();
   if (ascii()) return (text_.remaining() + 1) / (2 * element.properties.size());

@@ -10,7 +10,7 @@
 //
 //   PlyBody body(bytes, header);
 //   double x = body.Scalar(property.type);
-//   if (!body.ok()) return body.Error();
+//   if (!body.ok()) return body.error();
 #ifndef SIGHTLINE_CLIENT_IMPORT_PLY_BODY_H_
 #define SIGHTLINE_CLIENT_IMPORT_PLY_BODY_H_
 
@@ -43,6 +43,9 @@ class PlyBody {
   // The most elements of this kind that the rest can hold; any number where an element takes no
   // bytes.
   uint64_t MostElements(const PlyElement& element) const;
+
+  // Bytes that no value has been read from; in text without the blanks before the next one.
+  uint64_t Unread() const;
 
   bool ok() const { return error_.ok(); }
   const absl::Status& error() const { return error_; }

@@ -73,6 +73,11 @@ int64_t CornerOf(double value) {
                                                                     : PolygonFan::kBadCorner;
 }
 
+// Of a strip: begins a new one. Of all values that are no index, -1 alone does.
+constexpr int64_t kRestart = -2;
+
+int64_t StripCornerOf(double value) { return value == -1 ? kRestart : CornerOf(value); }
+
 // Reads the elements in file order; faces become triangles at once where the vertices came first,
 // which is the rule, and wait for them otherwise.
 class PlyFileReader {
@@ -101,7 +106,7 @@ class PlyFileReader {
 absl::Status PlyFileReader::AddStrip(const std::vector<int64_t>& corners) {
   size_t start = 0;  // Of the strip in hand.
   for (size_t i = 0; i < corners.size(); ++i) {
-    if (corners[i] == PolygonFan::kBadCorner) {
+    if (corners[i] == kRestart) {
       start = i + 1;
     } else if (i >= start + 2) {
       const bool odd = (i - start) % 2 != 0;  // Every other triangle of a strip is turned over.
@@ -120,8 +125,10 @@ absl::Status PlyFileReader::ReadFaces(const PlyElement& element) {
     return absl::InvalidArgumentError(
         absl::StrCat("its elements \"", element.name, "\" have no list \"vertex_indices\""));
   }
+  const auto corner_of = element.name == "face" ? CornerOf : StripCornerOf;
   std::vector<int64_t> corners;
   for (uint64_t i = 0; i < element.count && body_.ok(); ++i) {
+    SL_RETURN_IF_ERROR(CheckWanted(cancel_, i));
     for (size_t p = 0; p < element.properties.size(); ++p) {
       const PlyProperty& property = element.properties[p];
       if (static_cast<int>(p) != list) {
@@ -130,7 +137,7 @@ absl::Status PlyFileReader::ReadFaces(const PlyElement& element) {
       }
       const uint64_t size = body_.ListSize(property);
       corners.clear();
-      for (uint64_t c = 0; c < size; ++c) corners.push_back(CornerOf(body_.Scalar(property.type)));
+      for (uint64_t c = 0; c < size; ++c) corners.push_back(corner_of(body_.Scalar(property.type)));
     }
     if (!body_.ok()) break;
     SL_RETURN_IF_ERROR(element.name == "face" ? fan_.Add(corners, &object_.indices)
@@ -161,6 +168,9 @@ absl::StatusOr<ImportedScene> PlyFileReader::Read() {
       SL_RETURN_IF_ERROR(SkipElement(element, &body_, cancel_));
     }
     if (!body_.ok()) return body_.error();
+  }
+  if (const uint64_t unread = body_.Unread(); unread > 0) {
+    report.warnings.push_back(absl::StrCat(unread, " bytes after the last element were not read"));
   }
   for (const Vec3d& v : object_.vertices) report.non_finite_vertices += !IsFinite(v);
   if (!object_.indices.empty()) scene_.objects.push_back(std::move(object_));

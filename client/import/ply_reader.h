@@ -8,6 +8,7 @@
 // - Faces: list property `vertex_indices` or `vertex_index` of element `face`; strips in element
 //   `tristrips` (-1 starts anew). Edges are counted and skipped.
 // - A count in the header is held against the bytes that are there before anything is allocated.
+//   Bytes after the last element, other than blanks in text, are warned of.
 //
 // Thread safety: free functions.
 #ifndef SIGHTLINE_CLIENT_IMPORT_PLY_READER_H_

@@ -83,16 +83,18 @@ absl::StatusOr<ImportedScene> ReadBinary(std::string_view bytes, const ImportOpt
 class AsciiReader {
  public:
   AsciiReader(std::string_view text, const ImportOptions& options)
-      : scanner_(text), solid_(options, &scene_.report) {}
+      : scanner_(text), cancel_(options.cancel), solid_(options, &scene_.report) {}
 
   absl::StatusOr<ImportedScene> Read() {
     scene_.report.format = "stl ascii";
-    while (!scanner_.AtEnd()) {
+    for (uint64_t lines = 0; !scanner_.AtEnd(); ++lines) {
+      SL_RETURN_IF_ERROR(CheckWanted(cancel_, lines));
       std::string_view line = scanner_.RestOfLine();
       const std::string_view keyword = TakeToken(&line);
       if (!keyword.empty()) SL_RETURN_IF_ERROR(Statement(keyword, line));
     }
-    if (in_facet_) return absl::DataLossError("ends inside a facet");
+    // Vertices may come without the facet around them.
+    if (in_facet_ || !corners_.empty()) return absl::DataLossError("ends inside a facet");
     if (in_solid_) scene_.report.warnings.emplace_back("the last solid has no endsolid");
     solid_.Finish(name_, &scene_);
     if (not_understood_ > 0) {
@@ -134,6 +136,7 @@ class AsciiReader {
   }
 
   TextScanner scanner_;
+  const CancelToken* const cancel_;
   ImportedScene scene_;
   SolidBuilder solid_;
   std::string_view name_;

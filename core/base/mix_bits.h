@@ -15,7 +15,7 @@ inline constexpr uint64_t kGoldenStep = 0x9E3779B97F4A7C15u;
 
 // The finalizer of splitmix64 (Steele, Lea, Flood: "Fast splittable pseudorandom number
 // generators", 2014): a bijection. The same everywhere, so whoever wants to can make hashes
-// collide; what uses it bounds what that costs.
+// collide; what uses it bounds what that costs, or adds a salt that nobody knows.
 constexpr uint64_t MixBits(uint64_t x) {
   x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9u;
   x = (x ^ (x >> 27)) * 0x94D049BB133111EBu;

@@ -321,6 +321,8 @@ TEST(GltfTest, RefusesWhatReachesOutOfItsPlace) {
                       "accessor 0 has a type");
   EXPECT_IMPORT_ERROR(with("\"byteLength\":60,\"uri\"", "\"byteLength\":9007199254740992,\"uri\""),
                       kResourceExhausted, "max_file_bytes");
+  EXPECT_IMPORT_ERROR(with("\"byteLength\":60,\"uri\"", "\"byteLength\":0,\"uri\""),
+                      kInvalidArgument, "buffers[0] has a byteLength of 0");
   EXPECT_IMPORT_ERROR(with("\"version\":\"2.0\"", "\"version\":\"1.0\""), kUnimplemented,
                       "version 2");
   EXPECT_IMPORT_ERROR(with("\"asset\"", "\"asse\""), kInvalidArgument, "no glTF file");
@@ -434,6 +436,53 @@ TEST(GltfTest, ReadsBuffersBesideTheFileAndNowhereElse) {
   // Without a folder, no file at all.
   EXPECT_IMPORT_ERROR(ImportError(b.Json("my%20data.bin"), MeshFormat::kGltf), kInvalidArgument,
                       "File not found");
+}
+
+TEST(GltfTest, ReadsABufferAsFarAsItsLengthSays) {
+  GltfBuilder b = Square();
+  const std::string data = b.buffer();
+  const std::string more = data + "and more";
+  const auto uri = [](const std::string& bytes) {
+    return "data:application/gltf-buffer;base64," + absl::Base64Escape(bytes);
+  };
+  const ImportedScene square = MustImport(b.Gltf(), MeshFormat::kGltf);
+  for (size_t size = data.size(); size <= more.size(); ++size) {
+    EXPECT_TRUE(import_testing::SameBits(
+        MustImport(b.Json(uri(more.substr(0, size))), MeshFormat::kGltf), square))
+        << size;
+  }
+  EXPECT_IMPORT_ERROR(ImportError(b.Json(uri(data.substr(1))), MeshFormat::kGltf), kInvalidArgument,
+                      "Failed to decode");
+  // A length of each remainder by 3, in two buffers of one file, with a data URI between them.
+  const testing_support::TempDir folder;
+  WriteFile(folder.File("long.bin"), more);
+  for (size_t size = 3; size < 6; ++size) {
+    const auto buffer = [](size_t length, const std::string& where) {
+      return absl::StrCat("{\"byteLength\":", length, ",\"uri\":\"", where, "\"}");
+    };
+    const std::string buffers =
+        absl::StrCat("\"buffers\":[", buffer(data.size(), "long.bin"), ",",
+                     buffer(size, uri("any bytes")), ",", buffer(size, "long.bin"), "]");
+    const std::string json = b.Json("x");
+    const size_t at = json.find("\"buffers\"");
+    WriteFile(folder.File("a.gltf"), json.substr(0, at) + buffers + "}");
+    const absl::StatusOr<ImportedScene> scene = ImportFile(folder.File("a.gltf"));
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_TRUE(import_testing::SameBits(*scene, square));
+  }
+  // The file counts whole, each time that it is read.
+  ImportOptions options;
+  options.max_file_bytes = 2 * more.size() - 1;
+  options.base_folder = folder.path();
+  const std::string twice = absl::StrReplaceAll(
+      b.Json("long.bin"),
+      {{"\"buffers\":[", "\"buffers\":[{\"byteLength\":1,\"uri\":\"long.bin\"},"}});
+  EXPECT_IMPORT_ERROR(ImportError(twice, MeshFormat::kGltf, options), kInvalidArgument,
+                      "past the limit");
+  WriteFile(folder.File("short.bin"), data.substr(1));
+  options.max_file_bytes = ImportOptions().max_file_bytes;
+  EXPECT_IMPORT_ERROR(ImportError(b.Json("short.bin"), MeshFormat::kGltf, options),
+                      kInvalidArgument, "File size mismatch");
 }
 
 }  // namespace

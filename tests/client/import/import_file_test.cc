@@ -1,11 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <filesystem>
 #include <functional>
+#include <iterator>
 #include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/import/child_process.h"
+#include "client/import/gltf_reader.h"
+#include "client/import/obj_reader.h"
+#include "client/import/off_reader.h"
+#include "client/import/ply_reader.h"
+#include "client/import/stl_reader.h"
 #include "gtest/gtest.h"
 #include "tests/client/import/import_testing.h"
 #include "tests/support/temp_dir.h"
@@ -14,7 +20,9 @@
 namespace sightline {
 namespace {
 
+using import_testing::Bytes;
 using import_testing::Gzip;
+using import_testing::Repeated;
 using import_testing::SameBits;
 using import_testing::WriteFile;
 using import_testing::Xz;
@@ -91,6 +99,37 @@ TEST_F(ImportFileTest, IsGivenUpOnceNobodyWantsIt) {
   cancel.Cancel();
   EXPECT_EQ(ImportPoints(folder_.File("a.ply"), {.cancel = &cancel}).status().code(),
             absl::StatusCode::kCancelled);
+}
+
+// A reader by itself, over content of which it makes nothing that would have it look.
+TEST(ReadersTest, GiveUpOnWhatBringsNothingForth) {
+  constexpr uint64_t kLines = 10'000;
+  CancelToken cancel;
+  const ImportOptions options{.cancel = &cancel};
+  const std::string strips = absl::StrCat("ply\nformat ascii 1.0\nelement tristrips ", kLines,
+                                          "\nproperty list uchar int vertex_indices\nend_header\n",
+                                          Repeated("2 0 1\n", kLines));
+  const std::string notes =
+      absl::StrCat("ply\nformat ascii 1.0\nelement note ", kLines,
+                   "\nproperty int word\nend_header\n", Repeated("7\n", kLines));
+  const std::string obj = Repeated("vn 0 0 1\n", kLines);
+  const std::string stl = "solid s\n" + Repeated("color 1 1 1\n", kLines);
+  const std::string stl_binary = std::string(80, ' ') + Bytes(uint32_t{1}) + std::string(50, '\0');
+  const std::string off = absl::StrCat("OFF\n", kLines, " 0 0\n", Repeated("0 0 0\n", kLines));
+  const std::string gltf = R"({"asset":{"version":"2.0"}})";
+  const std::function<absl::Status()> reads[] = {
+      [&] { return ReadObj(obj, options).status(); },
+      [&] { return ReadStl(stl, options).status(); },
+      [&] { return ReadStl(stl_binary, options).status(); },
+      [&] { return ReadPly(strips, options).status(); },
+      [&] { return ReadPly(notes, options).status(); },
+      [&] { return ReadOff(off, options).status(); },
+      [&] { return ReadGltf(gltf, MeshFormat::kGltf, options).status(); }};
+  for (const auto& read : reads) EXPECT_EQ(read(), absl::OkStatus());
+  cancel.Cancel();
+  for (size_t i = 0; i < std::size(reads); ++i) {
+    EXPECT_EQ(reads[i]().code(), absl::StatusCode::kCancelled) << "reader " << i;
+  }
 }
 
 TEST_F(ImportFileTest, NamesTheFileAndTheReason) {

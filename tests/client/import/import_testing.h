@@ -9,6 +9,7 @@
 #include <lzma.h>
 #include <zlib.h>
 
+#include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <string>
@@ -45,6 +46,13 @@ inline absl::Status ImportError(std::string_view bytes, MeshFormat format,
     EXPECT_THAT(std::string(actual_status.message()), ::testing::HasSubstr(words));                \
     EXPECT_THAT(std::string(actual_status.message()), ::testing::Not(::testing::HasSubstr("\n"))); \
   } while (false)
+
+inline std::string Repeated(std::string_view text, uint64_t count) {
+  std::string out;
+  out.reserve(text.size() * count);
+  for (uint64_t i = 0; i < count; ++i) out += text;
+  return out;
+}
 
 inline std::string Xz(std::string_view text) {
   std::string out(lzma_stream_buffer_bound(text.size()), '\0');

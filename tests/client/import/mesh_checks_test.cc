@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <vector>
 
 #include "client/import/position_table.h"
+#include "core/base/mix_bits.h"
 #include "gtest/gtest.h"
 #include "tests/support/random.h"
 
@@ -104,6 +106,36 @@ TEST(PositionTableTest, NumbersDistinctPositionsInOrder) {
   EXPECT_EQ(table.Insert({kNaN, kNaN, kNaN}), 5000u);
   EXPECT_EQ(table.Insert({kNaN, kNaN, kNaN}), 5000u);
   EXPECT_EQ(table.positions().size(), 5001u);
+}
+
+// Finite positions that all hash to 0 under this salt: z undoes what x and y have come to.
+std::vector<Vec3d> CollidingPositions(uint64_t salt, size_t count) {
+  std::vector<Vec3d> positions;
+  for (double i = 1; positions.size() < count; ++i) {
+    const auto bits = [](double d) { return std::bit_cast<uint64_t>(d); };
+    const Vec3d p{i, 0.5, std::bit_cast<double>(-MixBits(MixBits(bits(i) + salt) + bits(0.5)))};
+    if (IsFinite(p)) positions.push_back(p);
+  }
+  return positions;
+}
+
+TEST(PositionTableTest, PositionsCollideUnderASaltThatIsKnownAlone) {
+  constexpr uint64_t kSalt = 12345, kCount = 4000;
+  const std::vector<Vec3d> made_for_none = CollidingPositions(0, kCount);
+  const std::vector<Vec3d> made_for_one = CollidingPositions(kSalt, kCount);
+  const auto longest_probe = [](PositionTable table, const std::vector<Vec3d>& positions) {
+    for (uint32_t round = 0; round < 2; ++round) {
+      for (uint32_t i = 0; i < positions.size(); ++i) EXPECT_EQ(table.Insert(positions[i]), i);
+    }
+    return table.LongestProbe();
+  };
+  EXPECT_EQ(longest_probe(PositionTable(0), made_for_none), kCount);
+  EXPECT_EQ(longest_probe(PositionTable(kSalt), made_for_one), kCount);
+  // Half full at most, so chance makes runs of some tens: longer ones by e^-0.19 for each slot.
+  constexpr uint64_t kByChance = 200;
+  EXPECT_LT(longest_probe(PositionTable(kSalt), made_for_none), kByChance);
+  EXPECT_LT(longest_probe(PositionTable(), made_for_none), kByChance);
+  EXPECT_LT(longest_probe(PositionTable(), made_for_one), kByChance);
 }
 
 }  // namespace

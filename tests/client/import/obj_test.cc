@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <string>
 
+#include "client/import/obj_statements.h"
 #include "gtest/gtest.h"
 #include "tests/client/import/import_testing.h"
 
@@ -10,6 +13,7 @@ namespace {
 
 using import_testing::ImportError;
 using import_testing::MustImport;
+using import_testing::Repeated;
 using testing::ElementsAre;
 
 constexpr char kSquareVertices[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
@@ -117,6 +121,30 @@ TEST(ObjTest, KeepsToTheTriangleLimit) {
   EXPECT_IMPORT_ERROR(
       ImportError(std::string(kSquareVertices) + "f 1 2 3 4\nf 1 2 3\n", MeshFormat::kObj, options),
       kResourceExhausted, "max_triangles, 2");
+}
+
+// Lines that hand on nothing, alone or continued, in one look of the stream at the text: the token
+// is live when it begins, and stops long before so many lines can have been read.
+TEST(ObjStatementsTest, StopAmongLinesThatHandOnNothing) {
+  constexpr uint64_t kLines = 4'000'000;
+  const auto until_stopped = [](ObjStatements* statements, CancelToken* cancel) {
+    cancel->set_deadline(CancelToken::Clock::now() + std::chrono::milliseconds(1));
+    return statements->sgetc();
+  };
+  {
+    const std::string text = Repeated("p\n", kLines);
+    CancelToken cancel;
+    ObjStatements statements(text, &cancel);
+    EXPECT_EQ(until_stopped(&statements, &cancel), EOF);
+    EXPECT_LT(statements.skipped_primitives(), kLines);
+  }
+  {
+    const std::string text = Repeated("\\\n", kLines) + "p";
+    CancelToken cancel;
+    ObjStatements statements(text, &cancel);
+    EXPECT_EQ(until_stopped(&statements, &cancel), EOF);
+    EXPECT_EQ(statements.skipped_primitives(), 0u);
+  }
 }
 
 TEST(ObjTest, SaysWhyAMeshIsEmpty) {

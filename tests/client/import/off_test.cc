@@ -50,6 +50,15 @@ TEST(OffTest, CountsBadFacesAndVertices) {
   EXPECT_EQ(scene.report.non_finite_triangles, 1u);
 }
 
+TEST(OffTest, WarnsOfWhatComesAfterTheLastFace) {
+  const std::string promised = "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n";
+  const ImportedScene more = MustImport(promised + "\n3 0 2 3\n", MeshFormat::kOff);
+  EXPECT_EQ(more.report.triangles, 1u);
+  EXPECT_THAT(more.report.warnings, ElementsAre("9 bytes after the last face were not read"));
+  EXPECT_THAT(MustImport(promised + " \n# made by hand\n", MeshFormat::kOff).report.warnings,
+              ElementsAre());
+}
+
 TEST(OffTest, RefusesWhatIsTruncatedOrOversold) {
   EXPECT_IMPORT_ERROR(ImportError("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n", MeshFormat::kOff), kDataLoss,
                       "ends before");

@@ -85,6 +85,19 @@ TEST(PlyTest, ReadsTriangleStrips) {
   EXPECT_THAT(scene.objects[0].indices, ElementsAre(0, 1, 2, 2, 1, 3, 1, 2, 3));
 }
 
+TEST(PlyTest, DropsTheTrianglesOfAStripThatNameABadIndex) {
+  for (const char* bad : {"-7", "2.5", "x", "nan", "4", "-1.5", "4294967296"}) {
+    const ImportedScene scene = MustImport(
+        Header("ascii", std::string(kVertices) +
+                            "element tristrips 1\nproperty list int int vertex_indices\n") +
+            "0 0 0\n1 0 0\n0 1 0\n1 1 0\n11 0 1 2 " + bad + " 1 2 3 -1 1 2 3\n",
+        MeshFormat::kPly);
+    // Three triangles go; the strip's turns are still those of its places.
+    EXPECT_THAT(scene.objects[0].indices, ElementsAre(0, 1, 2, 1, 2, 3, 1, 2, 3)) << bad;
+    EXPECT_EQ(scene.report.faces_bad_index, 3u) << bad;
+  }
+}
+
 TEST(PlyTest, CountsBadFacesAndNonFiniteVertices) {
   const ImportedScene scene = MustImport(
       Header("ascii",
@@ -129,6 +142,22 @@ TEST(PlyTest, RefusesWhatIsTruncated) {
             absl::StatusCode::kDataLoss);
   EXPECT_IMPORT_ERROR(ImportError(head.substr(0, head.find("property")), MeshFormat::kPly),
                       kDataLoss, "end_header");
+}
+
+TEST(PlyTest, WarnsOfWhatComesAfterTheLastElement) {
+  const std::string text = Header("ascii", std::string(kVertices) + kFaces) +
+                           "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3";
+  EXPECT_THAT(MustImport(text + " \r\n\n", MeshFormat::kPly).report.warnings, ElementsAre());
+  EXPECT_THAT(MustImport(text + "\n\n3 1 2 3\n", MeshFormat::kPly).report.warnings,
+              ElementsAre("8 bytes after the last element were not read"));
+  const std::string binary =
+      Header("binary_little_endian",
+             "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+             "element face 1\nproperty list uchar uchar vertex_indices\n") +
+      Bytes(0.f, 0.f, 0.f, 1.f, 0.f, 0.f, 0.f, 1.f, 0.f) + std::string("\3\0\1\2", 4);
+  EXPECT_THAT(MustImport(binary, MeshFormat::kPly).report.warnings, ElementsAre());
+  EXPECT_THAT(MustImport(binary + std::string(3, '\0'), MeshFormat::kPly).report.warnings,
+              ElementsAre("3 bytes after the last element were not read"));
 }
 
 TEST(PlyTest, RefusesHeadersThatMakeNoSense) {

@@ -80,6 +80,10 @@ TEST(StlTest, RefusesWhatIsCutShort) {
   EXPECT_IMPORT_ERROR(ImportError(whole.substr(0, 60), MeshFormat::kStl), kDataLoss, "no STL file");
   EXPECT_IMPORT_ERROR(ImportError("solid x\n" + kFirst + kSecond.substr(0, 60), MeshFormat::kStl),
                       kDataLoss, "ends inside a facet");
+  EXPECT_IMPORT_ERROR(
+      ImportError("solid x\n" + kFirst + "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n",
+                  MeshFormat::kStl),
+      kDataLoss, "ends inside a facet");
   std::string huge = Binary("part", 1);
   huge.replace(80, 4, Bytes(uint32_t{0xFFFFFFFF}));
   EXPECT_IMPORT_ERROR(ImportError(huge, MeshFormat::kStl), kDataLoss, "4294967295 triangles");
