@@ -81,7 +81,7 @@ class TileTrace {
       positions_.resize(most * kBlockRays);
       sources_.resize(most * kBlockRays);
       point_pixel_.resize(most * kBlockRays);
-      placer_ = std::make_unique<HitPlacer>(scene, options.simd);
+      placer_ = std::make_unique<HitPlacer>(scene, options.simd, options.cancel);
       placed_.resize(parts);
     }
     // Every pixel's ids and numbers are written by its block: what a result of the same size held
@@ -194,7 +194,7 @@ class TileTrace {
           CountAnswers({packet_->answered_by + run.lane, run.count}, &out_.primary);
         });
       }
-      if (outputs_.lit || outputs_.points) PlaceHits();
+      if (outputs_.lit || outputs_.points) SL_RETURN_IF_ERROR(PlaceHits());
     }
     if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(blocks, scope));
     for (size_t i = 0; i < blocks.size(); ++i) {
@@ -361,10 +361,10 @@ class TileTrace {
   }
 
   // The block's hits, whatever they are on.
-  void PlaceHits() {
+  absl::Status PlaceHits() {
     // Placing belongs to the shadows' cost, though it asks about no ray.
     const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
-    placer_->Place(*packet_, placed_[part_]);
+    return placer_->Place(*packet_, placed_[part_]) ? absl::OkStatus() : run_.Stopped();
   }
 
   // Replaces hits on mirrors by what is seen in them.
@@ -387,18 +387,18 @@ class TileTrace {
                              ? TraceRttTile(scene_, run_, HitKind::kClosest, seen, scope->walk())
                              : TracePacketBlock(scene_, run_, HitKind::kClosest, strategy,
                                                 seen.data(), nullptr, scope->walk()));
-      for (size_t i = 0; i < seen.size(); ++i) ShowMirrored(i, number);
+      for (size_t i = 0; i < seen.size(); ++i) SL_RETURN_IF_ERROR(ShowMirrored(i, number));
     }
     return absl::OkStatus();
   }
 
   // Puts what is seen in a mirror where it was met: for a ray that stands again, what is there.
-  void ShowMirrored(size_t packet, uint8_t number) {
+  absl::Status ShowMirrored(size_t packet, uint8_t number) {
     const RayPacket& seen = mirrored_->packets()[packet];
     const int* const lanes = mirrored_->lanes_of(packet);
     Take(mirrored_->block_of(packet));
     Vec3f placed[kBlockRays];
-    if (placer_ != nullptr) placer_->Place(seen, placed);
+    if (placer_ != nullptr && !placer_->Place(seen, placed)) return run_.Stopped();
     for (int i = 0; i < seen.count; ++i) {
       const int lane = lanes[i];
       packet_->t[lane] = seen.t[i];
@@ -414,6 +414,7 @@ class TileTrace {
       if (mirrored_->mirror_of(part_)[lane] != number) continue;
       CountAnswers({packet_->answered_by + lane, 1}, &out_.primary);
     }
+    return absl::OkStatus();
   }
 
   // Appends the block's hits to the group's points; returns how many there are now.
