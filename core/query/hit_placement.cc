@@ -107,7 +107,7 @@ void HitPlacer::FindTouched() {
   }
 }
 
-// And those that one try does not settle.
+// And those that one try does not settle. The others touch nothing, and are clear.
 void HitPlacer::PlaceTouchers(const RayPacket& packet, std::span<Vec3f> positions) {
   for (const auto& [lane, id] : touched_) left_[lane / kGroupLanes] |= 1u << lane % kGroupLanes;
   size_t next = 0;
@@ -126,8 +126,9 @@ void HitPlacer::PlaceTouchers(const RayPacket& packet, std::span<Vec3f> position
                                    .side = source.plane.side,
                                    .radius = points.radius(i),
                                    .reference = packet.origin};
-      positions[static_cast<size_t>(lane)] =
-          PlaceTouching(scene_, placement, source.plane, ids_, &poll_).position;
+      const Placed placed = PlaceTouching(scene_, placement, source.plane, ids_, &poll_);
+      positions[static_cast<size_t>(lane)] = placed.position;
+      near_surface_[static_cast<size_t>(lane)] = !placed.clear;
     }
   }
 }
@@ -136,6 +137,7 @@ bool HitPlacer::Place(const RayPacket& packet, std::span<Vec3f> positions) {
   SIGHTLINE_DCHECK(!packet.segments);
   CollectParts(packet);
   std::fill_n(left_, group_count_, 0u);
+  near_surface_.reset();
   for (const Part& part : std::span(parts_, static_cast<size_t>(part_count_))) {
     const int g = part.first / kGroupLanes;
     const uint32_t settled =

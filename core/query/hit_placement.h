@@ -18,6 +18,7 @@
 #ifndef SIGHTLINE_CORE_QUERY_HIT_PLACEMENT_H_
 #define SIGHTLINE_CORE_QUERY_HIT_PLACEMENT_H_
 
+#include <bitset>
 #include <cstdint>
 #include <span>
 #include <utility>
@@ -56,6 +57,9 @@ class HitPlacer {
   // others are left alone. False: `cancel` has fired, and there is no telling which are placed.
   // REQUIRES: rays, not segments; positions.size() >= packet.count.
   bool Place(const RayPacket& packet, std::span<Vec3f> positions);
+  // By lane of that packet: whether the hit could not be placed strictly on the right side of all
+  // that it touches (not Placed::clear).
+  const std::bitset<RayPacket::kMaxRays>& near_surface() const { return near_surface_; }
 
  private:
   static constexpr int kGroupLanes = TouchPoints::kMost;
@@ -92,6 +96,7 @@ class HitPlacer {
   // What hits touch: (lane, triangle), ascending.
   std::vector<std::pair<int, uint32_t>> touched_;
   std::vector<uint32_t> ids_;
+  std::bitset<RayPacket::kMaxRays> near_surface_;
 };
 
 }  // namespace sightline

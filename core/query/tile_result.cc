@@ -44,6 +44,8 @@ void TileResult::SortPoints(size_t pixels) {
     point_pixel[next++] = static_cast<uint32_t>(pixel);
   }
   sorted.valid.assign(next, 1);
+  sorted.attached = next;
+  sorted.near_surface = points.near_surface;
   point_pixel.resize(next);
   points = std::move(sorted);
 }

@@ -51,7 +51,7 @@ struct TileResult {
   // One row per sample, each (n + 7) / 8 bytes: 1 where the pixel hits something and the sample
   // reaches it.
   std::vector<uint8_t> lit_bits;
-  PreparedPoints points;                // One per hit pixel, in pixel order.
+  PreparedPoints points;  // One per hit pixel, in pixel order, each attached to what it hit.
   std::vector<uint32_t> point_pixel;    // Its pixel, 0 .. n - 1.
   std::vector<AnsweredBy> answered_by;  // n.
   // One row of n per sample: kNoRay where the pixel hits nothing, or the sample is invalid.

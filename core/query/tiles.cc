@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bitset>
 #include <memory>
 #include <span>
 #include <utility>
@@ -83,6 +84,7 @@ class TileTrace {
       point_pixel_.resize(most * kBlockRays);
       placer_ = std::make_unique<HitPlacer>(scene, options.simd, options.cancel);
       placed_.resize(parts);
+      near_surface_.resize(parts);
     }
     // Every pixel's ids and numbers are written by its block: what a result of the same size held
     // before does not matter.
@@ -364,7 +366,9 @@ class TileTrace {
   absl::Status PlaceHits() {
     // Placing belongs to the shadows' cost, though it asks about no ray.
     const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
-    return placer_->Place(*packet_, placed_[part_]) ? absl::OkStatus() : run_.Stopped();
+    if (!placer_->Place(*packet_, placed_[part_])) return run_.Stopped();
+    near_surface_[part_] = placer_->near_surface();
+    return absl::OkStatus();
   }
 
   // Replaces hits on mirrors by what is seen in them.
@@ -408,7 +412,9 @@ class TileTrace {
         packet_->v[lane] = seen.v[i];
       }
       if (seen.answered_by != nullptr) packet_->answered_by[lane] = seen.answered_by[i];
-      if (placer_ != nullptr) placed_[part_][lane] = placed[i];
+      if (placer_ == nullptr) continue;
+      placed_[part_][lane] = placed[i];
+      near_surface_[part_][lane] = placer_->near_surface()[i];
     }
     for (int lane = 0; run_.options().count_answers && lane < packet_->count; ++lane) {
       if (mirrored_->mirror_of(part_)[lane] != number) continue;
@@ -420,6 +426,7 @@ class TileTrace {
   // Appends the block's hits to the group's points; returns how many there are now.
   size_t PlacePoints(const TileRect& group, const TileRect& block, size_t points) {
     const size_t first = FirstPixel(group, block), begin = points;
+    size_t near_surface = 0;
     const auto add = [&](size_t lane, size_t pixel) {
       positions_[points] = placed_[part_][lane];
       sources_[points] = packet_->triangle[lane];
@@ -438,6 +445,7 @@ class TileTrace {
             const size_t lane = static_cast<size_t>(run.lane) + k;
             if (packet_->triangle[lane] != kNoTriangle) {
               add(lane, first + size_t{run.y} * tile_.width + run.x + k);
+              near_surface += near_surface_[part_][lane];
             } else if (stand_in != none) {
               add(stand_in, kNoPixel);
             }
@@ -449,6 +457,7 @@ class TileTrace {
     // Packets at the tile's edge are filled up.
     const auto side = static_cast<size_t>(run_.options().packet_side);
     while (stand_in != none && points - begin < side * side) add(stand_in, kNoPixel);
+    if (outputs_.points) out_.points.near_surface += near_surface;
     return points;
   }
 
@@ -540,6 +549,7 @@ class TileTrace {
   bool has_grid_ = false;
   std::unique_ptr<HitPlacer> placer_;                  // Large, and not always needed.
   std::vector<std::array<Vec3f, kBlockRays>> placed_;  // By block and lane, where there is one.
+  std::vector<std::bitset<kBlockRays>> near_surface_;  // Likewise.
   // The group's points.
   std::vector<Vec3f> positions_;
   std::vector<uint32_t> sources_, point_pixel_;

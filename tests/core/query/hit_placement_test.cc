@@ -64,7 +64,7 @@ void Trace(const IndexedGeometry& scene, TestRng& rng, Vec3f eye, Vec3d at, doub
 }
 
 struct Seen {
-  int64_t hits = 0, touching = 0;
+  int64_t hits = 0, touching = 0, near_surface = 0;
 };
 
 // Places the packet's hits together and one by one.
@@ -74,17 +74,21 @@ void ExpectPlacedAlike(const IndexedGeometry& scene, const RayPacket& packet, Hi
   placer->Place(packet, positions);
   std::vector<uint32_t> touched;
   for (int lane = 0; lane < RayPacket::kMaxRays; ++lane) {
-    Vec3f expected = kUntouched;
+    Placed expected = {.position = kUntouched};
     if (lane < packet.count && packet.triangle[lane] != kNoTriangle) {
       const auto [t, triangle] = packet.hit(lane);
-      expected = PlaceHit(scene, packet.origin, packet.target(lane), t, triangle);
-      const Placement placement = HitSource(scene, packet.origin, triangle)
-                                      .PlacementOf(packet.origin, packet.target(lane), t);
+      const HitSource source(scene, packet.origin, triangle);
+      const Placement placement = source.PlacementOf(packet.origin, packet.target(lane), t);
       FindTouching(scene, placement.at, placement.radius, triangle, &touched);
+      expected = PlaceTouching(scene, placement, source.plane, touched);
+      const Vec3f alone = PlaceHit(scene, packet.origin, packet.target(lane), t, triangle);
+      ASSERT_EQ(BitsOf(expected.position), BitsOf(alone)) << "lane " << lane;
+      seen->near_surface += !expected.clear;
       ++seen->hits;
       seen->touching += !touched.empty();
     }
-    ASSERT_EQ(BitsOf(positions[lane]), BitsOf(expected)) << "lane " << lane;
+    ASSERT_EQ(BitsOf(positions[lane]), BitsOf(expected.position)) << "lane " << lane;
+    ASSERT_EQ(placer->near_surface()[static_cast<size_t>(lane)], !expected.clear) << lane;
   }
 }
 
@@ -108,6 +112,7 @@ TEST(HitPlacementTest, PacketsOfNastyScenesArePlacedAsSingleHits) {
   }
   EXPECT_GT(seen.hits, 100);
   EXPECT_GT(seen.touching, 20);
+  EXPECT_GT(seen.near_surface, 20);
 }
 
 // Meshes as they are: many triangles for one packet, some, two; whole objects and patches of less

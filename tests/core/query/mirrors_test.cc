@@ -177,6 +177,8 @@ TEST(MirrorsTest, EveryStrategySeesWhatTheDefinitionSays) {
         ASSERT_EQ(bits(result.v[i]), bits(truth.v[i])) << i;
       }
       ASSERT_TRUE(result.points.positions == truth.points.positions);
+      ASSERT_EQ(result.points.attached, truth.points.size());
+      ASSERT_EQ(result.points.near_surface, truth.points.near_surface);
     }
   }
   EXPECT_GT(behind, 0u);
