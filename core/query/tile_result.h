@@ -10,8 +10,10 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "core/base/aligned_vector.h"
 #include "core/geometry/camera.h"
+#include "core/geometry/vec3.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
 #include "core/traverse/answered_by.h"
@@ -73,6 +75,10 @@ struct TileResult {
 // InvalidArgument unless the rectangle has pixels, not too many, and all are the camera's; names
 // field and value.
 absl::Status CheckRect(const Camera& camera, const TileRect& tile);
+
+// Where the camera's rays begin, in the frame of the scene with that origin. InvalidArgument if
+// that is too far off.
+absl::StatusOr<Vec3f> EyeInScene(const Camera& camera, Vec3d origin);
 
 }  // namespace sightline
 

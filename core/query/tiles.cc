@@ -10,11 +10,9 @@
 #include <vector>
 
 #include "absl/base/attributes.h"
-#include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 #include "core/intersect/hit.h"
-#include "core/mesh/rebase.h"
 #include "core/query/hit_placement.h"
 #include "core/query/mirrored_rays.h"
 #include "core/query/pixel_blocks.h"
@@ -561,32 +559,32 @@ class TileTrace {
 // Not inlined: float_environment.h says why.
 ABSL_ATTRIBUTE_NOINLINE
 absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                   std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                   std::span<const LightSample> samples, const PreparedMirrors& mirrors,
                    const TileOutputs& outputs, const QueryOptions& options, TileResult* result) {
   SL_RETURN_IF_ERROR(ValidateCamera(camera));
   SL_RETURN_IF_ERROR(CheckRect(camera, tile));
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
-  Vec3f eye;
-  if (!Rebase(camera.eye, scene.geometry.origin, &eye)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
-                     ") lies beyond 2^40 along an axis, in the world or from the scene's origin"));
-  }
-  SL_ASSIGN_OR_RETURN(const PreparedMirrors prepared,
-                      PreparedMirrors::Prepare(scene.geometry, mirrors, eye));
-  return TileTrace(scene, camera, tile, eye, samples, prepared, outputs, options, result).Run();
+  SL_ASSIGN_OR_RETURN(const Vec3f eye, EyeInScene(camera, scene.geometry.origin));
+  return TileTrace(scene, camera, tile, eye, samples, mirrors, outputs, options, result).Run();
 }
 
 }  // namespace
 
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                       std::span<const LightSample> samples, const TileOutputs& outputs,
-                       const QueryOptions& options, TileResult* result) {
-  return TraceTile(scene, camera, tile, samples, {}, outputs, options, result);
+                       std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                       const TileOutputs& outputs, const QueryOptions& options,
+                       TileResult* result) {
+  const absl::StatusOr<PreparedMirrors> prepared =
+      PrepareMirrors(scene.geometry, mirrors, camera, options.cancel);
+  if (!prepared.ok()) {
+    *result = TileResult();
+    return prepared.status();
+  }
+  return TraceTile(scene, camera, tile, samples, *prepared, outputs, options, result);
 }
 
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                       std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                       std::span<const LightSample> samples, const PreparedMirrors& mirrors,
                        const TileOutputs& outputs, const QueryOptions& options,
                        TileResult* result) {
   const ScopedFloatEnvironment environment;
