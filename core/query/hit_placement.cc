@@ -24,7 +24,7 @@ Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, floa
   const HitSource source(scene, origin, triangle);
   const Placement placement = source.PlacementOf(origin, direction, t);
   std::vector<uint32_t> touched;
-  FindTouching(scene, placement.at, placement.radius, triangle, &touched);
+  FindTouching(scene, placement.at, placement.radius, triangle, &touched, kMaxTouched);
   return PlaceTouching(scene, placement, source.plane, touched).position;
 }
 
@@ -70,9 +70,11 @@ void HitPlacer::CollectParts(const RayPacket& packet) {
 }
 
 void HitPlacer::FindTouchedAmongCandidates(int group, const Box3f& around) {
+  const size_t before = touched_.size();
   candidates_.ForEachTouching(around, groups_[group], [&](int i, uint32_t id) {
     touched_.emplace_back(group * kGroupLanes + i, id);
   });
+  std::sort(touched_.begin() + static_cast<ptrdiff_t>(before), touched_.end());
 }
 
 void HitPlacer::FindTouched() {
@@ -89,6 +91,7 @@ void HitPlacer::FindTouched() {
   for (int g = 0; g < group_count_; ++g) {
     const TouchPoints& points = groups_[g];
     if (points.used == 0) continue;
+    if (poll_.Stops(kGroupLanes)) return;
     const Box3f around = Around(extents[g]);
     if (together || candidates_.Gather(scene_, around, extents[g].norm_one, kMostOfGroup)) {
       FindTouchedAmongCandidates(g, around);
@@ -96,20 +99,22 @@ void HitPlacer::FindTouched() {
     }
     for (uint32_t left = points.used; left != 0; left &= left - 1) {
       const int i = std::countr_zero(left);
-      FindTouching(scene_, points.at(i), points.radius(i), points.source[i], &ids_);
+      FindTouching(scene_, points.at(i), points.radius(i), points.source[i], &ids_, kMaxTouched,
+                   &poll_);
+      if (poll_.stopped()) return;
       for (const uint32_t id : ids_) touched_.emplace_back(g * kGroupLanes + i, id);
     }
   }
-  std::sort(touched_.begin(), touched_.end());
 }
 
-// And those that one try does not settle.
+// And those that one try does not settle. The others touch nothing, and are clear.
 void HitPlacer::PlaceTouchers(const RayPacket& packet, std::span<Vec3f> positions) {
   for (const auto& [lane, id] : touched_) left_[lane / kGroupLanes] |= 1u << lane % kGroupLanes;
   size_t next = 0;
   for (int g = 0; g < group_count_; ++g) {
     const TouchPoints& points = groups_[g];
     for (uint32_t left = left_[g]; left != 0; left &= left - 1) {
+      if (poll_.stopped()) return;
       const int i = std::countr_zero(left), lane = g * kGroupLanes + i;
       ids_.clear();
       for (; next < touched_.size() && touched_[next].first == lane; ++next) {
@@ -121,16 +126,18 @@ void HitPlacer::PlaceTouchers(const RayPacket& packet, std::span<Vec3f> position
                                    .side = source.plane.side,
                                    .radius = points.radius(i),
                                    .reference = packet.origin};
-      positions[static_cast<size_t>(lane)] =
-          PlaceTouching(scene_, placement, source.plane, ids_).position;
+      const Placed placed = PlaceTouching(scene_, placement, source.plane, ids_, &poll_);
+      positions[static_cast<size_t>(lane)] = placed.position;
+      near_surface_[static_cast<size_t>(lane)] = !placed.clear;
     }
   }
 }
 
-void HitPlacer::Place(const RayPacket& packet, std::span<Vec3f> positions) {
+bool HitPlacer::Place(const RayPacket& packet, std::span<Vec3f> positions) {
   SIGHTLINE_DCHECK(!packet.segments);
   CollectParts(packet);
   std::fill_n(left_, group_count_, 0u);
+  near_surface_.reset();
   for (const Part& part : std::span(parts_, static_cast<size_t>(part_count_))) {
     const int g = part.first / kGroupLanes;
     const uint32_t settled =
@@ -140,6 +147,7 @@ void HitPlacer::Place(const RayPacket& packet, std::span<Vec3f> positions) {
   }
   FindTouched();
   PlaceTouchers(packet, positions);
+  return !poll_.stopped();
 }
 
 }  // namespace sightline

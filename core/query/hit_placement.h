@@ -18,12 +18,14 @@
 #ifndef SIGHTLINE_CORE_QUERY_HIT_PLACEMENT_H_
 #define SIGHTLINE_CORE_QUERY_HIT_PLACEMENT_H_
 
+#include <bitset>
 #include <cstdint>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "core/accel/indexed_geometry.h"
+#include "core/base/cancel.h"
 #include "core/geometry/box3.h"
 #include "core/geometry/vec3.h"
 #include "core/query/hit_source.h"
@@ -32,6 +34,7 @@
 #include "core/query/placement_kernels.h"
 #include "core/query/touch_candidates.h"
 #include "core/query/touch_points.h"
+#include "core/query/work_poll.h"
 #include "core/traverse/simd_target.h"
 #include "core/traverse/trace_ray.h"
 
@@ -45,12 +48,18 @@ Vec3f PlaceHit(const IndexedGeometry& scene, Vec3f origin, Vec3f direction, floa
 
 class HitPlacer {
  public:
-  explicit HitPlacer(const IndexedGeometry& scene, SimdTarget simd = SimdTarget::kBest)
-      : scene_(scene), kernels_(PlacementKernelsFor(simd)), candidates_(kernels_) {}
+  // `cancel` may be null.
+  explicit HitPlacer(const IndexedGeometry& scene, SimdTarget simd = SimdTarget::kBest,
+                     const CancelToken* cancel = nullptr)
+      : scene_(scene), kernels_(PlacementKernelsFor(simd)), poll_(cancel), candidates_(kernels_) {}
 
   // positions[lane] = PlaceHit(scene, origin, target, t, triangle) for every lane that hit; the
-  // others are left alone. REQUIRES: rays, not segments; positions.size() >= packet.count.
-  void Place(const RayPacket& packet, std::span<Vec3f> positions);
+  // others are left alone. False: `cancel` has fired, and there is no telling which are placed.
+  // REQUIRES: rays, not segments; positions.size() >= packet.count.
+  bool Place(const RayPacket& packet, std::span<Vec3f> positions);
+  // By lane of that packet: whether the hit could not be placed strictly on the right side of all
+  // that it touches (not Placed::clear).
+  const std::bitset<RayPacket::kMaxRays>& near_surface() const { return near_surface_; }
 
  private:
   static constexpr int kGroupLanes = TouchPoints::kMost;
@@ -74,6 +83,7 @@ class HitPlacer {
 
   const IndexedGeometry& scene_;
   const PlacementKernels& kernels_;
+  WorkPoll poll_;
   std::vector<HitSource> sources_;
   int part_count_ = 0;
   Part parts_[RayPacket::kMaxRays];
@@ -86,6 +96,7 @@ class HitPlacer {
   // What hits touch: (lane, triangle), ascending.
   std::vector<std::pair<int, uint32_t>> touched_;
   std::vector<uint32_t> ids_;
+  std::bitset<RayPacket::kMaxRays> near_surface_;
 };
 
 }  // namespace sightline

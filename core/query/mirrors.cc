@@ -4,11 +4,21 @@
 #include <algorithm>
 #include <cmath>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
+#include "core/query/tile_result.h"
 
 namespace sightline {
 namespace {
+
+// Triangles or vertices between two looks at the cancel token: some dozen microseconds.
+constexpr uint32_t kPollInterval = 4096;
+
+absl::Status Poll(uint32_t i, const CancelToken* cancel) {
+  return i % kPollInterval == 0 && cancel != nullptr ? cancel->ToStatus() : absl::OkStatus();
+}
 
 struct ScenePlane {
   Vec3d point, normal;
@@ -24,10 +34,11 @@ absl::Status CheckNormal(absl::string_view name, Vec3d normal) {
 
 // The plane of an object's largest triangle.
 absl::StatusOr<ScenePlane> PlaneOf(const SceneGeometry& geometry, absl::string_view name,
-                                   const ObjectRecord& object) {
+                                   const ObjectRecord& object, const CancelToken* cancel) {
   ScenePlane plane;
   double largest = 0;
   for (uint32_t i = 0; i < object.triangle_count; ++i) {
+    SL_RETURN_IF_ERROR(Poll(i, cancel));
     const uint32_t id = object.first_triangle + i;
     const auto [a, b, c] = geometry.Corners(id);
     const Vec3d normal = Cross(ToDouble(b) - ToDouble(a), ToDouble(c) - ToDouble(a));
@@ -44,6 +55,7 @@ absl::StatusOr<ScenePlane> PlaneOf(const SceneGeometry& geometry, absl::string_v
   SL_RETURN_IF_ERROR(CheckNormal(absl::StrCat(name, ".object's normal"), plane.normal));
   double farthest = 0, width = 0;
   for (uint32_t i = 0; i < object.vertex_count; ++i) {
+    SL_RETURN_IF_ERROR(Poll(i, cancel));
     const Vec3f v = geometry.vertices[object.first_vertex + i];
     if (!IsFinite(v)) continue;
     const Vec3d from = ToDouble(v) - plane.point;
@@ -74,8 +86,8 @@ Vec3d PreparedMirror::Mirrored(Vec3d v, double along) const {
 }
 
 absl::StatusOr<PreparedMirrors> PreparedMirrors::Prepare(const SceneGeometry& geometry,
-                                                         std::span<const Mirror> mirrors,
-                                                         Vec3f eye) {
+                                                         std::span<const Mirror> mirrors, Vec3f eye,
+                                                         const CancelToken* cancel) {
   if (mirrors.size() > kMaxMirrors) {
     return absl::InvalidArgumentError(absl::StrCat("mirrors: there are ", mirrors.size(),
                                                    ", and may be ", kMaxMirrors, " at most"));
@@ -103,7 +115,7 @@ absl::StatusOr<PreparedMirrors> PreparedMirrors::Prepare(const SceneGeometry& ge
       SL_RETURN_IF_ERROR(CheckNormal(absl::StrCat(name, ".plane.normal"), mirror.plane->normal));
       plane = {mirror.plane->point - geometry.origin, mirror.plane->normal};
     } else {
-      SL_ASSIGN_OR_RETURN(plane, PlaneOf(geometry, name, object));
+      SL_ASSIGN_OR_RETURN(plane, PlaneOf(geometry, name, object, cancel));
     }
     const PreparedMirror made({object.first_triangle, object.triangle_count}, plane.point,
                               plane.normal, eye);
@@ -114,6 +126,27 @@ absl::StatusOr<PreparedMirrors> PreparedMirrors::Prepare(const SceneGeometry& ge
     prepared.mirrors_.push_back(made);
   }
   return prepared;
+}
+
+namespace {
+
+// Not inlined: float_environment.h says why.
+ABSL_ATTRIBUTE_NOINLINE
+absl::StatusOr<PreparedMirrors> PrepareFor(const SceneGeometry& geometry,
+                                           std::span<const Mirror> mirrors, const Camera& camera,
+                                           const CancelToken* cancel) {
+  SL_RETURN_IF_ERROR(ValidateCamera(camera));
+  SL_ASSIGN_OR_RETURN(const Vec3f eye, EyeInScene(camera, geometry.origin));
+  return PreparedMirrors::Prepare(geometry, mirrors, eye, cancel);
+}
+
+}  // namespace
+
+absl::StatusOr<PreparedMirrors> PrepareMirrors(const SceneGeometry& geometry,
+                                               std::span<const Mirror> mirrors,
+                                               const Camera& camera, const CancelToken* cancel) {
+  const ScopedFloatEnvironment environment;
+  return PrepareFor(geometry, mirrors, camera, cancel);
 }
 
 }  // namespace sightline

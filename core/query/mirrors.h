@@ -41,6 +41,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
+#include "core/geometry/camera.h"
 #include "core/geometry/vec3.h"
 #include "core/mesh/scene_geometry.h"
 #include "core/traverse/trace_ray.h"
@@ -87,9 +89,12 @@ class PreparedMirrors {
 
   // `eye` in the scene's frame. InvalidArgument: no such object, named twice, a plane that is not
   // finite or has no normal, an object that is not flat or has no triangle that could be seen, or
-  // too many; each is named. A mirrored eye beyond kMaxCoordinate is one, too.
+  // too many; each is named. A mirrored eye beyond kMaxCoordinate is one, too. Cancelled /
+  // DeadlineExceeded from `cancel`, which may be null: whoever gives no plane has all of the
+  // object's triangles and vertices looked at.
   static absl::StatusOr<PreparedMirrors> Prepare(const SceneGeometry& geometry,
-                                                 std::span<const Mirror> mirrors, Vec3f eye);
+                                                 std::span<const Mirror> mirrors, Vec3f eye,
+                                                 const CancelToken* cancel = nullptr);
 
   bool empty() const { return mirrors_.empty(); }
   std::span<const PreparedMirror> all() const { return mirrors_; }
@@ -97,6 +102,13 @@ class PreparedMirrors {
  private:
   std::vector<PreparedMirror> mirrors_;
 };
+
+// Those of a camera's tiles, for whoever traces many of them (TraceTile in tiles.h): the same with
+// its eye, and with the camera's own errors.
+absl::StatusOr<PreparedMirrors> PrepareMirrors(const SceneGeometry& geometry,
+                                               std::span<const Mirror> mirrors,
+                                               const Camera& camera,
+                                               const CancelToken* cancel = nullptr);
 
 }  // namespace sightline
 

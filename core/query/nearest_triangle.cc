@@ -119,8 +119,8 @@ void LookAtLeaf(const LeafView& leaf, Vec3d p, NearestTriangle* best) {
 }
 
 // FindNearest by the kd-tree, the nearer child first.
-NearestTriangle NearestInKdTree(const IndexedGeometry& scene, Vec3d p,
-                                double max_distance_squared) {
+NearestTriangle NearestInKdTree(const IndexedGeometry& scene, Vec3d p, double max_distance_squared,
+                                WorkPoll* poll) {
   const KdTree& tree = *scene.kd_tree;
   NearestTriangle best{kNoTriangle, max_distance_squared};
   struct Entry {
@@ -145,7 +145,9 @@ NearestTriangle NearestInKdTree(const IndexedGeometry& scene, Vec3d p,
       if (!tree.perfect() && !(BoxDistance(leaf.box(), p) <= best.distance_squared)) continue;
       const LeafRange range = LeafRange::Of(scene, leaf);
       for (uint32_t first = 0; first < range.count; first += kMaxLeafTriangles) {
-        LookAtLeaf(RangeView(scene.geometry, range, first).leaf, p, &best);
+        const RangeView view(scene.geometry, range, first);
+        LookAtLeaf(view.leaf, p, &best);
+        if (Stops(poll, view.leaf.count)) return best;
       }
       continue;
     }
@@ -171,14 +173,16 @@ float FloatAbove(double x, double r) {
                          std::numeric_limits<float>::infinity());
 }
 
-// Calls found(id) for touched triangles in no particular order; found returns whether to go on.
+// Calls found(id) for touched triangles in no particular order, on a kd-tree perhaps more than once
+// for one; found returns whether to go on.
 template <typename Found>
 void ForEachTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
-                     Found found) {
+                     WorkPoll* poll, Found found) {
   const Box3f around = BoxAround({p, p}, radius.Largest(scene));
   ForEachMeeting(scene, around, [&](const LeafView& leaf, uint32_t k) {
     const uint32_t id = leaf.id(k);
     if (id == skip) return true;
+    if (Stops(poll, 1)) return false;
     const Vec3f a = leaf.corner(0, k), b = leaf.corner(1, k), c = leaf.corner(2, k);
     return Touches(p, radius, a, b, c) ? found(id) : true;
   });
@@ -262,8 +266,9 @@ Box3f BoxAround(const Box3d& points, double radius) {
           .hi = {FloatAbove(hi.x, radius), FloatAbove(hi.y, radius), FloatAbove(hi.z, radius)}};
 }
 
-NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared) {
-  if (scene.kd_tree_alone()) return NearestInKdTree(scene, p, max_distance_squared);
+NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared,
+                            WorkPoll* poll) {
+  if (scene.kd_tree_alone()) return NearestInKdTree(scene, p, max_distance_squared, poll);
   NearestTriangle best{kNoTriangle, max_distance_squared};
   if (scene.bvh.empty()) return best;
   struct Entry {  // Trivial: the stack is not initialized.
@@ -279,7 +284,9 @@ NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_di
     if (!(entry.distance <= best.distance_squared)) continue;
     const ChildRef ref = ChildRef::FromBits(entry.ref_bits);
     if (ref.is_leaf()) {
-      LookAtLeaf(LeafView(scene, ref), p, &best);
+      const LeafView leaf(scene, ref);
+      LookAtLeaf(leaf, p, &best);
+      if (Stops(poll, leaf.count)) return best;
       continue;
     }
     double distance[kBvhWidth];
@@ -299,33 +306,43 @@ NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_di
 }
 
 void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
-                  std::vector<uint32_t>* ids) {
+                  std::vector<uint32_t>* ids, size_t most, WorkPoll* poll) {
+  const auto keep_distinct = [&] {
+    std::sort(ids->begin(), ids->end());
+    ids->erase(std::unique(ids->begin(), ids->end()), ids->end());
+  };
+  // On a kd-tree some may be one triangle again: so that they are sorted seldom, as many more are
+  // gathered as are wanted at all.
+  const size_t gathered = scene.kd_tree_alone() && most <= ids->max_size() / 2 ? 2 * most : most;
   ids->clear();
-  ForEachTouching(scene, p, radius, skip, [&](uint32_t id) {
+  ForEachTouching(scene, p, radius, skip, poll, [&](uint32_t id) {
     ids->push_back(id);
-    return true;
+    if (ids->size() <= gathered) return true;
+    keep_distinct();
+    return ids->size() <= most;
   });
-  std::sort(ids->begin(), ids->end());
-  ids->erase(std::unique(ids->begin(), ids->end()), ids->end());
+  keep_distinct();
 }
 
-bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip) {
+bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
+                WorkPoll* poll) {
   bool any = false;
-  ForEachTouching(scene, p, radius, skip, [&](uint32_t) {
+  ForEachTouching(scene, p, radius, skip, poll, [&](uint32_t) {
     any = true;
     return false;
   });
   return any;
 }
 
-bool CrossesAny(const IndexedGeometry& scene, Vec3f from, Vec3f to,
-                std::span<const uint32_t> skip) {
+bool CrossesAny(const IndexedGeometry& scene, Vec3f from, Vec3f to, std::span<const uint32_t> skip,
+                WorkPoll* poll) {
   Box3f box;
   box.Extend(from);
   box.Extend(to);
   const PredicateRay segment = PredicateRay::Segment(from, to);
   bool crosses = false;
   ForEachMeeting(scene, box, [&](const LeafView& leaf, uint32_t k) {
+    if (Stops(poll, 1)) return false;
     if (std::binary_search(skip.begin(), skip.end(), leaf.id(k))) return true;
     crosses = Blocks(segment, leaf.corner(0, k), leaf.corner(1, k), leaf.corner(2, k));
     return !crosses;

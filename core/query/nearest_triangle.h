@@ -11,6 +11,8 @@
 // the cell and the box of some leaf that names the triangle, or, where splits are perfect, in the
 // `reach` of all nodes above that leaf (core/accel/kd_tree.h).
 //
+// A search that `poll` (may be null) stops answers nothing: WorkPoll::stopped() says so.
+//
 // Thread safety: functions only.
 //
 //   NearestTriangle nearest = FindNearest(scene, ToDouble(point), distance * distance);
@@ -19,6 +21,7 @@
 #define SIGHTLINE_CORE_QUERY_NEAREST_TRIANGLE_H_
 
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -28,6 +31,7 @@
 #include "core/geometry/box3.h"
 #include "core/geometry/vec3.h"
 #include "core/mesh/scene_geometry.h"
+#include "core/query/work_poll.h"
 
 namespace sightline {
 
@@ -69,7 +73,8 @@ struct NearestTriangle {
 };
 
 // The nearest triangle within the given distance (the bound included); the lowest id among equals.
-NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared);
+NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared,
+                            WorkPoll* poll = nullptr);
 
 // How near is touching: base + per_vertex · (the largest 1-norm of the triangle's corners).
 struct TouchRadius {
@@ -87,16 +92,20 @@ bool Touches(Vec3d p, TouchRadius radius, Vec3f a, Vec3f b, Vec3f c);
 // doubles, too.
 Box3f BoxAround(const Box3d& points, double radius);
 
-// The ids of all triangles but `skip` that `p` touches, ascending, into `ids`.
+// The ids of all triangles but `skip` that `p` touches, ascending, into `ids`; where they are more
+// than `most`, some of them, and more than `most`.
 void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
-                  std::vector<uint32_t>* ids);
+                  std::vector<uint32_t>* ids, size_t most = std::numeric_limits<size_t>::max(),
+                  WorkPoll* poll = nullptr);
 
 // Whether p touches any triangle but `skip`.
-bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip);
+bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
+                WorkPoll* poll = nullptr);
 
 // Whether any triangle that is not in `skip` (ascending) blocks the segment. For short ones: boxes
 // are tested against the segment's box.
-bool CrossesAny(const IndexedGeometry& scene, Vec3f from, Vec3f to, std::span<const uint32_t> skip);
+bool CrossesAny(const IndexedGeometry& scene, Vec3f from, Vec3f to, std::span<const uint32_t> skip,
+                WorkPoll* poll = nullptr);
 
 }  // namespace sightline
 

@@ -119,13 +119,16 @@ HWY_INLINE uint32_t PlaceVector(const HitSource& source, const RayPacket& packet
   const auto x = round(at.x, moved.x), y = round(at.y, moved.y), z = round(at.z, moved.z);
 
   // The double stage of SideOfPlane. Not finite: no comparison holds.
-  const PlaceV3 out =
-      SubV(PlaceV3{hn::PromoteTo(dd, x), hn::PromoteTo(dd, y), hn::PromoteTo(dd, z)}, a);
+  const PlaceV3 there = {hn::PromoteTo(dd, x), hn::PromoteTo(dd, y), hn::PromoteTo(dd, z)};
+  const PlaceV3 out = SubV(there, a);
   const PlaceV height = hn::Mul(UnfusedDot(n, out), All(plane.side));
   const PlaceV bound = hn::Mul(
       All(kDoubleBound),
       UnfusedDot(All(source.permanent), PlaceV3{hn::Abs(out.x), hn::Abs(out.y), hn::Abs(out.z)}));
-  const auto holds = hn::And(hn::Gt(height, bound), hn::Lt(bound, hn::Inf(dd)));
+  // Farther off than it looked for what it touches, it may have crossed something.
+  const PlaceV3 way = SubV(there, at);
+  const auto holds = hn::And(hn::And(hn::Gt(height, bound), hn::Lt(bound, hn::Inf(dd))),
+                             hn::Le(UnfusedDot(way, way), hn::Mul(base, base)));
 
   alignas(64) float px[kPlaceLanes], py[kPlaceLanes], pz[kPlaceLanes];
   hn::Store(x, floats, px);

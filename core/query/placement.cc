@@ -14,6 +14,8 @@ namespace {
 // Rounds of such moves. At right angles one or two are enough, and what kMaxReach lets through
 // needs few more; the result is verified, so this bounds time alone.
 constexpr int kSweeps = 32;
+// What so many of them take for one plane, in triangles looked at (WorkPoll).
+constexpr size_t kWorkPerPlane = 8;
 // A point is not moved farther than this many touch radii for the sake of other triangles: room for
 // two planes that meet at some 10 degrees. Beyond that, the move would begin to show.
 constexpr double kMaxReach = 16;
@@ -26,9 +28,6 @@ constexpr std::array<double, 3> kScales = {1, 4, 16};
 // (ClosestPoints::sliver), so that they are placed alike here and a vector at a time
 // (placement-inl.h).
 constexpr double kMostSlack = 0x1p-20;
-// More touched triangles than this (the pole of a finely cut sphere may have that many) are not
-// sorted out.
-constexpr size_t kMaxTouched = 1024;
 // Doublings of the source's own offset. From 2^-149 to 2^41 there are 190; PlacementOffset starts
 // within 2^-50 of the coordinates, from where 60 reach past them.
 constexpr int kMaxDoublings = 60;
@@ -229,7 +228,7 @@ std::vector<Neighbour> FindSides(const IndexedGeometry& scene, const Placement& 
 
 // All sides first, then those that can stand between the point and a light in front of its source.
 bool PlaceAmong(const IndexedGeometry& scene, const Placement& placement, const Plane& source,
-                std::span<const uint32_t> touched, Placed* placed) {
+                std::span<const uint32_t> touched, WorkPoll* poll, Placed* placed) {
   const std::vector<Neighbour> neighbours = FindSides(scene, placement, touched);
   std::vector<uint32_t> skip(touched.begin(), touched.end());
   skip.insert(std::lower_bound(skip.begin(), skip.end(), placement.source), placement.source);
@@ -252,8 +251,9 @@ bool PlaceAmong(const IndexedGeometry& scene, const Placement& placement, const 
       return false;  // The same again.
     }
     for (double scale : kScales) {
+      if (Stops(poll, kWorkPerPlane * planes.size())) return false;
       if (TryAll(planes, scale, placement.at, reach, &placed->position) &&
-          !CrossesAny(scene, start, placed->position, skip)) {
+          !CrossesAny(scene, start, placed->position, skip, poll)) {
         placed->clear = all;
         return true;
       }
@@ -283,17 +283,19 @@ double PlacementOffset(Vec3d n, Vec3d p, double slack) {
   return 2 * (0x1p-24 * rounding + 2 * 0x1p-150) + slack;
 }
 
-Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch) {
-  FindTouching(scene, placement.at, placement.radius, placement.source, &scratch->touched);
+Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch,
+             WorkPoll* poll) {
+  FindTouching(scene, placement.at, placement.radius, placement.source, &scratch->touched,
+               kMaxTouched, poll);
   const Plane source = MakePlane(scene.geometry.Corners(placement.source), placement.side);
-  return PlaceTouching(scene, placement, source, scratch->touched);
+  return PlaceTouching(scene, placement, source, scratch->touched, poll);
 }
 
 Placed PlaceTouching(const IndexedGeometry& scene, const Placement& placement, const Plane& source,
-                     std::span<const uint32_t> touched) {
+                     std::span<const uint32_t> touched, WorkPoll* poll) {
   Placed placed;
   if (!touched.empty() && touched.size() <= kMaxTouched &&
-      PlaceAmong(scene, placement, source, touched, &placed)) {
+      PlaceAmong(scene, placement, source, touched, poll, &placed)) {
     return placed;
   }
   placed.position = PlaceBesideSource(source, placement.at);
@@ -301,8 +303,8 @@ Placed PlaceTouching(const IndexedGeometry& scene, const Placement& placement, c
   // Within the base radius of a point that touches nothing there is nothing to cross.
   const double base = placement.radius.base;
   if (placed.clear && DistanceSquared(ToDouble(placed.position), placement.at) > base * base) {
-    placed.clear =
-        !CrossesAny(scene, Rounded(placement.at), placed.position, std::span(&placement.source, 1));
+    placed.clear = !CrossesAny(scene, Rounded(placement.at), placed.position,
+                               std::span(&placement.source, 1), poll);
   }
   return placed;
 }

@@ -31,6 +31,7 @@
 #define SIGHTLINE_CORE_QUERY_PLACEMENT_H_
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -39,6 +40,7 @@
 #include "core/geometry/vec3.h"
 #include "core/intersect/predicate.h"
 #include "core/query/nearest_triangle.h"
+#include "core/query/work_poll.h"
 
 namespace sightline {
 
@@ -100,6 +102,10 @@ struct Placement {
   Vec3f reference;     // Decides on which side of unconnected triangles the point belongs.
 };
 
+// More touched triangles than this (the pole of a finely cut sphere may have that many) are not
+// sorted out: which they are does not matter then.
+inline constexpr size_t kMaxTouched = 1024;
+
 struct PlacementScratch {
   std::vector<uint32_t> touched;
 };
@@ -115,13 +121,14 @@ struct Placed {
 // 2^-150; together 2^-24·(|n.x P.x| + |n.y P.y| + |n.z P.z|) + √3·2^-150.
 double PlacementOffset(Vec3d n, Vec3d p, double slack);
 
-// REQUIRES: the source is not inert.
-Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch);
+// Where `poll` (may be null) stops, it is of no use. REQUIRES: the source is not inert.
+Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch,
+             WorkPoll* poll = nullptr);
 
 // The same, with `source` its source's plane and the touched triangles at hand: FindTouching's
-// answer for placement.at without the source.
+// answer for placement.at without the source, for no more than kMaxTouched.
 Placed PlaceTouching(const IndexedGeometry& scene, const Placement& placement, const Plane& source,
-                     std::span<const uint32_t> touched);
+                     std::span<const uint32_t> touched, WorkPoll* poll = nullptr);
 
 }  // namespace sightline
 

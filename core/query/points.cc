@@ -13,11 +13,13 @@
 #include "core/mesh/rebase.h"
 #include "core/query/nearest_triangle.h"
 #include "core/query/placement.h"
+#include "core/query/work_poll.h"
 
 namespace sightline {
 namespace {
 
-// Points between two looks at the cancel token: some hundred microseconds of work at most.
+// Points between two looks at the cancel token: some hundred microseconds of work at most. Where
+// many triangles lie about each, a WorkPoll looks sooner.
 constexpr size_t kCancelBlock = 256;
 
 absl::Status CheckInput(const IndexedGeometry& scene, const PointInput& input,
@@ -80,20 +82,21 @@ int SideOfSource(const IndexedGeometry& scene, uint32_t source, Vec3f p, TouchRa
 class Placer {
  public:
   Placer(const IndexedGeometry& scene, std::span<const Vec3d> normals, const PointOptions& options,
-         PreparedPoints* points)
-      : scene_(scene), normals_(normals), options_(options), points_(*points) {}
+         const CancelToken* cancel, PreparedPoints* points)
+      : scene_(scene), normals_(normals), options_(options), poll_(cancel), points_(*points) {}
 
-  void Place(size_t i) {
-    if (!points_.valid[i]) return;
+  // False: the token has fired.
+  bool Place(size_t i) {
+    if (!points_.valid[i]) return true;
     bool near = false, known = false;
     if (points_.sources[i] == kNoTriangle && options_.attach_distance > 0) known = Attach(i, &near);
     points_.attached += points_.sources[i] != kNoTriangle;
-    if (!options_.count_near_surface) return;
-    if (!known) {
+    if (options_.count_near_surface && !known) {
       const Vec3d p = ToDouble(points_.positions[i]);
-      near = TouchesAny(scene_, p, WorldTouchRadius(NormOne(p)), points_.sources[i]);
+      near = TouchesAny(scene_, p, WorldTouchRadius(NormOne(p)), points_.sources[i], &poll_);
     }
-    points_.near_surface += near;
+    points_.near_surface += options_.count_near_surface && near;
+    return !poll_.stopped();
   }
 
  private:
@@ -102,7 +105,7 @@ class Placer {
   bool Attach(size_t i, bool* near) {
     const Vec3d p = ToDouble(points_.positions[i]);
     const double limit = options_.attach_distance;
-    const NearestTriangle nearest = FindNearest(scene_, p, limit * limit);
+    const NearestTriangle nearest = FindNearest(scene_, p, limit * limit, &poll_);
     if (nearest.triangle == kNoTriangle) return false;
     const TouchRadius radius = WorldTouchRadius(NormOne(p));
     const Vec3d* normal = normals_.empty() ? nullptr : &normals_[i];
@@ -113,7 +116,7 @@ class Placer {
                                             .side = side,
                                             .radius = radius,
                                             .reference = points_.positions[i]},
-                                           &scratch_);
+                                           &scratch_, &poll_);
     points_.positions[i] = placed.position;
     points_.sources[i] = nearest.triangle;
     *near = !placed.clear;
@@ -124,6 +127,7 @@ class Placer {
   const std::span<const Vec3d> normals_;
   const PointOptions& options_;
   PlacementScratch scratch_;
+  WorkPoll poll_;
   PreparedPoints& points_;
 };
 
@@ -156,11 +160,11 @@ absl::Status PlaceAll(const IndexedGeometry& scene, std::span<const Vec3d> norma
                       const PointOptions& options, const CancelToken* cancel,
                       PreparedPoints* points) {
   points->attached = points->near_surface = 0;
-  Placer placer(scene, normals, options, points);
+  Placer placer(scene, normals, options, cancel, points);
   for (size_t i = 0; i < points->size(); ++i) {
     if (i % kCancelBlock == 0 && cancel != nullptr && cancel->cancelled())
       return cancel->ToStatus();
-    placer.Place(i);
+    if (!placer.Place(i)) return cancel->ToStatus();
   }
   return absl::OkStatus();
 }

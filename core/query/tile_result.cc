@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/mesh/rebase.h"
 
 namespace sightline {
 
@@ -44,6 +45,8 @@ void TileResult::SortPoints(size_t pixels) {
     point_pixel[next++] = static_cast<uint32_t>(pixel);
   }
   sorted.valid.assign(next, 1);
+  sorted.attached = next;
+  sorted.near_surface = points.near_surface;
   point_pixel.resize(next);
   points = std::move(sorted);
 }
@@ -69,6 +72,14 @@ absl::Status CheckRect(const Camera& camera, const TileRect& tile) {
                      " has more pixels than the ", kNoPixel - 1, " of the largest tile"));
   }
   return absl::OkStatus();
+}
+
+absl::StatusOr<Vec3f> EyeInScene(const Camera& camera, Vec3d origin) {
+  Vec3f eye;
+  if (Rebase(camera.eye, origin, &eye)) return eye;
+  return absl::InvalidArgumentError(
+      absl::StrCat("camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
+                   ") lies beyond 2^40 along an axis, in the world or from the scene's origin"));
 }
 
 }  // namespace sightline

@@ -10,8 +10,10 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "core/base/aligned_vector.h"
 #include "core/geometry/camera.h"
+#include "core/geometry/vec3.h"
 #include "core/query/options.h"
 #include "core/query/points.h"
 #include "core/traverse/answered_by.h"
@@ -51,7 +53,7 @@ struct TileResult {
   // One row per sample, each (n + 7) / 8 bytes: 1 where the pixel hits something and the sample
   // reaches it.
   std::vector<uint8_t> lit_bits;
-  PreparedPoints points;                // One per hit pixel, in pixel order.
+  PreparedPoints points;  // One per hit pixel, in pixel order, each attached to what it hit.
   std::vector<uint32_t> point_pixel;    // Its pixel, 0 .. n - 1.
   std::vector<AnsweredBy> answered_by;  // n.
   // One row of n per sample: kNoRay where the pixel hits nothing, or the sample is invalid.
@@ -73,6 +75,10 @@ struct TileResult {
 // InvalidArgument unless the rectangle has pixels, not too many, and all are the camera's; names
 // field and value.
 absl::Status CheckRect(const Camera& camera, const TileRect& tile);
+
+// Where the camera's rays begin, in the frame of the scene with that origin. InvalidArgument if
+// that is too far off.
+absl::StatusOr<Vec3f> EyeInScene(const Camera& camera, Vec3d origin);
 
 }  // namespace sightline
 

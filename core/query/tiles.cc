@@ -3,17 +3,16 @@
 
 #include <algorithm>
 #include <array>
+#include <bitset>
 #include <memory>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "absl/base/attributes.h"
-#include "absl/strings/str_cat.h"
 #include "core/base/float_environment.h"
 #include "core/base/status_macros.h"
 #include "core/intersect/hit.h"
-#include "core/mesh/rebase.h"
 #include "core/query/hit_placement.h"
 #include "core/query/mirrored_rays.h"
 #include "core/query/pixel_blocks.h"
@@ -81,8 +80,9 @@ class TileTrace {
       positions_.resize(most * kBlockRays);
       sources_.resize(most * kBlockRays);
       point_pixel_.resize(most * kBlockRays);
-      placer_ = std::make_unique<HitPlacer>(scene, options.simd);
+      placer_ = std::make_unique<HitPlacer>(scene, options.simd, options.cancel);
       placed_.resize(parts);
+      near_surface_.resize(parts);
     }
     // Every pixel's ids and numbers are written by its block: what a result of the same size held
     // before does not matter.
@@ -194,7 +194,7 @@ class TileTrace {
           CountAnswers({packet_->answered_by + run.lane, run.count}, &out_.primary);
         });
       }
-      if (outputs_.lit || outputs_.points) PlaceHits();
+      if (outputs_.lit || outputs_.points) SL_RETURN_IF_ERROR(PlaceHits());
     }
     if (!mirrors_.empty()) SL_RETURN_IF_ERROR(LookIntoMirrors(blocks, scope));
     for (size_t i = 0; i < blocks.size(); ++i) {
@@ -361,10 +361,12 @@ class TileTrace {
   }
 
   // The block's hits, whatever they are on.
-  void PlaceHits() {
+  absl::Status PlaceHits() {
     // Placing belongs to the shadows' cost, though it asks about no ray.
     const StatsScope scope(&out_.shadow, run_.options().strategy, /*rays=*/0);
-    placer_->Place(*packet_, placed_[part_]);
+    if (!placer_->Place(*packet_, placed_[part_])) return run_.Stopped();
+    near_surface_[part_] = placer_->near_surface();
+    return absl::OkStatus();
   }
 
   // Replaces hits on mirrors by what is seen in them.
@@ -387,18 +389,18 @@ class TileTrace {
                              ? TraceRttTile(scene_, run_, HitKind::kClosest, seen, scope->walk())
                              : TracePacketBlock(scene_, run_, HitKind::kClosest, strategy,
                                                 seen.data(), nullptr, scope->walk()));
-      for (size_t i = 0; i < seen.size(); ++i) ShowMirrored(i, number);
+      for (size_t i = 0; i < seen.size(); ++i) SL_RETURN_IF_ERROR(ShowMirrored(i, number));
     }
     return absl::OkStatus();
   }
 
   // Puts what is seen in a mirror where it was met: for a ray that stands again, what is there.
-  void ShowMirrored(size_t packet, uint8_t number) {
+  absl::Status ShowMirrored(size_t packet, uint8_t number) {
     const RayPacket& seen = mirrored_->packets()[packet];
     const int* const lanes = mirrored_->lanes_of(packet);
     Take(mirrored_->block_of(packet));
     Vec3f placed[kBlockRays];
-    if (placer_ != nullptr) placer_->Place(seen, placed);
+    if (placer_ != nullptr && !placer_->Place(seen, placed)) return run_.Stopped();
     for (int i = 0; i < seen.count; ++i) {
       const int lane = lanes[i];
       packet_->t[lane] = seen.t[i];
@@ -408,17 +410,21 @@ class TileTrace {
         packet_->v[lane] = seen.v[i];
       }
       if (seen.answered_by != nullptr) packet_->answered_by[lane] = seen.answered_by[i];
-      if (placer_ != nullptr) placed_[part_][lane] = placed[i];
+      if (placer_ == nullptr) continue;
+      placed_[part_][lane] = placed[i];
+      near_surface_[part_][lane] = placer_->near_surface()[i];
     }
     for (int lane = 0; run_.options().count_answers && lane < packet_->count; ++lane) {
       if (mirrored_->mirror_of(part_)[lane] != number) continue;
       CountAnswers({packet_->answered_by + lane, 1}, &out_.primary);
     }
+    return absl::OkStatus();
   }
 
   // Appends the block's hits to the group's points; returns how many there are now.
   size_t PlacePoints(const TileRect& group, const TileRect& block, size_t points) {
     const size_t first = FirstPixel(group, block), begin = points;
+    size_t near_surface = 0;
     const auto add = [&](size_t lane, size_t pixel) {
       positions_[points] = placed_[part_][lane];
       sources_[points] = packet_->triangle[lane];
@@ -437,6 +443,7 @@ class TileTrace {
             const size_t lane = static_cast<size_t>(run.lane) + k;
             if (packet_->triangle[lane] != kNoTriangle) {
               add(lane, first + size_t{run.y} * tile_.width + run.x + k);
+              near_surface += near_surface_[part_][lane];
             } else if (stand_in != none) {
               add(stand_in, kNoPixel);
             }
@@ -448,6 +455,7 @@ class TileTrace {
     // Packets at the tile's edge are filled up.
     const auto side = static_cast<size_t>(run_.options().packet_side);
     while (stand_in != none && points - begin < side * side) add(stand_in, kNoPixel);
+    if (outputs_.points) out_.points.near_surface += near_surface;
     return points;
   }
 
@@ -539,6 +547,7 @@ class TileTrace {
   bool has_grid_ = false;
   std::unique_ptr<HitPlacer> placer_;                  // Large, and not always needed.
   std::vector<std::array<Vec3f, kBlockRays>> placed_;  // By block and lane, where there is one.
+  std::vector<std::bitset<kBlockRays>> near_surface_;  // Likewise.
   // The group's points.
   std::vector<Vec3f> positions_;
   std::vector<uint32_t> sources_, point_pixel_;
@@ -550,32 +559,32 @@ class TileTrace {
 // Not inlined: float_environment.h says why.
 ABSL_ATTRIBUTE_NOINLINE
 absl::Status Trace(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                   std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                   std::span<const LightSample> samples, const PreparedMirrors& mirrors,
                    const TileOutputs& outputs, const QueryOptions& options, TileResult* result) {
   SL_RETURN_IF_ERROR(ValidateCamera(camera));
   SL_RETURN_IF_ERROR(CheckRect(camera, tile));
   SL_RETURN_IF_ERROR(CheckOptions(scene, options));
-  Vec3f eye;
-  if (!Rebase(camera.eye, scene.geometry.origin, &eye)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("camera.eye = (", camera.eye.x, ", ", camera.eye.y, ", ", camera.eye.z,
-                     ") lies beyond 2^40 along an axis, in the world or from the scene's origin"));
-  }
-  SL_ASSIGN_OR_RETURN(const PreparedMirrors prepared,
-                      PreparedMirrors::Prepare(scene.geometry, mirrors, eye));
-  return TileTrace(scene, camera, tile, eye, samples, prepared, outputs, options, result).Run();
+  SL_ASSIGN_OR_RETURN(const Vec3f eye, EyeInScene(camera, scene.geometry.origin));
+  return TileTrace(scene, camera, tile, eye, samples, mirrors, outputs, options, result).Run();
 }
 
 }  // namespace
 
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                       std::span<const LightSample> samples, const TileOutputs& outputs,
-                       const QueryOptions& options, TileResult* result) {
-  return TraceTile(scene, camera, tile, samples, {}, outputs, options, result);
+                       std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                       const TileOutputs& outputs, const QueryOptions& options,
+                       TileResult* result) {
+  const absl::StatusOr<PreparedMirrors> prepared =
+      PrepareMirrors(scene.geometry, mirrors, camera, options.cancel);
+  if (!prepared.ok()) {
+    *result = TileResult();
+    return prepared.status();
+  }
+  return TraceTile(scene, camera, tile, samples, *prepared, outputs, options, result);
 }
 
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                       std::span<const LightSample> samples, std::span<const Mirror> mirrors,
+                       std::span<const LightSample> samples, const PreparedMirrors& mirrors,
                        const TileOutputs& outputs, const QueryOptions& options,
                        TileResult* result) {
   const ScopedFloatEnvironment environment;

@@ -25,17 +25,25 @@
 
 namespace sightline {
 
-// InvalidArgument (camera, rectangle; each field named with its value), what CheckOptions says of
-// the options, Cancelled / DeadlineExceeded. On an error the result holds nothing. Rows of invalid
-// samples are zero; the caller reports them (LightSample::valid).
+// What is seen in mirrors (mirrors.h), too: hits, ids, depths, weights, points and lights are then
+// those of the mirrored rays. InvalidArgument (camera, rectangle; each field named with its value),
+// what CheckOptions says of the options, Cancelled / DeadlineExceeded. On an error the result holds
+// nothing. Rows of invalid samples are zero; the caller reports them (LightSample::valid).
+// REQUIRES: the mirrors were prepared for this scene and this camera (PrepareMirrors).
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
-                       std::span<const LightSample> samples, const TileOutputs& outputs,
-                       const QueryOptions& options, TileResult* result);
-// The same with what is seen in mirrors (mirrors.h, and its errors). Hits, ids, depths, weights,
-// points and lights are then those of the mirrored rays.
+                       std::span<const LightSample> samples, const PreparedMirrors& mirrors,
+                       const TileOutputs& outputs, const QueryOptions& options, TileResult* result);
+// The same for one tile alone: prepares them, with PrepareMirrors's errors.
 absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera, const TileRect& tile,
                        std::span<const LightSample> samples, std::span<const Mirror> mirrors,
                        const TileOutputs& outputs, const QueryOptions& options, TileResult* result);
+// The same without mirrors.
+inline absl::Status TraceTile(const IndexedGeometry& scene, const Camera& camera,
+                              const TileRect& tile, std::span<const LightSample> samples,
+                              const TileOutputs& outputs, const QueryOptions& options,
+                              TileResult* result) {
+  return TraceTile(scene, camera, tile, samples, PreparedMirrors(), outputs, options, result);
+}
 
 }  // namespace sightline
 

@@ -40,8 +40,8 @@ absl::Status CheckTile(const v1::TileItem& item, const Camera& camera) {
 class TileMethod::TileWork final : public ItemWork {
  public:
   TileWork(const TileMethod& method, std::shared_ptr<const Scene> scene,
-           std::shared_ptr<const SampleSet> samples, std::vector<Mirror> mirrors, TileRect tile,
-           std::vector<PartRange> parts)
+           std::shared_ptr<const SampleSet> samples, std::shared_ptr<const PreparedMirrors> mirrors,
+           TileRect tile, std::vector<PartRange> parts)
       : ItemWork(std::move(scene), std::move(parts)),
         method_(method),
         samples_(std::move(samples)),
@@ -72,11 +72,10 @@ class TileMethod::TileWork final : public ItemWork {
     };
     const QueryOptions options = PartOptions(method_.options_.query, cancel);
     TileResult result;
-    SL_RETURN_IF_ERROR(
-        Explained(TraceTile(scene(), method_.camera_, band,
-                            outputs.lit ? std::span<const LightSample>(samples_->samples)
-                                        : std::span<const LightSample>(),
-                            mirrors_, outputs, options, &result)));
+    SL_RETURN_IF_ERROR(TraceTile(scene(), method_.camera_, band,
+                                 outputs.lit ? std::span<const LightSample>(samples_->samples)
+                                             : std::span<const LightSample>(),
+                                 *mirrors_, outputs, options, &result));
     stats->Add(result.primary);
     ShadowResult shadows;
     std::vector<uint8_t> hit;  // Of each pixel: whether there is something to light.
@@ -101,13 +100,6 @@ class TileMethod::TileWork final : public ItemWork {
   }
 
  private:
-  // Camera, tile and options were looked at before: what is not right is a mirror's plane.
-  absl::Status Explained(absl::Status status) const {
-    if (mirrors_.empty() || status.code() != absl::StatusCode::kInvalidArgument) return status;
-    return WithReason(std::move(status), v1::ERROR_REASON_INVALID_FIELD,
-                      {{"field", "header.mirrors"}});
-  }
-
   absl::Status ShadeHits(const TileResult& tile, const TileRect& band, const QueryOptions& options,
                          ShadowResult* shadows) const {
     *shadows = NothingLit(Pixels(band), samples_->samples.size(),
@@ -155,7 +147,7 @@ class TileMethod::TileWork final : public ItemWork {
 
   const TileMethod& method_;
   const std::shared_ptr<const SampleSet> samples_;
-  const std::vector<Mirror> mirrors_;
+  const std::shared_ptr<const PreparedMirrors> mirrors_;
   const TileRect tile_;
 };
 
@@ -200,12 +192,34 @@ uint64_t TileMethod::RowsTogether(uint64_t width, const Bytes& bytes) const {
   return bytes(std::lcm(rows * width, uint64_t{8})) <= env_.limits.target_reply_bytes ? rows : 1;
 }
 
-absl::StatusOr<std::unique_ptr<ItemWork>> TileMethod::Prepare(const Item& item, const CancelToken&,
+absl::StatusOr<std::shared_ptr<const PreparedMirrors>> TileMethod::MirrorsFor(
+    const std::shared_ptr<const Scene>& scene, const CancelToken& cancel) const {
+  if (mirrors_.empty()) return std::make_shared<const PreparedMirrors>();
+  MutexLock lock(mutex_);
+  if (prepared_mirrors_ == nullptr || mirrored_scene_.lock() != scene) {
+    SL_ASSIGN_OR_RETURN(const std::vector<Mirror> mirrors,
+                        DecodeMirrors(mirrors_, scene->geometry));
+    absl::StatusOr<PreparedMirrors> prepared =
+        PrepareMirrors(scene->geometry, mirrors, camera_, &cancel);
+    // The camera was looked at before: what is not right is a mirror's plane.
+    if (absl::IsInvalidArgument(prepared.status())) {
+      return WithReason(prepared.status(), v1::ERROR_REASON_INVALID_FIELD,
+                        {{"field", "header.mirrors"}});
+    }
+    SL_RETURN_IF_ERROR(prepared.status());
+    prepared_mirrors_ = std::make_shared<const PreparedMirrors>(*std::move(prepared));
+    mirrored_scene_ = scene;
+  }
+  return prepared_mirrors_;
+}
+
+absl::StatusOr<std::unique_ptr<ItemWork>> TileMethod::Prepare(const Item& item,
+                                                              const CancelToken& cancel,
                                                               uint64_t part_rays) const {
   SL_RETURN_IF_ERROR(CheckTile(item.message, camera_));
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
-  SL_ASSIGN_OR_RETURN(std::vector<Mirror> mirrors, DecodeMirrors(mirrors_, scene->geometry));
+  SL_ASSIGN_OR_RETURN(std::shared_ptr<const PreparedMirrors> mirrors, MirrorsFor(scene, cancel));
   const TileRect tile{item.message.x(), item.message.y(), item.message.width(),
                       item.message.height()};
   const uint64_t sample_count = samples->samples.size();

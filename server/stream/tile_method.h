@@ -3,7 +3,8 @@
 // VisibilityService.TraceTiles: what its stream and its items are made of. See visibility_stream.h
 // for the shape that the three methods share.
 //
-// Thread safety: constant once opened.
+// Thread safety: every method from any thread; constant once opened but for the mirrors that are
+// kept.
 #ifndef SIGHTLINE_SERVER_STREAM_TILE_METHOD_H_
 #define SIGHTLINE_SERVER_STREAM_TILE_METHOD_H_
 
@@ -12,7 +13,11 @@
 #include <span>
 
 #include "absl/status/statusor.h"
+#include "core/base/cancel.h"
+#include "core/base/mutex.h"
 #include "core/geometry/camera.h"
+#include "core/query/mirrors.h"
+#include "core/scene/scene.h"
 #include "server/codec/wire_request.h"
 #include "server/metrics/metrics.h"
 #include "server/stream/item_work.h"
@@ -56,11 +61,19 @@ class TileMethod final : public StreamMethod {
   // Of an item's rows: so many that no part's border divides them. `bytes` as in CutIntoParts.
   template <typename Bytes>
   uint64_t RowsTogether(uint64_t width, const Bytes& bytes) const;
+  // The header's mirrors in this revision. Kept for the items to come: an object's plane is looked
+  // for among all of its triangles.
+  absl::StatusOr<std::shared_ptr<const PreparedMirrors>> MirrorsFor(
+      const std::shared_ptr<const Scene>& scene, const CancelToken& cancel) const;
 
   Camera camera_;
   google::protobuf::RepeatedPtrField<v1::Mirror> mirrors_;
   v1::TileOutputs outputs_;
   v1::ShadowOutputs shadow_outputs_;
+  mutable Mutex mutex_;
+  // What `prepared_mirrors_` are for.
+  mutable std::weak_ptr<const Scene> mirrored_scene_ ABSL_GUARDED_BY(mutex_);
+  mutable std::shared_ptr<const PreparedMirrors> prepared_mirrors_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace sightline

@@ -64,7 +64,7 @@ void Trace(const IndexedGeometry& scene, TestRng& rng, Vec3f eye, Vec3d at, doub
 }
 
 struct Seen {
-  int64_t hits = 0, touching = 0;
+  int64_t hits = 0, touching = 0, near_surface = 0;
 };
 
 // Places the packet's hits together and one by one.
@@ -74,17 +74,21 @@ void ExpectPlacedAlike(const IndexedGeometry& scene, const RayPacket& packet, Hi
   placer->Place(packet, positions);
   std::vector<uint32_t> touched;
   for (int lane = 0; lane < RayPacket::kMaxRays; ++lane) {
-    Vec3f expected = kUntouched;
+    Placed expected = {.position = kUntouched};
     if (lane < packet.count && packet.triangle[lane] != kNoTriangle) {
       const auto [t, triangle] = packet.hit(lane);
-      expected = PlaceHit(scene, packet.origin, packet.target(lane), t, triangle);
-      const Placement placement = HitSource(scene, packet.origin, triangle)
-                                      .PlacementOf(packet.origin, packet.target(lane), t);
+      const HitSource source(scene, packet.origin, triangle);
+      const Placement placement = source.PlacementOf(packet.origin, packet.target(lane), t);
       FindTouching(scene, placement.at, placement.radius, triangle, &touched);
+      expected = PlaceTouching(scene, placement, source.plane, touched);
+      const Vec3f alone = PlaceHit(scene, packet.origin, packet.target(lane), t, triangle);
+      ASSERT_EQ(BitsOf(expected.position), BitsOf(alone)) << "lane " << lane;
+      seen->near_surface += !expected.clear;
       ++seen->hits;
       seen->touching += !touched.empty();
     }
-    ASSERT_EQ(BitsOf(positions[lane]), BitsOf(expected)) << "lane " << lane;
+    ASSERT_EQ(BitsOf(positions[lane]), BitsOf(expected.position)) << "lane " << lane;
+    ASSERT_EQ(placer->near_surface()[static_cast<size_t>(lane)], !expected.clear) << lane;
   }
 }
 
@@ -108,6 +112,7 @@ TEST(HitPlacementTest, PacketsOfNastyScenesArePlacedAsSingleHits) {
   }
   EXPECT_GT(seen.hits, 100);
   EXPECT_GT(seen.touching, 20);
+  EXPECT_GT(seen.near_surface, 20);
 }
 
 // Meshes as they are: many triangles for one packet, some, two; whole objects and patches of less
@@ -139,6 +144,62 @@ TEST(HitPlacementTest, PacketsOnMeshesArePlacedAsSingleHits) {
   EXPECT_GT(seen.hits, 100);
   EXPECT_GT(seen.touching, 20);
   EXPECT_EQ(on_kd.touching, seen.touching);
+}
+
+// One triangle again and again.
+IndexedGeometry CopiesOf(uint32_t copies) {
+  ObjectInput sheets{.vertices = {{-9, -9, 3}, {9, -9, 4}, {0, 12, 5}}};
+  for (uint32_t i = 0; i < copies; ++i) sheets.indices.insert(sheets.indices.end(), {0, 1, 2});
+  return MakeScene({sheets});
+}
+
+// The search leaves off once there are too many, to the same places as if it had found them all.
+TEST(HitPlacementTest, OfManyCopiesNoMoreAreFoundThanAreSortedOut) {
+  TestRng rng;
+  for (const uint32_t copies : {1024u, 1025u, 1026u, 5000u}) {
+    SCOPED_TRACE(copies);
+    const IndexedGeometry scene = CopiesOf(copies), kd_alone = OnKdTreeAlone(scene, {});
+    for (const IndexedGeometry* walked : {&scene, &kd_alone}) {
+      const auto placer = std::make_unique<HitPlacer>(*walked, AnyTarget(rng));
+      RayPacket packet;
+      while (packet.count < 20) Trace(scene, rng, {0, 0, -5}, {0, 0, 4}, 0.5, &packet);
+      packet.count = 20;
+      std::vector<Vec3f> positions(RayPacket::kMaxRays, kUntouched);
+      ASSERT_TRUE(placer->Place(packet, positions));
+      std::vector<uint32_t> all, some;
+      for (int lane = 0; lane < packet.count; ++lane) {
+        const auto [t, triangle] = packet.hit(lane);
+        ASSERT_NE(triangle, kNoTriangle);
+        const HitSource source(*walked, packet.origin, triangle);
+        const Placement placement =
+            source.PlacementOf(packet.origin, packet.target(lane), packet.t[lane]);
+        FindTouching(*walked, placement.at, placement.radius, triangle, &all);
+        ASSERT_EQ(all.size(), copies - 1);
+        FindTouching(*walked, placement.at, placement.radius, triangle, &some, kMaxTouched);
+        if (all.size() <= kMaxTouched) {
+          ASSERT_EQ(some, all);
+        } else {
+          ASSERT_GT(some.size(), kMaxTouched);
+          ASSERT_LE(some.size(), 2 * kMaxTouched + 1);
+        }
+        const Placed expected = PlaceTouching(*walked, placement, source.plane, all);
+        ASSERT_EQ(BitsOf(positions[lane]), BitsOf(expected.position)) << "lane " << lane;
+      }
+    }
+  }
+}
+
+TEST(HitPlacementTest, StopsAmidOnePacket) {
+  TestRng rng;
+  const IndexedGeometry scene = CopiesOf(5000);
+  CancelToken cancel;
+  const auto placer = std::make_unique<HitPlacer>(scene, AnyTarget(rng), &cancel);
+  RayPacket packet;
+  while (packet.count < 16) Trace(scene, rng, {0, 0, -5}, {0, 0, 4}, 0.5, &packet);
+  std::vector<Vec3f> positions(RayPacket::kMaxRays, kUntouched);
+  EXPECT_TRUE(placer->Place(packet, positions));
+  cancel.Cancel();
+  EXPECT_FALSE(placer->Place(packet, positions));
 }
 
 // One try settles hits on a plain triangle; else the fast path could be off unnoticed.

@@ -177,6 +177,8 @@ TEST(MirrorsTest, EveryStrategySeesWhatTheDefinitionSays) {
         ASSERT_EQ(bits(result.v[i]), bits(truth.v[i])) << i;
       }
       ASSERT_TRUE(result.points.positions == truth.points.positions);
+      ASSERT_EQ(result.points.attached, truth.points.size());
+      ASSERT_EQ(result.points.near_surface, truth.points.near_surface);
     }
   }
   EXPECT_GT(behind, 0u);
@@ -300,6 +302,39 @@ TEST(MirrorsTest, LightsFallOnWhatIsSeen) {
   }
   EXPECT_GT(lit, 100u);
   EXPECT_GT(dark, 100u);
+}
+
+// Prepared once, mirrors serve every tile of the camera.
+TEST(MirrorsTest, PreparedMirrorsShowTheSame) {
+  const ObjectInput floor = Quad({-9, -9, 0}, {9, -9, 0}, {9, 9, 0}, {-9, 9, 0});
+  const IndexedGeometry scene = MakeScene({floor, MakeIcosphere(2, 4, At({1, 2, 12}))});
+  const Camera camera = testing_support::LookingDown({0, 0, 6}, 0.9, kMirroredSide);
+  const Mirror mirrors[] = {{.object = 0}};
+  const TileResult expected = Look(scene, camera, mirrors);
+  ASSERT_GT(expected.points.size(), 100u);
+  const auto prepared = PrepareMirrors(scene.geometry, mirrors, camera);
+  ASSERT_TRUE(prepared.ok()) << prepared.status();
+  TileResult seen;
+  ASSERT_TRUE(TraceTile(scene, camera, kMirroredTile, {}, *prepared, kOutputs, {}, &seen).ok());
+  EXPECT_EQ(seen.triangle, expected.triangle);
+  EXPECT_EQ(seen.depth, expected.depth);
+  EXPECT_EQ(seen.mirror_bits, expected.mirror_bits);
+  EXPECT_TRUE(seen.points.positions == expected.points.positions);
+  Camera far = camera;
+  far.eye.z = 0x1p41;
+  EXPECT_THAT(std::string(PrepareMirrors(scene.geometry, mirrors, far).status().message()),
+              HasSubstr("camera.eye"));
+}
+
+// The plane of a mirror that gives none takes all of its object's triangles: a token is seen.
+TEST(MirrorsTest, LookingForAPlaneStops) {
+  const IndexedGeometry scene = MakeScene({Quad({0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0})});
+  const Mirror mirrors[] = {{.object = 0}};
+  CancelToken cancel;
+  EXPECT_TRUE(PreparedMirrors::Prepare(scene.geometry, mirrors, {0, 0, 5}, &cancel).ok());
+  cancel.Cancel();
+  EXPECT_EQ(PreparedMirrors::Prepare(scene.geometry, mirrors, {0, 0, 5}, &cancel).status().code(),
+            absl::StatusCode::kCancelled);
 }
 
 TEST(MirrorsTest, WhatIsNoMirrorIsRefused) {

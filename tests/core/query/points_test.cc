@@ -2,11 +2,13 @@
 #include "core/query/points.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <numeric>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "gmock/gmock.h"
@@ -106,6 +108,24 @@ TEST(PointsTest, StopsWhenCancelled) {
   late.set_deadline(CancelToken::Clock::now());
   EXPECT_EQ(PreparePoints(scene, {points, {}, {}}, {}, &late).status().code(),
             absl::StatusCode::kDeadlineExceeded);
+}
+
+// However many triangles lie about a point: the deadline passes among some dozens of points.
+TEST(PointsTest, StopsAmongTheCopiesAboutOnePoint) {
+  ObjectInput copies = UnitTriangle();
+  for (int i = 0; i < 20000; ++i) copies.indices.insert(copies.indices.end(), {0, 1, 2});
+  const IndexedGeometry scene = MakeScene({copies});
+  const std::vector<Vec3d> points(100, Vec3d{0.25, 0.25, 0.125});
+  // In all their boxes, and on none of them.
+  const std::vector<Vec3d> beside(200, Vec3d{0.75, 0.75, 0});
+  for (const auto& [positions, attach] : {std::pair(points, 1.0), std::pair(beside, 0.0)}) {
+    CancelToken late;
+    late.set_deadline(CancelToken::Clock::now() + std::chrono::microseconds(500));
+    EXPECT_EQ(PreparePoints(scene, {positions, {}, {}}, {.attach_distance = attach}, &late)
+                  .status()
+                  .code(),
+              absl::StatusCode::kDeadlineExceeded);
+  }
 }
 
 TEST(PointsTest, OffsetMovesAlongNormalsOfAnyLength) {

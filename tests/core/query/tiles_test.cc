@@ -1,13 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Shadow packets of a tile by the pixels' own squares, and results past the caches: no answer hangs
-// on them. Tiles in every other way: tests/property/strategies_test.cc.
+// on them; what is counted of a tile's points. Tiles in every other way:
+// tests/property/strategies_test.cc.
 #include "core/query/tiles.h"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <numbers>
 #include <string>
 #include <vector>
 
+#include "core/accel/kd_builder.h"
+#include "core/base/parallel.h"
+#include "core/query/hit_source.h"
+#include "core/query/placement.h"
+#include "core/query/points.h"
 #include "gtest/gtest.h"
 #include "tests/core/query/query_meshes.h"
 #include "tests/core/traverse/kernels_fixture.h"
@@ -21,6 +30,19 @@ using testing_support::MakeScene;
 using testing_support::TestRng;
 
 constexpr uint32_t kTileSide = 80;  // More than a group, and no multiple of one.
+
+// A V of half a degree along y, 40 deep, where a float's step is 2^-7: near its bottom no place is
+// strictly in front of both walls.
+IndexedGeometry MakeGroove() {
+  const double x = 1e5, y = 1e5, z = 1e5, half = 40 * std::tan(0.25 * std::numbers::pi / 180);
+  return MakeScene({{.vertices = {{x, y - 9, z},
+                                  {x, y + 9, z},
+                                  {x - half, y + 9, z + 40},
+                                  {x - half, y - 9, z + 40},
+                                  {x + half, y + 9, z + 40},
+                                  {x + half, y - 9, z + 40}},
+                     .indices = {0, 1, 2, 0, 2, 3, 1, 0, 5, 1, 5, 4}}});
+}
 
 // Small squares above each other, so that pixels that hit something and others lie mixed.
 IndexedGeometry MakeConfetti(TestRng& rng) {
@@ -116,6 +138,59 @@ TEST(TilesTest, ResultsPastTheCachesAreTheSame) {
 }
 
 // Other strategies have no packets.
+// Hits that are placed, but not on the right side of all they touch, are counted as those of points
+// that come without a camera (points.h), however they were traced and the picture was cut.
+TEST(TilesTest, PointsThatCannotBeClearedAreCounted) {
+  IndexedGeometry scene = MakeGroove();
+  ThreadPool pool(1);
+  scene.kd_tree = *BuildKdTree(scene.geometry, {}, pool);
+  const Camera camera = testing_support::LookingDown({1e5, 1e5, 1e5 + 90}, 0x1p-9, kTileSide);
+  const TileOutputs outputs = {.ids = true, .depth = true, .points = true};
+  TileResult whole;
+  ASSERT_TRUE(TraceTile(scene, camera, {0, 0, kTileSide, kTileSide}, {}, outputs, {}, &whole).ok());
+  uint64_t hits = 0, expected = 0;
+  const Vec3f eye = ToFloat(camera.eye);
+  for (uint32_t i = 0; i < kTileSide * kTileSide; ++i) {
+    const uint32_t triangle = whole.triangle[i];
+    if (triangle == kNoTriangle) continue;
+    ++hits;
+    const HitSource source(scene, eye, triangle);
+    const Placement placement = source.PlacementOf(
+        eye, PixelDirection(camera, i % kTileSide, i / kTileSide), whole.depth[i]);
+    std::vector<uint32_t> touched;
+    FindTouching(scene, placement.at, placement.radius, triangle, &touched);
+    expected += !PlaceTouching(scene, placement, source.plane, touched).clear;
+  }
+  EXPECT_GT(expected, 100u);
+  EXPECT_LT(expected, hits);
+  std::vector<Vec3d> placed;
+  for (const Vec3f p : whole.points.positions) placed.push_back(ToDouble(p));
+  const auto prepared = PreparePoints(scene, {placed, {}, whole.points.sources}, {});
+  ASSERT_TRUE(prepared.ok()) << prepared.status();
+  EXPECT_GT(prepared->near_surface, 100u);
+  for (const Strategy strategy : {Strategy::kAuto, Strategy::kSingle, Strategy::kPacket,
+                                  Strategy::kShaft, Strategy::kRtt, Strategy::kBruteForce}) {
+    for (const uint32_t side : {kTileSide, 23u}) {
+      SCOPED_TRACE(std::string(StrategyName(strategy)) + ", " + std::to_string(side));
+      uint64_t attached = 0, near_surface = 0;
+      for (uint32_t y = 0; y < kTileSide; y += side) {
+        for (uint32_t x = 0; x < kTileSide; x += side) {
+          const TileRect rect = {x, y, std::min(side, kTileSide - x),
+                                 std::min(side, kTileSide - y)};
+          TileResult tile;
+          QueryOptions options{.strategy = strategy, .rtt_antialiasing = 3};
+          ASSERT_TRUE(TraceTile(scene, camera, rect, {}, outputs, options, &tile).ok());
+          EXPECT_EQ(tile.points.attached, tile.points.size());
+          attached += tile.points.attached;
+          near_surface += tile.points.near_surface;
+        }
+      }
+      EXPECT_EQ(attached, hits);
+      EXPECT_EQ(near_surface, expected);
+    }
+  }
+}
+
 TEST(TilesTest, PixelShadowPacketsArePacketsOption) {
   TestRng rng;
   const IndexedGeometry scene = MakeConfetti(rng);

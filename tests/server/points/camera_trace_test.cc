@@ -107,6 +107,36 @@ TEST_F(CameraTraceTest, ThePointsAreThoseOfThePictureInOnePiece) {
   }
 }
 
+// A groove of half a degree, where a float's step is 2^-7: near its bottom no place is clear of
+// both walls. The set states it as the engine does.
+TEST_F(CameraTraceTest, PointsNearASurfaceAreCounted) {
+  const double x = 1e5, y = 1e5, z = 1e5, half = 0.175;
+  const ObjectInput groove = {.name = "groove",
+                              .vertices = {{x, y - 9, z},
+                                           {x, y + 9, z},
+                                           {x - half, y + 9, z + 40},
+                                           {x - half, y - 9, z + 40},
+                                           {x + half, y + 9, z + 40},
+                                           {x + half, y - 9, z + 40}},
+                              .indices = {0, 1, 2, 0, 2, 3, 1, 0, 5, 1, 5, 4}};
+  ThreadPool pool(1);
+  scene_ = *BuildScene("groove", 1, {&groove, 1}, Vec3d{}, {}, pool);
+  view_ = {.eye = {x, y, z + 90}, .at = {x, y, z}, .up = {0, 1, 0}, .fov_y_degrees = 0.25};
+  TileResult whole;
+  ASSERT_TRUE(
+      TraceTile(*scene_, CameraOf(96, 80), {0, 0, 96, 80}, {}, {.points = true}, {}, &whole).ok());
+  EXPECT_GT(whole.points.near_surface, 100u);
+  MakeScheduler(1);
+  RayQueue queue(Limits().max_queued_rays, Limits().max_queued_rays_per_client);
+  std::shared_ptr<CameraTrace> trace = *Admit(queue, 96, 80);
+  Start(*trace);
+  RunAll();
+  const absl::StatusOr<PreparedPoints> points = trace->Take();
+  ASSERT_TRUE(points.ok()) << points.status();
+  EXPECT_EQ(points->near_surface, whole.points.near_surface);
+  EXPECT_EQ(points->attached, whole.points.attached);
+}
+
 TEST_F(CameraTraceTest, AnothersTileComesBeforeTheRestOfTheSet) {
   MakeScheduler(1);
   RayQueue queue(Limits().max_queued_rays, Limits().max_queued_rays_per_client);
