@@ -205,7 +205,8 @@ absl::StatusOr<std::unique_ptr<ItemWork>> TileMethod::Prepare(const Item& item, 
   SL_RETURN_IF_ERROR(CheckTile(item.message, camera_));
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const Scene> scene, pin_->ForItem());
   SL_ASSIGN_OR_RETURN(std::shared_ptr<const SampleSet> samples, lights_->For(scene));
-  SL_ASSIGN_OR_RETURN(std::vector<Mirror> mirrors, DecodeMirrors(mirrors_, scene->geometry));
+  SL_ASSIGN_OR_RETURN(std::vector<Mirror> mirrors,
+                      DecodeMirrors(mirrors_, scene->name, scene->geometry));
   const TileRect tile{item.message.x(), item.message.y(), item.message.width(),
                       item.message.height()};
   const uint64_t sample_count = samples->samples.size();
