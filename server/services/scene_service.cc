@@ -220,10 +220,10 @@ grpc::ServerUnaryReactor* SceneService::ListSceneObjects(grpc::CallbackServerCon
   });
 }
 
-grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext* context,
                                                     const v1::DeleteSceneRequest* request,
                                                     google::protobuf::Empty*) {
-  return AnswerLater(env_, env_.call_pool, Operation::kDeleteScene,
+  return AnswerLater(*context, env_, env_.call_pool, Operation::kDeleteScene,
                      [this, request](const CancelToken&) -> absl::Status {
                        SL_ASSIGN_OR_RETURN(const std::string scene_id,
                                            ParseSceneName("name", request->name()));
@@ -233,11 +233,11 @@ grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*
                      });
 }
 
-grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext* context,
                                                   const v1::LoadSceneRequest* request,
                                                   v1::Scene* response) {
   return AnswerLater(
-      env_, env_.build_pool, Operation::kLoadScene,
+      *context, env_, env_.build_pool, Operation::kLoadScene,
       [=, this](const CancelToken& cancel) -> absl::Status {
         SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
         SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Load(scene_id, &cancel));
@@ -247,11 +247,11 @@ grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext*,
       });
 }
 
-grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext* context,
                                                     const v1::ReloadSceneRequest* request,
                                                     v1::Scene* response) {
   return AnswerLater(
-      env_, env_.build_pool, Operation::kReloadScene,
+      *context, env_, env_.build_pool, Operation::kReloadScene,
       [=, this](const CancelToken& cancel) -> absl::Status {
         SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
         SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Reload(scene_id, &cancel));
@@ -261,10 +261,10 @@ grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext*
       });
 }
 
-grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext* context,
                                                     const v1::UnloadSceneRequest* request,
                                                     google::protobuf::Empty*) {
-  return AnswerLater(env_, env_.call_pool, Operation::kUnloadScene,
+  return AnswerLater(*context, env_, env_.call_pool, Operation::kUnloadScene,
                      [this, request](const CancelToken&) -> absl::Status {
                        SL_ASSIGN_OR_RETURN(const std::string scene_id,
                                            ParseSceneName("name", request->name()));
@@ -274,10 +274,10 @@ grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext*
                      });
 }
 
-grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerContext* context,
                                                          const v1::ListStoredScenesRequest* request,
                                                          v1::ListStoredScenesResponse* response) {
-  return AnswerLater(env_, env_.call_pool, Operation::kListStoredScenes,
+  return AnswerLater(*context, env_, env_.call_pool, Operation::kListStoredScenes,
                      [=, this](const CancelToken&) -> absl::Status {
                        SL_ASSIGN_OR_RETURN(const Page page,
                                            ParsePage(request->page_size(), request->page_token()));
