@@ -131,10 +131,9 @@ class UpdateSteps : public SceneSteps {
   absl::Status CheckHeader(const Header& header) {
     // Told before the upload, where it can be: the edit checks again.
     uint64_t tag = 0;
-    const SceneCatalog::EditOptions& edit = header.edit;
-    SL_RETURN_IF_ERROR(env_.scenes.PinTagged(edit.scene_id, edit.base_revision, &tag).status());
+    SL_RETURN_IF_ERROR(env_.scenes.CheckEdit(header.edit, &tag));
     // Another scene of the name may have the same number when the upload has ended.
-    if (edit.base_revision != 0) base_tag_ = tag;
+    if (header.edit.base_revision != 0) base_tag_ = tag;
     return absl::OkStatus();
   }
 
