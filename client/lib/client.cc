@@ -276,7 +276,7 @@ absl::StatusOr<std::vector<StoredScene>> Client::ListStoredScenes(
 
 absl::StatusOr<PointSet> Client::CreatePointSet(const PointSetSource& source,
                                                 const CallOptions& options) const {
-  if (absl::Status s = CheckRows(source.points.positions.size(), 3, "points"); !s.ok()) return s;
+  if (absl::Status s = CheckPoints(source.points); !s.ok()) return s;
   const size_t count = source.points.positions.size() / 3;
   v1::CreatePointSetRequest first;
   v1::CreatePointSetHeader* header = first.mutable_header();
@@ -294,8 +294,8 @@ absl::StatusOr<PointSet> Client::CreatePointSet(const PointSetSource& source,
     header->mutable_upload()->set_point_count(count);
     absl::StatusOr<Capabilities> capabilities = GetCapabilities(options);
     if (!capabilities.ok()) return capabilities.status();
-    constexpr size_t kBytesPerPoint = 3 * 8 + 4 + 4 + 3 * 8;  // With every array.
-    rows = std::max<size_t>(1, ChunkBytes(capabilities->limits.max_message_bytes) / kBytesPerPoint);
+    rows = std::max<size_t>(
+        1, ChunkBytes(capabilities->limits.max_message_bytes) / BytesPerPoint(source.points));
   }
   const Upload<v1::CreatePointSetRequest> upload =
       [&](const std::function<bool(const v1::CreatePointSetRequest&)>& write) {

@@ -130,9 +130,10 @@ absl::StatusOr<StreamSummary> Client::RunSegments(
   const absl::StatusOr<SegmentQuery> pinned = PinnedQuery(*this, asked, *start);
   if (!pinned.ok()) return shared_->Checked(pinned.status());
   const SegmentQuery& query = *pinned;
-  constexpr uint64_t kBytesPerSegment = 6 * 8;
-  const ItemCut cut = CutIntoItems(SegmentCount(query), query.segments_per_item, 1,
-                                   kBytesPerSegment, start->limits);
+  // Of either source, what goes with an origin goes as floats.
+  const uint64_t bytes_each = 6 * (query.origin.has_value() ? sizeof(float) : sizeof(double));
+  const ItemCut cut =
+      CutIntoItems(SegmentCount(query), query.segments_per_item, 1, bytes_each, start->limits);
 
   StreamJob<v1::TestSegmentsRequest, v1::TestSegmentsResponse> job;
   job.item_count = cut.items();

@@ -21,23 +21,6 @@ namespace sightline::client {
 
 namespace {
 
-absl::Status CheckPoints(const Points& points) {
-  if (points.positions.size() % 3 != 0) {
-    return absl::InvalidArgumentError(absl::StrCat("points.positions has ", points.positions.size(),
-                                                   " numbers, which 3 does not divide"));
-  }
-  const size_t n = points.positions.size() / 3;
-  const auto check = [n](size_t size, size_t row, absl::string_view field) -> absl::Status {
-    if (size == 0 || size == n * row) return absl::OkStatus();
-    return absl::InvalidArgumentError(
-        absl::StrCat("points.", field, " has ", size, " numbers; ", n, " points need ", n * row));
-  };
-  absl::Status s = check(points.source_objects.size(), 1, "source_objects");
-  s.Update(check(points.source_triangles.size(), 1, "source_triangles"));
-  s.Update(check(points.normals.size(), 3, "normals"));
-  return s;
-}
-
 void ResizeShadows(const ShadowOutputs& want, uint64_t n, Shadows* out) {
   const uint64_t pairs = out->samples * n;
   out->points = n;
@@ -158,9 +141,8 @@ absl::StatusOr<StreamSummary> Client::RunShadowsOnce(
     revision = *pinned;
   }
   *points = n;
-  constexpr uint64_t kBytesPerPoint = 3 * 8 + 4 + 4 + 3 * 8;
-  const ItemCut cut =
-      CutIntoItems(n, query.points_per_item, samples, kBytesPerPoint, start->limits);
+  const uint64_t bytes_each = query.point_set.empty() ? BytesPerPoint(query.points) : 0;
+  const ItemCut cut = CutIntoItems(n, query.points_per_item, samples, bytes_each, start->limits);
 
   StreamJob<v1::ComputeShadowsRequest, v1::ComputeShadowsResponse> job;
   job.item_count = cut.items();

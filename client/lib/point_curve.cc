@@ -44,7 +44,7 @@ std::vector<Keyed> Keys(std::span<const double> positions) {
     uint32_t key = 0;
     for (size_t axis = 0; axis < 3; ++axis) {
       const double share = (positions[3 * i + axis] - low[axis]) / size[axis];
-      // False for what is not finite, and where all have one coordinate.
+      // False for NaNs, also where all have one coordinate, and for -infinity.
       if (share > 0) {
         key |= Spread(static_cast<uint32_t>(std::min(share * kCells, kCells - 1))) << axis;
       }

@@ -22,9 +22,9 @@ namespace sightline::client {
 
 class PointCurve {
  public:
-  // Along a Morton curve through the points' box, 2^10 cells an axis; in a cell as they come.
-  // Points that are not finite come first. REQUIRES: arrays of the right lengths, and fewer than
-  // 2^32 points.
+  // Along a Morton curve through the points' box, 2^10 cells an axis; in a cell as they come. A
+  // coordinate that is no number counts as the least, an infinite one as the least or the greatest.
+  // REQUIRES: arrays of the right lengths, and fewer than 2^32 points.
   explicit PointCurve(const Points& points);
   PointCurve(const PointCurve&) = delete;
   PointCurve& operator=(const PointCurve&) = delete;

@@ -7,7 +7,7 @@
 // Thread safety: free functions; callbacks come as StreamJob.deliver does (stream_runner.h).
 //
 //   absl::StatusOr<QueryStart> start = StartQuery(*this, options);
-//   const ItemCut cut = CutIntoItems(n, 16384, samples, kBytesPerPoint, start->limits);
+//   const ItemCut cut = CutIntoItems(n, 16384, samples, bytes_each, start->limits);
 //   StreamJob<...> job; ...
 //   return RunQuery(std::move(job), decode, on_shadows, *start, options, channels);
 #ifndef SIGHTLINE_CLIENT_LIB_QUERY_RUN_H_
@@ -113,12 +113,12 @@ struct ItemCut {
 };
 
 // As many elements per item as are wanted, unless the limits on an item's rays or a message's bytes
-// say less.
+// say less. `bytes_each`: of the item's arrays; 0 where the server has them.
 inline ItemCut CutIntoItems(uint64_t total, uint64_t wanted_per_item, uint64_t rays_each,
                             uint64_t bytes_each, const Limits& limits) {
   const uint64_t most =
       std::min({wanted_per_item, MaxItemRays(limits) / std::max<uint64_t>(1, rays_each),
-                ChunkBytes(limits.max_message_bytes) / bytes_each});
+                ArrayBytes(limits.max_message_bytes) / std::max<uint64_t>(1, bytes_each)});
   return {.total = total, .per_item = std::max<uint64_t>(1, most)};
 }
 

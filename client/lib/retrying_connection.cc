@@ -2,8 +2,10 @@
 //
 // Repeats what may be repeated. Reads change nothing; creations and edits carry a request_id, and
 // their uploads can be played again; a deletion that finds nothing on a later attempt was done by
-// an earlier one. A watch begins anew where it was cut off, and each change that it sees counts as
-// a success; a scene that it saw, and that is not there when it comes back, was deleted.
+// an earlier one. A later attempt that finds the scene busy waits: what keeps it busy may be an
+// earlier attempt, which the server has not heard of the end of. A watch begins anew where it was
+// cut off, and each change that it sees counts as a success; a scene that it saw, and that is not
+// there when it comes back, was deleted.
 #include <algorithm>
 #include <functional>
 #include <memory>
@@ -151,6 +153,11 @@ class RetryingConnection final : public Connection {
     return attempt > 0 && absl::IsNotFound(status) ? absl::OkStatus() : status;
   }
 
+  static bool IsSceneBusy(const absl::Status& status) {
+    const std::optional<ErrorDetail> detail = GetErrorDetail(status);
+    return detail && detail->reason == "SCENE_BUSY";
+  }
+
   // `progress`, if any, is set by a call that gets somewhere before it fails.
   template <typename Function>
   auto Retry(const CallOptions& options, const Function& call, bool* progress = nullptr)
@@ -159,14 +166,15 @@ class RetryingConnection final : public Connection {
     absl::Time give_up = absl::InfiniteFuture();
     for (int attempt = 0;; ++attempt) {
       auto result = call(attempt);
-      if (!IsRetryable(StatusOf(result))) return result;
+      const absl::Status& status = StatusOf(result);
+      if (!IsRetryable(status) && !(attempt > 0 && IsSceneBusy(status))) return result;
       const absl::Time now = absl::Now();
       if (progress != nullptr && std::exchange(*progress, false)) {
         give_up = absl::InfiniteFuture();
         backoff.Reset();
       }
       give_up = std::min(give_up, now + options_.give_up_after);
-      const absl::Duration wait = backoff.Next(StatusOf(result));
+      const absl::Duration wait = backoff.Next(status);
       if (now + wait >= std::min(give_up, options.deadline)) return result;
       if (!Wait(wait, options.cancellation)) return absl::CancelledError("cancelled by the caller");
     }

@@ -12,17 +12,25 @@ absl::StatusCode ToCode(int code) {
   return code >= 0 && code <= 16 ? static_cast<absl::StatusCode>(code) : absl::StatusCode::kUnknown;
 }
 
+// What gRPC says itself is no more than the code: of a method that a server does not have, and of a
+// deadline that passed here. A server's own errors have details.
+std::string MessageOf(const grpc::Status& status) {
+  if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED && status.error_message().empty()) {
+    return "the server does not know this call: it is older than this client, or not a Sightline "
+           "server";
+  }
+  if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED &&
+      status.error_details().empty()) {
+    return "the call's own deadline passed before the server answered: give it a longer timeout";
+  }
+  return status.error_message();
+}
+
 }  // namespace
 
 absl::Status FromGrpc(const grpc::Status& status) {
   if (status.ok()) return absl::OkStatus();
-  // gRPC says no more than the code of a method that a server does not have.
-  const bool unknown_method =
-      status.error_code() == grpc::StatusCode::UNIMPLEMENTED && status.error_message().empty();
-  absl::Status result(ToCode(status.error_code()),
-                      unknown_method ? "the server does not know this call: it is older than this "
-                                       "client, or not a Sightline server"
-                                     : status.error_message());
+  absl::Status result(ToCode(status.error_code()), MessageOf(status));
   v1::Status details;
   if (!status.error_details().empty() && details.ParseFromString(status.error_details())) {
     for (const google::protobuf::Any& any : details.details()) {

@@ -13,6 +13,9 @@
 #include <span>
 #include <string>
 
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 #include "client/lib/types.h"
 #include "sightline/v1/query_options.pb.h"
 #include "sightline/v1/scene_service.pb.h"
@@ -23,11 +26,15 @@ namespace sightline::client {
 // side holds much (64 KiB to 1 MiB measured best). The rest of a message is a few dozen bytes.
 inline constexpr uint64_t kUploadChunkBytes = uint64_t{1} << 20;
 
-inline uint64_t ChunkBytes(uint64_t max_message_bytes) {
+// The most array bytes that one message may have.
+inline uint64_t ArrayBytes(uint64_t max_message_bytes) {
   constexpr uint64_t kMargin = 4096;
   if (max_message_bytes == 0) return kUploadChunkBytes;
-  return std::clamp<uint64_t>(max_message_bytes > kMargin ? max_message_bytes - kMargin : 0, 256,
-                              kUploadChunkBytes);
+  return std::max<uint64_t>(256, max_message_bytes - std::min(max_message_bytes, kMargin));
+}
+
+inline uint64_t ChunkBytes(uint64_t max_message_bytes) {
+  return std::min(ArrayBytes(max_message_bytes), kUploadChunkBytes);
 }
 
 // `count` rows of `row` numbers from row `begin` on, as packed bytes.
@@ -56,7 +63,32 @@ inline bool SendMesh(std::span<const double> vertices, std::span<const uint32_t>
   return true;
 }
 
-// Points begin .. begin + count - 1 with whatever is known of them.
+// INVALID_ARGUMENT for arrays of which the lengths do not fit each other.
+inline absl::Status CheckPoints(const Points& points) {
+  if (points.positions.size() % 3 != 0) {
+    return absl::InvalidArgumentError(absl::StrCat("points.positions has ", points.positions.size(),
+                                                   " numbers, which 3 does not divide"));
+  }
+  const size_t n = points.positions.size() / 3;
+  const auto check = [n](size_t size, size_t row, absl::string_view field) -> absl::Status {
+    if (size == 0 || size == n * row) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrCat("points.", field, " has ", size, " numbers; ", n, " points need ", n * row));
+  };
+  absl::Status s = check(points.source_objects.size(), 1, "source_objects");
+  s.Update(check(points.source_triangles.size(), 1, "source_triangles"));
+  s.Update(check(points.normals.size(), 3, "normals"));
+  return s;
+}
+
+// What a point takes in a message, of the arrays that there are.
+inline uint64_t BytesPerPoint(const Points& points) {
+  return 3 * sizeof(double) + (points.source_objects.empty() ? 0 : sizeof(uint32_t)) +
+         (points.source_triangles.empty() ? 0 : sizeof(uint32_t)) +
+         (points.normals.empty() ? 0 : 3 * sizeof(double));
+}
+
+// Points begin .. begin + count - 1 with whatever is known of them. REQUIRES: CheckPoints is OK.
 inline void PackPoints(const Points& points, size_t begin, size_t count, v1::PointArrays* out) {
   out->set_points(PackRows(points.positions, 3, begin, count));
   if (!points.source_objects.empty()) {

@@ -106,6 +106,7 @@ absl::Status LoadTest::PrepareAll() {
                        : absl::StrCat("connecting to ", server));
   SL_ASSIGN_OR_RETURN(session_, cli::Session::Open(options_.session, &cancelled_calls_));
   SL_ASSIGN_OR_RETURN(capabilities_, session_->client().GetCapabilities(session_->call()));
+  SL_RETURN_IF_ERROR(CheckMessages(options_, capabilities_.limits));
   Begin(absl::StrCat("opening ", options_.scene));
   SL_ASSIGN_OR_RETURN(scene_, OpenTestScene(*session_, options_, err_));
   const client::Scene& scene = scene_.opened->scene();

@@ -14,6 +14,7 @@
 #include "client/cli/exit_code.h"
 #include "client/cli/flags.h"
 #include "client/cli/scene_argument.h"
+#include "client/lib/upload.h"
 #include "client/load/plain_number.h"
 #include "client/load/recorder.h"
 #include "core/base/status_macros.h"
@@ -208,16 +209,26 @@ absl::Status FitWindows(const FlagSet& flags, LoadOptions* o) {
   return absl::OkStatus();
 }
 
+// What a request asks of a kind that takes numbers along.
+struct Asked {
+  Kind kind;
+  uint64_t each, bytes;  // How many, and of how many bytes each.
+};
+
+std::vector<Asked> WhatIsAsked(const LoadOptions& o) {
+  std::vector<Asked> asked;
+  for (const Asked& a : {Asked{Kind::kPoints, o.points, 3 * sizeof(double)},
+                         Asked{Kind::kSegments, o.segments, 6 * sizeof(double)}}) {
+    if (o.mix[static_cast<size_t>(a.kind)] > 0) asked.push_back(a);
+  }
+  return asked;
+}
+
 // What is asked is prepared before the clock starts, and kept.
 absl::Status CheckMemory(const LoadOptions& o) {
-  const struct {
-    Kind kind;
-    uint64_t each, bytes;
-  } asked[] = {{Kind::kPoints, o.points, 3 * sizeof(double)},
-               {Kind::kSegments, o.segments, 6 * sizeof(double)}};
-  for (const auto& [kind, each, bytes] : asked) {
+  for (const auto& [kind, each, bytes] : WhatIsAsked(o)) {
     const uint64_t sum = each * o.distinct * bytes;
-    if (o.mix[static_cast<size_t>(kind)] <= 0 || sum <= kMostPreparedBytes) continue;
+    if (sum <= kMostPreparedBytes) continue;
     return UsageError(absl::StrCat(
         "--", KindName(kind), " ", each, " and --distinct ", o.distinct, " would take ",
         PlainNumber(std::ldexp(static_cast<double>(sum), -30), 4), " GiB of memory, ",
@@ -327,6 +338,21 @@ absl::StatusOr<std::unique_ptr<LoadOptions>> ParseOptions(std::span<const std::s
   if (!words.empty()) return UsageError(absl::StrCat("unexpected '", words[0], "'"));
   SL_RETURN_IF_ERROR(Finish(flags, texts, options.get()));
   return options;
+}
+
+absl::Status CheckMessages(const LoadOptions& o, const client::Limits& limits) {
+  if (limits.max_message_bytes == 0) return absl::OkStatus();
+  for (const auto& [kind, each, bytes] : WhatIsAsked(o)) {
+    // Points that the server keeps are named by a range; see LoadTest::OpenPointSet.
+    if (kind == Kind::kPoints && o.reload_every == 0) continue;
+    const uint64_t most = client::ArrayBytes(limits.max_message_bytes) / bytes;
+    if (each <= most) continue;
+    return UsageError(absl::StrCat(
+        "--", KindName(kind), " ", each, " of ", bytes, " bytes each do not fit into a message of ",
+        "the server, of which max_message_bytes is ", limits.max_message_bytes, ": give --",
+        KindName(kind), " ", most, " or less"));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace sightline::load

@@ -19,6 +19,7 @@
 #include "client/cli/light_flags.h"
 #include "client/cli/session.h"
 #include "client/cli/view_choice.h"
+#include "client/lib/types.h"
 #include "client/load/driver.h"
 #include "client/load/reloader.h"
 #include "client/load/slo.h"
@@ -58,6 +59,10 @@ struct LoadOptions {
 // Null after --help, which is then printed on `out`. Usage errors name the flag and its value.
 absl::StatusOr<std::unique_ptr<LoadOptions>> ParseOptions(std::span<const std::string> args,
                                                           std::ostream& out);
+
+// Whether the server takes a message as large as a request will be. A usage error that names the
+// flag, its value, the limit and the most that fits.
+absl::Status CheckMessages(const LoadOptions& options, const client::Limits& limits);
 
 }  // namespace sightline::load
 

@@ -61,7 +61,8 @@ absl::StatusOr<RequestClaim> RequestLog::Claim(absl::string_view id,
   }
   if (!entry.complete) {
     return MakeError(absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
-                     absl::StrCat("the first call with request_id \"", id, "\" is still under way"),
+                     absl::StrCat("the first call with request_id \"", id,
+                                  "\" is still under way: ask again once it has ended"),
                      {{"field", "request_id"}, {"value", std::string(id)}});
   }
   claim.repeated_ = true;

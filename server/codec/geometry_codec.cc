@@ -10,6 +10,7 @@
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
 #include "server/base/error.h"
+#include "server/base/resource_name.h"
 #include "server/base/shortened.h"
 
 namespace sightline {
@@ -18,6 +19,8 @@ namespace {
 std::string LightField(int index, absl::string_view field) {
   return absl::StrCat("lights[", index, "]", field);
 }
+
+std::string Describe(Vec3d v) { return absl::StrCat("(", v.x, ", ", v.y, ", ", v.z, ")"); }
 
 Light DecodeLight(const v1::Light& light) {
   Light result;
@@ -103,17 +106,21 @@ absl::StatusOr<Camera> DecodeCamera(const v1::Camera& camera, const Limits& limi
                      "make the image lower, or cut it into several cameras' images");
   }
   if (!(MaxAbs(result.eye) <= kMaxCoordinate)) {
-    return InvalidField(
-        "camera.eye", absl::StrCat("(", result.eye.x, ", ", result.eye.y, ", ", result.eye.z, ")"),
-        "must be finite and within 2^40");
+    return InvalidField("camera.eye", Describe(result.eye), "must be finite and within 2^40");
   }
-  SL_RETURN_IF_ERROR(
-      WithReason(ValidateCamera(result), v1::ERROR_REASON_INVALID_FIELD, {{"field", "camera"}}));
+  // What is left is the basis, whose vectors are judged together, and the field of view.
+  SL_RETURN_IF_ERROR(WithReason(
+      ValidateCamera(result), v1::ERROR_REASON_INVALID_FIELD,
+      {{"field", "camera"},
+       {"value",
+        absl::StrCat("right ", Describe(result.right), ", up ", Describe(result.up), ", forward ",
+                     Describe(result.forward), ", tan_half_fov_y ", result.tan_half_fov_y)}}));
   return result;
 }
 
 absl::StatusOr<std::vector<Mirror>> DecodeMirrors(
-    const google::protobuf::RepeatedPtrField<v1::Mirror>& mirrors, const SceneGeometry& geometry) {
+    const google::protobuf::RepeatedPtrField<v1::Mirror>& mirrors, absl::string_view scene_id,
+    const SceneGeometry& geometry) {
   std::vector<Mirror> result;
   for (int i = 0; i < mirrors.size(); ++i) {
     const v1::Mirror& mirror = mirrors[i];
@@ -125,7 +132,10 @@ absl::StatusOr<std::vector<Mirror>> DecodeMirrors(
       return WithReason(absl::NotFoundError(absl::StrCat(field, ".object_name = \"",
                                                          Shortened(mirror.object_name(), 200),
                                                          "\": the scene has no such object")),
-                        v1::ERROR_REASON_OBJECT_NOT_FOUND, {{"field", field}});
+                        v1::ERROR_REASON_OBJECT_NOT_FOUND,
+                        {{"resource", SceneName(scene_id)},
+                         {"field", absl::StrCat(field, ".object_name")},
+                         {"value", mirror.object_name()}});
     }
     Mirror decoded = {.object = static_cast<uint32_t>(object - geometry.objects.begin())};
     if (mirror.has_plane()) {
@@ -205,8 +215,11 @@ absl::StatusOr<SampleSet> DecodeLights(const google::protobuf::RepeatedPtrField<
                           DecodeTriangle(LightField(i, ".source"), lights[i].source().object(),
                                          lights[i].source().triangle(), geometry));
     }
+    // CheckLights has looked at everything but the most samples that the engine takes.
     SL_RETURN_IF_ERROR(WithReason(AppendSamples(light, i, geometry.origin, &result.samples),
-                                  v1::ERROR_REASON_INVALID_FIELD, {{"field", LightField(i, "")}}));
+                                  v1::ERROR_REASON_INVALID_FIELD,
+                                  {{"field", LightField(i, ".rectangular_area.sample_count")},
+                                   {"value", absl::StrCat(light.sample_count)}}));
     // One share per sample, rounded once; the engine adds those of the samples that reach a point.
     result.weights.resize(result.samples.size(), light.weight / light.sample_count);
   }

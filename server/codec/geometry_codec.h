@@ -45,10 +45,11 @@ absl::StatusOr<Camera> DecodeCamera(const v1::Camera& camera, const Limits& limi
 absl::StatusOr<uint32_t> DecodeTriangle(absl::string_view field, uint32_t object, uint32_t triangle,
                                         const SceneGeometry& geometry);
 
-// The mirrors of a stream, for a revision; those whose plane is not given are judged by
+// The mirrors of a stream, for a revision of a scene; those whose plane is not given are judged by
 // core/query/mirrors.h. NotFound (OBJECT_NOT_FOUND): the revision has no such object.
 absl::StatusOr<std::vector<Mirror>> DecodeMirrors(
-    const google::protobuf::RepeatedPtrField<v1::Mirror>& mirrors, const SceneGeometry& geometry);
+    const google::protobuf::RepeatedPtrField<v1::Mirror>& mirrors, absl::string_view scene_id,
+    const SceneGeometry& geometry);
 
 // Light samples, and each one's share of its light's weight.
 struct SampleSet {

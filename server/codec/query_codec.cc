@@ -201,7 +201,16 @@ std::vector<Strategy> AvailableStrategies() {
 
 absl::Status CheckSceneOptions(const Scene& scene, const QueryOptions& options) {
   absl::Status status = CheckOptions(scene, options);
-  if (status.code() != absl::StatusCode::kFailedPrecondition) return status;
+  if (absl::IsInvalidArgument(status)) {
+    // Each is good by itself: they do not go together.
+    return WithReason(
+        std::move(status), v1::ERROR_REASON_INVALID_FIELD,
+        {{"field", "options"},
+         {"value", absl::StrCat("strategy ", StrategyName(options.strategy), ", structure ",
+                                StructureName(options.structure), ", intersector ",
+                                IntersectorName(options.intersector))}});
+  }
+  if (!absl::IsFailedPrecondition(status)) return status;
   return WithReason(std::move(status), v1::ERROR_REASON_STRUCTURE_UNAVAILABLE,
                     {{"resource", SceneName(scene.name)}});
 }

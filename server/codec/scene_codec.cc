@@ -4,14 +4,31 @@
 #include <algorithm>
 #include <limits>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
+#include "core/base/status_macros.h"
 #include "server/base/error.h"
 #include "server/base/resource_name.h"
 #include "server/codec/geometry_codec.h"
 
 namespace sightline {
 namespace {
+
+// What core says of its options, "NAME = VALUE is ..." or "NAME is VALUE; ...", as of a field of
+// `message`.
+absl::Status OptionOf(absl::string_view message, const absl::Status& status) {
+  if (status.ok()) return status;
+  const std::vector<absl::string_view> words =
+      absl::StrSplit(status.message(), absl::MaxSplits(' ', 3));
+  ErrorMetadata metadata = {{"field", absl::StrCat(message, ".", words[0])}};
+  if (words.size() > 2) metadata.emplace_back("value", absl::StripSuffix(words[2], ";"));
+  return MakeError(status.code(), v1::ERROR_REASON_INVALID_FIELD,
+                   absl::StrCat(message, ".", status.message()), metadata);
+}
 
 v1::SceneState EncodeState(const SceneView& view) {
   if (view.unloaded) return v1::SCENE_STATE_UNLOADED;
@@ -185,11 +202,7 @@ absl::StatusOr<KdBuildOptions> DecodeKdTree(const v1::KdTreeOptions& options) {
   result.max_leaf_triangles = Number(options.max_leaf_triangles());
   result.max_depth = Number(options.max_depth());
   result.lay_out_leaves = options.lay_out_leaves();
-  if (const absl::Status status = ValidateKdOptions(result); !status.ok()) {
-    return MakeError(status.code(), v1::ERROR_REASON_INVALID_FIELD,
-                     absl::StrCat("header.kd_tree.", status.message()),
-                     {{"field", "header.kd_tree"}});
-  }
+  SL_RETURN_IF_ERROR(OptionOf("header.kd_tree", ValidateKdOptions(result)));
   return result;
 }
 
@@ -201,11 +214,7 @@ absl::StatusOr<BinaryBvhOptions> DecodeBinaryBvh(const v1::BinaryBvhOptions& opt
   if (options.max_depth() > 0) result.max_depth = Number(options.max_depth());
   result.stop_by_cost = !options.ignore_cost();
   if (options.has_min_extent()) result.min_extent = static_cast<float>(options.min_extent());
-  if (const absl::Status status = ValidateBinaryBvhOptions(result); !status.ok()) {
-    return MakeError(status.code(), v1::ERROR_REASON_INVALID_FIELD,
-                     absl::StrCat("header.binary_bvh.", status.message()),
-                     {{"field", "header.binary_bvh"}});
-  }
+  SL_RETURN_IF_ERROR(OptionOf("header.binary_bvh", ValidateBinaryBvhOptions(result)));
   return result;
 }
 

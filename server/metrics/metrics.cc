@@ -132,7 +132,8 @@ void AddLoad(const ServerState& state, StatePage* page) {
   page->Gauge("sightline_pending_rays",
               "Rays accepted and not yet answered; max_queued_rays bounds it.",
               static_cast<double>(state.queued_rays));
-  page->Gauge("sightline_clients", "Clients with a visibility stream.",
+  page->Gauge("sightline_clients",
+              "Clients with a visibility stream, or a set of a camera's points being made.",
               static_cast<double>(state.clients));
   page->Gauge("sightline_waiting_tasks", "Parts of items that wait for a thread.",
               static_cast<double>(state.waiting_tasks));

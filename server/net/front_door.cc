@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "core/base/status_macros.h"
 #include "server/base/log.h"
 #include "server/metrics/liveness.h"
@@ -106,11 +107,12 @@ absl::Time FrontDoor::CertificateEnd() const {
 }
 
 absl::Status FrontDoor::CheckAlive(absl::Duration timeout) {
+  const absl::Time deadline = absl::Now() + timeout;
   for (const ListenSocket& socket : loop_.sockets()) {
-    SL_RETURN_IF_ERROR(
-        sightline::CheckAlive(socket.address(), timeout,
-                              {.begin = [this](const std::string& p) { loop_.Expect(p); },
-                               .end = [this](const std::string& p) { loop_.Forget(p); }}));
+    SL_RETURN_IF_ERROR(sightline::CheckAlive(
+        socket.address(), std::max(absl::ZeroDuration(), deadline - absl::Now()),
+        {.begin = [this](const std::string& p) { loop_.Expect(p); },
+         .end = [this](const std::string& p) { loop_.Forget(p); }}));
   }
   return absl::OkStatus();
 }

@@ -67,7 +67,7 @@ class FrontDoor {
   // When the server's certificate ends; infinite without.
   absl::Time CertificateEnd() const;
 
-  // Connects and calls as a client would, within `timeout`; see liveness.h.
+  // Connects and calls as a client would, within `timeout` for all sockets; see liveness.h.
   absl::Status CheckAlive(absl::Duration timeout);
 
  private:

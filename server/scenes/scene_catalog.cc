@@ -458,6 +458,22 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::PinTagged(const std::
   }
 }
 
+absl::Status SceneCatalog::CheckEdit(const EditOptions& options, uint64_t* tag) const {
+  absl::Status status = PinTagged(options.scene_id, options.base_revision, tag).status();
+  if (status.ok()) return status;
+  const absl::StatusOr<SceneStatus> now = registry_.GetStatus(options.scene_id);
+  {
+    MutexLock lock(mutex_);
+    const bool busy = now.ok() ? now->latest == nullptr : moving_.contains(options.scene_id);
+    if (!busy) return status;
+  }
+  return MakeError(
+      absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
+      absl::StrCat(SceneName(options.scene_id),
+                   " is still being made, loaded, unloaded or deleted: try again ", "after that"),
+      SceneResource(options.scene_id));
+}
+
 absl::StatusOr<std::shared_ptr<const Scene>> SceneCatalog::PinOf(const std::string& scene_id,
                                                                  uint64_t revision,
                                                                  uint64_t tag) const {

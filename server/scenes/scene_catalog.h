@@ -163,7 +163,11 @@ class SceneCatalog : public MemoryBudget {
   // The same with the scene's tag, by which a later scene of its name is told from it.
   absl::StatusOr<std::shared_ptr<const Scene>> PinTagged(const std::string& scene_id,
                                                          uint64_t revision, uint64_t* tag) const;
-  // The same of the scene with this tag alone: REVISION_MISMATCH also where the name is another's.
+  // Whether an edit may begin, with the same tag; errors as Pin's, but Aborted (SCENE_BUSY) where
+  // there is no revision since the scene is being made, loaded, unloaded or deleted.
+  absl::Status CheckEdit(const EditOptions& options, uint64_t* tag) const;
+  // As PinTagged, of the scene with this tag alone: REVISION_MISMATCH also where the name is
+  // another's.
   absl::StatusOr<std::shared_ptr<const Scene>> PinOf(const std::string& scene_id, uint64_t revision,
                                                      uint64_t tag) const;
   // Whether the scene with this tag still has the name; errors as PinOf's for `revision`. A scene

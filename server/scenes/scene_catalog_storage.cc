@@ -203,7 +203,8 @@ absl::StatusOr<SceneView> SceneCatalog::Load(const std::string& scene_id,
   if (loaded.ok()) {
     SetNote(scene_id, std::nullopt);
   } else if (ReasonOf(loaded.status()) != v1::ERROR_REASON_SCENE_FILE_NOT_FOUND &&
-             !absl::IsAlreadyExists(loaded.status()) && !absl::IsCancelled(loaded.status())) {
+             !absl::IsAlreadyExists(loaded.status()) && !absl::IsCancelled(loaded.status()) &&
+             !absl::IsDeadlineExceeded(loaded.status())) {
     SetNote(scene_id, Note{true, std::string(loaded.status().message())});
   }
   return loaded;

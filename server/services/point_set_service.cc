@@ -171,10 +171,10 @@ grpc::ServerUnaryReactor* PointSetService::ListPointSets(grpc::CallbackServerCon
   });
 }
 
-grpc::ServerUnaryReactor* PointSetService::DeletePointSet(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* PointSetService::DeletePointSet(grpc::CallbackServerContext* context,
                                                           const v1::DeletePointSetRequest* request,
                                                           google::protobuf::Empty*) {
-  return AnswerLater(env_, env_.call_pool, Operation::kDeletePointSet,
+  return AnswerLater(*context, env_, env_.call_pool, Operation::kDeletePointSet,
                      [this, request](const CancelToken&) -> absl::Status {
                        SL_ASSIGN_OR_RETURN(const PointSetName name,
                                            ParsePointSetName("name", request->name()));

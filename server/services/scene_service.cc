@@ -131,10 +131,9 @@ class UpdateSteps : public SceneSteps {
   absl::Status CheckHeader(const Header& header) {
     // Told before the upload, where it can be: the edit checks again.
     uint64_t tag = 0;
-    const SceneCatalog::EditOptions& edit = header.edit;
-    SL_RETURN_IF_ERROR(env_.scenes.PinTagged(edit.scene_id, edit.base_revision, &tag).status());
+    SL_RETURN_IF_ERROR(env_.scenes.CheckEdit(header.edit, &tag));
     // Another scene of the name may have the same number when the upload has ended.
-    if (edit.base_revision != 0) base_tag_ = tag;
+    if (header.edit.base_revision != 0) base_tag_ = tag;
     return absl::OkStatus();
   }
 
@@ -220,10 +219,10 @@ grpc::ServerUnaryReactor* SceneService::ListSceneObjects(grpc::CallbackServerCon
   });
 }
 
-grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext* context,
                                                     const v1::DeleteSceneRequest* request,
                                                     google::protobuf::Empty*) {
-  return AnswerLater(env_, env_.call_pool, Operation::kDeleteScene,
+  return AnswerLater(*context, env_, env_.call_pool, Operation::kDeleteScene,
                      [this, request](const CancelToken&) -> absl::Status {
                        SL_ASSIGN_OR_RETURN(const std::string scene_id,
                                            ParseSceneName("name", request->name()));
@@ -233,11 +232,11 @@ grpc::ServerUnaryReactor* SceneService::DeleteScene(grpc::CallbackServerContext*
                      });
 }
 
-grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext* context,
                                                   const v1::LoadSceneRequest* request,
                                                   v1::Scene* response) {
   return AnswerLater(
-      env_, env_.build_pool, Operation::kLoadScene,
+      *context, env_, env_.build_pool, Operation::kLoadScene,
       [=, this](const CancelToken& cancel) -> absl::Status {
         SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
         SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Load(scene_id, &cancel));
@@ -247,11 +246,11 @@ grpc::ServerUnaryReactor* SceneService::LoadScene(grpc::CallbackServerContext*,
       });
 }
 
-grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext* context,
                                                     const v1::ReloadSceneRequest* request,
                                                     v1::Scene* response) {
   return AnswerLater(
-      env_, env_.build_pool, Operation::kReloadScene,
+      *context, env_, env_.build_pool, Operation::kReloadScene,
       [=, this](const CancelToken& cancel) -> absl::Status {
         SL_ASSIGN_OR_RETURN(const std::string scene_id, ParseSceneName("name", request->name()));
         SL_ASSIGN_OR_RETURN(const SceneView view, env_.scenes.Reload(scene_id, &cancel));
@@ -261,10 +260,10 @@ grpc::ServerUnaryReactor* SceneService::ReloadScene(grpc::CallbackServerContext*
       });
 }
 
-grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext* context,
                                                     const v1::UnloadSceneRequest* request,
                                                     google::protobuf::Empty*) {
-  return AnswerLater(env_, env_.call_pool, Operation::kUnloadScene,
+  return AnswerLater(*context, env_, env_.call_pool, Operation::kUnloadScene,
                      [this, request](const CancelToken&) -> absl::Status {
                        SL_ASSIGN_OR_RETURN(const std::string scene_id,
                                            ParseSceneName("name", request->name()));
@@ -274,10 +273,10 @@ grpc::ServerUnaryReactor* SceneService::UnloadScene(grpc::CallbackServerContext*
                      });
 }
 
-grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* SceneService::ListStoredScenes(grpc::CallbackServerContext* context,
                                                          const v1::ListStoredScenesRequest* request,
                                                          v1::ListStoredScenesResponse* response) {
-  return AnswerLater(env_, env_.call_pool, Operation::kListStoredScenes,
+  return AnswerLater(*context, env_, env_.call_pool, Operation::kListStoredScenes,
                      [=, this](const CancelToken&) -> absl::Status {
                        SL_ASSIGN_OR_RETURN(const Page page,
                                            ParsePage(request->page_size(), request->page_token()));

@@ -75,7 +75,7 @@ void SceneWatch::OnWriteDone(bool ok) {
   writing_ = false;
   if (!ok) {
     next_.reset();
-    EndWith(absl::CancelledError("the client is gone"));
+    EndWith(deadline_.Ends() ? CallExpiredError() : CallCancelledError());
   }
   Advance();
 }
@@ -84,7 +84,7 @@ void SceneWatch::OnCancel() {
   begun_.Acquire();
   MutexLock lock(mutex_);
   next_.reset();
-  EndWith(absl::CancelledError("the call was cancelled or its deadline passed"));
+  EndWith(deadline_.Ends() ? CallExpiredError() : CallCancelledError());
   Advance();
 }
 

@@ -22,6 +22,7 @@
 #include "absl/status/status.h"
 #include "core/base/hand_over.h"
 #include "core/base/mutex.h"
+#include "server/admission/call_deadline.h"
 #include "server/admission/call_quota.h"
 #include "server/admission/client_name.h"
 #include "server/metrics/metrics.h"
@@ -48,7 +49,10 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
 
  private:
   SceneWatch(grpc::CallbackServerContext* context, const QueryEnvironment& env)
-      : context_(context), env_(env), timer_(env.metrics, Operation::kWatchScene) {}
+      : context_(context),
+        deadline_(*context),
+        env_(env),
+        timer_(env.metrics, Operation::kWatchScene) {}
 
   void Begin(const Client& client, const v1::WatchSceneRequest& request);
   absl::Status Enter(const Client& client);
@@ -57,6 +61,7 @@ class SceneWatch final : public grpc::ServerWriteReactor<v1::WatchSceneResponse>
   void Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   grpc::CallbackServerContext* const context_;
+  const CallDeadline deadline_;
   const QueryEnvironment env_;
   const CallTimer timer_;
   HandOver begun_;  // gRPC knows the call before it says that it was cancelled.

@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/mutex.h"
+#include "server/admission/call_deadline.h"
 #include "server/base/resource_name.h"
 
 namespace sightline {
@@ -30,14 +31,14 @@ class AnsweredCall final : public grpc::ServerUnaryReactor {
 class LaterCall final : public grpc::ServerUnaryReactor,
                         public std::enable_shared_from_this<LaterCall> {
  public:
-  static LaterCall* Start(const QueryEnvironment& env, ThreadPool& pool, Operation operation,
-                          LaterHandler handler) {
-    std::shared_ptr<LaterCall> call(new LaterCall(env, operation, std::move(handler)));
+  static LaterCall* Start(const grpc::CallbackServerContext& context, const QueryEnvironment& env,
+                          ThreadPool& pool, Operation operation, LaterHandler handler) {
+    std::shared_ptr<LaterCall> call(new LaterCall(context, env, operation, std::move(handler)));
     call->Begin(env, pool);
     return call.get();
   }
 
-  void OnCancel() override { cancel_.Cancel(); }
+  void OnCancel() override { deadline_.Fire(&cancel_); }
   void OnDone() override {
     std::shared_ptr<LaterCall> self;  // Goes after the lock has.
     MutexLock lock(mutex_);
@@ -46,8 +47,9 @@ class LaterCall final : public grpc::ServerUnaryReactor,
   }
 
  private:
-  LaterCall(const QueryEnvironment& env, Operation operation, LaterHandler handler)
-      : timer_(env.metrics, operation), handler_(std::move(handler)) {}
+  LaterCall(const grpc::CallbackServerContext& context, const QueryEnvironment& env,
+            Operation operation, LaterHandler handler)
+      : deadline_(context), timer_(env.metrics, operation), handler_(std::move(handler)) {}
 
   void Begin(const QueryEnvironment& env, ThreadPool& pool) {
     MutexLock lock(mutex_);
@@ -68,6 +70,7 @@ class LaterCall final : public grpc::ServerUnaryReactor,
     this->Finish(ToGrpcStatus(status));
   }
 
+  const CallDeadline deadline_;
   const CallTimer timer_;
   LaterHandler handler_;
   CancelToken cancel_;
@@ -82,9 +85,10 @@ grpc::ServerUnaryReactor* FinishedCall(ActiveCall call, const absl::Status& stat
   return new AnsweredCall(std::move(call), status);
 }
 
-grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, ThreadPool& pool,
+grpc::ServerUnaryReactor* AnswerLater(const grpc::CallbackServerContext& context,
+                                      const QueryEnvironment& env, ThreadPool& pool,
                                       Operation operation, LaterHandler handler) {
-  return LaterCall::Start(env, pool, operation, std::move(handler));
+  return LaterCall::Start(context, env, pool, operation, std::move(handler));
 }
 
 absl::StatusOr<Page> ParsePage(int32_t page_size, const std::string& page_token) {

@@ -48,9 +48,10 @@ grpc::ServerUnaryReactor* Answer(const QueryEnvironment& env, Operation operatio
 }
 
 // Runs `handler` on `pool`, one of the environment's. Its captures live until it is done, and its
-// token fires when the client goes away.
+// token fires when the client goes away or the call's deadline passes.
 using LaterHandler = absl::AnyInvocable<absl::Status(const CancelToken& cancel)>;
-grpc::ServerUnaryReactor* AnswerLater(const QueryEnvironment& env, ThreadPool& pool,
+grpc::ServerUnaryReactor* AnswerLater(const grpc::CallbackServerContext& context,
+                                      const QueryEnvironment& env, ThreadPool& pool,
                                       Operation operation, LaterHandler handler);
 
 struct Page {

@@ -40,6 +40,7 @@
 #include "core/base/mutex.h"
 #include "core/base/parallel.h"
 #include "core/base/status_macros.h"
+#include "server/admission/call_deadline.h"
 #include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/client_name.h"
@@ -84,7 +85,7 @@ class UploadReactor final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
                               grpc::ByteBuffer* response, const QueryEnvironment& env,
                               UploadSlots& slots) {
     const Client client = ClientOf(context, env.access);
-    std::shared_ptr<UploadReactor> reactor(new UploadReactor(response, env, client));
+    std::shared_ptr<UploadReactor> reactor(new UploadReactor(context, response, env, client));
     reactor->Begin(client, env, slots);
     reactor->begun_.Release();
     return reactor.get();
@@ -99,6 +100,8 @@ class UploadReactor final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
     MutexLock lock(mutex_);
     if (ended_) return;  // It was idle for too long, or cancelled.
     idle_.Arrived(IdleClock::Now(), ok && read.ok() ? Job::BytesOf(request_) : 0);
+    // A call that is cancelled has no more messages: it is not one whose client has sent them all.
+    if (!ok && context_.IsCancelled()) deadline_.Fire(&cancel_);
     if (cancel_.cancelled()) return End(cancel_.ToStatus());
     if (!read.ok()) return End(read);
     if (ok) {
@@ -116,7 +119,7 @@ class UploadReactor final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   void OnCancel() override {
     begun_.Acquire();
     MutexLock lock(mutex_);
-    cancel_.Cancel();
+    deadline_.Fire(&cancel_);
     if (running_ == 0) End(cancel_.ToStatus());
   }
 
@@ -138,8 +141,11 @@ class UploadReactor final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   // The repeated fields of uploads are of numbers, which take no more than their bytes.
   static ElementLimit AnyNumber() { return {std::numeric_limits<uint64_t>::max()}; }
 
-  UploadReactor(grpc::ByteBuffer* response, const QueryEnvironment& env, const Client& client)
+  UploadReactor(const grpc::CallbackServerContext& context, grpc::ByteBuffer* response,
+                const QueryEnvironment& env, const Client& client)
       : told_response_(response),
+        context_(context),
+        deadline_(context),
         call_pool_(env.call_pool),
         build_pool_(env.build_pool),
         timer_(env.metrics, Job::kOperation),
@@ -220,6 +226,8 @@ class UploadReactor final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   }
 
   grpc::ByteBuffer* const told_response_;  // gRPC's; set before Finish with OK.
+  const grpc::CallbackServerContext& context_;
+  const CallDeadline deadline_;
   ThreadPool& call_pool_;
   ThreadPool& build_pool_;
   const CallTimer timer_;

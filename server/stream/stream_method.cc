@@ -101,7 +101,12 @@ absl::Status ItemCancelledError(uint64_t item_id) {
 
 absl::Status CallCancelledError() {
   return MakeError(absl::StatusCode::kCancelled, v1::ERROR_REASON_CANCELLED,
-                   "the call was cancelled or its deadline passed");
+                   "the client cancelled the call, or is gone");
+}
+
+absl::Status CallExpiredError() {
+  return MakeError(absl::StatusCode::kDeadlineExceeded, v1::ERROR_REASON_DEADLINE_EXCEEDED,
+                   "the call's deadline passed; allow more time or ask for less");
 }
 
 absl::Status StreamStallError(const Limits& limits) {

@@ -89,8 +89,10 @@ absl::Status CreditError(uint64_t item_id, int64_t credit, size_t unanswered, co
 absl::Status ItemExpiredError(uint64_t item_id);
 // CANCELLED: the client asked for it.
 absl::Status ItemCancelledError(uint64_t item_id);
-// CANCELLED: there is nobody any more to answer.
+// There is nobody any more to answer. CANCELLED: the client wants none, or is gone;
+// DEADLINE_EXCEEDED: the time that it gave has passed.
 absl::Status CallCancelledError();
+absl::Status CallExpiredError();
 // DEADLINE_EXCEEDED: for max_stream_stall no reply was taken, or could be sent for want of credit.
 absl::Status StreamStallError(const Limits& limits);
 // The same for a watch of a scene, which has no credit.

@@ -198,7 +198,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMirrors>> TileMethod::MirrorsFor(
   MutexLock lock(mutex_);
   if (prepared_mirrors_ == nullptr || mirrored_scene_.lock() != scene) {
     SL_ASSIGN_OR_RETURN(const std::vector<Mirror> mirrors,
-                        DecodeMirrors(mirrors_, scene->geometry));
+                        DecodeMirrors(mirrors_, scene->name, scene->geometry));
     absl::StatusOr<PreparedMirrors> prepared =
         PrepareMirrors(scene->geometry, mirrors, camera_, &cancel);
     // The camera was looked at before: what is not right is a mirror's plane.

@@ -49,6 +49,7 @@
 #include "core/base/hand_over.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "server/admission/call_deadline.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/client_name.h"
 #include "server/admission/timeout_check.h"
@@ -93,9 +94,8 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     MutexLock lock(mutex_);
     if (!ok) {
       half_closed_ = true;
-      if (!header_seen_ && failure_.ok()) {
-        Fail(BadSequence("header", "the stream ended without one"));
-      }
+      if (context_->IsCancelled()) Abandon();  // OnCancel comes later.
+      if (!header_seen_) Fail(BadSequence("header", "the stream ended without one"));
       Advance();
       return;
     }
@@ -160,6 +160,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
 
   VisibilityStream(grpc::CallbackServerContext* context, const QueryEnvironment& env)
       : context_(context),
+        deadline_(*context),
         env_(env),
         timer_(env.metrics, Method::kOperation),
         credit_(static_cast<int64_t>(env.limits.stream_credit_rays)) {}
@@ -498,7 +499,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
 
   void Abandon() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     cancelled_ = true;
-    Fail(CallCancelledError());
+    Fail(deadline_.Ends() ? CallExpiredError() : CallCancelledError());
   }
 
   void Fail(absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -508,7 +509,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
     for (const auto& [id, item] : items_) flow_->Withdraw(std::exchange(item->to_come, 0));
     if (flow_ != nullptr) flow_->Clear();
     outbox_.Clear();
-    if (!absl::IsCancelled(failure_)) LogFailure(context_->peer(), failure_);
+    if (!cancelled_ && !absl::IsCancelled(failure_)) LogFailure(context_->peer(), failure_);
   }
 
   // Does whatever can be done next. Called at the end of every reaction and task.
@@ -556,6 +557,7 @@ class VisibilityStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, 
   }
 
   grpc::CallbackServerContext* const context_;
+  const CallDeadline deadline_;
   const QueryEnvironment env_;
   const CallTimer timer_;
   grpc::ByteBuffer incoming_;  // Written by gRPC between StartRead and OnReadDone.

@@ -135,14 +135,15 @@ inline std::string PingBytes(const std::string& eight_bytes) {
   constexpr int kPing = 6;
   return Frame(kPing, 0, 0, eight_bytes);
 }
-// Opens a call of `path` on `stream`, an odd number.
-inline std::string OpenCall(uint32_t stream, const std::string& path) {
+// Opens a call of `path` on `stream`, an odd number; `fields` are more of the header's.
+inline std::string OpenCall(uint32_t stream, const std::string& path,
+                            const std::string& fields = "") {
   constexpr int kHeaders = 1, kEndHeaders = 4;
-  return Frame(
-      kHeaders, kEndHeaders, stream,
-      absl::StrCat(HeaderField(":method", "POST"), HeaderField(":scheme", "http"),
-                   HeaderField(":path", path), HeaderField(":authority", "localhost"),
-                   HeaderField("te", "trailers"), HeaderField("content-type", "application/grpc")));
+  return Frame(kHeaders, kEndHeaders, stream,
+               absl::StrCat(HeaderField(":method", "POST"), HeaderField(":scheme", "http"),
+                            HeaderField(":path", path), HeaderField(":authority", "localhost"),
+                            HeaderField("te", "trailers"),
+                            HeaderField("content-type", "application/grpc"), fields));
 }
 
 // A message of a call.
@@ -155,6 +156,7 @@ inline std::string CallData(uint32_t stream, const std::string& message, bool la
 struct CallBytesOptions {
   bool whole = false;                      // Half-closed behind the last message.
   std::optional<uint32_t> initial_window;  // What the server may send of a stream; 65,535 else.
+  std::string timeout;                     // What the call may take, "50m": 50 ms; empty: any time.
 };
 // A new connection's first call, on stream 1: of `path` with `messages`, and no more. Keep them
 // below the first window, 64 KiB.
@@ -166,7 +168,9 @@ inline std::string CallBytes(const std::string& path, const std::vector<std::str
     settings =
         absl::StrCat(BigEndian(kInitialWindowSize, 2), BigEndian(*options.initial_window, 4));
   }
-  std::string bytes = absl::StrCat(ConnectionBytes(settings), OpenCall(1, path));
+  const std::string timeout =
+      options.timeout.empty() ? "" : HeaderField("grpc-timeout", options.timeout);
+  std::string bytes = absl::StrCat(ConnectionBytes(settings), OpenCall(1, path, timeout));
   for (const std::string& message : messages) {
     bytes += CallData(1, message, options.whole && &message == &messages.back());
   }

@@ -1,20 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Probes and metrics of a real server, scraped over HTTP.
+#include <chrono>
+#include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
+#include "tests/integration/raw_connection.h"
 #include "tests/integration/server_harness.h"
 #include "tests/support/http_get.h"
+#include "tests/support/until.h"
 
 namespace sightline {
 namespace {
 
 using ::testing::HasSubstr;
 using testing_support::HttpGet;
+using testing_support::Until;
 
 ServerOptions WithMetrics() {
   ServerOptions options;
@@ -113,6 +119,67 @@ TEST(ServerMetricsTest, PlainCallsAndStreamsThatDoNotOpenAreCounted) {
   EXPECT_EQ(requests("GetCapabilities", "ok"), 1);
   EXPECT_EQ(requests("TraceTiles", "failed"), 1);
   EXPECT_EQ(requests("TraceTiles", "ok"), 0);
+}
+
+TEST(ServerMetricsTest, CallsThatRunOutOfTimeAreNotCancelledOnes) {
+  ServerOptions options = WithMetrics();
+  options.scenes = {"builtin:box:1000"};
+  ServerHarness harness(options);
+  const auto counts = [&](const std::string& method, const std::string& result) {
+    return Sample(harness, absl::StrCat("sightline_requests_total{method=\"", method,
+                                        "\",result=\"", result, "\"}"));
+  };
+  v1::WatchSceneRequest watch;
+  watch.set_name("scenes/box");
+  {
+    // Clients that are silent: it is the server's own clock that ends the calls.
+    const auto late = [&](const std::string& path, const std::vector<std::string>& messages) {
+      auto connection = std::make_unique<RawConnection>(harness.server->port());
+      connection->Send(CallBytes(path, messages, {.timeout = "50m"}));
+      return connection;
+    };
+    const auto upload = late("/sightline.v1.SceneService/CreateScene", {}),
+               stream = late("/sightline.v1.VisibilityService/ComputeShadows", {}),
+               watcher = late("/sightline.v1.SceneService/WatchScene", {watch.SerializeAsString()});
+    for (const char* method : {"CreateScene", "ComputeShadows", "WatchScene"}) {
+      EXPECT_TRUE(Until("it has expired", [&] {
+        return counts(method, "expired") + counts(method, "cancelled") + counts(method, "failed") >
+               0;
+      })) << method;
+      EXPECT_EQ(counts(method, "expired"), 1) << method;
+    }
+  }
+  const auto in_an_hour = [](grpc::ClientContext* context) {
+    context->set_deadline(std::chrono::system_clock::now() + std::chrono::hours(1));
+  };
+  const auto calls = [&](size_t n) {
+    return [&, n] { return harness.server->active_calls() == n; };
+  };
+  ASSERT_TRUE(Until("the calls have ended", calls(0)));
+  {
+    grpc::ClientContext context;
+    in_an_hour(&context);
+    const auto watcher = harness.scenes->WatchScene(&context, watch);
+    v1::WatchSceneResponse change;
+    ASSERT_TRUE(watcher->Read(&change));
+    context.TryCancel();
+    EXPECT_EQ(watcher->Finish().error_code(), grpc::StatusCode::CANCELLED);
+  }
+  ASSERT_TRUE(Until("the watch has ended", calls(0)));
+  {
+    grpc::ClientContext context;
+    in_an_hour(&context);
+    v1::Scene scene;
+    const auto upload = harness.scenes->CreateScene(&context, &scene);
+    ASSERT_TRUE(Until("the upload has begun", calls(1)));
+    context.TryCancel();
+    EXPECT_EQ(upload->Finish().error_code(), grpc::StatusCode::CANCELLED);
+  }
+  ASSERT_TRUE(Until("the upload has ended", calls(0)));
+  for (const char* method : {"CreateScene", "WatchScene"}) {
+    EXPECT_EQ(counts(method, "cancelled"), 1) << method;
+    EXPECT_EQ(counts(method, "failed"), 0) << method;
+  }
 }
 
 // Of the first item of a stream, the seventeenth, ...; of all if statistics are asked for.

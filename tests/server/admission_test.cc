@@ -7,6 +7,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "server/admission/call_deadline.h"
 #include "server/admission/call_quota.h"
 #include "server/admission/call_tracker.h"
 #include "server/admission/client_name.h"
@@ -319,6 +320,27 @@ TEST(UploadSlotsTest, AreGivenBack) {
     EXPECT_TRUE(refused.GetPayload(kRetryInfoUrl).has_value());
   }
   EXPECT_TRUE(slots.Take().ok());
+}
+
+// A client whose own clock runs out first has sent the time that it had rounded up by gRPC.
+TEST(CallDeadlineTest, EndsACallShortlyBeforeItAndNoEarlier) {
+  using std::chrono::milliseconds, std::chrono::seconds;
+  const CallDeadline::Clock::time_point begin = CallDeadline::Clock::now();
+  const CallDeadline soon(begin, begin + seconds(100));
+  EXPECT_FALSE(soon.Ends(begin));
+  EXPECT_FALSE(soon.Ends(begin + seconds(98)));
+  EXPECT_TRUE(soon.Ends(begin + seconds(99)));
+  EXPECT_TRUE(soon.Ends(begin + seconds(200)));
+  const CallDeadline short_one(begin, begin + milliseconds(50));
+  EXPECT_FALSE(short_one.Ends(begin + milliseconds(40)));
+  EXPECT_TRUE(short_one.Ends(begin + milliseconds(49)));
+  const CallDeadline never(begin, CallDeadline::Clock::time_point::max());
+  EXPECT_FALSE(never.Ends(begin + std::chrono::hours(24 * 365)));
+  CancelToken expired, cancelled;
+  CallDeadline(begin, begin).Fire(&expired);
+  never.Fire(&cancelled);
+  EXPECT_TRUE(absl::IsDeadlineExceeded(expired.ToStatus()));
+  EXPECT_TRUE(absl::IsCancelled(cancelled.ToStatus()));
 }
 
 }  // namespace

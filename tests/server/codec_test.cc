@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <span>
 #include <string>
 #include <vector>
@@ -21,6 +22,7 @@ namespace sightline {
 namespace {
 
 using testing::ElementsAre;
+using testing::Pair;
 
 template <typename T>
 std::string Bytes(const std::vector<T>& values) {
@@ -49,6 +51,13 @@ void ExpectInvalid(const absl::Status& status, absl::string_view named,
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << status;
   EXPECT_TRUE(absl::StrContains(status.message(), named)) << status << " does not name " << named;
   EXPECT_EQ(ReasonOf(status), reason) << status;
+}
+
+// As a client gets it.
+std::map<std::string, std::string> MetadataOf(const absl::Status& status) {
+  v1::ItemStatus item;
+  ToItemStatus(status, &item);
+  return {item.metadata().begin(), item.metadata().end()};
 }
 
 v1::Camera GoodCamera() {
@@ -112,6 +121,13 @@ TEST(CameraTest, RefusesWhatIsNoCamera) {
   for (const double tan : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
     check("camera.tan_half_fov_y", [&](v1::Camera& c) { c.set_tan_half_fov_y(tan); });
   }
+  v1::Camera turned = GoodCamera();
+  *turned.mutable_up() = turned.right();
+  EXPECT_THAT(
+      MetadataOf(DecodeCamera(turned, limits).status()),
+      ElementsAre(Pair("field", "camera"), Pair("value",
+                                                "right (1, 0, 0), up (1, 0, 0), forward (0, 1, 0), "
+                                                "tan_half_fov_y 0.5")));
   v1::Camera wide = GoodCamera();
   wide.set_width(100000);
   EXPECT_EQ(DecodeCamera(wide, limits).status().code(), absl::StatusCode::kResourceExhausted);
@@ -123,24 +139,27 @@ TEST(MirrorTest, ObjectsAreNamedAndPlanesWhole) {
   google::protobuf::RepeatedPtrField<v1::Mirror> mirrors;
   v1::Mirror* const mirror = mirrors.Add();
   mirror->set_object_name("glass");
-  auto decoded = DecodeMirrors(mirrors, geometry);
+  auto decoded = DecodeMirrors(mirrors, "hall", geometry);
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   ASSERT_EQ(decoded->size(), 1u);
   EXPECT_EQ(decoded->front().object, 2u);
   EXPECT_FALSE(decoded->front().plane.has_value());
   mirror->mutable_plane()->mutable_point()->set_x(3);
-  ExpectInvalid(DecodeMirrors(mirrors, geometry).status(),
+  ExpectInvalid(DecodeMirrors(mirrors, "hall", geometry).status(),
                 "header.mirrors[0].plane.normal = (unset)");
   mirror->mutable_plane()->mutable_normal()->set_z(-2);
-  decoded = DecodeMirrors(mirrors, geometry);
+  decoded = DecodeMirrors(mirrors, "hall", geometry);
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   EXPECT_EQ(decoded->front().plane->point.x, 3);
   EXPECT_EQ(decoded->front().plane->normal.z, -2);
   mirrors.Add()->set_object_name("door");
-  const absl::Status status = DecodeMirrors(mirrors, geometry).status();
+  const absl::Status status = DecodeMirrors(mirrors, "hall", geometry).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kNotFound);
   EXPECT_THAT(std::string(status.message()),
               testing::HasSubstr("header.mirrors[1].object_name = \"door\""));
+  EXPECT_THAT(MetadataOf(status),
+              ElementsAre(Pair("field", "header.mirrors[1].object_name"),
+                          Pair("resource", "scenes/hall"), Pair("value", "door")));
 }
 
 TEST(LightTest, RefusesWhatIsNoLight) {
@@ -185,6 +204,23 @@ TEST(LightTest, NonFiniteLightsAreInvalidSamplesNotErrors) {
   EXPECT_THAT(samples->weights, ElementsAre(1.0, 0.5, 0.5, 0.5, 0.5));
   area->mutable_source()->set_triangle(3);
   ExpectInvalid(DecodeLights(lights, ThreeObjects()).status(), "lights[1].source.triangle = 3");
+}
+
+TEST(LightTest, MoreSamplesThanTheEngineTakesAreNamed) {
+  google::protobuf::RepeatedPtrField<v1::Light> lights;
+  lights.Add()->mutable_rectangular_area()->set_sample_count(0xFFFFFFFFu);
+  EXPECT_THAT(MetadataOf(DecodeLights(lights, ThreeObjects()).status()),
+              ElementsAre(Pair("field", "lights[0].rectangular_area.sample_count"),
+                          Pair("value", "4294967295")));
+}
+
+TEST(OptionsCodecTest, WhatDoesNotGoTogetherIsTold) {
+  const absl::Status status =
+      CheckSceneOptions(Scene(), {.strategy = Strategy::kRtt, .structure = Structure::kBvh});
+  ExpectInvalid(status, "strategy RTT");
+  EXPECT_THAT(MetadataOf(status),
+              ElementsAre(Pair("field", "options"),
+                          Pair("value", "strategy RTT, structure BVH, intersector EXACT")));
 }
 
 TEST(OptionsCodecTest, StrategiesAreKnownOrRefused) {
@@ -298,6 +334,8 @@ TEST(SceneCodecTest, BinaryBvhOptionsAreCheckedByName) {
   EXPECT_EQ(decoded->min_extent, 0);
   options.set_bins(1025);
   ExpectInvalid(DecodeBinaryBvh(options).status(), "header.binary_bvh.bins is 1025");
+  EXPECT_THAT(MetadataOf(DecodeBinaryBvh(options).status()),
+              ElementsAre(Pair("field", "header.binary_bvh.bins"), Pair("value", "1025")));
   options.set_bins(8);
   options.set_max_depth(0xFFFFFFFFu);
   ExpectInvalid(DecodeBinaryBvh(options).status(), "header.binary_bvh.max_depth");
@@ -323,6 +361,8 @@ TEST(SceneCodecTest, KdTreeOptionsAreCheckedByName) {
   options.set_max_depth(0);
   options.set_traversal_cost(0);
   ExpectInvalid(DecodeKdTree(options).status(), "header.kd_tree.traversal_cost = 0");
+  EXPECT_THAT(MetadataOf(DecodeKdTree(options).status()),
+              ElementsAre(Pair("field", "header.kd_tree.traversal_cost"), Pair("value", "0")));
 }
 
 TEST(PointCodecTest, ArraysMustAgree) {

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "gtest/gtest.h"
@@ -20,6 +21,7 @@ TEST(RequestLogTest, ARepeatedIdReturnsWhatTheFirstMade) {
     EXPECT_FALSE(first->repeated());
     const absl::Status busy = log.Claim("r", FingerprintOf("print")).status();
     EXPECT_EQ(ReasonOf(busy), v1::ERROR_REASON_SCENE_BUSY);
+    EXPECT_TRUE(absl::StrContains(busy.message(), "ask again")) << busy;
     v1::ItemStatus item;
     ToItemStatus(busy, &item);
     EXPECT_EQ(item.metadata().at("field"), "request_id");

@@ -336,6 +336,34 @@ TEST_F(StoredScenesTest, OneThatIsLoadedWhileItIsUnloadedIsBusy) {
   ExpectSound(catalog, "hall");
 }
 
+// It may be edited once it is there: that is worth asking again.
+TEST_F(StoredScenesTest, OneThatIsMadeOrLoadedIsBusyForAnEdit) {
+  SceneCatalog catalog(Limits(), pool_, repository_.get());
+  std::vector<absl::Status> early;
+  uint64_t tag = 0;
+  const auto ask = [&](const std::string& id) {
+    early.push_back(catalog.CheckEdit({.scene_id = id}, &tag));
+  };
+  catalog.SetListener([&](const SceneView& view) {
+    if (view.status.state != SceneState::kBuilding || view.status.latest != nullptr) return;
+    ask(view.status.name);
+    EXPECT_EQ(ReasonOf(catalog.Pin(view.status.name, 0).status()),
+              v1::ERROR_REASON_SCENE_NOT_READY);
+  });
+  ASSERT_TRUE(catalog.Create({.scene_id = "new"}, {&object_, 1}, nullptr).ok());
+  EXPECT_FALSE(early.empty());
+  calls_.on_map = [&] { ask("hall"); };  // Before it counts as being loaded.
+  ASSERT_TRUE(catalog.Load("hall", nullptr).ok());
+  calls_.on_map = nullptr;
+  for (const absl::Status& status : early) {
+    EXPECT_EQ(status.code(), absl::StatusCode::kAborted) << status;
+    EXPECT_EQ(ReasonOf(status), v1::ERROR_REASON_SCENE_BUSY) << status;
+  }
+  EXPECT_TRUE(catalog.CheckEdit({.scene_id = "hall"}, &tag).ok());
+  EXPECT_EQ(ReasonOf(catalog.CheckEdit({.scene_id = "hall", .base_revision = 5}, &tag)),
+            v1::ERROR_REASON_REVISION_MISMATCH);
+}
+
 TEST_F(StoredScenesTest, OneWhoseFileIsBeingRemovedIsNotLoaded) {
   SceneCatalog catalog(Limits(), pool_, repository_.get());
   absl::Status again = absl::UnknownError("not asked");

@@ -4,6 +4,8 @@
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "gmock/gmock.h"
@@ -193,6 +195,17 @@ TEST_F(ClientTest, ArraysOfTheWrongLengthAreNamed) {
   query.points.normals = normals;
   EXPECT_THAT(std::string(client_.ComputeAllShadows(query).status().message()),
               HasSubstr("points.normals"));
+  EXPECT_CALL(*mock_, CreatePointSet(_, _)).Times(0);
+  PointSetSource source{.scene = "scenes/x", .points = query.points};
+  EXPECT_THAT(std::string(client_.CreatePointSet(source).status().message()),
+              HasSubstr("points.normals has 3 numbers; 2 points need 6"));
+  const std::vector<uint32_t> objects = {0};
+  source.points = {.positions = points, .source_objects = objects, .source_triangles = objects};
+  EXPECT_THAT(std::string(client_.CreatePointSet(source).status().message()),
+              HasSubstr("points.source_objects"));
+  source.points = {.positions = std::span(points).first(4)};
+  EXPECT_THAT(std::string(client_.CreatePointSet(source).status().message()),
+              HasSubstr("points.positions has 4 numbers"));
   query.points.normals = {};
   query.lights.clear();
   EXPECT_THAT(std::string(client_.ComputeAllShadows(query).status().message()),

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "client/lib/connection.h"
+#include "client/lib/status.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/client/lib/mock_connection.h"
@@ -64,6 +65,35 @@ TEST_F(RetryingConnectionTest, ADeletionThatFindsNothingLaterWasDone) {
   EXPECT_TRUE(connection_->DeleteScene({}, {}).ok());
   EXPECT_CALL(*mock_, DeleteScene(_, _)).WillOnce(Return(absl::NotFoundError("no such scene")));
   EXPECT_TRUE(absl::IsNotFound(connection_->DeleteScene({}, {})));
+}
+
+// The server may be at work for an attempt whose answer was lost; it is not for a first one.
+TEST_F(RetryingConnectionTest, ALaterAttemptWaitsForAnEarlierOne) {
+  v1::ItemStatus busy_item;
+  busy_item.set_code(10);
+  busy_item.set_reason(v1::ERROR_REASON_SCENE_BUSY);
+  const absl::Status busy = FromItem(busy_item), lost = absl::UnavailableError("lost the reply");
+  v1::Scene scene;
+  scene.set_revision(2);
+  EXPECT_CALL(*mock_, UpdateScene(_, _))
+      .WillOnce(Return(lost))
+      .WillOnce(Return(busy))
+      .WillOnce(Return(busy))
+      .WillOnce(Return(scene));
+  const auto updated = connection_->UpdateScene({}, {});
+  ASSERT_TRUE(updated.ok()) << updated.status();
+  EXPECT_EQ(updated->revision(), 2);
+  EXPECT_CALL(*mock_, DeleteScene(_, _))
+      .WillOnce(Return(lost))
+      .WillOnce(Return(busy))
+      .WillOnce(Return(absl::NotFoundError("no such scene")));
+  EXPECT_TRUE(connection_->DeleteScene({}, {}).ok());
+  EXPECT_CALL(*mock_, LoadScene(_, _)).WillOnce(Return(busy));
+  EXPECT_EQ(connection_->LoadScene({}, {}).status(), busy);
+  // Other reasons to abort do not pass.
+  const absl::Status aborted = absl::AbortedError("no reason");
+  EXPECT_CALL(*mock_, LoadScene(_, _)).WillOnce(Return(lost)).WillOnce(Return(aborted));
+  EXPECT_EQ(connection_->LoadScene({}, {}).status(), aborted);
 }
 
 TEST_F(RetryingConnectionTest, UploadsArePlayedAgainWhole) {

@@ -46,6 +46,19 @@ TEST(StatusTest, SaysThatTheServerDoesNotKnowACall) {
             "no gzip");
 }
 
+// gRPC's own word for it is "Deadline Exceeded"; what the server says of one has details.
+TEST(StatusTest, SaysWhoseDeadlinePassed) {
+  const absl::Status own =
+      FromGrpc(grpc::Status(grpc::StatusCode::DEADLINE_EXCEEDED, "Deadline Exceeded"));
+  EXPECT_EQ(own.code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_THAT(std::string(own.message()), testing::HasSubstr("longer timeout"));
+  v1::ErrorInfo info;
+  info.set_reason("DEADLINE_EXCEEDED");
+  const absl::Status told = FromGrpc(
+      WithDetail(grpc::StatusCode::DEADLINE_EXCEEDED, kErrorInfoUrl, info.SerializeAsString()));
+  EXPECT_EQ(told.message(), "what was wrong");
+}
+
 TEST(StatusTest, ItemsLikeCalls) {
   v1::ItemStatus item;
   EXPECT_TRUE(FromItem(item).ok());

@@ -17,6 +17,7 @@
 
 #include "absl/synchronization/notification.h"
 #include "client/lib/client.h"
+#include "client/lib/query_run.h"
 #include "client/lib/status.h"
 #include "client/lib/stored_segments.h"
 #include "client/lib/stream_runner.h"
@@ -218,6 +219,36 @@ TEST_F(StreamTest, SegmentsTravelAsTheSceneStoresThemWhereTheyCan) {
   query.stored_segments = stored;
   ExpectRight(client_.TestAllSegments(query, options_));
   EXPECT_EQ(stored_items(), 48);
+}
+
+// The default fits into a message of 4 MiB, as floats and as doubles.
+TEST_F(StreamTest, ItemsAreAsLargeAsAskedForWhereAMessageHoldsThem) {
+  SegmentQuery query{.scene = "scenes/x"};
+  const std::vector<double> segments(6 * (2 * size_t{query.segments_per_item} + 1));
+  query.segments = segments;
+  const auto items = [&](uint64_t max_message_bytes) {
+    capabilities_.mutable_limits()->set_max_message_bytes(max_message_bytes);
+    ON_CALL(*mock_, GetCapabilities(_)).WillByDefault(Return(capabilities_));
+    client_ = Client(mock_);
+    const absl::StatusOr<Segments> result = client_.TestAllSegments(query, options_);
+    EXPECT_TRUE(result.ok()) << result.status();
+    return result.ok() ? result->summary.items : 0;
+  };
+  EXPECT_EQ(items(4 << 20), 3u);
+  EXPECT_EQ(items((2 << 20) + 4096), 4u);  // 43,690 doubles each.
+  capabilities_.add_encodings(v1::ENCODING_STORED_FLOAT32);
+  EXPECT_EQ(items(4 << 20), 3u);
+  EXPECT_EQ(items((2 << 20) + 4096), 3u);
+  EXPECT_EQ(items((1 << 20) + 4096), 4u);
+}
+
+TEST(CutIntoItemsTest, BytesAndRaysBound) {
+  Limits limits{.max_message_bytes = 4 << 20, .max_item_rays = 1 << 20};
+  EXPECT_EQ(CutIntoItems(1 << 20, 65536, 1, 56, limits).per_item, 65536u);
+  EXPECT_EQ(CutIntoItems(1 << 20, 1 << 20, 1, 0, limits).per_item, uint64_t{1} << 20);
+  EXPECT_EQ(CutIntoItems(1 << 20, 65536, 64, 24, limits).per_item, 16384u);
+  limits.max_message_bytes = 1 << 16;
+  EXPECT_EQ(CutIntoItems(1 << 20, 65536, 1, 24, limits).per_item, 2560u);
 }
 
 TEST_F(StreamTest, StoredSegmentsNeedAnOriginAndNoOthers) {

@@ -159,6 +159,32 @@ TEST(OptionsTest, MistakesAreUsageErrorsThatNameTheFlag) {
   }
 }
 
+TEST(OptionsTest, RequestsThatNoMessageHoldsAreRefused) {
+  const client::Limits limits{.max_message_bytes = 4 << 20};
+  const auto check = [&](std::vector<std::string> args) {
+    args.emplace_back("--scene=builtin:box");
+    const auto options = Parse(args);
+    EXPECT_TRUE(options.ok()) << options.status();
+    return options.ok() ? CheckMessages(**options, limits) : options.status();
+  };
+  const std::string segments = "--workload=segments", points = "--workload=points";
+  EXPECT_TRUE(check({segments, "--distinct=1", "--segments=87296"}).ok());
+  const absl::Status many = check({segments, "--distinct=1", "--segments=87297"});
+  EXPECT_EQ(cli::ToExitCode(many), cli::kExitUsage) << many;
+  EXPECT_THAT(std::string(many.message()),
+              HasSubstr("--segments 87297 of 48 bytes each do not fit into a message of the "
+                        "server, of which max_message_bytes is 4194304: give --segments 87296 or "
+                        "less"));
+  // Points are kept by the server, unless the scene changes.
+  EXPECT_TRUE(check({points, "--distinct=1", "--points=1048576"}).ok());
+  EXPECT_THAT(
+      std::string(
+          check({points, "--distinct=1", "--points=1048576", "--reload-every=9"}).message()),
+      HasSubstr("give --points 174592 or less"));
+  // What is not asked is not sent.
+  EXPECT_TRUE(check({"--segments=1048576", "--points=1048576", "--reload-every=9"}).ok());
+}
+
 TEST(OptionsTest, HelpListsFlagsScenesAndExitCodes) {
   std::ostringstream out;
   const std::vector<std::string> args = {"--help"};
