@@ -325,7 +325,7 @@ absl::StatusOr<std::unique_ptr<LoadOptions>> ParseOptions(std::span<const std::s
   RegisterLoad(&flags, options.get(), &texts);
   RegisterWorkload(&flags, options.get(), &texts);
   RegisterResults(&flags, options.get(), &texts);
-  options->session.Register(&flags, /*embeddable=*/true, /*streams=*/false);
+  options->session.Register(&flags, /*embeddable=*/true, /*streams_too=*/false);
   SL_ASSIGN_OR_RETURN(const std::vector<std::string> words, flags.Parse(args));
   if (flags.help_requested()) {
     out << flags.Help() << '\n'
