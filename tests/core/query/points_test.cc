@@ -322,7 +322,7 @@ TEST(PointsTest, AttachedVerticesOfConvexMeshes) {
       EXPECT_EQ(p.near_surface, 0u);
       int lit = 0, dark = 0;
       for (uint32_t v = 0; v < p.size(); ++v) {
-        for (int k = 0; k < 8; ++k) {
+        for (int k = 0; k < 24; ++k) {
           const Vec3f light = ToFloat(centre + RandomDirection(rng) * rng.Uniform(110, 500));
           bool front = false;
           for (uint32_t id = 0; id < scene.geometry.triangles.size(); ++id) {
