@@ -74,7 +74,10 @@ TEST_F(BinaryBvhValidationTest, Links) {
   ExpectFault("node 0 refers to nodes", [](BinaryBvh& b) { b.nodes[0].first = 0xFFFFFFFFu; });
   ExpectFault("is never reached", [](BinaryBvh& b) { b.nodes[0].first += 2; });
   const uint32_t leaf = Leaf();
-  ExpectFault("refers to nodes", [&](BinaryBvh& b) { b.nodes[leaf].count = 0; });
+  ExpectFault("refers to nodes", [&](BinaryBvh& b) {
+    b.nodes[leaf].count = 0;
+    b.nodes[leaf].first = leaf;  // Not a place among the ids, which may be a node's, too.
+  });
   ExpectFault("is reached twice", [](BinaryBvh& b) {
     const uint32_t child = b.nodes[0].first;
     const uint32_t inner = b.nodes[child].is_leaf() ? child + 1 : child;
