@@ -191,9 +191,9 @@ class Compiler {
     }
     size_t number = 0;
     for (size_t i = 0; i < sources_.size(); ++i) {
+      if (i % kGrain == 0) SL_RETURN_IF_ERROR(CheckCancel());
       std::string& name = out_.objects[i].name;
       if (!name.empty()) continue;
-      if (i % kGrain == 0) SL_RETURN_IF_ERROR(CheckCancel());
       number = std::max(number, i);
       do {
         name = absl::StrCat("object-", number++);

@@ -470,7 +470,7 @@ absl::Status SceneCatalog::CheckEdit(const EditOptions& options, uint64_t* tag) 
   return MakeError(
       absl::StatusCode::kAborted, v1::ERROR_REASON_SCENE_BUSY,
       absl::StrCat(SceneName(options.scene_id),
-                   " is still being made, loaded, unloaded or deleted: try again ", "after that"),
+                   " is still being made, loaded, unloaded or deleted: try again after that"),
       SceneResource(options.scene_id));
 }
 
