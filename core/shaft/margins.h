@@ -94,7 +94,10 @@
 // 128u.
 // m's products lose up to 2^-149 where they underflow, which A-R and P-R scale: the bound of a ray
 // has kFloatUnderflow times |A-R|_1 + r beside kFloatUnderflow (ParallelEdgeBound), and that of a
-// block kEdgeUnderflow, which is more than 2^-149 times any r.
+// block kEdgeUnderflow, which is more than 2^-149 times any r. Offsets lose up to 1.5·2^-149 each
+// where P-R is next to nothing, which the coefficients scale: |m| is below 2^63, so that
+// kEdgeUnderflow covers that, too, but |N| may be 2^83. The plane's margin over a block has K times
+// kLeastOffset for it: 128u·2^-100·K, where 2.6·2^-149·|N| would do.
 //
 // Sides of planes, of rays that run within the edges (PlaneBound, core/traverse/shaft_leaf-inl.h)
 //
@@ -138,7 +141,9 @@
 // nearest there is; with its own roundings that is below 96u·|m|_1|h|_1|A-C|_inf over the depth.
 // |q|_1 is at most sqrt(3)·2.5 of the depth, so that r costs |r|_inf|m|_1(4.4 + |A-C|_1 / depth).
 // With S = |m|_1 (kEdgeMargin(|a|_1 + |b|_1) + 2|r|_inf), kRestPerDepth·S + S|A-C|_1 / depth
-// covers all but e's own.
+// covers all but e's own. Where S is next to nothing n has lost up to 2^-149 per component, which
+// n·q scales by less than kEdgeUnderflow has room for, and n·(A-C) over the depth by up to 2^60:
+// kFloatUnderflow beside S in the part that goes by |A-C|_1 / depth covers that.
 //
 // Over a block, of one sample. Its form's coefficients are those of C's and of the leans, two fused
 // multiply-adds each: 2u of the three's absolute sum, over the block's slopes 2u(1 + 2·2.3) < 12u
@@ -161,6 +166,7 @@ inline constexpr float kDepthScale = 1 + 32 * 0x1p-24f;
 inline constexpr float kEdgeMargin = 128 * 0x1p-24f;
 inline constexpr float kEdgeUnderflow = 0x1p-80f;
 inline constexpr float kLeastDepth = 0x1p-60f;
+inline constexpr float kLeastOffset = 0x1p-100f;
 inline constexpr float kInverseMargin = 16 * 0x1p-24f;
 inline constexpr float kParallelUnits = 12 * 0x1p-24f;
 inline constexpr float kCapMargin = 5 * 0x1p-24f;

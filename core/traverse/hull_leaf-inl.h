@@ -152,7 +152,8 @@ class HullLeaf {
     const V margin =
         hn::MulAdd(hn::Set(d, kEdgeMargin), edge_k,
                    hn::MulAdd(slack, hn::Set(d, kRestPerDepth), hn::Set(d, kEdgeUnderflow)));
-    const V margin_inverse = hn::Mul(slack, reach);
+    // What leans lose where they underflow is scaled like them.
+    const V margin_inverse = hn::Mul(hn::Add(slack, underflow), reach);
     const V margin_all = hn::MulAdd(margin_inverse, hn::Set(d, blocks.all_most), margin);
     const Vec3f axes[3] = {rays_.frame().u, rays_.frame().v, rays_.frame().w};
     const V3 axis[3] = {BroadcastV(axes[0]), BroadcastV(axes[1]), BroadcastV(axes[2])};

@@ -17,8 +17,7 @@
 //  5. Closest hits are ordered by bounds of their inverse distance; only two whose bounds overlap
 //     are compared exactly, and only winners get an exact distance (finish-inl.h).
 //
-// All culls carry the margins of core/shaft/margins.h; what a cull keeps is decided by the exact
-// predicate.
+// Culls carry the margins of core/shaft/margins.h; what is kept the exact predicate decides.
 //
 // Thread safety: a walk is one thread's own.
 
@@ -56,6 +55,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 constexpr uint32_t kSplitBudget = 80;
 // Sets this small are not split: their walk costs about what two halves would.
 constexpr int kLeastSplitRays = 6;
+// Splits of a packet: where each takes off a ray, those within others would fill a thread's stack.
+constexpr int kMostSplits = 64;
 // Work per ray after which the rays of a small set are traced one by one: they are spread too far,
 // or too far from their reference, for a shaft to cull anything.
 constexpr uint32_t kSingleWork = 16;
@@ -183,7 +184,7 @@ class ShaftWalk {
       if (kAny && work > limit && depth > 0) {
         RaySet halves[2];
         // Where all are in one place, parting them gains nothing.
-        if (rays >= 2 * kLeastSplitRays && rays_.Split(bounds_, halves)) {
+        if (rays >= 2 * kLeastSplitRays && splits_ < kMostSplits && rays_.Split(bounds_, halves)) {
           return WalkHalves(halves, stack, depth);
         }
         if (limit > kSplitBudget) {
@@ -232,6 +233,7 @@ class ShaftWalk {
   // Both halves of a set, each with what is left on the stack.
   HWY_NOINLINE bool WalkHalves(const RaySet (&halves)[2], Pending* stack, int depth) {
     ++stats_->shaft.splits;
+    ++splits_;
     Pending copy[kStackSize];
     std::copy_n(stack, depth, copy);
     if (!Walk(Take(halves[0]), nullptr, copy, depth)) return false;
@@ -550,8 +552,9 @@ class ShaftWalk {
           least);
     }
     V all = hn::Set(d, kInfinity);
+    const V largest = hn::Set(d, std::numeric_limits<float>::max());  // What is beyond is not 1/0.
     for (size_t b = 0; b < kShaftBlocks; b += kLanes) {
-      const V q = hn::Load(d, least + b);
+      const V q = hn::Min(hn::Load(d, least + b), largest);
       hn::Store(hn::Div(hn::Set(d, kDepthScale), q), d, bounds_.far + b);
       all = hn::Min(all, q);
     }
@@ -581,7 +584,7 @@ class ShaftWalk {
   size_t single_count_ = 0;
   ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
   const CancelToken* cancel_ = nullptr;
-  int ray_count_ = 0;        // Of the whole packet, asked about.
+  int ray_count_ = 0, splits_ = 0;  // Of the whole packet: rays that are asked about, and splits.
   uint64_t visited_ = 0;     // By all sets of rays: parts of a packet alone are too short to poll.
   ShaftBounds bounds_;       // Of the set being walked.
   float depth_of_apex_ = 0;  // w·O, with the margin of a node's depth.

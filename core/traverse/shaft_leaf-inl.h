@@ -368,7 +368,9 @@ class ShaftLeaf {
     }
     Put(hn::Xor(hn::Set(d, 1.0f), flip), first, forms_.turn);
     if constexpr (kParallel) {
-      const V k = hn::Mul(normal_k, hn::Add(oa1, hn::Set(d, rays_.spread())));
+      // With what offsets next to nothing are off by, which n scales (margins.h).
+      const float least = rays_.spread() + kLeastOffset;
+      const V k = hn::Mul(normal_k, hn::Add(oa1, hn::Set(d, least)));
       Put(hn::Neg(Along(axes_[0], n)), first, forms_.plane_form.f[0]);
       Put(hn::Neg(Along(axes_[1], n)), first, forms_.plane_form.f[1]);
       Put(depth, first, forms_.plane_form.f[2]);

@@ -14,10 +14,12 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "core/accel/indexed_geometry.h"
+#include "core/geometry/camera.h"
 #include "core/intersect/predicate.h"
 #include "core/light/light.h"
 #include "core/mesh/object.h"
 #include "core/query/shadows.h"
+#include "core/query/tiles.h"
 #include "gtest/gtest.h"
 #include "tests/core/traverse/nasty_scenes.h"
 #include "tests/property/query_cases.h"
@@ -299,6 +301,141 @@ TEST(MixedScalesTest, FirstHitsByShareOfNothing) {
     const LightSample light = At({}, 0);
     CheckShadows(Index(object, 1 + static_cast<int>(rng.Below(8))), points, {&light, 1},
                  /*nearest=*/true, rng);
+  }
+}
+
+// Walls across an axis, as far from the origin as a few of a float's least numbers, each leaf's one
+// by itself.
+ObjectInput WallsNextToTheOrigin(int axis, double side, TestRng& rng) {
+  ObjectInput object;
+  const double half = PowerOfTwo(Between(rng, 0, 38));
+  for (int i = Between(rng, 5, 40); i > 0; --i) {
+    const double at = side * static_cast<double>(1 + rng.Below(200)) * PowerOfTwo(-149);
+    for (Vec3d corner : {Vec3d{-half, -half, -half}, Vec3d{3 * half, -half, 3 * half},
+                         Vec3d{-half, 3 * half, -half}}) {
+      corner[(axis + 2) % 3] = axis == 1 ? corner[0] : corner[1];
+      corner[(axis + 1) % 3] = axis == 1 ? corner[1] : corner[0];
+      corner[axis] = at;
+      object.indices.push_back(static_cast<uint32_t>(object.vertices.size()));
+      object.vertices.push_back(corner);
+    }
+  }
+  return object;
+}
+
+// The inverse of a depth below 2^-128 is beyond all floats, and the depth that no ray looks beyond
+// came out as none at all: what is nearer was not looked at.
+TEST(MixedScalesTest, FirstHitsNextToTheOrigin) {
+  TestRng rng;
+  for (int64_t round = ScaledCount(12); round > 0 && !HasFailure(); --round) {
+    const int axis = Between(rng, 0, 2);
+    const double side = rng.Chance(0.5) ? 1 : -1;
+    const IndexedGeometry scene =
+        Index(WallsNextToTheOrigin(axis, side, rng), 1 + static_cast<int>(rng.Below(16)));
+    const double far = PowerOfTwo(Between(rng, -60, kLargest));
+    std::vector<Vec3f> points;
+    for (int i = 0; i < 256; ++i) {
+      Vec3d p = Vec3d{i % 16 - 7.5, i / 16 - 7.5, i / 16 - 7.5} * (far / 32);
+      p[axis] = side * far;
+      points.push_back(Stored(p));
+    }
+    const LightSample light = At({}, 0);
+    CheckShadows(scene, points, {&light, 1}, /*nearest=*/true, rng);
+
+    Vec3d along, up;
+    along[axis] = side;
+    up[(axis + 1) % 3] = 1;
+    const absl::StatusOr<Camera> camera = LookAt({}, along, up, 90, 128, 64);
+    ASSERT_TRUE(camera.ok()) << camera.status();
+    TileResult truth;
+    for (const Way& way : AllWays(/*kd_tree=*/true)) {
+      SCOPED_TRACE(way.Name());
+      TileResult tile;
+      const absl::Status status = TraceTile(scene, *camera, {0, 0, 128, 64}, {},
+                                            {.ids = true, .depth = true}, way.Options(), &tile);
+      ASSERT_TRUE(status.ok()) << status;
+      if (truth.triangle.empty()) truth = tile;
+      EXPECT_TRUE(SameBytes(tile.triangle, truth.triangle)) << "ids";
+      EXPECT_TRUE(SameBytes(tile.depth, truth.depth)) << "depths";
+    }
+  }
+}
+
+// Offsets of origins that are next to nothing apart are off by as much as they are, which the
+// normal of a huge triangle scales: blocks were left out that it darkens.
+TEST(MixedScalesTest, ParallelRaysFromOnePlacePassHugeTriangles) {
+  TestRng rng;
+  const std::array<Vec3d, 3> triangle = {Vec3d{}, Vec3d{0x1p40, 0, 0}, Vec3d{0, 0x1p40, 0}};
+  std::vector<Vec3f> points(256, Stored(Vec3d{25, 25, -1} * PowerOfTwo(-149)));
+  std::fill_n(points.begin() + 112, 32, Stored(Vec3d{7, 8, -9} * PowerOfTwo(-149)));
+  const LightSample sun = {.directional = true, .value = {0.575f, 0.759f, 0.937f}};
+  CheckShadows(Index(Triangles({&triangle, 1}), 16), points, {&sun, 1}, /*nearest=*/false, rng);
+}
+
+TEST(MixedScalesTest, ParallelRaysFromNextToOnePlace) {
+  TestRng rng;
+  for (int64_t round = ScaledCount(300); round > 0 && !HasFailure(); --round) {
+    ObjectInput object;
+    const double unit = PowerOfTwo(Between(rng, -149, -140));
+    const auto nearby = [&] {
+      const auto some = [&rng] { return static_cast<double>(Between(rng, -30, 30)); };
+      return Vec3d{some(), some(), some()} * unit;
+    };
+    for (int i = Between(rng, 1, 4); i > 0; --i) {
+      // Of corners that each have a scale of their own, one among the points.
+      const size_t first = object.vertices.size();
+      AddTriangles(rng, 1, {}, PowerOfTwo(kLargest), &object);
+      object.vertices[first] = nearby();
+      object.vertices[first + 2] = object.vertices[first + 2] * PowerOfTwo(-Between(rng, 0, 20));
+    }
+    std::vector<Vec3f> points;
+    while (points.size() < 256) {
+      points.insert(points.end(), size_t{1} << Between(rng, 0, 6), Stored(nearby()));
+    }
+    points.resize(256);
+    const LightSample sun = {.directional = true, .value = Stored(InCube(rng))};
+    CheckShadows(Index(object, 16), points, {&sun, 1}, /*nearest=*/false, rng);
+  }
+}
+
+// What a triangle of nothing leans along a light is off by as much as a float's least, which the
+// light's distance scales and the points' nearness to its centre: samples were left out.
+TEST(MixedScalesTest, LinesOfLightThroughPointsPassTrianglesOfNothing) {
+  TestRng rng;
+  const double least = PowerOfTwo(-149), x = 0x1.c67p+9, y = 0x1.2p-61, z = 0x1.da9p+9;
+  const std::array<Vec3d, 3> triangle = {Vec3d{0, least, least}, Vec3d{0, -least, 0},
+                                         Vec3d{0, 0, -least}};
+  std::vector<Vec3f> points(16, Stored({x, y, z}));
+  points.resize(32, Stored({x, 2 * y, z}));
+  const std::array<LightSample, 4> samples = {
+      At({-x, -y, -z}, 0), At({0x1.54d4p+11, -y, 0x1.63ecp+11}, 0),
+      At({0x1.c67p+10, -y, 0x1.da9p+10}, 0), At({0x1.c67p+8, -y, 0x1.da9p+8}, 0)};
+  CheckShadows(Index(Triangles({&triangle, 1}), 16), points, samples, /*nearest=*/false, rng);
+}
+
+TEST(MixedScalesTest, LinesOfLightNextToPoints) {
+  TestRng rng;
+  for (int64_t round = ScaledCount(200); round > 0 && !HasFailure(); --round) {
+    const double scale = PowerOfTwo(Between(rng, 4, 20));
+    const double x = scale * rng.Uniform(0.5, 1), z = scale * rng.Uniform(0.5, 1);
+    const double y = PowerOfTwo(-Between(rng, 58, 64)) * rng.Uniform(1, 2);
+    const Vec3f light = Stored({-x, -y, -z});  // Its opposite in 0 is the line's middle, but for y.
+    std::vector<LightSample> samples = {At(ToDouble(light), 0)};
+    for (const double share : {3.0, 2.0, 0.5, 1.5}) {
+      samples.push_back(At({-light.x * share, light.y, -light.z * share}, 0));
+    }
+    std::vector<Vec3f> points(16, light * -1.0f);
+    points.resize(32, Stored({-light.x, -2.0 * light.y, -light.z}));
+    ObjectInput object;
+    const double least = PowerOfTwo(-149);
+    for (int i = Between(rng, 1, 6); i > 0; --i) {
+      for (int corner = 0; corner < 3; ++corner) {
+        const auto some = [&rng] { return static_cast<double>(Between(rng, -2, 2)); };
+        object.indices.push_back(static_cast<uint32_t>(object.vertices.size()));
+        object.vertices.push_back(Vec3d{some(), some(), some()} * least);
+      }
+    }
+    CheckShadows(Index(object, 16), points, samples, /*nearest=*/false, rng);
   }
 }
 
