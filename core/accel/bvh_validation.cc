@@ -88,6 +88,7 @@ class Validator {
     unseen_nodes_[0] = false;
     uint32_t deepest = 0;
     while (!pending.empty()) {
+      if (order_.size() % kPollNodes == 0) SL_RETURN_IF_ERROR(Stopped());
       const Pending next = pending.back();
       pending.pop_back();
       order_.push_back(next.node);
@@ -161,7 +162,7 @@ class Validator {
           }
         },
         cancel_);
-    if (cancel_ != nullptr) SL_RETURN_IF_ERROR(cancel_->ToStatus());
+    SL_RETURN_IF_ERROR(Stopped());
     for (const Seen& seen : blocks) {
       SL_RETURN_IF_ERROR(seen.fault);
       seen_.leaves += seen.leaves;
@@ -254,6 +255,7 @@ class Validator {
   // needed.
   absl::Status CheckInnerBoxes() {
     for (size_t i = order_.size(); i-- > 0;) {
+      if (i % kPollNodes == 0) SL_RETURN_IF_ERROR(Stopped());
       const uint32_t node = order_[i];
       for (uint32_t slot = 0; slot < bvh_.nodes[node].child_count; ++slot) {
         const ChildRef child = bvh_.nodes[node].child[slot];
@@ -269,8 +271,13 @@ class Validator {
     return absl::OkStatus();
   }
 
+  absl::Status Stopped() const {
+    return cancel_ == nullptr ? absl::OkStatus() : cancel_->ToStatus();
+  }
+
   static constexpr uint8_t kUnseen = 0, kSeen = 1, kInert = 2;
   static constexpr size_t kNodesPerBlock = 256;
+  static constexpr size_t kPollNodes = 1 << 14;  // Between two looks at the cancel token.
 
   const Bvh& bvh_;
   const SceneGeometry& geometry_;

@@ -13,6 +13,8 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <span>
+#include <vector>
 
 #include "core/base/cancel.h"
 
@@ -35,6 +37,18 @@ bool InPolledBlocks(size_t n, size_t block, const CancelToken* cancel, const Bod
 template <typename Body>
 bool InPolledBlocks(size_t n, const CancelToken* cancel, const Body& body) {
   return InPolledBlocks(n, kPolledBlock, cancel, body);
+}
+
+// A copy; once `cancel` has fired, of a part.
+template <typename T>
+std::vector<T> CopyInPolledBlocks(std::span<const T> from, const CancelToken* cancel) {
+  std::vector<T> copy;
+  copy.reserve(from.size());
+  InPolledBlocks(from.size(), cancel, [&](size_t begin, size_t end) {
+    const auto part = from.subspan(begin, end - begin);
+    copy.insert(copy.end(), part.begin(), part.end());
+  });
+  return copy;
 }
 
 }  // namespace sightline
