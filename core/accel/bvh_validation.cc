@@ -41,6 +41,7 @@ class Validator {
     for (uint32_t id : geometry_.inert) triangles_[id] = kInert;
     units_seen_.resize(units_, kUnseen);
     unseen_nodes_.assign(bvh_.nodes.size(), true);
+    order_.reserve(bvh_.nodes.size());
     boxes_.resize(bvh_.nodes.size());
     SL_RETURN_IF_ERROR(WalkDown());
     for (size_t i = 0; i < unseen_nodes_.size(); ++i) {
@@ -291,6 +292,13 @@ class Validator {
 };
 
 }  // namespace
+
+uint64_t BvhValidationBytes(uint64_t triangles, uint64_t nodes, uint64_t units) {
+  // A flag for each triangle and unit; of each node whether it was reached, its place in the order,
+  // its box, and a block's share of what is seen in leaves.
+  constexpr uint64_t kPerNode = 1 + sizeof(uint32_t) + sizeof(Box3f) + 1;
+  return triangles + units + nodes * kPerNode + (64 << 10);
+}
 
 absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel) {
   const ScopedFloatEnvironment environment;

@@ -39,8 +39,8 @@ struct OwnOrder {
 };
 // One that pays for so many samples, where the rays of a call are all it is for: parted in space
 // for many of them (fewer than 2^31 points); for one or a few, whose rays take so many cycles, by
-// layers of depth (depth_layers.h) where that is all that makes blocks wide. Once `cancel` has fired
-// it ends soon, and what it returns is of no use.
+// layers of depth (depth_layers.h) where that is all that makes blocks wide. Once `cancel` fires it
+// ends soon, and what it returns is of no use.
 std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
                                       std::span<const uint8_t> valid, size_t samples,
                                       float ray_cost, SimdTarget simd = SimdTarget::kBest,

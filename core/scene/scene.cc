@@ -26,8 +26,8 @@ namespace {
 // Share of the time that compiling takes, for the progress (kitchen, 1.44 M triangles: about a
 // fifth).
 constexpr double kCompileShare = 0.2;
-// Names that are put in order, objects copied or edits applied between two looks at the cancel token:
-// a few milliseconds at most.
+// Names that are put in order, objects copied or edits applied between two looks at the cancel
+// token: a few milliseconds at most.
 constexpr size_t kPolledObjects = 4096;
 // Of what is built where a kd-tree is built, too: the BVH's share (sphere of 1 M triangles).
 constexpr double kBvhShare = 0.1;

@@ -407,6 +407,27 @@ absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
   return info;
 }
 
+uint64_t SceneCheckBytes(const SceneFileInfo& info, int threads) {
+  const auto count = [&info](SectionKind kind) -> uint64_t {
+    for (const SceneFileSection& section : info.sections) {
+      if (section.kind == static_cast<uint32_t>(kind)) return section.count;
+    }
+    return 0;
+  };
+  // One after the other.
+  const uint64_t units = count(SectionKind::kBvhLeafIds) / kUnitTriangles +
+                         count(SectionKind::kBvhLeaves) / kUnitFloats;
+  uint64_t most = BvhValidationBytes(info.triangles, count(SectionKind::kBvhNodes), units);
+  if (count(SectionKind::kKdTree) > 0) {
+    const bool perfect = count(SectionKind::kKdReach) > 0;
+    most = std::max(most, KdValidationBytes(info.triangles, count(SectionKind::kKdNodes),
+                                            count(SectionKind::kKdIds), perfect, threads));
+  }
+  // A depth for each node, then a bit for each triangle.
+  const uint64_t binary = count(SectionKind::kBinaryBvhNodes) * sizeof(uint32_t);
+  return std::max({most, binary, info.triangles / 8});
+}
+
 absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(
     const SceneBytes& file, std::string name, const LoadOptions& options, ThreadPool& pool,
     const CancelToken* cancel, const std::function<void(double)>& progress) try {
