@@ -41,6 +41,7 @@ class Validator {
     for (uint32_t id : geometry_.inert) triangles_[id] = kInert;
     units_seen_.resize(units_, kUnseen);
     unseen_nodes_.assign(bvh_.nodes.size(), true);
+    order_.reserve(bvh_.nodes.size());
     boxes_.resize(bvh_.nodes.size());
     SL_RETURN_IF_ERROR(WalkDown());
     for (size_t i = 0; i < unseen_nodes_.size(); ++i) {
@@ -88,6 +89,7 @@ class Validator {
     unseen_nodes_[0] = false;
     uint32_t deepest = 0;
     while (!pending.empty()) {
+      if (order_.size() % kPollNodes == 0) SL_RETURN_IF_ERROR(Stopped());
       const Pending next = pending.back();
       pending.pop_back();
       order_.push_back(next.node);
@@ -161,7 +163,7 @@ class Validator {
           }
         },
         cancel_);
-    if (cancel_ != nullptr) SL_RETURN_IF_ERROR(cancel_->ToStatus());
+    SL_RETURN_IF_ERROR(Stopped());
     for (const Seen& seen : blocks) {
       SL_RETURN_IF_ERROR(seen.fault);
       seen_.leaves += seen.leaves;
@@ -254,6 +256,7 @@ class Validator {
   // needed.
   absl::Status CheckInnerBoxes() {
     for (size_t i = order_.size(); i-- > 0;) {
+      if (i % kPollNodes == 0) SL_RETURN_IF_ERROR(Stopped());
       const uint32_t node = order_[i];
       for (uint32_t slot = 0; slot < bvh_.nodes[node].child_count; ++slot) {
         const ChildRef child = bvh_.nodes[node].child[slot];
@@ -269,8 +272,13 @@ class Validator {
     return absl::OkStatus();
   }
 
+  absl::Status Stopped() const {
+    return cancel_ == nullptr ? absl::OkStatus() : cancel_->ToStatus();
+  }
+
   static constexpr uint8_t kUnseen = 0, kSeen = 1, kInert = 2;
   static constexpr size_t kNodesPerBlock = 256;
+  static constexpr size_t kPollNodes = 1 << 14;  // Between two looks at the cancel token.
 
   const Bvh& bvh_;
   const SceneGeometry& geometry_;
@@ -284,6 +292,13 @@ class Validator {
 };
 
 }  // namespace
+
+uint64_t BvhValidationBytes(uint64_t triangles, uint64_t nodes, uint64_t units) {
+  // A flag for each triangle and unit; of each node whether it was reached, its place in the order,
+  // its box, and a block's share of what is seen in leaves.
+  constexpr uint64_t kPerNode = 1 + sizeof(uint32_t) + sizeof(Box3f) + 1;
+  return triangles + units + nodes * kPerNode + (64 << 10);
+}
 
 absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry, const CancelToken* cancel) {
   const ScopedFloatEnvironment environment;

@@ -7,6 +7,8 @@
 #ifndef SIGHTLINE_CORE_ACCEL_BVH_VALIDATION_H_
 #define SIGHTLINE_CORE_ACCEL_BVH_VALIDATION_H_
 
+#include <cstdint>
+
 #include "absl/status/status.h"
 #include "core/accel/bvh.h"
 #include "core/base/cancel.h"
@@ -22,6 +24,9 @@ namespace sightline {
 // REQUIRES: the geometry's own indices are in range, `inert` among them.
 absl::Status ValidateBvh(const Bvh& bvh, const SceneGeometry& geometry,
                          const CancelToken* cancel = nullptr);
+
+// At most the memory that takes meanwhile, about, of a sound tree of so many units of leaves.
+uint64_t BvhValidationBytes(uint64_t triangles, uint64_t nodes, uint64_t units);
 
 }  // namespace sightline
 

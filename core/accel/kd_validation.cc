@@ -17,6 +17,15 @@
 namespace sightline {
 namespace {
 
+// What FindLeaves and the references are counted as.
+constexpr uint64_t kKdReferenceBytes = 12;
+// Subtrees of so many references are one thread's: a few milliseconds.
+constexpr size_t kSubtreeReferences = 1 << 14;
+// Of a subtree a thread holds its references once for each level on the way down, about half as
+// many at each as at the one above, with those that are on both sides; in a vector that has grown
+// to twice that, while it is copied from one of half the size.
+constexpr uint64_t kHeldPerReference = 3 * 3;
+
 template <typename... Args>
 absl::Status Fault(const Args&... args) {
   return absl::DataLossError(absl::StrCat("invalid kd-tree: ", args...));
@@ -55,6 +64,8 @@ class Validator {
     SL_RETURN_IF_ERROR(Stopped());
     SL_RETURN_IF_ERROR(WalkDown());
     SL_RETURN_IF_ERROR(CheckReferences());
+    begins_ = Words();  // Before other memory is taken.
+    stands_ = Words();
     return CheckReach();
   }
 
@@ -82,6 +93,8 @@ class Validator {
     return box;
   }
 
+  using Words = std::vector<uint32_t>;
+
   struct Pending {
     uint32_t node, depth;
     Box3f cell;
@@ -92,6 +105,7 @@ class Validator {
   absl::Status WalkDown() {
     std::vector<bool> unseen(tree_.nodes.size(), true);
     first_leaf_.assign(tree_.nodes.size(), 0);
+    order_.reserve(tree_.nodes.size());
     std::vector<Pending> pending = {{0, 0, tree_.bounds}};
     uint32_t deepest = 0, leaves = 0;
     uint64_t ids = 0;
@@ -187,32 +201,33 @@ class Validator {
     return cut;
   }
 
-  // A triangle on its way down, as far as it reaches into the cell, with a range of stands_: the
-  // leaves that name it below the last plane that it was on both sides of. Of these ranges none is
-  // empty and no two overlap. So all that are under way at once are no more than the tree's ids,
-  // however many cells a triangle reaches into.
+  // A triangle on its way down, with a range of stands_: the leaves that name it below the last
+  // plane that it was on both sides of. Of these ranges none is empty and no two overlap. So all
+  // that are under way at once are no more than the tree's ids, however many cells a triangle
+  // reaches into. How far it reaches into a cell is its box cut to that.
   struct Reference {
     uint32_t id;
     uint32_t begin, end;
-    Box3f box;
   };
+  static_assert(sizeof(Reference) == kKdReferenceBytes);
   using References = std::vector<Reference>;
   struct Subtree {
     uint32_t node;
+    Box3f cell;
     References references;
   };
 
   // By triangle, from begins_[id] to begins_[id + 1], the leaves that name it, ascending.
   absl::Status FindLeaves() {
     begins_.assign(inert_.size() + 1, 0);
-    for (const uint32_t id : tree_.ids) ++begins_[id + 1];
+    for (const uint32_t id : tree_.ids) ++begins_[id];
     for (size_t id = 0; id < inert_.size(); ++id) begins_[id + 1] += begins_[id];
     SL_RETURN_IF_ERROR(Stopped());
+    // From the ends on, the last leaf first.
     stands_.resize(tree_.ids.size());
-    std::vector<uint32_t> next(begins_.begin(), begins_.end() - 1);
-    for (size_t leaf = 0; leaf < tree_.leaves.size(); ++leaf) {
+    for (size_t leaf = tree_.leaves.size(); leaf-- > 0;) {
       for (const uint32_t id : tree_.LeafIds(tree_.leaves[leaf])) {
-        stands_[next[id]++] = static_cast<uint32_t>(leaf);
+        stands_[--begins_[id]] = static_cast<uint32_t>(leaf);
       }
     }
     return Stopped();
@@ -223,12 +238,12 @@ class Validator {
   absl::Status CheckReferences() {
     SL_RETURN_IF_ERROR(FindLeaves());
     std::vector<Subtree> subtrees(1), cut;
-    subtrees[0].node = 0;
+    subtrees[0] = {0, tree_.bounds, {}};
+    subtrees[0].references.reserve(tree_.triangle_count);
     for (size_t id = 0; id < inert_.size(); ++id) {
       if (inert_[id]) continue;
-      const auto triangle = static_cast<uint32_t>(id);
       if (begins_[id] == begins_[id + 1]) return Fault("triangle ", id, " stands in no leaf");
-      subtrees[0].references.push_back({triangle, begins_[id], begins_[id + 1], BoxOf(triangle)});
+      subtrees[0].references.push_back({static_cast<uint32_t>(id), begins_[id], begins_[id + 1]});
     }
     while (!subtrees.empty()) {
       SL_RETURN_IF_ERROR(Stopped());
@@ -236,26 +251,25 @@ class Validator {
       subtrees.pop_back();
       const KdNode node = tree_.nodes[next.node];
       if (node.is_leaf() || next.references.size() <= kSubtreeReferences) {
+        next.references.shrink_to_fit();
         cut.push_back(std::move(next));
         continue;
       }
-      for (uint32_t side = 0; side < 2; ++side) {
-        Subtree child = {node.first_child() + side, {}};
-        absl::Status fault;
-        for (Reference part : next.references) {
-          if (GoesDown(next.node, side, &part, &fault)) child.references.push_back(part);
-          SL_RETURN_IF_ERROR(fault);
-        }
-        if (!child.references.empty()) subtrees.push_back(std::move(child));
-      }
+      Subtree below = {node.first_child(), Half(next.cell, node, 0), {}};
+      Subtree above = {node.first_child() + 1, Half(next.cell, node, 1), {}};
+      SL_RETURN_IF_ERROR(
+          Part(next.node, below.cell, above.cell, &next.references, &above.references));
+      below.references = std::move(next.references);
+      if (!above.references.empty()) subtrees.push_back(std::move(above));
+      if (!below.references.empty()) subtrees.push_back(std::move(below));
     }
     std::vector<absl::Status> faults(cut.size());
     ParallelFor(
         cut.size(), 1,
         [&](size_t begin, size_t end) {
           for (size_t i = begin; i < end; ++i) {
-            faults[i] = CheckSubtree(cut[i].node, &cut[i].references, 0);
-            cut[i].references = {};
+            faults[i] = CheckSubtree(cut[i].node, cut[i].cell, &cut[i].references, 0);
+            cut[i].references = References();  // Not {}, which would keep its room.
           }
         },
         cancel_);
@@ -268,15 +282,55 @@ class Validator {
     return cancel_ == nullptr ? absl::OkStatus() : cancel_->ToStatus();
   }
 
-  // Whether the triangle goes down to the lower (0) or upper (1) child of node `at`, which is then
-  // as far as it reaches there. `fault`: it does not stand where it must.
-  bool GoesDown(uint32_t at, uint32_t side, Reference* reference, absl::Status* fault) const {
+  // The cell of the lower (0) or upper (1) child.
+  static Box3f Half(const Box3f& cell, KdNode node, uint32_t side) {
+    Box3f half = cell;
+    (side == 0 ? half.hi : half.lo)[node.axis()] = node.split();
+    return half;
+  }
+
+  struct Sides {
+    bool below, above;  // Neither: it lies in the plane.
+  };
+  // On which sides of the split a triangle has an extent. What of it reaches into the node's cell
+  // does so too: the split is within the cell.
+  Sides SidesOf(KdNode node, uint32_t id) const {
+    const int axis = node.axis();
+    const auto [a, b, c] = geometry_.Corners(id);
+    return {std::min({a[axis], b[axis], c[axis]}) < node.split(),
+            std::max({a[axis], b[axis], c[axis]}) > node.split()};
+  }
+
+  // Leaves those that go down to the lower child of node `at`, and puts those that go down to the
+  // upper one into `upper`, whose room is no more than they take, or little more.
+  absl::Status Part(uint32_t at, const Box3f& lower_cell, const Box3f& upper_cell,
+                    References* references, References* upper) const {
     const KdNode node = tree_.nodes[at];
-    const float split = node.split();
-    float& lo = reference->box.lo[node.axis()];
-    float& hi = reference->box.hi[node.axis()];
-    const bool below = lo < split;
-    const bool above = hi > split;
+    size_t most = 0;
+    for (const Reference& reference : *references) {
+      const Sides sides = SidesOf(node, reference.id);
+      most += sides.above || !sides.below;
+    }
+    upper->reserve(most);
+    absl::Status fault;
+    size_t kept = 0;
+    for (const Reference& reference : *references) {
+      const Sides sides = SidesOf(node, reference.id);
+      Reference low = reference, high = reference;
+      if (GoesDown(at, 0, sides, lower_cell, &low, &fault)) (*references)[kept++] = low;
+      if (GoesDown(at, 1, sides, upper_cell, &high, &fault)) upper->push_back(high);
+      SL_RETURN_IF_ERROR(fault);
+    }
+    references->resize(kept);
+    return absl::OkStatus();
+  }
+
+  // Whether the triangle, with an extent on those sides of the split, goes down to the lower (0) or
+  // upper (1) child of node `at`, whose cell is `half`. `fault`: it does not stand where it must.
+  bool GoesDown(uint32_t at, uint32_t side, Sides sides, const Box3f& half, Reference* reference,
+                absl::Status* fault) const {
+    const KdNode node = tree_.nodes[at];
+    const auto [below, above] = sides;
     // On one side alone. If a leaf names it on the other, a leaf here has a name too many.
     if (below != above) return side == 0 ? below : above;
     // On both, or in the plane. Leaves of the lower child come before those of the upper one.
@@ -296,8 +350,7 @@ class Validator {
       }
       return named;
     }
-    (side == 0 ? hi : lo) = split;
-    if (!named && MustStand(*reference)) {
+    if (!named && MustStand(reference->id, half)) {
       *fault = Fault("triangle ", reference->id, " reaches into the cell of node ", child + side,
                      tree_.nodes[child + side].is_leaf() ? " and does not stand in its leaf"
                                                          : " and stands in no leaf below it");
@@ -308,20 +361,23 @@ class Validator {
   // Of the references from `first` on, which are taken away again. Where there are none, leaves may
   // name no triangle: one that they name has a name too many at another leaf, and is a fault there.
   // The way down is no longer than kMaxKdDepth: WalkDown has seen to that.
-  absl::Status CheckSubtree(uint32_t at, References* references, size_t first) const {
+  absl::Status CheckSubtree(uint32_t at, const Box3f& cell, References* references,
+                            size_t first) const {
     const size_t end = references->size();
     if (first == end) return absl::OkStatus();
     const KdNode node = tree_.nodes[at];
-    if (node.is_leaf()) return CheckLeafReferences(at, std::span(*references).subspan(first));
+    if (node.is_leaf()) return CheckLeafReferences(at, cell, std::span(*references).subspan(first));
     SL_RETURN_IF_ERROR(Stopped());
     for (uint32_t side = 0; side < 2; ++side) {
+      const Box3f half = Half(cell, node, side);
       absl::Status fault;
       for (size_t i = first; i < end; ++i) {
         Reference part = (*references)[i];
-        if (GoesDown(at, side, &part, &fault)) references->push_back(part);
+        const Sides sides = SidesOf(node, part.id);
+        if (GoesDown(at, side, sides, half, &part, &fault)) references->push_back(part);
         SL_RETURN_IF_ERROR(fault);
       }
-      SL_RETURN_IF_ERROR(CheckSubtree(node.first_child() + side, references, end));
+      SL_RETURN_IF_ERROR(CheckSubtree(node.first_child() + side, half, references, end));
       references->resize(end);
     }
     return absl::OkStatus();
@@ -329,7 +385,8 @@ class Validator {
 
   // They must be those that the leaf names, in its order, and named nowhere else below the last
   // plane that they were on both sides of. Where that is so at all leaves, every name was met.
-  absl::Status CheckLeafReferences(uint32_t at, std::span<const Reference> references) const {
+  absl::Status CheckLeafReferences(uint32_t at, const Box3f& cell,
+                                   std::span<const Reference> references) const {
     const KdNode node = tree_.nodes[at];
     std::span<const uint32_t> ids;
     Box3f box;
@@ -348,7 +405,7 @@ class Validator {
         const uint32_t* const other = &stands_[reference.begin];
         return DoesNotReach(reference.id, other[other[0] == node.leaf() ? 1 : 0]);
       }
-      if (!HoldsPart(box, reference)) {
+      if (!HoldsPart(box, reference.id, cell)) {
         return Fault("the leaf of node ", at, " has a box that does not hold triangle ",
                      reference.id);
       }
@@ -361,17 +418,17 @@ class Validator {
   }
 
   // Whether a leaf's box holds what of the triangle lies in its cell.
-  bool HoldsPart(const Box3f& box, const Reference& reference) const {
-    return tree_.perfect() ? ClipHolds(geometry_.Corners(reference.id), reference.box, box)
-                           : Contains(box, reference.box);
+  bool HoldsPart(const Box3f& box, uint32_t id, const Box3f& cell) const {
+    const Box3f part = CutTo(cell, BoxOf(id));
+    return tree_.perfect() ? ClipHolds(geometry_.Corners(id), part, box) : Contains(box, part);
   }
 
   // With perfect splits, a cell that the triangle's box alone reaches into may leave it out. That
   // can be asked of an inner node's cell, too: builders leave a triangle out of cells by a wider
   // margin than is asked for here (kd_clip.h), and so of all parts of a cell only where the
   // whole misses it.
-  bool MustStand(const Reference& reference) const {
-    return !tree_.perfect() || !ClipMisses(geometry_.Corners(reference.id), reference.box);
+  bool MustStand(uint32_t id, const Box3f& cell) const {
+    return !tree_.perfect() || !ClipMisses(geometry_.Corners(id), CutTo(cell, BoxOf(id)));
   }
 
   // Children come after their parents in order_, so backwards every box is complete when it is
@@ -395,20 +452,35 @@ class Validator {
     return absl::OkStatus();
   }
 
-  // Subtrees of so many references are one thread's: a few milliseconds.
-  static constexpr size_t kSubtreeReferences = 1 << 14;
   static constexpr size_t kPollNodes = 1 << 14;
 
   const KdTree& tree_;
   const SceneGeometry& geometry_;
   const CancelToken* const cancel_;
-  std::vector<bool> inert_;                // By triangle.
-  std::vector<uint32_t> order_;            // The nodes, parents first.
-  std::vector<uint32_t> first_leaf_;       // By node: the leaves that come before it.
-  std::vector<uint32_t> begins_, stands_;  // FindLeaves().
+  std::vector<bool> inert_;  // By triangle.
+  Words order_;              // The nodes, parents first.
+  Words first_leaf_;         // By node: the leaves that come before it.
+  Words begins_, stands_;    // FindLeaves().
 };
 
 }  // namespace
+
+uint64_t KdValidationBytes(uint64_t triangles, uint64_t nodes, uint64_t ids, bool perfect,
+                           int threads) {
+  constexpr uint64_t kWord = sizeof(uint32_t);
+  // Of each node whether it was reached, its place in the order and the leaves before it; of each
+  // triangle whether it is inert.
+  const uint64_t walk = (nodes + triangles) / 8 + 2 * kWord * nodes;
+  // The leaves that name each triangle; all triangles, then as many references as there are ids.
+  const uint64_t references =
+      kWord * (triangles + ids) + kKdReferenceBytes * (triangles + ids) +
+      kKdReferenceBytes * kHeldPerReference *
+          std::min<uint64_t>(ids, kSubtreeReferences * static_cast<uint64_t>(threads));
+  const uint64_t reach = perfect ? nodes * sizeof(Box3f) : 0;
+  // Subtrees and their statuses, some hundred bytes for thousands of references; stacks.
+  const uint64_t rest = references / 64 + (64 << 10);
+  return walk + std::max(references, reach) + rest;
+}
 
 absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry,
                             const CancelToken* cancel) {

@@ -9,6 +9,8 @@
 #ifndef SIGHTLINE_CORE_ACCEL_KD_VALIDATION_H_
 #define SIGHTLINE_CORE_ACCEL_KD_VALIDATION_H_
 
+#include <cstdint>
+
 #include "absl/status/status.h"
 #include "core/accel/kd_tree.h"
 #include "core/base/cancel.h"
@@ -21,10 +23,15 @@ namespace sightline {
 // every triangle stands in each leaf it must and in no other; leaf boxes, reach, bounds, counts and
 // depth. Cancelled or DeadlineExceeded from `cancel`. Whatever the tree, takes time in proportion
 // to its nodes and to its references (KdTree::ids) times the depth, most of it in parallel within
-// the calling thread's pool, and memory in proportion to nodes, references and triangles; never
-// reads out of bounds.
+// the calling thread's pool, and memory in proportion to nodes, references and triangles
+// (KdValidationBytes); never reads out of bounds.
 absl::Status ValidateKdTree(const KdTree& tree, const SceneGeometry& geometry,
                             const CancelToken* cancel = nullptr);
+
+// At most the memory that takes meanwhile, about, of a sound tree: `ids` is the number of its
+// references.
+uint64_t KdValidationBytes(uint64_t triangles, uint64_t nodes, uint64_t ids, bool perfect,
+                           int threads);
 
 }  // namespace sightline
 

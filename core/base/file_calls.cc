@@ -26,6 +26,7 @@ int FileCalls::Sync(int file) { return ::fsync(file); }
 int FileCalls::StatAt(int folder, const char* name, struct stat* status) {
   return ::fstatat(folder, name, status, AT_SYMLINK_NOFOLLOW);
 }
+int FileCalls::ChangeMode(int file, mode_t mode) { return ::fchmod(file, mode); }
 int FileCalls::AccessAt(int folder, const char* name, int mode) {
   return ::faccessat(folder, name, mode, 0);
 }

@@ -34,6 +34,7 @@ class FileCalls {
   virtual ssize_t ReadAt(int file, void* data, size_t bytes, off_t offset);  // pread.
   virtual int Sync(int file);
   virtual int StatAt(int folder, const char* name, struct stat* status);  // Follows no link.
+  virtual int ChangeMode(int file, mode_t mode);                          // fchmod.
   virtual int AccessAt(int folder, const char* name, int mode);
   virtual int RenameAt(int folder, const char* from, const char* to);
   virtual int UnlinkAt(int folder, const char* name);

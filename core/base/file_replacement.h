@@ -8,7 +8,10 @@
 //
 // A temporary name is the target's behind a dot with ".<pid>-<number>.tmp" after it: a process that
 // is killed leaves one, which IsTemporaryName tells (Folder::RemoveTemporaries). It is locked
-// (flock) until it is renamed.
+// (flock) until it is renamed. Names that the dead have left, in a container under the very pid of
+// the living, are passed over.
+//
+// The new file has the old one's permission bits; where there was none, 0644 less the umask.
 //
 // Thread safety: one thread at a time per object. The folder's descriptor outlives it.
 //
@@ -31,7 +34,8 @@ namespace sightline {
 
 class FileReplacement {
  public:
-  // FileError's errors; Unavailable where somebody takes every new file away.
+  // FileError's errors; Unavailable where somebody takes every new file away, or too many that the
+  // dead have left are in the way.
   static absl::StatusOr<FileReplacement> Create(FileCalls& calls, int folder,
                                                 const std::string& name, const std::string& shown);
   FileReplacement(FileReplacement&& other) noexcept;

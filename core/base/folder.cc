@@ -26,6 +26,16 @@ int64_t ModifiedNs(const struct stat& status) {
   return status.st_mtim.tv_sec * 1'000'000'000LL + status.st_mtim.tv_nsec;
 }
 
+// For writing, though nothing is written: over NFS, locks are those of fcntl, and an exclusive one
+// is to be had on no other descriptor (flock(2)). Whoever may not write the file may still be
+// allowed to take it away, and elsewhere a descriptor for reading will do.
+int OpenToLock(FileCalls& calls, int folder, const std::string& name) {
+  constexpr int kFlags = O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC;
+  const int file = calls.OpenAt(folder, name.c_str(), O_WRONLY | kFlags, 0);
+  if (file >= 0 || (errno != EACCES && errno != EROFS)) return file;
+  return calls.OpenAt(folder, name.c_str(), O_RDONLY | kFlags, 0);
+}
+
 }  // namespace
 
 absl::Status CheckFileName(absl::string_view name) {
@@ -133,8 +143,7 @@ absl::StatusOr<size_t> Folder::RemoveTemporaries() const {
   size_t removed = 0;
   for (const FolderEntry& entry : entries) {
     if (!IsTemporaryName(entry.name)) continue;
-    const int file = calls_->OpenAt(descriptor_, entry.name.c_str(),
-                                    O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0);
+    const int file = OpenToLock(*calls_, descriptor_, entry.name);
     const absl::Cleanup close = [file] {
       if (file >= 0) ::close(file);
     };

@@ -149,7 +149,18 @@ void ThreadPool::Submit(absl::AnyInvocable<void()> task) {
     ++pending_;
   }
   submitted->begin.Release();
-  tbb_seam::Enqueue(arena_, &RunSubmitted, submitted.release());
+  try {
+    tbb_seam::Enqueue(arena_, &RunSubmitted, submitted.get());
+  } catch (...) {  // No memory for it: nobody will run it.
+    EndSubmitted();
+    throw;
+  }
+  (void)submitted.release();  // The worker's, who may be done with it already.
+}
+
+void ThreadPool::EndSubmitted() {
+  MutexLock lock(mutex_);
+  if (--pending_ == 0) idle_.SignalAll();
 }
 
 void ThreadPool::RunSubmitted(void* context) noexcept {
@@ -162,8 +173,7 @@ void ThreadPool::RunSubmitted(void* context) noexcept {
   }
   // What the task captured is destroyed before the destructor of the pool can return.
   submitted.reset();
-  MutexLock lock(pool->mutex_);
-  if (--pool->pending_ == 0) pool->idle_.SignalAll();
+  pool->EndSubmitted();
 }
 
 void ParallelFor(size_t n, size_t grain, BlockFn body, const CancelToken* cancel) {

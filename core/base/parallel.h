@@ -61,12 +61,13 @@ class ThreadPool {
   void ParallelFor(size_t n, size_t grain, BlockFn body, const CancelToken* cancel = nullptr);
 
   // Has the pool run `task` later and returns at once. Tasks begin about in the order of
-  // submission.
+  // submission. Where memory runs out it throws, and the task is gone.
   void Submit(absl::AnyInvocable<void()> task);
 
  private:
   struct Submitted;
   static void RunSubmitted(void* context) noexcept;
+  void EndSubmitted() ABSL_LOCKS_EXCLUDED(mutex_);
 
   const int threads_;
   tbb_seam::Arena* const arena_;

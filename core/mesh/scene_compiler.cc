@@ -19,6 +19,7 @@
 #include "core/base/float_environment.h"
 #include "core/base/limit_error.h"
 #include "core/base/parallel.h"
+#include "core/base/polled_blocks.h"
 #include "core/base/status_macros.h"
 #include "core/base/utf8.h"
 #include "core/geometry/float4.h"
@@ -29,6 +30,8 @@ namespace sightline {
 namespace {
 
 constexpr size_t kGrain = 1 << 14;
+// Records that are filled between two looks at the cancel token: a name and its letters each.
+constexpr size_t kObjectGrain = 1 << 12;
 // Vertices placed before anybody looks whether one of them needs care.
 constexpr size_t kPlacedTogether = 64;
 // What an error shows of a name that is none.
@@ -104,9 +107,11 @@ class Compiler {
                         absl::StrCat("the scene has ", sources_.size(), " objects"),
                         "merge objects or split the scene");
     }
+    SL_RETURN_IF_ERROR(CheckCancel());
     out_.objects.resize(sources_.size());
     uint64_t triangles = 0, vertices = 0;
     for (size_t i = 0; i < sources_.size(); ++i) {
+      if (i % kObjectGrain == 0) SL_RETURN_IF_ERROR(CheckCancel());
       ObjectRecord& record = out_.objects[i];
       uint64_t triangle_count = 0, vertex_count = 0;
       bool dynamic = false;
@@ -144,7 +149,9 @@ class Compiler {
       }
       // An object of the base that is only placed anew shares its doubles with the base.
       if (dynamic && (sources_[i].input != nullptr || sources_[i].vertices != nullptr)) {
-        record.source_vertices = std::make_shared<const std::vector<Vec3d>>(LocalVertices(i));
+        record.source_vertices = std::make_shared<const std::vector<Vec3d>>(
+            CopyInPolledBlocks(std::span(LocalVertices(i)), cancel_));
+        if (LocalVertices(i).size() > kPolledBlock) SL_RETURN_IF_ERROR(CheckCancel());
       }
       for (int k = 0; k < 12; ++k) {
         if (!std::isfinite(record.transform.m[k])) {

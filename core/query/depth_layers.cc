@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "core/base/check.h"
+#include "core/base/polled_blocks.h"
 #include "core/query/golden_places.h"
 #include "core/shaft/frame.h"
 #include "hwy/highway.h"
@@ -217,7 +218,7 @@ AlignedVector<uint8_t> DepthLayers::LayersOfPoints(size_t room) const {
   return layer;
 }
 
-PartedPoints DepthLayers::Order() const {
+PartedPoints DepthLayers::Order(const CancelToken* cancel) const {
   SIGHTLINE_CHECK_GT(layers_, 0u) << "no layers were found";
   const size_t n = positions_.size();
   const size_t run = (n + kRuns * kLanes - 1) / (kRuns * kLanes) * kLanes;
@@ -225,9 +226,12 @@ PartedPoints DepthLayers::Order() const {
   // Of each layer and run how many there are, then where the next one goes, and which way from
   // there.
   std::array<std::array<uint32_t, kRuns>, kMostLayers + 1> place = {};
-  for (size_t p = 0; p < run; ++p) {
-    for (size_t r = 0; r < kRuns; ++r) ++place[layer[r * run + p]][r];
-  }
+  const bool counted = InPolledBlocks(run, cancel, [&](size_t begin, size_t end) {
+    for (size_t p = begin; p < end; ++p) {
+      for (size_t r = 0; r < kRuns; ++r) ++place[layer[r * run + p]][r];
+    }
+  });
+  if (!counted) return {};
   std::array<int32_t, kMostLayers + 1> step = {};
   uint32_t before = 0, valid = 0;
   for (uint32_t l = 0; l <= layers_; ++l) {
@@ -245,17 +249,20 @@ PartedPoints DepthLayers::Order() const {
   order.numbers.ResizeUninitialized(kRuns * run);
   order.positions.ResizeUninitialized(kRuns * run);
   order.ranks.ResizeUninitialized(kRuns * run);
-  for (size_t p = 0; p < run; ++p) {
-    for (size_t r = 0; r < kRuns; ++r) {
-      const size_t point = r * run + p;
-      uint32_t& own = place[layer[point]][r];
-      const uint32_t at = own;
-      own = at + static_cast<uint32_t>(step[layer[point]]);
-      order.ranks[point] = at;
-      order.numbers[at] = static_cast<uint32_t>(point);
-      if (point < n) order.positions[at] = positions_[point];
+  const bool placed = InPolledBlocks(run, cancel, [&](size_t begin, size_t end) {
+    for (size_t p = begin; p < end; ++p) {
+      for (size_t r = 0; r < kRuns; ++r) {
+        const size_t point = r * run + p;
+        uint32_t& own = place[layer[point]][r];
+        const uint32_t at = own;
+        own = at + static_cast<uint32_t>(step[layer[point]]);
+        order.ranks[point] = at;
+        order.numbers[at] = static_cast<uint32_t>(point);
+        if (point < n) order.positions[at] = positions_[point];
+      }
     }
-  }
+  });
+  if (!placed) return {};
   order.numbers.resize(valid);
   order.positions.resize(valid);
   order.ranks.resize((n + kLanes - 1) / kLanes * kLanes);

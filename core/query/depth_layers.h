@@ -20,6 +20,7 @@
 #include <span>
 
 #include "core/base/aligned_vector.h"
+#include "core/base/cancel.h"
 #include "core/geometry/vec3.h"
 #include "core/query/point_parter.h"
 
@@ -37,8 +38,9 @@ class DepthLayers {
   double gain() const { return gain_; }
 
   // The valid points, the layers one after another, every other one backward, so that where one
-  // ends the next begins. O(n); REQUIRES: gain() > 0, fewer than 2^32 points.
-  PartedPoints Order() const;
+  // ends the next begins. O(n); once `cancel` has fired it ends soon, with none.
+  // REQUIRES: gain() > 0, fewer than 2^32 points.
+  PartedPoints Order(const CancelToken* cancel = nullptr) const;
 
  private:
   // The layer of each point; behind all layers, `layers_`, of those that are not valid, and of what

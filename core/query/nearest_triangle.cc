@@ -173,19 +173,42 @@ float FloatAbove(double x, double r) {
                          std::numeric_limits<float>::infinity());
 }
 
+// Whatever does not meet this is farther than its radius from p, in rounded doubles, too.
+TouchBox TouchBoxAround(const IndexedGeometry& scene, Vec3d p, TouchRadius radius) {
+  constexpr double kUp = 1 + TouchBox::kRoundedUp;
+  return {.at = BoxAround({p, p}, 0),
+          .farthest = BoxAround({p, p}, radius.Largest(scene)),
+          .base = static_cast<float>(radius.base * kUp) + std::numeric_limits<float>::min(),
+          .per_vertex = static_cast<float>(radius.per_vertex * kUp)};
+}
+
+// Boxes of triangles that are compared, eight at a time, in the time that one takes to be measured
+// (WorkPoll).
+constexpr uint32_t kComparedPerWork = 8;
+
 // Calls found(id) for touched triangles in no particular order, on a kd-tree perhaps more than once
 // for one; found returns whether to go on.
 template <typename Found>
 void ForEachTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
                      WorkPoll* poll, Found found) {
-  const Box3f around = BoxAround({p, p}, radius.Largest(scene));
-  ForEachMeeting(scene, around, [&](const LeafView& leaf, uint32_t k) {
+  const auto touches = [&](const LeafView& leaf, uint32_t k) {
     const uint32_t id = leaf.id(k);
     if (id == skip) return true;
     if (Stops(poll, 1)) return false;
     const Vec3f a = leaf.corner(0, k), b = leaf.corner(1, k), c = leaf.corner(2, k);
     return Touches(p, radius, a, b, c) ? found(id) : true;
-  });
+  };
+  // A kd-tree's cells do not tell how far out their triangles reach: one stray triangle may have
+  // all of them looked through.
+  uint32_t compared = 0;
+  const auto enters = [&](uint32_t triangles) {
+    compared += triangles;
+    if (compared < kComparedPerWork) return true;
+    const uint32_t work = compared / kComparedPerWork;
+    compared %= kComparedPerWork;
+    return !Stops(poll, work);
+  };
+  ForEachMeeting(scene, TouchBoxAround(scene, p, radius), touches, enters);
 }
 
 }  // namespace

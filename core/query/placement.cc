@@ -302,9 +302,13 @@ Placed PlaceTouching(const IndexedGeometry& scene, const Placement& placement, c
   placed.clear = touched.empty();
   // Within the base radius of a point that touches nothing there is nothing to cross.
   const double base = placement.radius.base;
-  if (placed.clear && DistanceSquared(ToDouble(placed.position), placement.at) > base * base) {
-    placed.clear = !CrossesAny(scene, Rounded(placement.at), placed.position,
-                               std::span(&placement.source, 1), poll);
+  const double moved = DistanceSquared(ToDouble(placed.position), placement.at);
+  if (placed.clear && moved > base * base) {
+    const auto& [a, b, c] = source.corners;
+    const double reach = kMaxReach * placement.radius.Of(a, b, c);
+    placed.clear =
+        moved <= reach * reach && !CrossesAny(scene, Rounded(placement.at), placed.position,
+                                              std::span(&placement.source, 1), poll);
   }
   return placed;
 }

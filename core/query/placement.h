@@ -112,7 +112,8 @@ struct PlacementScratch {
 
 struct Placed {
   Vec3f position;
-  bool clear = true;  // Strictly on the right side of everything it touched.
+  // Strictly on the right side of everything it touched, and moved by no more than some radii.
+  bool clear = true;
 };
 
 // How far from its plane a point P must be so that rounding P to floats leaves it on the same side:

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "core/base/check.h"
+#include "core/base/polled_blocks.h"
 #include "hwy/highway.h"
 
 namespace sightline {
@@ -24,11 +25,14 @@ size_t WordsOf(size_t points) { return points / 32 + 1; }
 
 }  // namespace
 
-PointBits::PointBits(std::span<const uint32_t> order, size_t points) : points_(points) {
+PointBits::PointBits(std::span<const uint32_t> order, size_t points, const CancelToken* cancel)
+    : points_(points) {
   SIGHTLINE_CHECK_LE(order.size(), points);
   // Where no point is, the bit behind the last one's.
   own_ranks_.assign((points + kLanes - 1) / kLanes * kLanes, static_cast<uint32_t>(points));
-  for (size_t k = 0; k < order.size(); ++k) own_ranks_[order[k]] = static_cast<uint32_t>(k);
+  InPolledBlocks(order.size(), cancel, [&](size_t begin, size_t end) {
+    for (size_t k = begin; k < end; ++k) own_ranks_[order[k]] = static_cast<uint32_t>(k);
+  });
   ranks_ = own_ranks_;
 }
 
@@ -39,21 +43,25 @@ PointBits PointBits::ByRanks(std::span<const uint32_t> ranks, size_t points) {
   return bits;
 }
 
-void PointBits::PutBack(std::span<uint8_t> rows) const {
+bool PointBits::PutBack(std::span<uint8_t> rows, const CancelToken* cancel) const {
   const size_t row_bytes = (points_ + 7) / 8;
-  if (row_bytes == 0) return;
+  if (row_bytes == 0) return true;
   SIGHTLINE_CHECK_EQ(rows.size() % row_bytes, size_t{0});
   std::vector<uint32_t> given(kRowsAtOnce * WordsOf(points_));
   size_t left = rows.size() / row_bytes;
   uint8_t* at = rows.data();
   for (; left >= kRowsAtOnce; left -= kRowsAtOnce, at += kRowsAtOnce * row_bytes) {
-    PutBackSome<kRowsAtOnce>(at, &given);
+    if (!PutBackSome<kRowsAtOnce>(at, cancel, &given)) return false;
   }
-  for (; left > 0; --left, at += row_bytes) PutBackSome<1>(at, &given);
+  for (; left > 0; --left, at += row_bytes) {
+    if (!PutBackSome<1>(at, cancel, &given)) return false;
+  }
+  return true;
 }
 
 template <size_t kRows>
-void PointBits::PutBackSome(uint8_t* rows, std::vector<uint32_t>* given) const {
+bool PointBits::PutBackSome(uint8_t* rows, const CancelToken* cancel,
+                            std::vector<uint32_t>* given) const {
   const Eight d;
   const hn::RebindToSigned<Eight> di;
   const size_t row_bytes = (points_ + 7) / 8, words = WordsOf(points_);
@@ -61,17 +69,19 @@ void PointBits::PutBackSome(uint8_t* rows, std::vector<uint32_t>* given) const {
     std::memcpy(given->data() + k * words, rows + k * row_bytes, row_bytes);
   }
   const auto one = hn::Set(d, 1), in_word = hn::Set(d, 31);
-  for (size_t byte = 0; byte < row_bytes; ++byte) {
-    const auto rank = hn::LoadU(d, ranks_.data() + kLanes * byte);
-    const auto word = hn::BitCast(di, hn::ShiftRight<5>(rank));
-    const auto bit = hn::Shl(one, hn::And(rank, in_word));
-    for (size_t k = 0; k < kRows; ++k) {
-      uint8_t bits[8];  // StoreMaskBits may write as many.
-      const auto found = hn::GatherIndex(d, given->data() + k * words, word);
-      hn::StoreMaskBits(d, hn::TestBit(found, bit), bits);
-      rows[k * row_bytes + byte] = bits[0];
+  return InPolledBlocks(row_bytes, kPolledBlock / kLanes, cancel, [&](size_t begin, size_t end) {
+    for (size_t byte = begin; byte < end; ++byte) {
+      const auto rank = hn::LoadU(d, ranks_.data() + kLanes * byte);
+      const auto word = hn::BitCast(di, hn::ShiftRight<5>(rank));
+      const auto bit = hn::Shl(one, hn::And(rank, in_word));
+      for (size_t k = 0; k < kRows; ++k) {
+        uint8_t bits[8];  // StoreMaskBits may write as many.
+        const auto found = hn::GatherIndex(d, given->data() + k * words, word);
+        hn::StoreMaskBits(d, hn::TestBit(found, bit), bits);
+        rows[k * row_bytes + byte] = bits[0];
+      }
     }
-  }
+  });
 }
 
 }  // namespace sightline

@@ -201,7 +201,7 @@ bool OrderingPays(std::span<const Vec3f> positions, std::span<const uint8_t> val
 
 std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
                                       std::span<const uint8_t> valid, size_t samples,
-                                      float ray_cost, SimdTarget simd) {
+                                      float ray_cost, SimdTarget simd, const CancelToken* cancel) {
   if (positions.size() < kLeastOrderedPoints || samples == 0) return std::nullopt;
   const float rays = static_cast<float>(samples) * ray_cost;
   const bool known = ray_cost > 0;
@@ -209,10 +209,10 @@ std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
   if (known && rays < kMostLayeredRays) {
     const DepthLayers layers(positions, valid);
     const float spared = layers.gain() > 1 ? ShareSpared(layers.gain()) : 0;
-    if (rays * spared >= kLayersPay) return OwnOrder{layers.Order(), 1 / (1 - spared)};
+    if (rays * spared >= kLayersPay) return OwnOrder{layers.Order(cancel), 1 / (1 - spared)};
   }
   if (!OrderingPays(positions, valid, samples, ray_cost)) return std::nullopt;
-  return OwnOrder{InSpatialOrder(positions, valid, simd), kPartingGain};
+  return OwnOrder{InSpatialOrder(positions, valid, simd, cancel), kPartingGain};
 }
 
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
@@ -222,10 +222,10 @@ std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
 }
 
 PartedPoints InSpatialOrder(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
-                            SimdTarget simd) {
+                            SimdTarget simd, const CancelToken* cancel) {
   SIGHTLINE_CHECK(positions.size() < uint64_t{1} << 31);
   PartedPoints parted;
-  PointParterFor(simd)(positions, valid, &parted);
+  PointParterFor(simd)(positions, valid, cancel, &parted);
   return parted;
 }
 

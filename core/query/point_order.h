@@ -39,10 +39,12 @@ struct OwnOrder {
 };
 // One that pays for so many samples, where the rays of a call are all it is for: parted in space
 // for many of them (fewer than 2^31 points); for one or a few, whose rays take so many cycles, by
-// layers of depth (depth_layers.h) where that is all that makes blocks wide.
+// layers of depth (depth_layers.h) where that is all that makes blocks wide. Once `cancel` fires it
+// ends soon, and what it returns is of no use.
 std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
                                       std::span<const uint8_t> valid, size_t samples,
-                                      float ray_cost, SimdTarget simd = SimdTarget::kBest);
+                                      float ray_cost, SimdTarget simd = SimdTarget::kBest,
+                                      const CancelToken* cancel = nullptr);
 
 // The valid points, fewer than 2^31, ordered so that every 2^k from a multiple of 2^k on, k >= 4,
 // were parted from the others by planes, or nearly so (point_parter.h): neighbours all. Coincident
@@ -50,9 +52,10 @@ std::optional<OwnOrder> OrderThatPays(std::span<const Vec3f> positions,
 // point of a tile.
 std::vector<uint32_t> SpatialOrder(std::span<const Vec3f> positions,
                                    std::span<const uint8_t> valid);
-// The same, with the points in that order.
+// The same, with the points in that order; none once `cancel` has fired.
 PartedPoints InSpatialOrder(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
-                            SimdTarget simd = SimdTarget::kBest);
+                            SimdTarget simd = SimdTarget::kBest,
+                            const CancelToken* cancel = nullptr);
 
 // Orders for points that are going to be asked about again and again: of blocks that follow one
 // another, each ordered by itself, so that any run of points finds its own.

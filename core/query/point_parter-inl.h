@@ -22,7 +22,9 @@
 #include <span>
 
 #include "core/base/aligned_vector.h"
+#include "core/base/cancel.h"
 #include "core/base/compress-inl.h"
+#include "core/base/polled_blocks.h"
 #include "core/geometry/vec3.h"
 #include "core/query/key_parter-inl.h"
 #include "core/query/point_parter.h"
@@ -38,8 +40,9 @@ class PointParter {
  public:
   // Parts the points into *parted.
   PointParter(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
-              PartedPoints* parted)
+              const CancelToken* cancel, PartedPoints* parted)
       : positions_(positions),
+        cancel_(cancel),
         room_((positions.size() + kSmallestPart + kLanes) / kLanes * kLanes),
         parted_(*parted) {
     all_.ResizeUninitialized(2 * kRows * room_);
@@ -49,7 +52,8 @@ class PointParter {
     const size_t count = Fill(valid);
     parted->numbers.ResizeUninitialized(count);
     parted->positions.ResizeUninitialized(count);
-    Part(0, count, 0);
+    if (!stopped_) Part(0, count, 0);
+    if (stopped_) *parted = PartedPoints();
   }
 
  private:
@@ -78,22 +82,47 @@ class PointParter {
   static float Above(float x) { return FromOrdered(ToOrdered(x) + 1); }
   static float Below(float x) { return -Above(-x); }
 
+  // Counts points that were passed over. True: the token has fired, leave off.
+  bool Stops(size_t points) {
+    passed_ += points;
+    if (passed_ < kPolledBlock) return stopped_;
+    passed_ = 0;
+    stopped_ = stopped_ || (cancel_ != nullptr && cancel_->cancelled());
+    return stopped_;
+  }
+
   // Returns how many are valid.
   size_t Fill(std::span<const uint8_t> valid) {
+    size_t count = 0;
+    const bool all = !valid.empty() && std::memchr(valid.data(), 0, valid.size()) == nullptr;
+    static_assert(kPolledBlock % kLanes == 0);
+    stopped_ = !InPolledBlocks(positions_.size(), cancel_, [&](size_t begin, size_t end) {
+      if (all) {
+        FillAll(begin, end);
+        count = end;
+      } else {
+        count = FillValid(valid, begin, end, count);
+      }
+    });
+    return count;
+  }
+  // Points begin .. end - 1 to their own places.
+  HWY_NOINLINE void FillAll(size_t begin, size_t end) {
     float* const* rows = rows_[0];
     const Di d;
-    if (!valid.empty() && std::memchr(valid.data(), 0, valid.size()) == nullptr) {
-      Box3f box;  // Nobody asks for it.
-      SplitPoints(positions_, rows[0], rows[1], rows[2], &box);
-      auto number = hn::Iota(d, 0);
-      for (size_t i = 0; i < positions_.size(); i += kLanes) {
-        hn::Store(number, d, reinterpret_cast<int32_t*>(rows[kNumber]) + i);
-        number = hn::Add(number, hn::Set(d, static_cast<int32_t>(kLanes)));
-      }
-      return positions_.size();
+    Box3f box;  // Nobody asks for it.
+    SplitPoints(positions_.subspan(begin, end - begin), rows[0] + begin, rows[1] + begin,
+                rows[2] + begin, &box);
+    auto number = hn::Iota(d, static_cast<int32_t>(begin));
+    for (size_t i = begin; i < end; i += kLanes) {
+      hn::Store(number, d, reinterpret_cast<int32_t*>(rows[kNumber]) + i);
+      number = hn::Add(number, hn::Set(d, static_cast<int32_t>(kLanes)));
     }
-    size_t count = 0;
-    for (size_t i = 0; i < positions_.size(); ++i) {
+  }
+  // The valid ones of them, behind `count` others. Returns how many there are then.
+  size_t FillValid(std::span<const uint8_t> valid, size_t begin, size_t end, size_t count) {
+    float* const* rows = rows_[0];
+    for (size_t i = begin; i < end; ++i) {
       for (int k = 0; k < 3; ++k) rows[k][count] = positions_[i][k];
       rows[kNumber][count] = std::bit_cast<float>(static_cast<uint32_t>(i));
       count += valid[i] != 0;
@@ -104,10 +133,12 @@ class PointParter {
   // Points begin .. end - 1 of rows_[side], whose place on the other side is free.
   void Part(size_t begin, size_t end, size_t side) {
     while (end - begin > KeyParter::kMaxPoints) {
+      if (Stops(end - begin)) return;
       const size_t first = FirstPart(end - begin);
       Range range;
       const float* const row = rows_[side][WidestAxis(begin, end, side, &range)] + begin;
       const Parting parting = Select(row, end - begin, first, range);
+      if (stopped_) return;
       const V limit = hn::Set(D(), parting.limit);
       if (parting.at_limit == 0) {
         Move(begin, end, begin + first, side, row,
@@ -167,8 +198,8 @@ class PointParter {
     return axis;
   }
 
-  // Where `first` of the coordinates lie before the others.
-  static Parting Select(const float* row, size_t count, size_t first, Range range) {
+  // Where `first` of the coordinates lie before the others; anywhere once the token has fired.
+  Parting Select(const float* row, size_t count, size_t first, Range range) {
     // Where points are spread evenly the first guess is nearly right. After some more, halving what
     // coordinates there are in the range ends it.
     constexpr int kGuesses = 8;
@@ -185,6 +216,7 @@ class PointParter {
             (int64_t{ToOrdered(range.least)} + ToOrdered(range.most) + 1) >> 1));
       }
       pivot = std::clamp(pivot, Above(range.least), range.most);
+      if (Stops(count)) return {pivot, 0};
       const size_t less = CountBelow(row, count, pivot);
       if (less == first) return {pivot, 0};
       const Range ends = guess ? Range{pivot, Below(pivot)} : EndsAt(row, count, pivot);
@@ -323,6 +355,9 @@ class PointParter {
   static constexpr size_t kNumber = 3, kRows = 4;  // Coordinates by axis, and numbers.
 
   const std::span<const Vec3f> positions_;
+  const CancelToken* const cancel_;
+  size_t passed_ = 0;
+  bool stopped_ = false;
   const size_t room_;  // Of each row: a vector is read whole, wherever it begins.
   AlignedVector<float> all_;
   float* rows_[2][kRows];  // On two sides: points stay on theirs, or go to the other.

@@ -18,8 +18,8 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 
 void PartPoints(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
-                PartedPoints* parted) {
-  PointParter(positions, valid, parted);
+                const CancelToken* cancel, PartedPoints* parted) {
+  PointParter(positions, valid, cancel, parted);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -5,7 +5,7 @@
 // Thread safety: pure functions.
 //
 //   PartedPoints parted;
-//   PointParterFor(SimdTarget::kBest)(positions, valid, &parted);
+//   PointParterFor(SimdTarget::kBest)(positions, valid, cancel, &parted);
 #ifndef SIGHTLINE_CORE_QUERY_POINT_PARTER_H_
 #define SIGHTLINE_CORE_QUERY_POINT_PARTER_H_
 
@@ -14,6 +14,7 @@
 #include <span>
 
 #include "core/base/aligned_vector.h"
+#include "core/base/cancel.h"
 #include "core/geometry/vec3.h"
 #include "core/traverse/simd_target.h"
 
@@ -43,9 +44,10 @@ struct PartedPoints {
 // over, so that every block of 16, 32, 64 and so on from the start is one part. Parts of 256 are
 // parted further to within a 255th of how wide they are. O(n log n), whatever the points; where
 // they stand depends on nothing but them.
+// Once `cancel` (may be null) has fired it ends soon, and holds none.
 // REQUIRES: valid ones are finite, and there are fewer than 2^31 points.
 using PartPointsFn = void(std::span<const Vec3f> positions, std::span<const uint8_t> valid,
-                          PartedPoints* parted);
+                          const CancelToken* cancel, PartedPoints* parted);
 
 PartPointsFn* PointParterFor(SimdTarget target);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/query/points.h"
 
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -64,11 +65,29 @@ bool MoveAlong(Vec3d normal, double offset, Vec3d* p) {
   return true;
 }
 
+// SideOfSource for a sliver, whose normal in doubles may be wrong in all its bits, or zero: heights
+// over its plane say nothing, so rounding is what is near the triangle itself, and signs are exact.
+int SideOfSliver(const ClosestPoints& closest, const std::array<Vec3f, 3>& corners, Vec3f p,
+                 double touch, const Vec3d* normal) {
+  const auto& [a, b, c] = corners;
+  const Vec3d at = ToDouble(p);
+  if (DistanceSquared(at, closest.To(at)) > touch * touch) {
+    const int side = SideOfPlane(a, b, c, p);
+    if (side != 0) return side;
+  }
+  const double size = normal != nullptr ? MaxAbs(*normal) : 0;
+  if (!(size > 0) || !std::isfinite(size)) return 1;
+  const Vec3d n = {normal->x / size, normal->y / size, normal->z / size};
+  return SideOfDirection(a, b, c, ToFloat(n)) < 0 ? -1 : 1;
+}
+
 // The side of the source that the stored point p is on (see points.h).
 int SideOfSource(const IndexedGeometry& scene, uint32_t source, Vec3f p, TouchRadius radius,
                  const Vec3d* normal) {
   const auto [a, b, c] = scene.geometry.Corners(source);
   const double touch = radius.Of(a, b, c);
+  const ClosestPoints closest(a, b, c);
+  if (closest.sliver) return SideOfSliver(closest, {a, b, c}, p, touch, normal);
   const Vec3d ad = ToDouble(a);
   const Vec3d n = Cross(ToDouble(b) - ad, ToDouble(c) - ad);
   const double height = Dot(n, ToDouble(p) - ad);

@@ -14,8 +14,9 @@
 //    lowest id among equals) of a point that names none, and the point is
 //    placed likewise, clear of every other triangle it touches within rounding
 //    where one direction does that for all. Its side is the one it is on
-//    already; in the plane within rounding, where the side would be chance, the
-//    one that its normal points to if it has one, else the front. So sensors on
+//    already; in the plane within rounding (of a sliver: within rounding of the
+//    triangle itself), where the side would be chance, the one that its normal
+//    points to if it has one, else the front. So sensors on
 //    the inside of a room whose fronts face outward need normals or an offset.
 //  * `offset`: the point is moved by that much along its given normal first, in world coordinates.
 //  * `t_min`: a segment ends at that share of its length before the point: see ShadowOptions.

@@ -126,7 +126,12 @@ absl::Status Compute(const IndexedGeometry& scene, const PointRange& points,
   if (outputs.answered_by) tracer.RecordAnsweredBy();
   std::optional<OwnOrder> own;
   if (!shadow.ordered) {
-    own = OrderThatPays(points.positions, valid_points, samples.size(), known_cost, options.simd);
+    // A few hundred nanoseconds a point where they are shuffled.
+    const auto fired = [&] { return options.cancel != nullptr && options.cancel->cancelled(); };
+    if (fired()) return options.cancel->ToStatus();
+    own = OrderThatPays(points.positions, valid_points, samples.size(), known_cost, options.simd,
+                        options.cancel);
+    if (fired()) return options.cancel->ToStatus();
   }
   const bool ordered = own.has_value();
   const PartedPoints order = ordered ? std::move(own->points) : PartedPoints();
@@ -222,9 +227,9 @@ absl::Status Compute(const IndexedGeometry& scene, const PointRange& points,
     }
   }
   if (ordered && outputs.bits) {
-    const PointBits bits =
-        order.ranks.empty() ? PointBits(order.numbers, n) : PointBits::ByRanks(order.ranks, n);
-    bits.PutBack(out.lit_bits);
+    const PointBits bits = order.ranks.empty() ? PointBits(order.numbers, n, options.cancel)
+                                               : PointBits::ByRanks(order.ranks, n);
+    if (!bits.PutBack(out.lit_bits, options.cancel)) return options.cancel->ToStatus();
   }
   if (shadow.hints != nullptr) {
     float after = known_cost;

@@ -5,6 +5,7 @@
 #include <exception>
 #include <limits>
 #include <new>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 
@@ -93,36 +94,45 @@ absl::Status SceneRegistry::BeginNew(const std::string& name, uint64_t bytes, ui
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::BeginNext(
     const std::string& name, uint64_t expected_revision,
     absl::FunctionRef<uint64_t(const Scene&)> size, uint64_t* reserved, uint64_t set_aside) {
-  std::shared_ptr<const Scene> base;
-  SceneStatus status;
-  std::vector<Evicted> evicted;
-  {
-    MutexLock lock(mutex_);
-    GiveBackLocked(set_aside);
-    const auto found = entries_.find(name);
-    if (found == entries_.end()) return NoSuchScene(name);
-    Entry& entry = found->second;
-    if (entry.building) {
-      return absl::AbortedError(
-          absl::StrCat("another build of scene \"", name, "\" is under way: try again after it"));
+  // Once more where another revision was published while the size of one was asked.
+  while (true) {
+    std::shared_ptr<const Scene> base = LatestOf(name);
+    *reserved = base != nullptr ? size(*base) : 0;
+    SceneStatus status;
+    std::vector<Evicted> evicted;
+    {
+      MutexLock lock(mutex_);
+      const auto found = entries_.find(name);
+      if (found != entries_.end() && found->second.latest != base) continue;
+      GiveBackLocked(set_aside);
+      if (found == entries_.end()) return NoSuchScene(name);
+      Entry& entry = found->second;
+      if (entry.building) {
+        return absl::AbortedError(
+            absl::StrCat("another build of scene \"", name, "\" is under way: try again after it"));
+      }
+      if (expected_revision != 0 && expected_revision != base->revision) {
+        return absl::FailedPreconditionError(
+            absl::StrCat("scene \"", name, "\" is at revision ", base->revision, ", not ",
+                         expected_revision, ": look at the change and edit again"));
+      }
+      std::string told = name;  // Before anything is changed: memory may run out.
+      SL_RETURN_IF_ERROR(Reserve(name, *reserved, &evicted));
+      entry.building = true;
+      entry.progress = 0;
+      entry.error = absl::OkStatus();
+      status = StatusOf(std::move(told), entry);
     }
-    base = entry.latest;
-    if (expected_revision != 0 && expected_revision != base->revision) {
-      return absl::FailedPreconditionError(absl::StrCat("scene \"", name, "\" is at revision ",
-                                                        base->revision, ", not ", expected_revision,
-                                                        ": look at the change and edit again"));
-    }
-    *reserved = size(*base);
-    std::string told = name;  // Before anything is changed: memory may run out.
-    SL_RETURN_IF_ERROR(Reserve(name, *reserved, &evicted));
-    entry.building = true;
-    entry.progress = 0;
-    entry.error = absl::OkStatus();
-    status = StatusOf(std::move(told), entry);
+    NotifyEvicted(std::move(evicted));
+    Notify(status);
+    return base;
   }
-  NotifyEvicted(std::move(evicted));
-  Notify(status);
-  return base;
+}
+
+std::shared_ptr<const Scene> SceneRegistry::LatestOf(const std::string& name) const {
+  MutexLock lock(mutex_);
+  const auto found = entries_.find(name);
+  return found != entries_.end() ? found->second.latest : nullptr;
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Create(
@@ -247,11 +257,13 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
   }
   if (status.latest == nullptr) {
     const bool alone = bytes > options_.max_bytes_per_scene;
-    const absl::Status error = LimitError(
-        alone ? "max_bytes_per_scene" : "memory_budget_bytes",
-        alone ? options_.max_bytes_per_scene : options_.memory_budget_bytes,
-        absl::StrCat("scene \"", name, "\" needs ", bytes, " bytes, more than was foreseen"),
-        alone ? "split it, or build it as compact" : "delete a scene");
+    const absl::Status error = Guarded("publishing", name, [&] {
+      return LimitError(
+          alone ? "max_bytes_per_scene" : "memory_budget_bytes",
+          alone ? options_.max_bytes_per_scene : options_.memory_budget_bytes,
+          absl::StrCat("scene \"", name, "\" needs ", bytes, " bytes, more than was foreseen"),
+          alone ? "split it, or build it as compact" : "delete a scene");
+    });
     Fail(name, reserved, error);
     return error;
   }
@@ -260,20 +272,20 @@ absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Publish(
 }
 
 void SceneRegistry::EndKeeping(const std::string& name, const absl::Status& error) {
-  SceneStatus status;
+  std::optional<SceneStatus> status;
   {
     MutexLock lock(mutex_);
     Entry& entry = entries_.at(name);
     entry.building = false;
     entry.kept = error.ok();
     entry.keep_error = error;
-    status = StatusOf(name, entry);
+    status = TryStatusOf(name, entry);
   }
-  Notify(status);
+  if (status.has_value()) Notify(*status);
 }
 
 void SceneRegistry::Fail(const std::string& name, uint64_t reserved, const absl::Status& error) {
-  SceneStatus status;
+  std::optional<SceneStatus> status;
   {
     MutexLock lock(mutex_);
     reserved_bytes_ -= reserved;
@@ -282,25 +294,25 @@ void SceneRegistry::Fail(const std::string& name, uint64_t reserved, const absl:
     Entry& entry = found->second;
     entry.building = false;
     entry.error = error;
-    status = StatusOf(name, entry);
+    status = TryStatusOf(name, entry);
     if (entry.latest == nullptr) {
-      status.state = SceneState::kFailed;
+      if (status.has_value()) status->state = SceneState::kFailed;
       entries_.erase(found);
     }
   }
-  Notify(status);
+  if (status.has_value()) Notify(*status);
 }
 
 void SceneRegistry::SetProgress(const std::string& name, double progress) {
-  SceneStatus status;
+  std::optional<SceneStatus> status;
   {
     MutexLock lock(mutex_);
     Entry& entry = entries_.at(name);
     if (progress <= entry.progress) return;  // Threads report out of order.
     entry.progress = progress;
-    status = StatusOf(name, entry);
+    status = TryStatusOf(name, entry);
   }
-  Notify(status);
+  if (status.has_value()) Notify(*status);
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> SceneRegistry::Get(const std::string& name,
@@ -420,10 +432,12 @@ absl::Status SceneRegistry::Reserve(const std::string& name, uint64_t bytes,
                       absl::StrCat("scene \"", name, "\" would need about ", bytes, " bytes"),
                       "split it, or build it as compact");
   }
+  // Before anything is let go of: memory may run out.
+  const std::string what = absl::StrCat("scene \"", name, "\"");
   // One that is there already, a next revision of it, takes no more places.
   const uint64_t scenes = entries_.size() + (entries_.contains(name) ? 0 : 1);
   if (options_.evict_least_used) MakeRoom(name, bytes, scenes, evicted);
-  return TakeBytes(absl::StrCat("scene \"", name, "\""), bytes);
+  return TakeBytes(what, bytes);
 }
 
 absl::Status SceneRegistry::TakeBytes(absl::string_view what, uint64_t bytes) {
@@ -456,28 +470,34 @@ void SceneRegistry::MakeRoom(const std::string& name, uint64_t bytes, uint64_t s
   uint64_t used = AliveBytes() + reserved_bytes_;
   const auto fits = [&](uint64_t held) { return held <= budget && bytes <= budget - held; };
   if (bytes > budget || (fits(used) && scenes <= options_.max_scenes)) return;
-  std::vector<std::pair<uint64_t, std::string>> candidates;  // By their last use.
+  using Candidate = std::map<std::string, Entry>::iterator;
+  std::vector<Candidate> candidates;
   uint64_t candidate_bytes = 0;
-  for (const auto& [other, entry] : entries_) {
-    if (other == name || !IsEvictable(entry)) continue;
-    candidates.emplace_back(entry.last_use, other);
-    candidate_bytes += entry.latest->report.memory_bytes;
+  for (auto at = entries_.begin(); at != entries_.end(); ++at) {
+    if (at->first == name || !IsEvictable(at->second)) continue;
+    candidates.push_back(at);
+    candidate_bytes += at->second.latest->report.memory_bytes;
   }
   if (!fits(used - std::min(used, candidate_bytes))) return;
-  std::sort(candidates.begin(), candidates.end());
-  for (const auto& [last_use, victim] : candidates) {
+  std::sort(candidates.begin(), candidates.end(), [](Candidate a, Candidate b) {
+    return std::tie(a->second.last_use, a->first) < std::tie(b->second.last_use, b->first);
+  });
+  // All that may run out of memory comes before anything is let go of.
+  evicted->reserve(candidates.size());
+  for (const Candidate& one : candidates) {
     if (fits(used) && scenes <= options_.max_scenes) break;
-    const auto found = entries_.find(victim);
-    used -= found->second.latest->report.memory_bytes;
+    used -= one->second.latest->report.memory_bytes;
     --scenes;
+    evicted->push_back({one->first, one->second.tag, one->second.creation, nullptr});
+  }
+  for (size_t i = 0; i < evicted->size(); ++i) {
+    Entry& entry = candidates[i]->second;
     // It is freed as soon as the lock is released, before what it makes room for is built.
     std::erase_if(alive_, [&](const Revision& revision) {
-      return revision.creation == found->second.creation &&
-             revision.number == found->second.latest->revision;
+      return revision.creation == entry.creation && revision.number == entry.latest->revision;
     });
-    const Entry& entry = found->second;
-    evicted->push_back({victim, entry.tag, entry.creation, std::move(found->second.latest)});
-    entries_.erase(found);
+    (*evicted)[i].scene = std::move(entry.latest);
+    entries_.erase(candidates[i]);
   }
 }
 
@@ -485,12 +505,19 @@ void SceneRegistry::NotifyEvicted(std::vector<Evicted> evicted) {
   for (Evicted& one : evicted) {
     one.scene.reset();
     SceneStatus status;
-    status.name = one.name;
+    status.name = std::move(one.name);
     status.tag = one.tag;
     status.creation = one.creation;
     status.state = SceneState::kEvicted;
     Notify(status);
   }
+}
+
+std::optional<SceneStatus> SceneRegistry::TryStatusOf(const std::string& name,
+                                                      const Entry& entry) try {
+  return StatusOf(name, entry);
+} catch (const std::bad_alloc&) {
+  return std::nullopt;
 }
 
 SceneStatus SceneRegistry::StatusOf(std::string name, const Entry& entry) {

@@ -166,11 +166,14 @@ class SceneRegistry {
   absl::Status BeginNew(const std::string& name, uint64_t bytes, uint64_t tag,
                         uint64_t set_aside = 0) ABSL_LOCKS_EXCLUDED(mutex_);
   // Marks an entry as being built again; its latest revision. `size` says how many bytes that
-  // takes, in the stead of `set_aside` as above.
+  // takes, in the stead of `set_aside` as above, and is asked outside the lock: it may look at
+  // every object.
   absl::StatusOr<std::shared_ptr<const Scene>> BeginNext(
       const std::string& name, uint64_t expected_revision,
       absl::FunctionRef<uint64_t(const Scene&)> size, uint64_t* reserved, uint64_t set_aside = 0)
       ABSL_LOCKS_EXCLUDED(mutex_);
+  // Null where there is none.
+  std::shared_ptr<const Scene> LatestOf(const std::string& name) const ABSL_LOCKS_EXCLUDED(mutex_);
   // Runs `build` for an entry marked as building, with `reserved` bytes set aside, and publishes or
   // reports. `kept`: what is built is kept already; else `keeper`, unless null, is asked to.
   absl::StatusOr<std::shared_ptr<const Scene>> RunBuild(const std::string& name, uint64_t reserved,
@@ -190,7 +193,7 @@ class SceneRegistry {
   absl::Status TakeBytes(absl::string_view what, uint64_t bytes)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Lets go of what `bytes` and `scenes` in all need beside what is in use, if that is possible;
-  // never of `name`.
+  // never of `name`. All of it or, where memory runs out, nothing. REQUIRES: `evicted` is empty.
   void MakeRoom(const std::string& name, uint64_t bytes, uint64_t scenes,
                 std::vector<Evicted>* evicted) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static bool IsEvictable(const Entry& entry);
@@ -200,6 +203,8 @@ class SceneRegistry {
   void GiveBackLocked(uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint64_t AliveBytes() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static SceneStatus StatusOf(std::string name, const Entry& entry);
+  // The same of what has been changed already: nothing where memory runs out.
+  static std::optional<SceneStatus> TryStatusOf(const std::string& name, const Entry& entry);
 
   const RegistryOptions options_;
   ThreadPool& pool_;

@@ -16,6 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/accel/bvh_refit.h"
 #include "core/accel/leaf_triangles.h"
+#include "core/base/polled_blocks.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/scene_compiler.h"
 
@@ -25,6 +26,9 @@ namespace {
 // Share of the time that compiling takes, for the progress (kitchen, 1.44 M triangles: about a
 // fifth).
 constexpr double kCompileShare = 0.2;
+// Names that are put in order, objects copied or edits applied between two looks at the cancel
+// token: a few milliseconds at most.
+constexpr size_t kPolledObjects = 4096;
 // Of what is built where a kd-tree is built, too: the BVH's share (sphere of 1 M triangles).
 constexpr double kBvhShare = 0.1;
 
@@ -143,13 +147,45 @@ absl::StatusOr<std::shared_ptr<const Scene>> Build(
 // The objects of a scene while edits are applied to them.
 class EditedObjects {
  public:
-  explicit EditedObjects(const SceneGeometry& base) : base_(base) {
-    sources_.reserve(base.objects.size());
-    for (uint32_t i = 0; i < base.objects.size(); ++i) {
-      by_name_[base.objects[i].name] = sources_.size();
-      sources_.push_back({{.base_object = i}, false});
-    }
+  // Those of `base`, before any edit. Cancelled or DeadlineExceeded from `cancel`, here and below.
+  static absl::StatusOr<EditedObjects> Of(const SceneGeometry& base, const CancelToken* cancel) {
+    EditedObjects objects(base);
+    objects.sources_.reserve(base.objects.size());
+    const bool all =
+        InPolledBlocks(base.objects.size(), kPolledObjects, cancel, [&](size_t begin, size_t end) {
+          for (size_t i = begin; i < end; ++i) {
+            objects.by_name_[base.objects[i].name] = i;
+            objects.sources_.push_back({{.base_object = static_cast<uint32_t>(i)}, false});
+          }
+        });
+    if (!all) return cancel->ToStatus();
+    return objects;
   }
+
+  absl::Status Apply(std::span<const SceneEdit> edits, const CancelToken* cancel) {
+    absl::Status status;
+    const bool all =
+        InPolledBlocks(edits.size(), kPolledObjects, cancel, [&](size_t begin, size_t end) {
+          for (size_t i = begin; i < end && status.ok(); ++i) status = Apply(edits[i]);
+        });
+    return all || !status.ok() ? status : cancel->ToStatus();
+  }
+
+  absl::StatusOr<std::vector<ObjectSource>> Sources(const CancelToken* cancel) const {
+    std::vector<ObjectSource> sources;
+    sources.reserve(sources_.size());
+    const bool all =
+        InPolledBlocks(sources_.size(), kPolledObjects, cancel, [&](size_t begin, size_t end) {
+          for (size_t i = begin; i < end; ++i) {
+            if (!sources_[i].removed) sources.push_back(sources_[i].source);
+          }
+        });
+    if (!all) return cancel->ToStatus();
+    return sources;
+  }
+
+ private:
+  explicit EditedObjects(const SceneGeometry& base) : base_(base) {}
 
   absl::Status Apply(const SceneEdit& edit) {
     if (edit.kind == SceneEdit::Kind::kAdd) return Add(edit.object);
@@ -183,16 +219,6 @@ class EditedObjects {
         absl::StrCat("unknown kind of edit: ", static_cast<int>(edit.kind)));
   }
 
-  std::vector<ObjectSource> Sources() const {
-    std::vector<ObjectSource> sources;
-    sources.reserve(sources_.size());
-    for (const Entry& entry : sources_) {
-      if (!entry.removed) sources.push_back(entry.source);
-    }
-    return sources;
-  }
-
- private:
   struct Entry {
     ObjectSource source;
     bool removed;
@@ -302,10 +328,10 @@ absl::StatusOr<std::shared_ptr<const Scene>> EditScene(
   return Build(
       base.name, revision,
       [&]() -> absl::StatusOr<SceneGeometry> {
-        EditedObjects objects(base.geometry);
-        for (const SceneEdit& edit : edits) SL_RETURN_IF_ERROR(objects.Apply(edit));
-        return CompileSources(objects.Sources(), &base.geometry, std::nullopt, options.limits,
-                              cancel);
+        SL_ASSIGN_OR_RETURN(EditedObjects objects, EditedObjects::Of(base.geometry, cancel));
+        SL_RETURN_IF_ERROR(objects.Apply(edits, cancel));
+        SL_ASSIGN_OR_RETURN(const std::vector<ObjectSource> sources, objects.Sources(cancel));
+        return CompileSources(sources, &base.geometry, std::nullopt, options.limits, cancel);
       },
       only_moves ? &base : nullptr, options, pool, cancel, progress);
 }

@@ -77,6 +77,11 @@ struct SceneFileInfo {
 // file. A few kilobytes are read.
 absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file);
 
+// At most what LoadScene takes beside that to check the structures, about, in a pool of so many
+// threads: given back once the scene is there. Of a kd-tree more than of the others, some 40 bytes
+// a triangle and as many as its leaves name.
+uint64_t SceneCheckBytes(const SceneFileInfo& info, int threads);
+
 struct LoadOptions {
   MeshLimits limits;
   uint64_t revision = 0;  // Of the scene; 0: the one it was written with.

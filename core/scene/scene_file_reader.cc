@@ -14,6 +14,7 @@
 #include "core/accel/kd_validation.h"
 #include "core/accel/leaf_mates_validation.h"
 #include "core/base/limit_error.h"
+#include "core/base/polled_blocks.h"
 #include "core/base/status_macros.h"
 #include "core/base/utf8.h"
 #include "core/mesh/geometry_validation.h"
@@ -24,6 +25,8 @@ namespace {
 
 // Share of the time that the sums take, for the progress.
 constexpr double kSumShare = 0.3;
+// Objects that are read between two looks at the cancel token: a name and its letters each.
+constexpr size_t kPolledObjects = 4096;
 // What an error shows of a name that is none.
 constexpr size_t kShownNameBytes = 64;
 
@@ -285,6 +288,7 @@ class Reader {
     geometry->objects.reserve(objects.size());
     uint64_t triangles = 0, vertices = 0;
     for (const SceneFileObject& object : objects) {
+      if (geometry->objects.size() % kPolledObjects == 0) SL_RETURN_IF_ERROR(CheckCancel());
       ObjectRecord record;
       if (object.name_bytes > names.size()) return Fault(file_, "its names are cut short");
       record.name.assign(names.data(), object.name_bytes);
@@ -317,7 +321,8 @@ class Reader {
           return Fault(file_, "its source vertices are cut short");
         }
         record.source_vertices = std::make_shared<const std::vector<Vec3d>>(
-            sources.begin(), sources.begin() + object.vertex_count);
+            CopyInPolledBlocks(sources.first(object.vertex_count), cancel_));
+        if (object.vertex_count > kPolledBlock) SL_RETURN_IF_ERROR(CheckCancel());
         sources = sources.subspan(object.vertex_count);
       }
       geometry->uniform =
@@ -328,6 +333,10 @@ class Reader {
       return Fault(file_, "it has more names or source vertices than objects");
     }
     return absl::OkStatus();
+  }
+
+  absl::Status CheckCancel() const {
+    return cancel_ == nullptr ? absl::OkStatus() : cancel_->ToStatus();
   }
 
   const SceneBytes& file_;
@@ -396,6 +405,27 @@ absl::StatusOr<SceneFileInfo> InspectSceneFile(const SceneBytes& file) {
     return Fault(file, "its revision is ", info.revision, ", not 1 to ", kMaxSceneFileRevision);
   }
   return info;
+}
+
+uint64_t SceneCheckBytes(const SceneFileInfo& info, int threads) {
+  const auto count = [&info](SectionKind kind) -> uint64_t {
+    for (const SceneFileSection& section : info.sections) {
+      if (section.kind == static_cast<uint32_t>(kind)) return section.count;
+    }
+    return 0;
+  };
+  // One after the other.
+  const uint64_t units = count(SectionKind::kBvhLeafIds) / kUnitTriangles +
+                         count(SectionKind::kBvhLeaves) / kUnitFloats;
+  uint64_t most = BvhValidationBytes(info.triangles, count(SectionKind::kBvhNodes), units);
+  if (count(SectionKind::kKdTree) > 0) {
+    const bool perfect = count(SectionKind::kKdReach) > 0;
+    most = std::max(most, KdValidationBytes(info.triangles, count(SectionKind::kKdNodes),
+                                            count(SectionKind::kKdIds), perfect, threads));
+  }
+  // A depth for each node, then a bit for each triangle.
+  const uint64_t binary = count(SectionKind::kBinaryBvhNodes) * sizeof(uint32_t);
+  return std::max({most, binary, info.triangles / 8});
 }
 
 absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(

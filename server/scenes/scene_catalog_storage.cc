@@ -121,6 +121,8 @@ absl::StatusOr<SceneView> SceneCatalog::LoadFile(const CreateOptions& options,
   const std::string& id = options.scene_id;
   const absl::StatusOr<SceneFileInfo> info = InspectSceneFile(file);
   if (!info.ok()) return ExplainLoad(info.status(), id);
+  MemoryCharge checks(*this);  // Until the scene is there, or is not.
+  SL_RETURN_IF_ERROR(checks.Add(SceneCheckBytes(*info, build_pool_.threads())));
   const absl::Time now = absl::Now();
   const uint64_t tag = AddTimes(options, Times{.create_time = now,
                                                .update_time = now,
@@ -223,6 +225,8 @@ absl::StatusOr<SceneView> SceneCatalog::Reload(const std::string& scene_id,
   MemoryCharge charge(*this);
   const absl::StatusOr<SceneBytes> file = OpenFile(scene_id, &charge, cancel);
   const absl::StatusOr<SceneFileInfo> info = file.ok() ? InspectSceneFile(*file) : file.status();
+  MemoryCharge checks(*this);  // Until the next revision is there, or is not.
+  if (info.ok()) SL_RETURN_IF_ERROR(checks.Add(SceneCheckBytes(*info, build_pool_.threads())));
   const LoadOptions load = {.limits = BuildOptions(BvhPreset::kStatic).limits};
   const absl::StatusOr<std::shared_ptr<const Scene>> scene = registry_.Reload(
       scene_id, info.ok() ? info->scene_bytes : 0,

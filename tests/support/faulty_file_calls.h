@@ -53,7 +53,7 @@ class FaultyFileCalls final : public FileCalls {
  public:
   // errno values; 0: no fault.
   std::atomic<int> open_error{0}, write_error{0}, sync_error{0}, rename_error{0}, unlink_error{0},
-      map_error{0}, read_error{0}, stat_error{0}, access_error{0};
+      map_error{0}, read_error{0}, stat_error{0}, access_error{0}, mode_error{0};
   // Calls that still succeed before the fault sets in.
   std::atomic<int> writes_before_fault{0}, syncs_before_fault{0}, reads_before_fault{0};
   // The most bytes that a write takes; 0: as many as it likes.
@@ -99,6 +99,10 @@ class FaultyFileCalls final : public FileCalls {
     on_stat();
     errno = error;
     return result;
+  }
+  int ChangeMode(int file, mode_t mode) override {
+    if (mode_error != 0) return Fail(mode_error);
+    return FileCalls::ChangeMode(file, mode);
   }
   int AccessAt(int folder, const char* name, int mode) override {
     if (access_error != 0) return Fail(access_error);

@@ -294,5 +294,14 @@ TEST_F(BvhValidationTest, RandomBitFlips) {
   }
 }
 
+// Before the first node is looked at, which would be a fault.
+TEST_F(BvhValidationTest, CancelledTokensEndIt) {
+  CancelToken cancel;
+  EXPECT_TRUE(ValidateBvh(bvh_, geometry_, &cancel).ok());
+  cancel.Cancel();
+  bvh_.nodes[0].child_count = 0;
+  EXPECT_EQ(ValidateBvh(bvh_, geometry_, &cancel).code(), absl::StatusCode::kCancelled);
+}
+
 }  // namespace
 }  // namespace sightline

@@ -5,6 +5,8 @@
 #include "core/base/file_replacement.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <cerrno>
 #include <fstream>
@@ -13,6 +15,7 @@
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "core/base/folder.h"
 #include "core/base/status_macros.h"
@@ -91,6 +94,85 @@ TEST_F(FileReplacementTest, EveryFaultLeavesTheOldFile) {
   ExpectOld(kDataLoss, [&] { calls_->sync_error = EIO; });
   ExpectOld(kResourceExhausted, [&] { calls_->rename_error = ENOSPC; });
   ExpectOld(kPermissionDenied, [&] { calls_->rename_error = EACCES; });
+  // A file that only its owner may read is not shown to others for want of knowing.
+  ExpectOld(kDataLoss, [&] { calls_->stat_error = EIO; });
+}
+
+mode_t Mode(const std::string& path) {
+  struct stat status = {};
+  EXPECT_EQ(::stat(path.c_str(), &status), 0) << path;
+  return status.st_mode & 07777;
+}
+
+// The old file's, more or fewer than the umask leaves a new one; without the bits that would give
+// rights to what is new in it.
+TEST_F(FileReplacementTest, KeepsTheOldFilesPermissions) {
+  ASSERT_TRUE(Replace("old text").ok());
+  const mode_t fresh = Mode(dir_.File("file"));
+  EXPECT_EQ(fresh & ~mode_t{0644}, 0u);
+  for (const mode_t mode : {0600, 0666, 0444, 0777, 04755}) {
+    ASSERT_EQ(::chmod(dir_.File("file").c_str(), mode), 0);
+    ASSERT_TRUE(Replace("text").ok());
+    EXPECT_EQ(Mode(dir_.File("file")), mode & 0777) << std::oct << mode;
+  }
+  ASSERT_EQ(::chmod(dir_.File("file").c_str(), 0666), 0);
+  ASSERT_TRUE(Replace("old text").ok());
+  ExpectOld(absl::StatusCode::kPermissionDenied, [&] { calls_->mode_error = EPERM; });
+  EXPECT_EQ(Mode(dir_.File("file")), mode_t{0666});
+  // Nothing has to be changed: a file system that has no permissions is not asked to.
+  ASSERT_EQ(::chmod(dir_.File("file").c_str(), fresh), 0);
+  EXPECT_TRUE(Replace("new text").ok());
+  // What is no plain file has none to give.
+  ASSERT_EQ(::unlink(dir_.File("file").c_str()), 0);
+  ASSERT_EQ(::symlink("elsewhere", dir_.File("file").c_str()), 0);
+  EXPECT_TRUE(Replace("text").ok());
+  EXPECT_EQ(Mode(dir_.File("file")), fresh);
+}
+
+// A container's service has the same pid at every start, and counts from the same number: what one
+// that was killed has left stands where the next one writes.
+TEST_F(FileReplacementTest, PassesOverWhatTheDeadHaveLeft) {
+  ASSERT_TRUE(Replace("old text").ok());
+  // The next numbers are found by taking them: those behind the one that is used now.
+  std::string next;
+  {
+    const Folder folder = *Folder::Open(dir_.path());
+    const absl::StatusOr<FileReplacement> file = folder.Replace("file");
+    ASSERT_TRUE(file.ok()) << file.status();
+    const std::vector<FolderEntry> entries = *folder.List();
+    for (const FolderEntry& entry : entries) {
+      if (IsTemporaryName(entry.name)) next = entry.name;
+    }
+  }
+  const size_t dash = next.rfind('-');
+  ASSERT_NE(dash, std::string::npos);
+  const std::string before = next.substr(0, dash + 1);
+  const int number = std::stoi(next.substr(dash + 1));
+  constexpr int kLeft = 40;  // More than are tried where each is taken away.
+  for (int k = 1; k <= kLeft; ++k) {
+    std::ofstream(dir_.File(before + std::to_string(number + k) + ".tmp")) << "half";
+  }
+  const absl::Status status = Replace("new text");
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_EQ(Text(), "new text");
+  EXPECT_EQ(Files(), 1u + kLeft);
+}
+
+class TakenForEver final : public FileCalls {
+ public:
+  int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
+    if ((flags & O_CREAT) != 0) return errno = EEXIST, -1;
+    return FileCalls::OpenAt(folder, name, flags, mode);
+  }
+};
+
+TEST_F(FileReplacementTest, GivesUpWhereEveryNameIsTaken) {
+  TakenForEver calls;
+  const Folder folder = *Folder::Open(dir_.path(), calls);
+  const absl::Status status = folder.Replace("file").status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable) << status;
+  EXPECT_THAT(std::string(status.message()), HasSubstr(dir_.File("file")));
+  EXPECT_THAT(std::string(status.message()), HasSubstr("\".file.\""));
 }
 
 TEST_F(FileReplacementTest, AFolderThatCannotBeSyncedIsTold) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/base/folder.h"
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -137,6 +138,46 @@ TEST_F(FolderTest, TemporariesOfTheDeadAreTakenAwayAndThoseOfTheLivingAreNot) {
   EXPECT_EQ(*removed, 1u);
   EXPECT_TRUE(living->Commit().ok());
   EXPECT_THAT(Names(folder), ElementsAre("scene"));
+}
+
+// As over NFS, an exclusive lock wants a descriptor for writing; and as where rights are few, some
+// files are to be had for reading alone.
+class OpensOnlySomeForWriting final : public FileCalls {
+ public:
+  int error = 0;  // Of opening for writing; 0: none.
+  int for_reading = 0, for_writing = 0;
+
+  int OpenAt(int folder, const char* name, int flags, mode_t mode) override {
+    if (IsTemporaryName(name)) {
+      const bool writes = (flags & O_ACCMODE) != O_RDONLY;
+      ++(writes ? for_writing : for_reading);
+      if (writes && error != 0) return errno = error, -1;
+    }
+    return FileCalls::OpenAt(folder, name, flags, mode);
+  }
+};
+
+TEST_F(FolderTest, TemporariesAreLockedForWritingWhereTheyMayBeWritten) {
+  OpensOnlySomeForWriting calls;
+  const absl::StatusOr<Folder> folder = Folder::Open(dir_.path(), calls);
+  ASSERT_TRUE(folder.ok()) << folder.status();
+  const auto removed = [&](int error) {
+    Write(".scene.17-0.tmp", "half");
+    calls.error = error, calls.for_reading = calls.for_writing = 0;
+    const absl::StatusOr<size_t> count = folder->RemoveTemporaries();
+    EXPECT_TRUE(count.ok()) << count.status();
+    return count.value_or(0);
+  };
+  EXPECT_EQ(removed(0), 1u);
+  EXPECT_EQ(calls.for_writing, 1);
+  EXPECT_EQ(calls.for_reading, 0);
+  for (const int error : {EACCES, EROFS}) {
+    EXPECT_EQ(removed(error), 1u);
+    EXPECT_EQ(calls.for_writing, 1);
+    EXPECT_EQ(calls.for_reading, 1);
+  }
+  EXPECT_EQ(removed(EMFILE), 0u);  // Not known: left alone.
+  EXPECT_EQ(calls.for_reading, 0);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include "core/query/depth_layers.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -145,6 +146,25 @@ TEST(DepthLayersTest, HoldEachValidPointOnceWhateverTheOthersAre) {
       ExpectWhole(layers.Order(), points, valid);
     }
   }
+}
+
+// Tokens that fire before, and amid: no machine orders two million points in the time of a look.
+TEST(DepthLayersTest, EndWhenCancelled) {
+  TestRng rng;
+  const std::vector<Vec3f> foliage = Foliage(rng);
+  std::vector<Vec3f> points;
+  while (points.size() < 2'000'000) points.insert(points.end(), foliage.begin(), foliage.end());
+  const std::vector<uint8_t> valid(points.size(), 1);
+  const DepthLayers layers(points, valid);
+  ASSERT_GT(layers.gain(), 1);
+  for (const int microseconds : {0, 1, 1000}) {
+    CancelToken late;
+    late.set_deadline(CancelToken::Clock::now() + std::chrono::microseconds(microseconds));
+    EXPECT_TRUE(layers.Order(&late).numbers.empty());
+    EXPECT_TRUE(late.cancelled());
+  }
+  const CancelToken live;
+  ExpectWhole(layers.Order(&live), points, valid);
 }
 
 TEST(DepthLayersTest, AreTakenForOneLightWhoseRaysAreDear) {

@@ -49,6 +49,19 @@ NearestTriangle NearestByLookingAtAll(const SceneGeometry& geometry, Vec3d p, do
   return best;
 }
 
+std::vector<uint32_t> TouchingByLookingAtAll(const SceneGeometry& geometry, Vec3d p,
+                                             TouchRadius radius, uint32_t skip) {
+  std::vector<uint32_t> touching;
+  for (uint32_t id = 0; id < geometry.triangles.size(); ++id) {
+    if (id == skip || std::binary_search(geometry.inert.begin(), geometry.inert.end(), id))
+      continue;
+    const auto [a, b, c] = geometry.Corners(id);
+    const double r = radius.Of(a, b, c);
+    if (DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r) touching.push_back(id);
+  }
+  return touching;
+}
+
 TEST(NearestTriangleTest, ClosestPointIsInTheTriangleAndNoneIsCloser) {
   TestRng rng;
   for (int64_t i = ScaledCount(20'000); i-- > 0;) {
@@ -166,23 +179,79 @@ TEST_P(WalkedTest, AgreesWithLookingAtAll) {
       ASSERT_EQ(found.distance_squared, expected.distance_squared);
 
       const TouchRadius radius = {limit * 0.1, limit * 0.01};
-      std::vector<uint32_t> touching, expected_touching;
+      std::vector<uint32_t> touching;
       const uint32_t skip = found.triangle;
       FindTouching(scene, p, radius, skip, &touching);
-      for (uint32_t id = 0; id < scene.geometry.triangles.size(); ++id) {
-        if (id == skip ||
-            std::binary_search(scene.geometry.inert.begin(), scene.geometry.inert.end(), id)) {
-          continue;
-        }
-        const auto [a, b, c] = scene.geometry.Corners(id);
-        const double r = radius.Of(a, b, c);
-        if (DistanceSquared(p, ClosestPointOnTriangle(p, a, b, c)) <= r * r)
-          expected_touching.push_back(id);
-      }
-      ASSERT_EQ(touching, expected_touching);
+      ASSERT_EQ(touching, TouchingByLookingAtAll(scene.geometry, p, radius, skip));
       ASSERT_EQ(TouchesAny(scene, p, radius, skip), !touching.empty());
     }
   }
+}
+
+// A soup of triangles of which some have one, two or all corners far out: each is touched within
+// the radius that its own corners have it, and points are asked about that lie just within it and
+// just beyond.
+TEST_P(WalkedTest, TouchingAgreesWhereSomeReachFarOut) {
+  int64_t touching = 0, apart = 0;
+  for (uint64_t seed = 0; seed < 6; ++seed) {
+    SCOPED_TRACE(seed);
+    TestRng rng(seed);
+    ObjectInput mesh = Soup(rng, 100);
+    for (Vec3d& v : mesh.vertices) {
+      if (rng.Chance(0.1)) v = v + RandomDirection(rng) * std::exp2(rng.Uniform(0, 39));
+    }
+    const IndexedGeometry scene = Over(MakeScene({mesh}), GetParam(), rng);
+    const SceneGeometry& geometry = scene.geometry;
+    for (int64_t i = ScaledCount(1000); i-- > 0;) {
+      const auto [a, b, c] =
+          geometry.Corners(static_cast<uint32_t>(rng.Below(geometry.triangles.size())));
+      const TouchRadius radius = {rng.Chance(0.5) ? 0 : std::exp2(-rng.Uniform(0, 30)), 0x1p-24};
+      const double u = rng.Uniform(0, 1), v = rng.Uniform(0, 1 - u);
+      const Vec3d on = ToDouble(a) * (1 - u - v) + ToDouble(b) * u + ToDouble(c) * v;
+      // Off a face of the triangle's box, or any way.
+      Vec3d way = RandomDirection(rng);
+      if (rng.Chance(0.5)) way = Vec3d{}, way[static_cast<int>(rng.Below(3))] = 1;
+      const double r = radius.Of(a, b, c);
+      const Vec3d p =
+          on + way * (r * (rng.Chance(0.5) ? 1 + rng.Uniform(-0.01, 0.01) : rng.Uniform(-2, 2)));
+      std::vector<uint32_t> found;
+      FindTouching(scene, p, radius, kNoTriangle, &found);
+      const std::vector<uint32_t> expected =
+          TouchingByLookingAtAll(geometry, p, radius, kNoTriangle);
+      ASSERT_EQ(found, expected) << i << " to go";
+      ASSERT_EQ(TouchesAny(scene, p, radius, kNoTriangle), !expected.empty());
+      ++(expected.empty() ? apart : touching);
+    }
+  }
+  EXPECT_GT(touching, 0);
+  EXPECT_GT(apart, 0);
+}
+
+// One stray triangle far out, whose touch radius is longer than the whole mesh: it sends no other
+// triangle to be measured. The poll has fired, and would stop at 4096 triangles.
+TEST_P(WalkedTest, AStrayTriangleSendsNoOthersToBeMeasured) {
+  ObjectInput mesh = MakeTerrain(100, 100, {});
+  const auto first = static_cast<uint32_t>(mesh.vertices.size());
+  for (const Vec3d v : {Vec3d{0x1p39, 0, 0}, Vec3d{0x1p39, 0x1p30, 0}, Vec3d{0x1p39, 0, 0x1p30}}) {
+    mesh.vertices.push_back(v);
+  }
+  mesh.indices.insert(mesh.indices.end(), {first, first + 1, first + 2});
+  TestRng rng;
+  const IndexedGeometry scene = Over(MakeScene({mesh}), GetParam(), rng);
+  ASSERT_GT(scene.geometry.triangles.size(), 20'000u);
+  CancelToken cancel;
+  cancel.Cancel();
+  // Without perfect splits a kd-tree's cells do not tell how far out their triangles reach, and all
+  // are looked through for each point, eight for the work of one.
+  const bool blind =
+      GetParam() == Walked::kKdTree || GetParam() == Walked::kKdTreeWithLeavesLaidOut;
+  const int points = blind ? 1 : 100;
+  WorkPoll poll(&cancel);
+  for (int i = 0; i < points; ++i) {
+    const Vec3d p = {0.5 + i * 0.9, 11.3 + i * 0.7, 30};
+    EXPECT_FALSE(TouchesAny(scene, p, {0x1p-24 * NormOne(p), 0x1p-24}, kNoTriangle, &poll));
+  }
+  EXPECT_FALSE(poll.stopped());
 }
 
 TEST_P(WalkedTest, CrossingAgreesWithThePredicate) {

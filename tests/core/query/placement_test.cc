@@ -301,6 +301,26 @@ TEST(PlacementTest, DoesNotDependOnTheTree) {
   }
 }
 
+// Whoever asks for a side that is far away is put there, and told that it is no small step.
+TEST(PlacementTest, MovedFarIsNotClear) {
+  const IndexedGeometry scene = MakeScene(
+      {{.vertices = {{6.1232e-17, 0, 0}, {10, 10, 0}, {20, 20, 0}}, .indices = {0, 1, 2}}});
+  const Vec3d at = {0.5, 0.5, 3};
+  const int side = SideOf(scene.geometry, 0, ToFloat(at));
+  PlacementScratch scratch;
+  for (const int asked : {side, -side}) {
+    const Placed placed = Place(scene,
+                                {.at = at,
+                                 .source = 0,
+                                 .side = asked,
+                                 .radius = WorldTouchRadius(NormOne(at)),
+                                 .reference = ToFloat(at)},
+                                &scratch);
+    EXPECT_EQ(SideOf(scene.geometry, 0, placed.position), asked);
+    EXPECT_EQ(placed.clear, asked == side);
+  }
+}
+
 TEST(PlacementTest, OffsetCoversRounding) {
   TestRng rng;
   for (int64_t i = ScaledCount(100'000); i-- > 0;) {

@@ -5,6 +5,7 @@
 #include "core/query/point_bits.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cstdint>
 #include <numeric>
 #include <vector>
@@ -65,6 +66,23 @@ TEST(PointBitsTest, EveryPointGetsItsOwn) {
       }
     }
   }
+}
+
+// Rows are many: a token that fires among them is heard.
+TEST(PointBitsTest, LeavesOffWhenCancelled) {
+  TestRng rng;
+  constexpr size_t kPoints = 1'000'000, kRows = 9;
+  const PointBits bits(SomeOrder(kPoints, 0, rng), kPoints);
+  std::vector<uint8_t> rows(kRows * kPoints / 8, 0x55);
+  CancelToken token;
+  EXPECT_TRUE(bits.PutBack(rows, &token));
+  token.Cancel();
+  const std::vector<uint8_t> before = rows;
+  EXPECT_FALSE(bits.PutBack(rows, &token));
+  EXPECT_EQ(rows, before);
+  CancelToken late;  // No machine has done all in that time.
+  late.set_deadline(CancelToken::Clock::now() + std::chrono::microseconds(20));
+  EXPECT_FALSE(bits.PutBack(rows, &late));
 }
 
 TEST(PointBitsTest, NoPointsHaveNoBits) {

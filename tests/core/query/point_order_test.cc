@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -244,6 +245,30 @@ TEST(PointOrderTest, PointsArePartedHoweverTheyAreSpread) {
         first = order;
       }
     }
+  }
+}
+
+// Tokens that fire before, and amid: no machine orders four million points in the time of a look.
+TEST(PointOrderTest, EndsWhenCancelled) {
+  constexpr size_t kMany = 4'000'000;
+  TestRng rng;
+  std::vector<Vec3f> points(kMany);
+  for (Vec3f& p : points) p = ToFloat(RandomInBox(rng, {1, 1, 1}));
+  for (const bool all : {true, false}) {
+    std::vector<uint8_t> valid(kMany, 1);
+    if (!all) valid[7] = 0;
+    for (const int microseconds : {0, 1, 1000}) {
+      CancelToken late;
+      late.set_deadline(CancelToken::Clock::now() + std::chrono::microseconds(microseconds));
+      EXPECT_TRUE(InSpatialOrder(points, valid, SimdTarget::kBest, &late).numbers.empty());
+      EXPECT_TRUE(late.cancelled());
+    }
+    const size_t some = 100'000;
+    const CancelToken live;
+    EXPECT_EQ(InSpatialOrder(std::span(points).first(some), std::span(valid).first(some),
+                             SimdTarget::kBest, &live)
+                  .numbers.size(),
+              some - !all);
   }
 }
 

@@ -179,6 +179,38 @@ TEST(PointsTest, AttachedToASliverMoveByRoundings) {
   }
 }
 
+// A triangle that has an area, and whose cross product is zero in doubles: its plane is z = 0. A
+// point 3 above it was called in its plane, in front, and moved by 4 through it, and called clear;
+// a normal that points to the back, or the front, was not heeded.
+TEST(PointsTest, SideOfPointsAttachedToASliverWithoutANormalInDoubles) {
+  const Vec3d corners[] = {{6.1232e-17, 0, 0}, {10, 10, 0}, {20, 20, 0}};
+  const PointOptions attach = {.attach_distance = 10};
+  for (const bool turned : {false, true}) {
+    const IndexedGeometry scene =
+        MakeScene({{.vertices = {corners[0], corners[1 + turned], corners[2 - turned]},
+                    .indices = {0, 1, 2}}});
+    ASSERT_TRUE(scene.geometry.inert.empty());
+    for (const double z : {3.0, -3.0, 1e-3, -1e-3}) {
+      const Vec3d at = {0.5, 0.5, z};
+      const PreparedPoints p = Prepare(scene, {at}, attach);
+      EXPECT_EQ(p.sources[0], 0u);
+      EXPECT_EQ(p.positions[0], ToFloat(at)) << "turned " << turned << ", z = " << z;
+      EXPECT_EQ(p.near_surface, 0u);
+    }
+    for (const double up : {1.0, -1.0, 1e300, -1e-300}) {
+      const PreparedPoints p = Prepare(scene, {{0.5, 0.5, 0}}, attach, {{0, 0, up}});
+      EXPECT_GT(p.positions[0].z * up, 0) << "turned " << turned << ", up = " << up;
+      EXPECT_LT(std::abs(p.positions[0].z), 1e-5);
+    }
+    // Without one, and with one that says nothing, the front.
+    for (const Vec3d normal : {Vec3d{}, Vec3d{kNan, 0, 1}, Vec3d{1, -1, 0}}) {
+      const PreparedPoints p = Prepare(scene, {{0.5, 0.5, 0}}, attach, {normal});
+      EXPECT_EQ(SideOf(scene.geometry, 0, p.positions[0]), 1);
+    }
+    EXPECT_EQ(SideOf(scene.geometry, 0, Prepare(scene, {{0.5, 0.5, 0}}, attach).positions[0]), 1);
+  }
+}
+
 TEST(PointsTest, GivenSourcesStay) {
   const IndexedGeometry scene = MakeScene({UnitTriangle()});
   const std::vector<Vec3d> at = {{.25, .25, 0}, {.25, .25, 0}};

@@ -141,6 +141,21 @@ TEST_F(SceneFileClaimsTest, ARevisionThatIsNoneIsRefused) {
   EXPECT_EQ(folder_.List()->size(), 1u);
 }
 
+// A token that fires once the sums are right is heard before the first name is looked at.
+TEST_F(SceneFileClaimsTest, ItsObjectsAreReadInReachOfACancel) {
+  Bytes bytes = Written(*Build());
+  bytes[Section(bytes, 2).offset] = std::byte{0xFF};
+  SealSceneFile({bytes.data(), bytes.size()});
+  auto owner = std::make_shared<const Bytes>(std::move(bytes));
+  const std::span<const std::byte> view = *owner;
+  CancelToken cancel;
+  const absl::Status status =
+      LoadScene({view, owner, "'file'"}, "again", {}, pool_, &cancel, [&](double) {
+        cancel.Cancel();
+      }).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kCancelled) << status;
+}
+
 TEST_F(SceneFileClaimsTest, NamesThatAreNotUtf8AreRefused) {
   const Bytes good = Written(*Build());
   const auto with = [&](const std::string& name) {

@@ -223,6 +223,22 @@ TEST_F(SceneTest, ProgressRisesToOneAndErrorsComeThrough) {
             absl::StatusCode::kCancelled);
 }
 
+// Among very many objects, too: the token is looked at before the first is gathered, before the
+// first edit, and before the first object is laid out, which would each find a fault here.
+TEST_F(SceneTest, CancelledEditsAreNotLookedAt) {
+  const auto base = BuildScene("hall", 1, objects_, std::nullopt, {}, pool_);
+  ASSERT_TRUE(base.ok());
+  CancelToken cancel;
+  cancel.Cancel();
+  const std::vector<SceneEdit> unknown = {{Kind::kRemove, {.name = "no such object"}}};
+  const std::vector<SceneEdit> no_name = {{Kind::kAdd, {.name = "\xFF"}}};
+  for (const auto& edits : {unknown, no_name}) {
+    EXPECT_EQ(EditScene(**base, 2, edits, {}, pool_, &cancel).status().code(),
+              absl::StatusCode::kCancelled);
+    EXPECT_NE(EditScene(**base, 2, edits, {}, pool_).status().code(), absl::StatusCode::kOk);
+  }
+}
+
 TEST_F(SceneTest, EditsGiveWhatABuildOfTheEditedObjectsGives) {
   Affine3d transform;
   transform.m = {0, -1, 0, 3, 1, 0, 0, 4, 0, 0, 2, 5};
