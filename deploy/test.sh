@@ -3,7 +3,7 @@
 #
 # Installs what is missing, builds and runs every test, in three lanes, and two that must be asked for:
 #
-#   release     the whole tree in Release, all tests
+#   release     the whole tree in Release, sightline-bench among it, all tests
 #   core-asan   core and its tests under the address and undefined-behaviour sanitizers
 #   fuzz        every libFuzzer target for SIGHTLINE_FUZZ_SECONDS (60), with both sanitizers
 #   asan        the whole tree under the address and undefined-behaviour sanitizers: several times as long
@@ -77,10 +77,15 @@ list_results() {
   done
 }
 
-build_step "packages" deploy/install_packages.sh build test
+packages=(build test)
+for lane in "${lanes[@]}"; do
+  if [ "$lane" = release ]; then packages+=(bench); fi # Its peer; the other lanes build no benchmark.
+done
+build_step "packages" deploy/install_packages.sh "${packages[@]}"
 if [ $failed_steps -eq 0 ]; then
   for lane in "${lanes[@]}"; do
     case "$lane" in
+      release) run_lane release -DSIGHTLINE_BUILD_BENCH=ON ;;
       fuzz) run_lane fuzz "-DSIGHTLINE_FUZZ_SECONDS=$fuzz_seconds" ;;
       *) run_lane "$lane" ;;
     esac

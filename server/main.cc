@@ -65,10 +65,6 @@ constexpr int kExitUsage = 64;
 constexpr int kExitUnavailable = 69;
 constexpr int kExitSoftware = 70;
 
-// What is cut off when a drain's time is over ends soon after it, but for built-in scenes that are
-// being made and disks that do not answer: these are not waited for any longer.
-constexpr absl::Duration kCutOffTimeout = absl::Seconds(8);
-
 // What SIGHUP asks for. Some expect it to read the configuration again: the log says what it did.
 void Reload(const ServerOptions& options, Server& server) {
   constexpr char kConfiguration[] = "as at the start; to have it read again, restart";

@@ -27,6 +27,10 @@
 
 namespace sightline {
 
+// What is cut off when a drain's time is over ends soon after it, but for built-in scenes that are
+// being made and disks that do not answer: these are not waited for any longer.
+inline constexpr absl::Duration kCutOffTimeout = absl::Seconds(8);
+
 struct ServerOptions {
   // HOST:PORT, port 0 takes a free one, or unix:PATH. Empty: in-process channels alone.
   std::vector<std::string> listen = {"127.0.0.1:0"};

@@ -195,10 +195,13 @@ ServerState Server::StateNow() {
   }
   state.failed_scene_stores = scenes_.failed_stores();
   state.scene_bytes = scenes_.MemoryBytes();
+  state.max_scene_bytes = options_.limits.max_scene_bytes;
   state.point_set_bytes = point_sets_.memory_bytes();
+  state.max_point_set_bytes = options_.limits.max_point_set_bytes;
   state.active_calls = calls_.active_calls();
   state.active_uploads = upload_slots_.taken();
   state.queued_rays = ray_queue_.queued_rays();
+  state.max_queued_rays = options_.limits.max_queued_rays;
   const Scheduler::Load load = scheduler_.load();
   state.clients = load.clients;
   state.waiting_tasks = load.waiting_tasks;

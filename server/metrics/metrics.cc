@@ -119,9 +119,13 @@ void AddScenes(const ServerState& state, StatePage* page) {
   page->Gauge("sightline_scene_memory_bytes",
               "Memory of all revisions alive and builds under way; max_scene_bytes bounds it.",
               static_cast<double>(state.scene_bytes));
+  page->Gauge("sightline_scene_memory_limit_bytes", "max_scene_bytes.",
+              static_cast<double>(state.max_scene_bytes));
   page->Gauge("sightline_point_set_bytes",
               "Memory of all point sets; max_point_set_bytes bounds it.",
               static_cast<double>(state.point_set_bytes));
+  page->Gauge("sightline_point_set_limit_bytes", "max_point_set_bytes.",
+              static_cast<double>(state.max_point_set_bytes));
 }
 
 void AddLoad(const ServerState& state, StatePage* page) {
@@ -132,6 +136,8 @@ void AddLoad(const ServerState& state, StatePage* page) {
   page->Gauge("sightline_pending_rays",
               "Rays accepted and not yet answered; max_queued_rays bounds it.",
               static_cast<double>(state.queued_rays));
+  page->Gauge("sightline_pending_rays_limit", "max_queued_rays.",
+              static_cast<double>(state.max_queued_rays));
   page->Gauge("sightline_clients",
               "Clients with a visibility stream, or a set of a camera's points being made.",
               static_cast<double>(state.clients));

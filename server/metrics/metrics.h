@@ -75,6 +75,8 @@ struct ServerState {
   uint64_t failed_scene_stores = 0;
   uint64_t scene_bytes = 0;      // All revisions alive and builds under way.
   uint64_t point_set_bytes = 0;  // All point sets.
+  // What bounds these two and queued_rays.
+  uint64_t max_scene_bytes = 0, max_point_set_bytes = 0, max_queued_rays = 0;
   uint64_t active_calls = 0, active_uploads = 0, queued_rays = 0;
   uint64_t refused_calls = 0;  // For want of a role.
   uint64_t clients = 0, waiting_tasks = 0, running_tasks = 0;

@@ -30,7 +30,7 @@ struct Agreement {
   bool settle = true;  // False: differences are counted, nobody is asked who is right.
 
   uint64_t queries = 0;
-  uint64_t ties = 0;                  // Primary: another triangle at the same exact distance.
+  uint64_t ties = 0;  // Primary: theirs is a triangle at the same distance that yields to ours.
   uint64_t disagreements = 0;         // Ties are none.
   uint64_t beyond_rounding = 0;       // As above.
   uint64_t by_single = 0;             // Queries put to the single-ray walk...

@@ -167,8 +167,10 @@ absl::Status RunWorkload(const Options& options, const SceneSource& source,
     }});
   }
   const Timings timings = TimeByTurns(
-      {workload->units(), [&](size_t unit) { return workload->queries(unit); }}, sides,
-      options.work.repeats,
+      {.count = workload->units(),
+       .queries = [&](size_t unit) { return workload->queries(unit); },
+       .min_seconds = MinSeconds(options.work.quick)},
+      sides, options.work.repeats,
       [&](size_t repetition) {
         context.err << title << ": repetition " << repetition + 1 << " of " << options.work.repeats
                     << std::endl;

@@ -41,7 +41,7 @@ struct Options {
   std::vector<std::string> scenes;
   std::string views, isa = "best";
   uint64_t width = 1920, height = 1080, threads = 0, repeats = 5;
-  bool high = true, pictures = true, json = false;
+  bool high = true, pictures = true, quick = false, json = false;
 };
 
 cli::FlagSet Flags(Options* o) {
@@ -61,6 +61,7 @@ cli::FlagSet Flags(Options* o) {
               1000);
   flags.Switch("high", "also build with Embree's quality HIGH", &o->high);
   flags.Switch("pictures", "also build and draw pictures", &o->pictures);
+  RegisterQuick(&flags, &o->quick);
   flags.Switch("json", "one JSON object per line, instead of a table", &o->json);
   return flags;
 }
@@ -195,8 +196,10 @@ void TimeBuilds(const Bench& bench, Report* report) {
     if (side.clean_up != nullptr) side.clean_up();
   }
   const size_t triangles = bench.scene.geometry.triangles.size();
-  const Timings timings = TimeByTurns({1, [&](size_t) { return triangles; }}, sides,
-                                      bench.options.repeats, SayRepetition(bench, "builds"));
+  const Timings timings = TimeByTurns({.count = 1,
+                                       .queries = [&](size_t) { return triangles; },
+                                       .min_seconds = MinSeconds(bench.options.quick)},
+                                      sides, bench.options.repeats, SayRepetition(bench, "builds"));
   // The peer's mesh takes so little that turns of its own would be too short to time.
   const Spread convert = TimeConversions(bench);
   const auto seconds = [&](const Timings& of, size_t side) {
@@ -313,8 +316,11 @@ absl::Status TimeFrames(const Bench& bench, Report* report) {
       lit[side] += side < kQualities.size() ? frames[view].peer_lit() : frames[view].our_lit();
     }
   }
-  const Timings timings = TimeByTurns({frames.size(), [](size_t) { return uint64_t{1}; }}, sides,
-                                      bench.options.repeats, SayRepetition(bench, "pictures"));
+  const Timings timings =
+      TimeByTurns({.count = frames.size(),
+                   .queries = [](size_t) { return uint64_t{1}; },
+                   .min_seconds = MinSeconds(bench.options.quick)},
+                  sides, bench.options.repeats, SayRepetition(bench, "pictures"));
   size_t best = 0;
   for (size_t side = 1; side < kQualities.size(); ++side) {
     if (timings.Rate(side).median > timings.Rate(best).median) best = side;

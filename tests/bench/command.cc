@@ -31,6 +31,12 @@ absl::StatusOr<bool> ParseOrHelp(cli::FlagSet* flags, std::span<const std::strin
   return true;
 }
 
+void RegisterQuick(cli::FlagSet* flags, bool* quick) {
+  flags->Switch(
+      "quick", "see that it runs: a repetition is one pass, however short; the figures say nothing",
+      quick);
+}
+
 void RegisterThreads(cli::FlagSet* flags, uint64_t* threads) {
   flags->Count("threads", "N", "threads of each side; 0: one per hardware thread", threads, 0,
                1000);

@@ -42,6 +42,8 @@ absl::StatusOr<bool> ParseOrHelp(cli::FlagSet* flags, std::span<const std::strin
 
 // --threads: 0 means one per hardware thread, and is replaced by that number.
 void RegisterThreads(cli::FlagSet* flags, uint64_t* threads);
+// --quick, for whoever wants to see that it runs.
+void RegisterQuick(cli::FlagSet* flags, bool* quick);
 int ResolveThreads(uint64_t threads);
 
 // --isa avx2|avx512, the best of this machine unless said otherwise. FailedPrecondition: the

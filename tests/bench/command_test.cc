@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "client/cli/exit_code.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/bench/report.h"
 
@@ -39,10 +41,15 @@ void ExpectKeys(const Row& row, const std::set<std::string>& may_be_null) {
   }
 }
 
+// What lines over all scenes have no value of, or none where their scenes differ.
+const std::set<std::string> kNullOverScenes = {"triangles", "strategy",        "rate_per_s",
+                                               "peer_mode", "peer_rate_per_s", "ratio",
+                                               "ratio_min", "ratio_max"};
+
 bool IsSummary(const Row& row) { return row.at("scene") == "all"; }
 
-const std::vector<std::string> kSmall = {"--scene", "builtin:sphere:2000", "--json", "--repeats",
-                                         "1"};
+const std::vector<std::string> kSmall = {
+    "--scene", "builtin:sphere:2000", "--json", "--repeats", "1", "--quick"};
 
 std::vector<std::string> With(std::vector<std::string> args, const std::vector<std::string>& more) {
   args.insert(args.end(), more.begin(), more.end());
@@ -61,12 +68,16 @@ TEST(CommandTest, EmbreeRunsAllWorkloadsOfAllScenes) {
     if (IsSummary(row)) {
       ++summaries;
       EXPECT_EQ(row.at("scenes"), 2);
+      ExpectKeys(row, kNullOverScenes);
+      EXPECT_EQ(row.at("disagreements_beyond_rounding"), 0);
       continue;
     }
     ++of_scenes;
     workloads.insert(row.at("workload"));
     ExpectKeys(row, {});
     EXPECT_GT(row.at("ratio"), 0);
+    EXPECT_GT(row.at("ratio_total"), 0);
+    EXPECT_GE(row.at("units_per_repetition"), 1);
     EXPECT_EQ(row.at("disagreements_beyond_rounding"), 0);
   }
   EXPECT_EQ(of_scenes, 2u * (4 * 2 + 5));
@@ -85,6 +96,71 @@ TEST(CommandTest, ASceneThatCannotBeReadIsToldAfterTheOthers) {
   EXPECT_FALSE(good.ok());
   EXPECT_NE(err.str().find("builtin:nowhere: "), std::string::npos);
   EXPECT_NE(out.str().find("\"scene\":\"builtin:sphere:2000\""), std::string::npos);
+}
+
+// Of points, one thread and several would cut their work otherwise if they were let.
+TEST(CommandTest, ThreadsAnswerAsOneDoes) {
+  const std::vector<Row> rows =
+      Lines(ScalingCommand, {"--scene", "builtin:box:1000", "--workload", "points", "--lights",
+                             "lights", "--points", "2000", "--repeats", "1", "--quick", "--json"});
+  ASSERT_EQ(rows.size(), 1u);
+  ExpectKeys(rows[0], {"peer_rate_per_s"});
+  EXPECT_EQ(rows[0].at("threads"), 2);
+  EXPECT_EQ(rows[0].at("disagreements"), 0);
+  EXPECT_GT(rows[0].at("share"), 0);
+}
+
+TEST(CommandTest, EveryChoiceAnswersAsAutoDoes) {
+  const std::vector<Row> rows =
+      Lines(AutoCommand, With(kSmall, {"--workload", "segments", "--points", "500", "--choice",
+                                       "PACKET KD_TREE", "--choice", "SHAFT BVH", "--choices"}));
+  ASSERT_EQ(rows.size(), 3u);
+  for (const Row& row : rows) {
+    ExpectKeys(row, {});
+    EXPECT_EQ(row.at("wrong_units"), 0) << row.dump();
+  }
+}
+
+TEST(CommandTest, BuildingTimesEveryPresetAndCountsBytes) {
+  const std::vector<Row> rows =
+      Lines(BuildCommand, With(kSmall, {"--width", "64", "--height", "64", "--no-high"}));
+  std::set<std::string> workloads;
+  for (const Row& row : rows) {
+    const std::string workload = row.at("workload");
+    workloads.insert(workload);
+    std::set<std::string> null = {"disagreements", "disagreements_beyond_rounding"};
+    if (workload == "bytes-per-triangle") null.insert({"rate_per_s", "peer_rate_per_s"});
+    ExpectKeys(row, null);
+    EXPECT_GT(row.at("ratio"), 0) << row.dump();
+  }
+  EXPECT_EQ(workloads.count("bytes-per-triangle"), 1u);
+  EXPECT_GE(workloads.size(), 4u);
+}
+
+// Through both kinds of sockets all answers are those of the engine, each in its place.
+TEST(CommandTest, TheServiceAnswersAsTheEngineDoes) {
+  const std::vector<Row> rows =
+      Lines(ServiceCommand, With(kSmall, {"--width", "160", "--height", "96", "--segments", "70000",
+                                          "--calls", "10", "--threads", "2"}));
+  std::set<std::string> workloads;
+  for (const Row& row : rows) {
+    ExpectKeys(row, {});
+    workloads.insert(row.at("workload"));
+    EXPECT_EQ(row.at("disagreements"), 0) << row.dump();
+  }
+  EXPECT_EQ(rows.size(), 2u * 7);
+  EXPECT_EQ(workloads.size(), 7u);
+}
+
+TEST(CommandTest, WorkloadsOfTheServiceAreKnown) {
+  std::ostringstream out, err;
+  Context context{out, err};
+  const std::vector<std::string> args = With(kSmall, {"--workload", "tile-bits"});
+  const absl::Status status = ServiceCommand(args, context).status();
+  EXPECT_EQ(cli::ToExitCode(status), cli::kExitUsage) << status;
+  for (const char* name : {"'tile-bits'", "tiles-bits", "segments-f32-bits", "latency"}) {
+    EXPECT_THAT(std::string(status.message()), testing::HasSubstr(name));
+  }
 }
 
 TEST(CommandTest, RowsOfVerifyHaveAllKeys) {

@@ -114,6 +114,8 @@ Row MakeRow(const Bench& bench, const Run& run, const Timings& timings, const Ag
              {"ratio", ratio.median},
              {"ratio_min", ratio.min},
              {"ratio_max", ratio.max},
+             {"ratio_total", timings.TotalRatio(0, 1)},
+             {"units_per_repetition", timings.UnitsPerRepetition()},
              {"disagreements", agreement.disagreements},
              {"disagreements_beyond_rounding", agreement.beyond_rounding},
              {"ties", agreement.ties},
@@ -132,6 +134,7 @@ Row MakeRow(const Bench& bench, const Run& run, const Timings& timings, const Ag
     row["fast_ratio"] = fast.median;
     row["fast_ratio_min"] = fast.min;
     row["fast_ratio_max"] = fast.max;
+    row["fast_ratio_total"] = timings.TotalRatio(0, 2);
     row["fast_disagreements"] = fast_agreement.disagreements;
   }
   return WithCommonKeys(row);
@@ -166,7 +169,8 @@ absl::Status RunWorkload(const Bench& bench, const std::string& name, const Imag
         {[&](size_t unit) { workload->RunPeer(*bench.fast, fast_mode, unit, Share::kAll); }});
   }
   const Units units{workload->units(), [&](size_t unit) { return workload->queries(unit); },
-                    [&](size_t unit) { return ViewOf(*workload, unit); }};
+                    [&](size_t unit) { return ViewOf(*workload, unit); },
+                    MinSeconds(bench.options.work.quick)};
   const Timings timings = TimeByTurns(
       units, sides, bench.options.work.repeats,
       [&](size_t repetition) {

@@ -61,10 +61,12 @@ bool EmbreeDevice::OnMemory(void* self, ssize_t bytes, bool) {
 
 std::string EmbreeDevice::Name() { return absl::StrCat("Embree ", RTC_VERSION_STRING); }
 
-PeerMesh::PeerMesh(const SceneGeometry& geometry)
-    : vertices_(geometry.vertices.begin(), geometry.vertices.end()),
-      triangles_(geometry.triangles.begin(), geometry.triangles.end()) {
+PeerMesh::PeerMesh(const SceneGeometry& geometry) {
+  vertices_.reserve(geometry.vertices.size() + 1);
+  vertices_.Append(geometry.vertices);
   vertices_.push_back({});
+  triangles_.reserve(geometry.triangles.size() + 1);
+  triangles_.Append(geometry.triangles);
   triangles_.push_back({});
 }
 
@@ -75,8 +77,10 @@ PeerMesh::PeerMesh(std::span<const ObjectInput> objects, Vec3d origin, ThreadPoo
     vertices += object.vertices.size();
     triangles += object.indices.size() / 3;
   }
-  vertices_.resize(vertices + 1);
-  triangles_.resize(triangles + 1);
+  vertices_.ResizeUninitialized(vertices + 1);
+  vertices_.back() = {};
+  triangles_.ResizeUninitialized(triangles + 1);
+  triangles_.back() = {};
   size_t first_vertex = 0, first_triangle = 0;
   for (const ObjectInput& object : objects) {
     pool.ParallelFor(object.vertices.size(), kGrain, [&](size_t begin, size_t end) {

@@ -91,16 +91,17 @@ class PeerMesh {
   // rounded, and the objects' indices put together; on the pool. What a user of Embree has to do,
   // without the checks that CompileScene makes.
   PeerMesh(std::span<const ObjectInput> objects, Vec3d origin, ThreadPool& pool);
-  const std::vector<Vec3f>& vertices() const { return vertices_; }
-  const std::vector<std::array<uint32_t, 3>>& triangles() const { return triangles_; }
+  const AlignedVector<Vec3f>& vertices() const { return vertices_; }
+  const AlignedVector<std::array<uint32_t, 3>>& triangles() const { return triangles_; }
   size_t vertex_count() const { return vertices_.size() - 1; }
   size_t triangle_count() const { return triangles_.size() - 1; }
   // Of both buffers, without what stands behind the last element.
   size_t bytes() const;
 
  private:
-  std::vector<Vec3f> vertices_;
-  std::vector<std::array<uint32_t, 3>> triangles_;
+  // On huge pages, as ours are.
+  AlignedVector<Vec3f> vertices_;
+  AlignedVector<std::array<uint32_t, 3>> triangles_;
 };
 
 class EmbreeScene {

@@ -8,7 +8,9 @@
 // kMinSeconds. Where a single pass would take any side longer than kMaxSeconds, a repetition is a
 // share of the units, and the next one goes on where it ended: as many as fit, but at least so many
 // that all have their turn within the repetitions. (A unit is never cut: it may take longer.) The
-// figure is the median over the repetitions of the ratio of the sides' times.
+// figure is the median over the repetitions of the ratio of the sides' times: where a repetition is
+// a share of the units, a median over shares of the work that differ. Beside it stands the ratio of
+// all the times of whole rounds, in which every unit counts alike.
 //
 // Sides of one thread are timed by that thread's own clock, so that what else runs on a machine
 // takes caches and memory from them, but no time.
@@ -37,6 +39,10 @@ double Now();
 // not in them.
 double ThreadSeconds();
 
+inline constexpr double kMinSeconds = 0.3, kMaxSeconds = 3;
+// What --quick asks for instead: one pass, however short, which says nothing of speed.
+double MinSeconds(bool quick);
+
 using Clock = std::function<double()>;
 // ThreadSeconds where a single thread, the caller's, does all the work; Now for several.
 Clock ClockFor(int threads);
@@ -48,7 +54,9 @@ struct Spread {
 Spread SpreadOf(std::vector<double> values);
 
 // The fastest of the workload's modes on a sample of the work. Modes are tried by turns, several
-// times, and each is judged by its best time.
+// times, and each is judged by its best time. Where the sample pays more than its share for sorting
+// and a mode that does not sort won it, that one and the best that does are tried on all of the
+// work, likewise, and the faster of the two is it.
 PeerMode PickMode(Workload& workload, const EmbreeScene& peer, const Clock& now = Now);
 
 // One of the things that are timed by turns.
@@ -65,21 +73,26 @@ struct Units {
   // Units that also get figures of their own, together: the views that they come from. Numbered
   // from 0; null: there are none.
   std::function<size_t(size_t unit)> group = nullptr;
+  double min_seconds = kMinSeconds;  // That a repetition brings every side to.
 };
 
 struct Timings {
   std::vector<double> queries;               // Per repetition, of each side.
   std::vector<std::vector<double>> seconds;  // By side, then by repetition.
+  std::vector<size_t> units;                 // Per repetition: how many each side ran.
+  std::vector<double> whole_seconds;         // By side: of the rounds that took every unit.
   std::vector<Timings> groups;               // Each group's share of the above.
 
   // Queries per second of a side, and how many times side `a` is as fast as side `b`: over the
   // repetitions that had any of these units.
   Spread Rate(size_t side) const;
   Spread Ratio(size_t a, size_t b) const;
+  // The latter by the sums of seconds of whole rounds.
+  double TotalRatio(size_t a, size_t b) const;
+  double UnitsPerRepetition() const;  // On average, of those that had any.
 };
 
 // Nothing is warmed up here: what is to be warm must have run before.
-inline constexpr double kMinSeconds = 0.3, kMaxSeconds = 3;
 Timings TimeByTurns(const Units& units, const std::vector<Side>& sides, size_t repeats,
                     const std::function<void(size_t repetition)>& progress, const Clock& now = Now);
 

@@ -4,6 +4,9 @@
 #include "tests/bench/measure.h"
 
 #include <algorithm>
+#include <memory>
+#include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -45,6 +48,8 @@ TEST(TimeByTurnsTest, TheSideThatBeginsChangesFromUnitToUnitAndPassToPass) {
   EXPECT_THAT(timings.queries, ElementsAre(120.0));
   EXPECT_DOUBLE_EQ(timings.Ratio(0, 1).median, 2);
   EXPECT_DOUBLE_EQ(timings.Rate(0).median, 120 / 0.375);
+  EXPECT_DOUBLE_EQ(timings.TotalRatio(0, 1), 2);
+  EXPECT_EQ(timings.UnitsPerRepetition(), 6);
 }
 
 TEST(TimeByTurnsTest, LongPassesAreSharedAmongRepetitions) {
@@ -61,6 +66,29 @@ TEST(TimeByTurnsTest, LongPassesAreSharedAmongRepetitions) {
   EXPECT_THAT(timings.groups[0].queries, ElementsAre(30.0, 70.0, 50.0, 0.0, 0.0));
   EXPECT_DOUBLE_EQ(timings.groups[0].Ratio(1, 0).min, 3);
   EXPECT_DOUBLE_EQ(timings.groups[1].Ratio(1, 0).max, 3);
+  EXPECT_DOUBLE_EQ(timings.groups[0].TotalRatio(1, 0), 3);
+  EXPECT_EQ(timings.UnitsPerRepetition(), 2);
+  EXPECT_DOUBLE_EQ(timings.groups[0].UnitsPerRepetition(), 5.0 / 3);
+}
+
+// The median is over shares of the work that differ, the total over all of it, and over no unit
+// more often than over another: of three repetitions of three units the last two units are a second
+// round that has no end.
+TEST(TimeByTurnsTest, TheTotalIsOfWholeRounds) {
+  Runs runs;
+  const auto side = [&runs](size_t side, double one, double others) {
+    return Side{[&runs, side, one, others](size_t unit) {
+      runs.order.emplace_back(side, unit);
+      runs.time += unit == 0 ? one : others;
+    }};
+  };
+  const Timings timings = Time(runs, 7, {side(0, 4, 4), side(1, 60, 8)}, 3,
+                               [](size_t unit) { return unit == 0 ? 0 : 1; });
+  EXPECT_THAT(timings.units, ElementsAre(3, 3, 3));
+  EXPECT_DOUBLE_EQ(timings.Ratio(0, 1).median, 76.0 / 12);
+  EXPECT_DOUBLE_EQ(timings.TotalRatio(0, 1), (60 + 6 * 8.0) / (7 * 4.0));
+  EXPECT_DOUBLE_EQ(timings.groups[0].TotalRatio(0, 1), 15);
+  EXPECT_DOUBLE_EQ(timings.groups[1].TotalRatio(0, 1), 2);
 }
 
 TEST(TimeByTurnsTest, AllUnitsHaveTheirTurnHoweverLongTheyTake) {
@@ -116,21 +144,81 @@ class FakeWorkload : public Workload {
   uint32_t units_seen_ = 0;
 };
 
-TEST(PickModeTest, TheFastestByItsBestTimeOverAllUnits) {
-  const auto device = EmbreeDevice::Open(1, SimdTarget::kBest);
-  ASSERT_TRUE(device.ok()) << device.status();
-  SceneGeometry geometry;
-  geometry.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
-  geometry.triangles = {{0, 1, 2}};
-  const PeerMesh mesh(geometry);
-  const auto peer = EmbreeScene::Build(**device, mesh, {});
-  ASSERT_TRUE(peer.ok()) << peer.status();
-  double time = 0;
-  FakeWorkload workload(&time);
-  // Disturbed by less than what ends the trials.
-  const PeerMode mode = PickMode(workload, **peer, [&time] { return time / 8; });
-  EXPECT_EQ(mode.Name(), "packet8 from point, sorted");
+// Modes that sort pay for all of it on a sample of every sixteenth light: 16 seconds, and as many
+// as others do for a sixteenth of the lights, or half of it if the sorting helps.
+class SortingWorkload : public FakeWorkload {
+ public:
+  SortingWorkload(double* time, double unsorted, bool sample_overpays)
+      : FakeWorkload(time), time_(*time), unsorted_(unsorted), sample_overpays_(sample_overpays) {}
+  size_t units() const override { return 1; }
+  bool sample_overpays_sorting() const override { return sample_overpays_; }
+  void RunPeer(const EmbreeScene&, PeerMode mode, size_t, Share share) override {
+    const bool packets = mode.entry == PeerMode::Entry::kPacket4 && !mode.coherent;
+    const double lights = share == Share::kAll ? 16 : 1, rays = packets ? 0.5 : 1.0;
+    time_ += mode.sorted ? 16 + lights * rays * unsorted_ / 2 : lights * rays * unsorted_;
+    whole_ += share == Share::kAll ? 1 : 0;
+  }
+  int whole() const { return whole_; }
+
+ private:
+  double& time_;
+  const double unsorted_;
+  const bool sample_overpays_;
+  int whole_ = 0;
+};
+
+class PickModeTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    auto device = EmbreeDevice::Open(1, SimdTarget::kBest);
+    ASSERT_TRUE(device.ok()) << device.status();
+    device_ = *std::move(device);
+    SceneGeometry geometry;
+    geometry.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    geometry.triangles = {{0, 1, 2}};
+    mesh_.emplace(geometry);
+    auto peer = EmbreeScene::Build(*device_, *mesh_, {});
+    ASSERT_TRUE(peer.ok()) << peer.status();
+    peer_ = *std::move(peer);
+  }
+  // By a clock that is so many times as slow as theirs: what they take is to end no trials.
+  std::string Picked(Workload& workload, double slow) {
+    return PickMode(workload, *peer_, [this, slow] { return time_ / slow; }).Name();
+  }
+
+  double time_ = 0;
+  std::unique_ptr<EmbreeDevice> device_;
+  std::optional<PeerMesh> mesh_;
+  std::unique_ptr<EmbreeScene> peer_;
+};
+
+TEST_F(PickModeTest, TheFastestByItsBestTimeOverAllUnits) {
+  FakeWorkload workload(&time_);
+  EXPECT_EQ(Picked(workload, 8), "packet8 from point, sorted");
   EXPECT_EQ(workload.units_seen(), 7u);
+}
+
+// As they come: 8 s of the sample, 128 of all. Sorted: 20 s of the sample, 80 of all.
+TEST_F(PickModeTest, SortingThatTheSampleOverpaysIsJudgedByTheWhole) {
+  SortingWorkload workload(&time_, /*unsorted=*/16, /*sample_overpays=*/true);
+  EXPECT_EQ(Picked(workload, 1024), "packet4 from point, sorted");
+  EXPECT_EQ(workload.whole(), 2 * 5);
+}
+
+// 0.5 s of the sample, 8 of all; and 16.25 s of the sample, 20 of all.
+TEST_F(PickModeTest, SortingThatIsNotWorthItIsNotChosen) {
+  SortingWorkload workload(&time_, /*unsorted=*/1, /*sample_overpays=*/true);
+  EXPECT_EQ(Picked(workload, 1024), "packet4 from point");
+  EXPECT_EQ(workload.whole(), 2 * 5);
+}
+
+TEST_F(PickModeTest, NothingIsTriedInFullWhereTheSampleIsFairOrSortingWinsIt) {
+  SortingWorkload fair(&time_, /*unsorted=*/16, /*sample_overpays=*/false);
+  EXPECT_EQ(Picked(fair, 1024), "packet4 from point");
+  EXPECT_EQ(fair.whole(), 0);
+  SortingWorkload worth_it(&time_, /*unsorted=*/100, /*sample_overpays=*/true);
+  EXPECT_EQ(Picked(worth_it, 4096), "packet4 from point, sorted");
+  EXPECT_EQ(worth_it.whole(), 0);
 }
 
 }  // namespace

@@ -41,7 +41,8 @@ cli::FlagSet Flags(Options* o) {
   flags.Count("repeats", "N", "rounds, of whose times the median is taken", &o->common.repeats, 1,
               1000);
   flags.Text("scenes", "FOLDER",
-             "where bunny.ply.xz, buddha_100k.obj.xz and sponza_crytek.obj.xz are",
+             "where bunny.ply.xz, buddha_100k.obj.xz and sponza_crytek.obj.xz are; else the folder "
+             "that SIGHTLINE_SCENES names, else ../shared/scenes of the working directory",
              &o->common.scenes_folder);
   flags.Text("sphere", "N",
              "triangles of paper 000's displaced sphere; its 10M make kd-trees of up to 1.3 GB, "
@@ -58,7 +59,8 @@ cli::FlagSet Flags(Options* o) {
   return flags;
 }
 
-// As the tests' own: SIGHTLINE_SCENES, else the folder beside the tree.
+// As the tests' own: SIGHTLINE_SCENES, else the folder beside the tree, if it is run from there:
+// the program does not know where it was built.
 std::string ScenesFolder() {
   const char* const folder = std::getenv("SIGHTLINE_SCENES");
   return folder != nullptr && *folder != '\0' ? folder : "../shared/scenes";

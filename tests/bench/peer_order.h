@@ -21,8 +21,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <vector>
 
+#include "core/base/aligned_vector.h"
 #include "core/geometry/vec3.h"
 
 namespace sightline::bench {
@@ -43,8 +43,8 @@ class PeerOrder {
   struct Keyed {
     uint32_t code, number;
   };
-  std::vector<Keyed> keyed_, other_;
-  std::vector<Vec3f> sorted_;
+  AlignedVector<Keyed> keyed_, other_;
+  AlignedVector<Vec3f> sorted_;
 };
 
 }  // namespace sightline::bench

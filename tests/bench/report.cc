@@ -26,6 +26,33 @@ std::string SizeText(const Row& row, const std::string& none, const std::string&
                       row.at("height").get<uint64_t>());
 }
 
+// Whether all rows have the key, and a value for it.
+bool AllHave(const std::vector<const Row*>& rows, const std::string& key) {
+  return std::all_of(rows.begin(), rows.end(), [&key](const Row* row) {
+    return row->contains(key) && !row->at(key).is_null();
+  });
+}
+
+// What rows of one workload and size, each of another scene, have in common: sums of what is
+// counted, and what is the same in all. A rate or a ratio of all of them there is none.
+Row AllScenes(const std::vector<const Row*>& rows) {
+  Row line = {{"scene", "all"}};
+  for (const char* key : {"views", "queries", "disagreements", "disagreements_beyond_rounding"}) {
+    if (!AllHave(rows, key)) continue;
+    uint64_t sum = 0;
+    for (const Row* row : rows) sum += row->at(key).get<uint64_t>();
+    line[key] = sum;
+  }
+  for (const char* key : {"workload", "threads", "isa", "strategy", "peer", "peer_mode"}) {
+    if (!AllHave(rows, key)) continue;
+    const Row& first = rows[0]->at(key);
+    const auto same = [&](const Row* row) { return row->at(key) == first; };
+    if (std::all_of(rows.begin(), rows.end(), same)) line[key] = first;
+  }
+  line["scenes"] = rows.size();
+  return WithCommonKeys(line);
+}
+
 }  // namespace
 
 Column TextColumn(std::string heading, std::string key) {
@@ -176,7 +203,7 @@ void PrintOverScenes(const std::vector<Row>& rows, const std::string& key, bool 
           worst->at(key).get<double>(), scene);
       continue;
     }
-    Row line = {{"workload", workload}, {"scene", "all"}, {"scenes", group.size()}};
+    Row line = AllScenes(group);
     if (worst->contains("width")) {
       line["width"] = worst->at("width");
       line["height"] = worst->at("height");

@@ -77,7 +77,7 @@ Column SceneColumn(std::string heading);
 
 // How a ratio did over the scenes: for each workload and size that has rows of two scenes or more
 // (rows of single views are not counted) its geometric mean and the worst, a line or a JSON object
-// each. REQUIRES: values > 0.
+// each; that has the common keys, too, counts being sums. REQUIRES: values > 0.
 void PrintOverScenes(const std::vector<Row>& rows, const std::string& key, bool json,
                      std::ostream& out);
 

@@ -47,6 +47,34 @@ TEST(ReportTest, OverScenesByWorkloadAndSizeWithoutViews) {
   EXPECT_EQ(first["worst_scene"], "b");
 }
 
+TEST(ReportTest, LinesOverScenesHaveTheCommonKeys) {
+  Row a = Primary("a", 640, 8), b = Primary("b", 640, 2);
+  for (Row* row : {&a, &b}) {
+    (*row)["queries"] = 1000;
+    (*row)["threads"] = 2;
+    (*row)["disagreements"] = 0;
+  }
+  a["disagreements"] = 3;
+  a["peer_mode"] = "single";
+  b["peer_mode"] = "packet8";
+  a["views"] = 3;
+  std::ostringstream json;
+  PrintOverScenes({a, b}, "ratio", /*json=*/true, json);
+  const Row line = Row::parse(json.str());
+  std::vector<std::string> keys;
+  for (const auto& [key, value] : line.items()) keys.push_back(key);
+  ASSERT_GT(keys.size(), kCommonKeys.size());
+  keys.resize(kCommonKeys.size());
+  EXPECT_EQ(keys, kCommonKeys);
+  EXPECT_EQ(line["workload"], "primary");
+  EXPECT_EQ(line["queries"], 2000);
+  EXPECT_EQ(line["disagreements"], 3);
+  EXPECT_EQ(line["threads"], 2);
+  EXPECT_TRUE(line["peer_mode"].is_null()) << "they differ";
+  EXPECT_TRUE(line["views"].is_null()) << "one has none";
+  EXPECT_TRUE(line["ratio"].is_null());
+}
+
 TEST(ReportTest, TablesSayViewsAndSizes) {
   std::ostringstream out;
   Report report({SceneColumn("scene"), SizeColumn("pixels"), NumberColumn("ratio", "ratio", 1)},

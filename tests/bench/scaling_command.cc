@@ -91,7 +91,9 @@ absl::Status RunWorkload(const WorkloadFlags& work, const SceneSource& source,
                          const IndexedGeometry& scene, const std::string& name,
                          const ImageSize& size, ThreadPool& one, ThreadPool& all, Context& context,
                          Report* report) {
-  SL_ASSIGN_OR_RETURN(const WorkloadSpec spec, work.Spec(name, size));
+  SL_ASSIGN_OR_RETURN(WorkloadSpec spec, work.Spec(name, size));
+  // Both have the same units and ranges: what is gained is gained by threads.
+  spec.cut_for_threads = all.threads();
   const std::string title = absl::StrCat(source.name, ", ", Describe(spec));
   context.err << title << ": points and lights" << std::endl;
   SL_ASSIGN_OR_RETURN(const auto alone, MakeWorkload(spec, source, scene, one));
@@ -114,12 +116,13 @@ absl::Status RunWorkload(const WorkloadFlags& work, const SceneSource& source,
                                    {[&](size_t unit) { together->RunOurs(unit); }},
                                    {[&](size_t) { loop.Run(one); }},
                                    {[&](size_t) { loop.Run(all); }}};
-  const Timings timings =
-      TimeByTurns({alone->units(), [&](size_t unit) { return alone->queries(unit); }}, sides,
-                  work.repeats, [&](size_t repetition) {
-                    context.err << title << ": repetition " << repetition + 1 << " of "
-                                << work.repeats << std::endl;
-                  });
+  const Timings timings = TimeByTurns({.count = alone->units(),
+                                       .queries = [&](size_t unit) { return alone->queries(unit); },
+                                       .min_seconds = MinSeconds(work.quick)},
+                                      sides, work.repeats, [&](size_t repetition) {
+                                        context.err << title << ": repetition " << repetition + 1
+                                                    << " of " << work.repeats << std::endl;
+                                      });
   std::vector<double> shares;
   for (size_t r = 0; r < work.repeats; ++r) {
     const auto gain = [&](size_t on_one, size_t on_all) {

@@ -26,6 +26,7 @@
 #include <algorithm>
 #include <cstring>
 #include <filesystem>
+#include <iterator>
 #include <memory>
 #include <numeric>
 #include <optional>
@@ -33,6 +34,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "client/cli/exit_code.h"
 #include "core/base/status_macros.h"
 #include "server/base/log.h"
@@ -49,6 +51,7 @@ namespace sightline::bench {
 namespace {
 
 constexpr char kSceneId[] = "bench";
+constexpr char kLatency[] = "latency";  // The workload that is not one of kServiceWorkloads.
 constexpr uint32_t kLatencyTile = 16;
 // What the ratio that a workload is judged by is to reach.
 constexpr double kBar = 0.85;
@@ -70,7 +73,7 @@ struct ServiceFlags {
   std::string views;
   uint64_t width = 1024, height = 1024, segments = 1 << 20;
   uint64_t threads = 0, repeats = 5, calls = 2000;
-  bool json = false;
+  bool quick = false, json = false;
 };
 
 cli::FlagSet Flags(ServiceFlags* o) {
@@ -81,8 +84,7 @@ cli::FlagSet Flags(ServiceFlags* o) {
   flags.Texts("scene", "SCENE", "a mesh file or a built-in scene", &o->scenes);
   flags.Texts(
       "workload", "NAME",
-      "points-bits, sky-sums, segments-bits, segments-f32-bits, tiles-bits, tiles-depth-ids "
-      "or latency; all unless named",
+      absl::StrCat(absl::StrJoin(kServiceWorkloads, ", "), " or ", kLatency, "; all unless named"),
       &o->workloads);
   flags.Text("views", "FILE", "views by scene, instead of views.json beside the scene file",
              &o->views);
@@ -93,8 +95,21 @@ cli::FlagSet Flags(ServiceFlags* o) {
   RegisterThreads(&flags, &o->threads);
   flags.Count("repeats", "N", "repetitions, of whose ratios the median is given", &o->repeats, 1,
               1000);
+  RegisterQuick(&flags, &o->quick);
   flags.Switch("json", "one JSON object per line, instead of a table", &o->json);
   return flags;
+}
+
+// Usage errors: a name that is none.
+absl::Status CheckWorkloads(const std::vector<std::string>& asked) {
+  std::vector<std::string> names(std::begin(kServiceWorkloads), std::end(kServiceWorkloads));
+  names.push_back(kLatency);
+  for (const std::string& name : asked) {
+    if (std::find(names.begin(), names.end(), name) != names.end()) continue;
+    return cli::UsageError(
+        absl::StrCat("--workload wants one of ", absl::StrJoin(names, ", "), "; got '", name, "'"));
+  }
+  return absl::OkStatus();
 }
 
 // Of the whole process: client, server and engine.
@@ -233,10 +248,11 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
   // Warms up, and compares.
   SL_ASSIGN_OR_RETURN(const Answer ours, workload.run_engine(pool));
   std::vector<Answer> theirs;
+  std::vector<uint64_t> differing;  // By side: runs that answered otherwise.
   for (const Endpoint& endpoint : endpoints) {
     SL_ASSIGN_OR_RETURN(const Answer answer, workload.run_service(endpoint.channel));
     theirs.push_back(answer);
-    if (answer.digest != ours.digest || answer.bytes != ours.bytes) ++disagreements_;
+    differing.push_back(answer.Agrees(ours) ? 0 : 1);
     SL_RETURN_IF_ERROR(RunRaw(endpoint, workload, answer));
   }
   const size_t sides = endpoints.size();
@@ -254,13 +270,19 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
       SL_RETURN_IF_ERROR(Measure([&] { return workload.run_engine(pool).status(); }, &engine));
       for (size_t side = 0; side < sides; ++side) {
         const Endpoint& endpoint = endpoints[side];
-        SL_RETURN_IF_ERROR(Measure([&] { return workload.run_service(endpoint.channel).status(); },
-                                   &service[side]));
+        absl::StatusOr<Answer> answer = Answer();
+        SL_RETURN_IF_ERROR(Measure(
+            [&] {
+              answer = workload.run_service(endpoint.channel);
+              return answer.status();
+            },
+            &service[side]));
+        differing[side] += answer->Agrees(ours) ? 0 : 1;
         SL_RETURN_IF_ERROR(
             Measure([&] { return RunRaw(endpoint, workload, theirs[side]); }, &raw[side]));
       }
       ++passes_all;
-    } while (engine.wall < kMinSeconds);
+    } while (engine.wall < MinSeconds(flags_.quick));
     engine_all.cpu += engine.cpu;
     for (size_t side = 0; side < sides; ++side) {
       const double ideal = engine.cpu + (workload.moves_arrays ? raw[side].cpu : 0);
@@ -279,41 +301,42 @@ absl::Status ServiceRun::RunBulk(const SceneSource& source, const ServiceWorkloa
   const double bytes = passes_all * static_cast<double>(ours.bytes);
   for (size_t side = 0; side < sides; ++side) {
     const Spread ratio = SpreadOf(ratios[side]), bytes_ratio = SpreadOf(bytes_ratios[side]);
+    disagreements_ += differing[side];
     const bool met = (workload.moves_arrays ? bytes_ratio : ratio).median >= kBar;
-    report_->Add(WithCommonKeys(
-        {{"workload", absl::StrCat("service-", workload.name)},
-         {"scene", source.name},
-         {"triangles", scene_->geometry.triangles.size()},
-         {"views", 1},
-         {"queries", workload.rays},
-         {"threads", pool.threads()},
-         {"isa", std::string(SimdTargetName(BestSimdTarget()))},
-         {"strategy", std::string(StrategyName(Strategy::kAuto))},
-         {"through", endpoints[side].name},
-         {"rate_per_s", rays / service_all[side].cpu},
-         {"peer", workload.moves_arrays ? "in process and raw gRPC" : "in process"},
-         {"peer_mode", "per CPU second"},
-         {"peer_rate_per_s", rays / engine_all.cpu},
-         {"bytes_per_s", bytes / service_all[side].wall},
-         {"raw_bytes_per_s", bytes / raw_all[side].wall},
-         {"service_cpu_s", service_all[side].cpu / passes_all},
-         {"engine_cpu_s", engine_all.cpu / passes_all},
-         {"raw_cpu_s", raw_all[side].cpu / passes_all},
-         {"replies", theirs[side].replies},
-         {"ratio", ratio.median},
-         {"ratio_min", ratio.min},
-         {"ratio_max", ratio.max},
-         {"bound", SpreadOf(bounds[side]).median},
-         {"bytes_ratio", bytes_ratio.median},
-         {"bytes_ratio_min", bytes_ratio.min},
-         {"bytes_ratio_max", bytes_ratio.max},
-         {"bytes_bound", SpreadOf(bytes_bounds[side]).median},
-         {"judged_by", workload.moves_arrays ? "byte ratio" : "CPU ratio"},
-         {"bar", kBar},
-         {"bar_verdict", met ? "met" : "missed"},
-         {"disagreements", theirs[side].digest == ours.digest ? 0 : 1},
-         {"disagreements_beyond_rounding", theirs[side].digest == ours.digest ? 0 : 1},
-         {"repeats", flags_.repeats}}));
+    report_->Add(
+        WithCommonKeys({{"workload", absl::StrCat("service-", workload.name)},
+                        {"scene", source.name},
+                        {"triangles", scene_->geometry.triangles.size()},
+                        {"views", 1},
+                        {"queries", workload.rays},
+                        {"threads", pool.threads()},
+                        {"isa", std::string(SimdTargetName(BestSimdTarget()))},
+                        {"strategy", std::string(StrategyName(Strategy::kAuto))},
+                        {"through", endpoints[side].name},
+                        {"rate_per_s", rays / service_all[side].cpu},
+                        {"peer", workload.moves_arrays ? "in process and raw gRPC" : "in process"},
+                        {"peer_mode", "per CPU second"},
+                        {"peer_rate_per_s", rays / engine_all.cpu},
+                        {"bytes_per_s", bytes / service_all[side].wall},
+                        {"raw_bytes_per_s", bytes / raw_all[side].wall},
+                        {"service_cpu_s", service_all[side].cpu / passes_all},
+                        {"engine_cpu_s", engine_all.cpu / passes_all},
+                        {"raw_cpu_s", raw_all[side].cpu / passes_all},
+                        {"replies", theirs[side].replies},
+                        {"ratio", ratio.median},
+                        {"ratio_min", ratio.min},
+                        {"ratio_max", ratio.max},
+                        {"bound", SpreadOf(bounds[side]).median},
+                        {"bytes_ratio", bytes_ratio.median},
+                        {"bytes_ratio_min", bytes_ratio.min},
+                        {"bytes_ratio_max", bytes_ratio.max},
+                        {"bytes_bound", SpreadOf(bytes_bounds[side]).median},
+                        {"judged_by", workload.moves_arrays ? "byte ratio" : "CPU ratio"},
+                        {"bar", kBar},
+                        {"bar_verdict", met ? "met" : "missed"},
+                        {"disagreements", differing[side]},
+                        {"disagreements_beyond_rounding", differing[side]},
+                        {"repeats", flags_.repeats}}));
   }
   return absl::OkStatus();
 }
@@ -423,7 +446,7 @@ absl::Status ServiceRun::RunScene(const std::string& name) {
                          .height = static_cast<uint32_t>(flags_.height),
                          .segments = flags_.segments};
   SL_ASSIGN_OR_RETURN(scene_, endpoints[0].server->scenes().Pin(kSceneId, 0));
-  if (Wanted("latency")) {
+  if (Wanted(kLatency)) {
     for (const Endpoint& endpoint : endpoints) SL_RETURN_IF_ERROR(RunLatency(source, endpoint));
   }
   for (const Endpoint& endpoint : endpoints) {
@@ -447,6 +470,7 @@ absl::StatusOr<bool> ServiceCommand(std::span<const std::string> args, Context& 
   SL_ASSIGN_OR_RETURN(const bool go_on, ParseOrHelp(&flags, args, context));
   if (!go_on) return true;
   if (options.scenes.empty()) return cli::UsageError("wants --scene");
+  SL_RETURN_IF_ERROR(CheckWorkloads(options.workloads));
   SetLogLevel(LogLevel::kWarning);
   Report report(Columns(), options.json, context.out);
   Report latencies(

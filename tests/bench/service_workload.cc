@@ -8,10 +8,9 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
-#include <cstring>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -27,6 +26,7 @@
 #include "server/points/camera_points.h"
 #include "sightline/v1/point_set_service.grpc.pb.h"
 #include "sightline/v1/visibility_service.pb.h"
+#include "tests/bench/answer_digest.h"
 #include "tests/bench/point_sets.h"
 #include "tests/bench/random.h"
 #include "tests/bench/service_exchange.h"
@@ -45,26 +45,36 @@ size_t WindowOf(uint64_t rays_per_item) {
   return std::clamp<size_t>((credit + rays_per_item - 1) / rays_per_item, 1, kWindow);
 }
 
-// By words, so that it costs neither side much: bits as they are, numbers by their bits.
-void AddBytes(const char* data, size_t size, Answer* answer) {
-  answer->bytes += size;
-  for (size_t at = 0; at < size; at += sizeof(uint32_t)) {
-    uint32_t word = 0;
-    std::memcpy(&word, data + at, std::min(sizeof(word), size - at));
-    answer->digest += word;
-  }
+// The arrays of an answer, as digests tell them apart.
+enum AnswerArray : uint64_t { kLit, kSums, kBlocked, kHits, kDepths, kObjects, kTriangles };
+
+// Which elements of which item a piece of an answer holds.
+struct Piece {
+  uint64_t item = 0, offset = 0, count = 0;
+};
+
+template <typename Reply>
+Piece PieceOf(const Reply& reply) {
+  const v1::ReplyHeader& header = reply.header();
+  return {header.item_id(), header.offset(), header.element_count()};
 }
-void AddBits(const char* data, size_t size, Answer* answer) {
-  answer->bytes += size;
-  for (size_t at = 0; at < size; at += sizeof(uint64_t)) {
-    uint64_t word = 0;
-    std::memcpy(&word, data + at, std::min(sizeof(word), size - at));
-    answer->digest += static_cast<uint64_t>(std::popcount(word));
-  }
+
+// `bytes` of every element, one behind the other.
+void AddArray(AnswerArray array, const Piece& piece, size_t bytes, std::string_view values,
+              Answer* answer) {
+  answer->bytes += values.size();
+  answer->digest +=
+      DigestOfArray({.item = piece.item, .array = array}, piece.offset * bytes, values);
+}
+void AddBits(AnswerArray array, const Piece& piece, std::string_view rows, Answer* answer) {
+  answer->bytes += rows.size();
+  answer->digest +=
+      DigestOfBitRows({.item = piece.item, .array = array}, piece.offset, piece.count, rows);
 }
 template <typename Array>
-const char* Bytes(const Array& values) {
-  return reinterpret_cast<const char*>(values.data());
+std::string_view Bytes(const Array& values) {
+  return {reinterpret_cast<const char*>(values.data()),
+          values.size() * sizeof(typename Array::value_type)};
 }
 
 v1::StreamHeader StreamHeaderOf(const ServiceSpec& spec) {
@@ -168,8 +178,9 @@ ServiceWorkload Shadows(const std::string& name, std::shared_ptr<const Scene> sc
       SL_RETURN_IF_ERROR(ComputeShadows(*scene, PointRange::Slice(*points, begin, count), *samples,
                                         weights, {}, {.bits = !sums, .weighted_sums = sums}, {},
                                         &result));
-      AddBits(Bytes(result.lit_bits), result.lit_bits.size(), answer);
-      AddBytes(Bytes(result.weighted_sums), 8 * result.weighted_sums.size(), answer);
+      const Piece piece{item, 0, count};
+      AddBits(kLit, piece, Bytes(result.lit_bits), answer);
+      AddArray(kSums, piece, sizeof(double), Bytes(result.weighted_sums), answer);
       return absl::OkStatus();
     });
   };
@@ -188,8 +199,9 @@ ServiceWorkload Shadows(const std::string& name, std::shared_ptr<const Scene> sc
         to, "ComputeShadows", header, items, kPointsPerItem * samples->size(), make,
         [](const v1::ComputeShadowsResponse& response, Answer* answer) {
           const v1::ShadowResult& result = response.reply().shadows();
-          AddBits(result.lit_bits().data(), result.lit_bits().size(), answer);
-          AddBytes(result.weighted_sums().data(), result.weighted_sums().size(), answer);
+          const Piece piece = PieceOf(response.reply());
+          AddBits(kLit, piece, result.lit_bits(), answer);
+          AddArray(kSums, piece, sizeof(double), result.weighted_sums(), answer);
         });
   };
   return workload;
@@ -285,7 +297,7 @@ ServiceWorkload Segments(const std::string& name, int field, std::shared_ptr<con
       SL_RETURN_IF_ERROR(PrepareEnds(*scene, slice(item), &prepared));
       SegmentResult result;
       SL_RETURN_IF_ERROR(TestSegments(*scene, prepared, {.bits = true}, {}, &result));
-      AddBits(Bytes(result.blocked_bits), result.blocked_bits.size(), answer);
+      AddBits(kBlocked, {item, 0, prepared.size()}, Bytes(result.blocked_bits), answer);
       return absl::OkStatus();
     });
   };
@@ -295,8 +307,8 @@ ServiceWorkload Segments(const std::string& name, int field, std::shared_ptr<con
     return RunStream<grpc::ByteBuffer, v1::TestSegmentsResponse>(
         to, "TestSegments", Serialized(header), items, kSegmentsPerItem, make,
         [](const v1::TestSegmentsResponse& response, Answer* answer) {
-          const std::string& bits = response.reply().segments().blocked_bits();
-          AddBits(bits.data(), bits.size(), answer);
+          AddBits(kBlocked, PieceOf(response.reply()), response.reply().segments().blocked_bits(),
+                  answer);
         });
   };
   return workload;
@@ -335,13 +347,15 @@ ServiceWorkload Tiles(const std::string& name, std::shared_ptr<const Scene> scen
       SL_RETURN_IF_ERROR(TraceTile(
           *scene, camera, rect(item), *samples,
           {.hits = true, .ids = arrays, .depth = arrays, .lit = !samples->empty()}, {}, &result));
-      if (!arrays) AddBits(Bytes(result.hit_bits), result.hit_bits.size(), answer);
-      AddBits(Bytes(result.lit_bits), result.lit_bits.size(), answer);
-      AddBytes(Bytes(result.depth), 4 * result.depth.size(), answer);
+      const TileRect tile = rect(item);
+      const Piece piece{item, 0, uint64_t{tile.width} * tile.height};
+      if (!arrays) AddBits(kHits, piece, Bytes(result.hit_bits), answer);
+      AddBits(kLit, piece, Bytes(result.lit_bits), answer);
+      AddArray(kDepths, piece, sizeof(float), Bytes(result.depth), answer);
       std::string objects, triangles;
       if (arrays) EncodeTriangles(scene->geometry, result.triangle, &objects, &triangles);
-      AddBytes(objects.data(), objects.size(), answer);
-      AddBytes(triangles.data(), triangles.size(), answer);
+      AddArray(kObjects, piece, sizeof(uint32_t), objects, answer);
+      AddArray(kTriangles, piece, sizeof(uint32_t), triangles, answer);
       return absl::OkStatus();
     });
   };
@@ -361,13 +375,12 @@ ServiceWorkload Tiles(const std::string& name, std::shared_ptr<const Scene> scen
         to, "TraceTiles", header, items, uint64_t{kTile} * kTile * (1 + samples->size()), make,
         [](const v1::TraceTilesResponse& response, Answer* answer) {
           const v1::TileResult& tile = response.reply().tile();
-          const std::string& lit = response.reply().shadows().lit_bits();
-          AddBits(tile.hit_bits().data(), tile.hit_bits().size(), answer);
-          AddBits(lit.data(), lit.size(), answer);
-          for (const std::string* array :
-               {&tile.depths(), &tile.object_ids(), &tile.triangle_ids()}) {
-            AddBytes(array->data(), array->size(), answer);
-          }
+          const Piece piece = PieceOf(response.reply());
+          AddBits(kHits, piece, tile.hit_bits(), answer);
+          AddBits(kLit, piece, response.reply().shadows().lit_bits(), answer);
+          AddArray(kDepths, piece, sizeof(float), tile.depths(), answer);
+          AddArray(kObjects, piece, sizeof(uint32_t), tile.object_ids(), answer);
+          AddArray(kTriangles, piece, sizeof(uint32_t), tile.triangle_ids(), answer);
         });
   };
   return workload;

@@ -28,11 +28,13 @@
 
 namespace sightline::bench {
 
-// What a run answered. Bits are counted, numbers added up bit by bit: the order of replies is open.
+// What a run answered. The order of replies is open, and how items are cut into them.
 struct Answer {
-  uint64_t digest = 0;
+  uint64_t digest = 0;   // Of what stands where (answer_digest.h).
   uint64_t bytes = 0;    // Of arrays.
   uint64_t replies = 0;  // Of the service.
+
+  bool Agrees(const Answer& other) const { return digest == other.digest && bytes == other.bytes; }
 };
 
 struct ServiceWorkload {
@@ -51,6 +53,11 @@ struct ServiceSpec {
   uint32_t width = 1024, height = 1024;
   uint64_t segments = 1 << 20;
 };
+
+// The names of all that MakeServiceWorkloads makes, in its order.
+inline constexpr const char* kServiceWorkloads[] = {"points-bits",   "sky-sums",
+                                                    "segments-bits", "segments-f32-bits",
+                                                    "tiles-bits",    "tiles-depth-ids"};
 
 // `scene` must outlive them. The servers must have the scene under its name, and the view's hits as
 // a point set (MakePointSet).

@@ -60,6 +60,9 @@ class Workload {
   virtual size_t view(size_t unit) const = 0;
   // What the peer may be asked in.
   virtual std::vector<PeerMode> peer_modes() const = 0;
+  // Whether a sample pays more for sorting than its share: it sorts all points for a few of the
+  // lights. A mode that sorts can then be slower on it, and yet faster on the whole.
+  virtual bool sample_overpays_sorting() const { return false; }
 
   virtual void RunOurs(size_t unit) = 0;
   // kSample: every kSampleStep-th tile or range alone, or of few ranges every kSampleStep-th light.
@@ -68,7 +71,7 @@ class Workload {
   // agreement is to be settled, what they differ in is put to the single-ray walk and to brute
   // force, and a sample of all queries to the single-ray walk.
   virtual void Compare(size_t unit, Agreement* agreement) = 0;
-  // Of the results of our last run, bit for bit: the same numbers for the same answers.
+  // Of the results of our last run, bit for bit: the same numbers for the same answers, cut alike.
   virtual uint64_t OurDigest() const = 0;
   // Of our last run.
   virtual QueryStats OurStats() const = 0;
@@ -97,6 +100,9 @@ struct WorkloadSpec {
   bool shuffled = false;        // Of points.
   bool sources = false;         // Whether our side is told which triangle a point lies on.
   uint64_t range = 0;           // Points or segments handed to the engine in one call; 0: as suits.
+  // How many threads points are cut for; 0: as many as the pool has. Workloads of different pools
+  // have the same units, ranges and digests where it is the same.
+  int cut_for_threads = 0;
   QueryOptions options;
 };
 

@@ -113,6 +113,7 @@ void WorkloadFlags::Register(cli::FlagSet* flags, Choices choices) {
                 "tell the engine which triangle a point lies on; Embree cannot be told, so lights "
                 "behind that triangle are then answered differently",
                 &sources);
+  RegisterQuick(flags, &quick);
   flags->Switch("json", "one JSON object per line, instead of a table", &json);
 }
 

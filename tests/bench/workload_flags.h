@@ -41,7 +41,7 @@ struct WorkloadFlags {
   uint64_t threads = 1, repeats = 5;
   std::string strategy = "AUTO", structure = "AUTO", isa = "best";
   KdBuildOptions kd_tree;
-  bool json = false;
+  bool quick = false, json = false;
 
   // Which choices of --strategy and --structure there are: one, or a command's own.
   enum class Choices : uint8_t { kOne, kAll };

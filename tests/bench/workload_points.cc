@@ -15,6 +15,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/aligned_vector.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/query/shadows.h"
@@ -53,9 +54,9 @@ struct Pair {
 
 // What the peer says of a range, and what it needs for that; memory is kept from run to run.
 struct PeerOutput {
-  std::vector<uint8_t> lit_bits;  // Rows as in ShadowResult.
+  AlignedVector<uint8_t> lit_bits;  // Rows as in ShadowResult.
   PeerOrder order;
-  std::vector<uint8_t> sorted_bits;
+  AlignedVector<uint8_t> sorted_bits;
 };
 
 bool Bit(const uint8_t* bits, size_t i) { return bits[i / 8] >> (i % 8) & 1; }
@@ -91,6 +92,12 @@ class PointWorkload : public Workload {
     return AllModes(std::vector<Start>{Start::kLight, Start::kPoint}, /*sorted=*/true);
   }
 
+  bool sample_overpays_sorting() const override {
+    return std::any_of(units_.begin(), units_.end(), [](const Unit& unit) {
+      return SampleOf(unit, Share::kSample).light_step > 1;
+    });
+  }
+
   void RunOurs(size_t unit) override {
     ran_ = units_[unit].ranges;
     const size_t threads = static_cast<size_t>(pool_.threads());
@@ -110,12 +117,11 @@ class PointWorkload : public Workload {
   // kSampleStep-th range, or, of fewer, each against every kSampleStep-th light.
   void RunPeer(const EmbreeScene& peer, PeerMode mode, size_t unit, Share share) override {
     const size_t ranges = units_[unit].ranges;
-    const size_t step = share == Share::kAll ? 1 : kSampleStep;
-    const size_t range_step = ranges >= step ? step : 1;
-    const size_t light_step = ranges >= step ? 1 : std::min(step, units_[unit].samples.size());
-    pool_.ParallelFor((ranges + range_step - 1) / range_step, 1, [&](size_t begin, size_t end) {
+    const Steps steps = SampleOf(units_[unit], share);
+    const size_t some = (ranges + steps.range_step - 1) / steps.range_step;
+    pool_.ParallelFor(some, 1, [&](size_t begin, size_t end) {
       for (size_t i = begin; i < end; ++i) {
-        PeerRange(peer, mode, unit, i * range_step, light_step);
+        PeerRange(peer, mode, unit, i * steps.range_step, steps.light_step);
       }
     });
   }
@@ -153,6 +159,16 @@ class PointWorkload : public Workload {
   }
 
  private:
+  // Every which range, and every which light, is in a share of a unit.
+  struct Steps {
+    size_t range_step = 1, light_step = 1;
+  };
+  static Steps SampleOf(const Unit& unit, Share share) {
+    if (share == Share::kAll) return {};
+    if (unit.ranges >= kSampleStep) return {.range_step = kSampleStep};
+    return {.light_step = std::min(kSampleStep, unit.samples.size())};
+  }
+
   const PointSet::Range& RangeOf(size_t unit, size_t r) const {
     return sets_[units_[unit].set].ranges[units_[unit].first_range + r];
   }
@@ -339,7 +355,8 @@ absl::StatusOr<std::unique_ptr<Workload>> MakeSurfaceWorkload(const WorkloadSpec
                                                               const IndexedGeometry& scene,
                                                               ThreadPool& pool) {
   // One thread takes them all at once; several take turns.
-  const uint64_t threads = static_cast<uint64_t>(pool.threads());
+  const auto threads =
+      static_cast<uint64_t>(spec.cut_for_threads > 0 ? spec.cut_for_threads : pool.threads());
   const uint64_t turns = threads == 1 ? 1 : 4 * threads;
   const uint64_t range = spec.range > 0 ? spec.range : (spec.points + turns - 1) / turns;
   SL_ASSIGN_OR_RETURN(PointSet set, SurfacePoints(scene,

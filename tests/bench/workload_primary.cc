@@ -96,7 +96,8 @@ class PrimaryWorkload : public Workload {
     const uint32_t theirs = theirs_.triangle[size_t{y} * cameras_[unit].width + x];
     const uint32_t ours = ours_[t].triangle[i];
     if (ours == theirs) return;
-    if (ours != kNoTriangle && theirs != kNoTriangle) {
+    // A tie goes to the lowest triangle: that one must be ours, else ours is wrong.
+    if (ours < theirs && theirs != kNoTriangle) {
       Vec3f eye;
       SIGHTLINE_CHECK(Rebase(cameras_[unit].eye, scene_.geometry.origin, &eye));
       const PredicateRay ray = PredicateRay::Ray(eye, PixelDirection(cameras_[unit], x, y));

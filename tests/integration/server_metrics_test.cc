@@ -74,6 +74,10 @@ TEST(ServerMetricsTest, WhatWasAskedIsCounted) {
   EXPECT_GT(Sample(harness, "sightline_scene_bytes{scene=\"box\"}"), 0);
   EXPECT_EQ(Sample(harness, "sightline_scene_triangles{scene=\"wall\"}"), 2);
   EXPECT_EQ(Sample(harness, "sightline_pending_rays"), 0);
+  const Limits limits;
+  EXPECT_EQ(Sample(harness, "sightline_pending_rays_limit"), limits.max_queued_rays);
+  EXPECT_EQ(Sample(harness, "sightline_scene_memory_limit_bytes"), limits.max_scene_bytes);
+  EXPECT_EQ(Sample(harness, "sightline_point_set_limit_bytes"), limits.max_point_set_bytes);
   EXPECT_EQ(Sample(harness, "sightline_waiting_tasks"), 0);
   EXPECT_GT(Sample(harness, "sightline_rays_per_second"), 0);
   EXPECT_GT(Sample(harness, "process_resident_memory_bytes"), 1 << 20);

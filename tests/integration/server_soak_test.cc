@@ -43,9 +43,8 @@ class Visit {
         scenes_(v1::SceneService::NewStub(channel)),
         point_sets_(v1::PointSetService::NewStub(channel)),
         visibility_(v1::VisibilityService::NewStub(channel)) {
-    testing_support::TestRng rng;
-    for (double& x : segments_) x = rng.Uniform(-2, 2);
-    for (double& x : points_) x = rng.Uniform(-2, 2);
+    for (double& x : segments_) x = rng_.Uniform(-2, 2);
+    for (double& x : points_) x = rng_.Uniform(-2, 2);
   }
 
   // The bits of all answers, the same each time; failures are the test's.
@@ -219,6 +218,7 @@ class Visit {
     Expect(stream->Finish());
   }
 
+  testing_support::TestRng rng_;  // As long as what it made: failures name its seed.
   const v1::Strategy strategy_;
   const std::unique_ptr<v1::SceneService::Stub> scenes_;
   const std::unique_ptr<v1::PointSetService::Stub> point_sets_;

@@ -48,6 +48,9 @@ struct Exclusion {
 constexpr Exclusion kExclusions[] = {
     {"core/", "proto"},
     {"client/lib", "core/"},
+    // The importers.
+    {"client/import", "proto"},
+    {"client/import", "client/lib"},
     {"server", "client/"},
 };
 
@@ -74,6 +77,9 @@ constexpr Ban kBans[] = {
     {"core/", "lzma.h", "", kFormats},
     {"server/", "assimp/", "", kFormats},
     {"server/", "tiny_", "", kFormats},
+    {"server/", "nlohmann/", "", kFormats},
+    {"server/", "png.h", "", kFormats},
+    {"server/", "lzma.h", "", kFormats},
     {"core/", "tbb/", "", kSeam},
     {"core/", "oneapi/", "core/base/tbb_seam.cc", kSeam},
     {"server/", "tbb/", "", kSeam},

@@ -50,6 +50,9 @@ TEST(RoomTest, PlantedIncludesAreFound) {
   EXPECT_THAT(IncludesOf("core/scene/a.h", "\"server/base/limits.h\""), testing::SizeIs(1));
   EXPECT_THAT(IncludesOf("client/lib/a.h", "\"core/base/check.h\""), testing::SizeIs(1));
   EXPECT_THAT(IncludesOf("client/import/a.h", "\"server/base/limits.h\""), testing::SizeIs(1));
+  EXPECT_THAT(IncludesOf("client/import/a.h", "\"client/lib/client.h\""), testing::SizeIs(1));
+  EXPECT_THAT(IncludesOf("client/import/a.h", "\"sightline/v1/geometry.pb.h\""),
+              testing::SizeIs(1));
   EXPECT_THAT(IncludesOf("server/codec/a.h", "\"client/import/import.h\""), testing::SizeIs(1));
   EXPECT_THAT(IncludesOf("server/a.h", "\"client/cli/cli.h\""), testing::SizeIs(1));
   EXPECT_THAT(IncludesOf("client/cli/a.h", "\"tests/support/random.h\""), testing::SizeIs(1));
@@ -65,7 +68,14 @@ TEST(RoomTest, PlantedLibrariesAreFound) {
   EXPECT_THAT(IncludesOf("server/a.cc", "  <tbb/task_arena.h>"), testing::SizeIs(1));
   EXPECT_THAT(IncludesOf("core/accel/a.cc", "<mutex>"), testing::SizeIs(1));
   EXPECT_THAT(IncludesOf("server/a.cc", "\"absl/synchronization/mutex.h\""), testing::SizeIs(1));
-  EXPECT_THAT(IncludesOf("server/a.cc", "<assimp/scene.h>"), testing::SizeIs(1));
+  for (const std::string room : {"core/mesh", "server"}) {
+    for (const char* header : {"<assimp/scene.h>", "\"tiny_obj_loader.h\"", "<nlohmann/json.hpp>",
+                               "<png.h>", "<lzma.h>"}) {
+      EXPECT_THAT(IncludesOf(room + "/a.cc", header),
+                  ElementsAre(HasSubstr("file formats are read in client/import")))
+          << room << " with " << header;
+    }
+  }
 }
 
 TEST(RoomTest, WhatStandsAboveMayBeUsed) {
@@ -87,6 +97,9 @@ TEST(RoomTest, PlantedTargetsAreFound) {
       ElementsAre("core/mesh/CMakeLists.txt:3: core/mesh must not use core/accel"));
   EXPECT_THAT(FindTargetViolations(MakeFile("core/query/CMakeLists.txt", "x(sightline_proto)\n")),
               testing::SizeIs(1));
+  EXPECT_THAT(FindTargetViolations(MakeFile("client/import/CMakeLists.txt",
+                                            "x(sightline_client sightline_proto)\n")),
+              testing::SizeIs(2));
   EXPECT_THAT(
       FindTargetViolations(MakeFile("core/accel/CMakeLists.txt", "x(sightline_core_builtin)")),
       IsEmpty());

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <regex>
 #include <set>
 #include <string>
@@ -14,6 +15,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
+#include "gtest/gtest-spi.h"
 #include "gtest/gtest.h"
 #include "server/config_file.h"
 #include "server/metrics/metrics.h"
@@ -65,7 +67,7 @@ std::vector<NamedConfig> Configs() {
            Manifest("ConfigMap")["data"]["sightlined.yaml"].as<std::string>()}};
 }
 
-// How long it may take from SIGTERM to the end.
+// How long it may take from SIGTERM to the end, what is cut off at last included.
 absl::Duration DrainTime(const NamedConfig& config) {
   absl::Duration delay = ServerOptions().drain_delay, drain = absl::InfiniteDuration();
   const auto entries = ParseConfig(config.name, config.text);
@@ -78,7 +80,7 @@ absl::Duration DrainTime(const NamedConfig& config) {
       EXPECT_TRUE(absl::ParseDuration(entry.values.at(0), &drain));
     }
   }
-  return delay + drain;
+  return delay + drain + kCutOffTimeout;
 }
 
 TEST(DeployFilesTest, ConfigurationsNameOptions) {
@@ -132,26 +134,142 @@ TEST(DeployFilesTest, FlagsAndVariablesAreTheServers) {
   }
 }
 
-TEST(DeployFilesTest, DashboardsAskForMetricsThatThereAre) {
+// A metric's labels, and the values that each has in some sample.
+using Labels = std::map<std::string, std::set<std::string>>;
+
+// Every metric that a server has, with those that its scraping adds.
+std::map<std::string, Labels> MetricsOfAServer() {
   ServerState state;
   state.scenes.push_back({.id = "hall"});
   state.certificate_end = absl::UnixEpoch() + absl::Hours(1);
   Metrics metrics([&] { return state; });
-  std::set<std::string> names;
-  for (const std::string& name : Found(metrics.Text(), "\n([a-z_]+)[{ ]", 1)) names.insert(name);
-  const std::string text = Read("deploy/grafana/sightline.json");
-  const YAML::Node dashboard = YAML::Load(text);  // JSON is YAML.
+  std::map<std::string, Labels> all;
+  for (const std::string& line : Found(metrics.Text(), "\n[a-z_]+(\\{[^\n]*\\})? ")) {
+    Labels& labels = all[Found(line, "[a-z_]+").front()];
+    for (const std::string& label : Found(line, "[a-z_]+=\"[^\"]*\"")) {
+      const std::vector<std::string> parts = absl::StrSplit(label, absl::MaxSplits('=', 1));
+      labels[parts[0]].insert(parts[1].substr(1, parts[1].size() - 2));
+    }
+  }
+  all["up"];
+  for (auto& [name, labels] : all) {
+    labels["instance"];
+    labels["job"];
+  }
+  return all;
+}
+
+// Whether what an expression asks for is there: its metrics have the labels that it selects by,
+// with the values that it names, and those that it groups by or that `legend` names. Returns how
+// many metrics it names.
+size_t ExpectMetrics(const std::string& expression, const std::string& legend) {
+  static const auto* const kAll = new std::map<std::string, Labels>(MetricsOfAServer());
+  std::set<std::string> common;  // The labels that all of its metrics have.
+  size_t asked = 0;
+  for (const std::string& selector :
+       Found(expression, "\\b(?:(?:sightline|process)_[a-z_]+|up\\b)(?:\\{[^}]*\\})?")) {
+    const auto metric = kAll->find(Found(selector, "[a-z_]+").front());
+    if (metric == kAll->end()) {
+      ADD_FAILURE() << selector << " of " << expression;
+      continue;
+    }
+    std::set<std::string> labels;
+    for (const auto& [label, values] : metric->second) labels.insert(label);
+    for (const std::string& matcher : Found(selector, "[a-z_]+(=~|!=|!~|=)\"[^\"]*\"")) {
+      const std::string label = Found(matcher, "[a-z_]+").front();
+      const std::string value = Found(matcher, "\"(.*)\"", 1).front();
+      EXPECT_TRUE(labels.contains(label)) << label << " of " << selector;
+      if (label == "instance" || label == "job" || matcher[label.size() + 1] == '~') continue;
+      const auto values = metric->second.find(label);
+      EXPECT_TRUE(values == metric->second.end() || values->second.contains(value))
+          << value << " of " << selector;
+    }
+    std::set<std::string> both;
+    std::set_intersection(labels.begin(), labels.end(), common.begin(), common.end(),
+                          std::inserter(both, both.begin()));
+    common = asked++ == 0 ? labels : both;
+  }
+  std::set<std::string> kept = common;  // By what comes out of it.
+  for (const std::string& by : Found(expression, "(?:sum|max|min|avg) (?:by \\(([^)]*)\\))?", 1)) {
+    kept.clear();
+    for (const std::string& label : Found(by, "[a-z_]+")) {
+      EXPECT_TRUE(common.contains(label)) << label << " of " << expression;
+      if (label != "le") kept.insert(label);  // histogram_quantile takes it.
+    }
+  }
+  for (const std::string& label : Found(legend, "\\{\\{ ?(?:\\$labels\\.)?([a-z_]+) ?\\}\\}", 1)) {
+    EXPECT_TRUE(kept.contains(label)) << legend << " of " << expression;
+  }
+  return asked;
+}
+
+TEST(DeployFilesTest, DashboardsAskForMetricsThatThereAre) {
+  const YAML::Node dashboard = YAML::Load(Read("deploy/grafana/sightline.json"));  // JSON is YAML.
   size_t asked = 0;
   for (const YAML::Node& panel : dashboard["panels"]) {
+    SCOPED_TRACE(panel["title"].as<std::string>());
     for (const YAML::Node& target : panel["targets"]) {
-      for (const std::string& name :
-           Found(target["expr"].as<std::string>(), "(?:sightline|process)_[a-z_]+")) {
-        EXPECT_TRUE(names.contains(name)) << name << " in " << panel["title"].as<std::string>();
-        ++asked;
-      }
+      asked +=
+          ExpectMetrics(target["expr"].as<std::string>(), target["legendFormat"].as<std::string>());
     }
   }
   EXPECT_GT(asked, 30u);
+  for (const YAML::Node& variable : dashboard["templating"]["list"]) {
+    for (const std::string& name :
+         Found(variable["query"].as<std::string>(), "label_values\\(([a-z_]+),", 1)) {
+      EXPECT_EQ(ExpectMetrics(name, absl::StrCat("{{", variable["name"].as<std::string>(), "}}")),
+                1u);
+    }
+  }
+}
+
+TEST(DeployFilesTest, AlertsAskForMetricsThatThereAre) {
+  const YAML::Node groups = YAML::Load(Read("deploy/prometheus/sightline.rules.yaml"))["groups"];
+  std::set<std::string> alerts, of;
+  for (const YAML::Node& group : groups) {
+    for (const YAML::Node& rule : group["rules"]) {
+      const std::string name = rule["alert"].as<std::string>();
+      SCOPED_TRACE(name);
+      EXPECT_TRUE(alerts.insert(name).second);
+      const std::string expression = rule["expr"].as<std::string>();
+      EXPECT_GT(ExpectMetrics(expression, rule["annotations"]["summary"].as<std::string>()), 0u);
+      EXPECT_EQ(Found(expression, "\\(").size(), Found(expression, "\\)").size());
+      if (rule["for"].IsDefined()) {
+        absl::Duration time;
+        EXPECT_TRUE(absl::ParseDuration(rule["for"].as<std::string>(), &time));
+      }
+      EXPECT_FALSE(Found(rule["labels"]["severity"].as<std::string>(), "^(page|ticket)$").empty());
+      for (const std::string& metric : Found(expression, "sightline_[a-z_]+")) of.insert(metric);
+    }
+  }
+  // What an operator wants to hear of.
+  for (const char* metric :
+       {"sightline_requests_total", "sightline_pending_rays", "sightline_scene_memory_bytes",
+        "sightline_unstored_scenes", "sightline_draining", "sightline_certificate_end_seconds"}) {
+    EXPECT_TRUE(of.contains(metric)) << metric;
+  }
+}
+
+// What the two tests above find, planted.
+TEST(DeployFilesTest, PlantedMetricsAreFound) {
+  const auto planted = [](const char* expression, const char* legend = "") {
+    testing::TestPartResultArray failures;
+    {
+      testing::ScopedFakeTestPartResultReporter report(
+          testing::ScopedFakeTestPartResultReporter::INTERCEPT_ONLY_CURRENT_THREAD, &failures);
+      ExpectMetrics(expression, legend);
+    }
+    return failures.size();
+  };
+  EXPECT_EQ(planted("sum by (result) (rate(sightline_requests_total[5m]))", "{{result}}"), 0);
+  EXPECT_EQ(planted("rate(sightline_request_total[5m])"), 1);
+  EXPECT_EQ(planted("sightline_requests_total{results=\"ok\"}"), 1);
+  EXPECT_EQ(planted("sightline_requests_total{result!=\"okay\"}"), 1);
+  EXPECT_EQ(planted("sum by (outcome) (rate(sightline_requests_total[5m]))"), 1);
+  EXPECT_EQ(planted("sum by (method) (rate(sightline_requests_total[5m]))", "{{result}}"), 1);
+  EXPECT_EQ(planted("sum (rate(sightline_requests_total[5m]))", "{{method}}"), 1);
+  EXPECT_EQ(planted("sightline_draining", "{{ $labels.scene }}"), 1);
+  EXPECT_EQ(planted("sightline_scene_bytes", "{{scene}} of {{instance}}"), 0);
 }
 
 TEST(DeployFilesTest, ProbesAskForPathsThatThereAre) {

@@ -77,6 +77,16 @@ class ScopedEnv {
   std::optional<std::string> old_;
 };
 
+std::map<std::string, int> NumbersOf(const grpc::ChannelArguments& arguments) {
+  const grpc_channel_args all = arguments.c_channel_args();
+  std::map<std::string, int> numbers;
+  for (size_t i = 0; i < all.num_args; ++i) {
+    const grpc_arg& argument = all.args[i];
+    if (argument.type == GRPC_ARG_INTEGER) numbers[argument.key] = argument.value.integer;
+  }
+  return numbers;
+}
+
 // Over a long way, with TLS or to a busy server, a connection takes longer to come about than the
 // first back-off. A channel that hung up then would never connect.
 TEST(GrpcConnectionTest, WaitsForAServerThatIsSlowToSpeak) {
@@ -88,20 +98,27 @@ TEST(GrpcConnectionTest, WaitsForAServerThatIsSlowToSpeak) {
   channel->GetState(/*try_to_connect=*/true);
   const int connection = ::accept(listener.socket(), nullptr, nullptr);
   ASSERT_GE(connection, 0);
-  // Nothing is said to it, and it must not hang up.
-  pollfd hung_up = {.fd = connection, .events = POLLRDHUP, .revents = 0};
-  EXPECT_EQ(::poll(&hung_up, 1, /*timeout=*/1000), 0);
-  ::close(connection);
-}
-
-std::map<std::string, int> NumbersOf(const grpc::ChannelArguments& arguments) {
-  const grpc_channel_args all = arguments.c_channel_args();
-  std::map<std::string, int> numbers;
-  for (size_t i = 0; i < all.num_args; ++i) {
-    const grpc_arg& argument = all.args[i];
-    if (argument.type == GRPC_ARG_INTEGER) numbers[argument.key] = argument.value.integer;
+  // Nothing is said to it, and it must not hang up. How long that is to be waited for, another
+  // tells that has no more time than the first back-off: it hangs up, tries again, and hangs up
+  // again.
+  const Listener other;
+  ASSERT_NE(other.port(), 0);
+  grpc::ChannelArguments hasty = DefaultChannelArguments();
+  hasty.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS,
+               NumbersOf(hasty).at(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS));
+  const auto impatient = grpc::CreateCustomChannel(absl::StrCat("127.0.0.1:", other.port()),
+                                                   grpc::InsecureChannelCredentials(), hasty);
+  for (int attempt = 0; attempt < 2; ++attempt) {
+    impatient->GetState(/*try_to_connect=*/true);
+    const int given_up = ::accept(other.socket(), nullptr, nullptr);
+    ASSERT_GE(given_up, 0);
+    pollfd gone = {.fd = given_up, .events = POLLRDHUP, .revents = 0};
+    EXPECT_EQ(::poll(&gone, 1, /*timeout=*/60'000), 1) << "attempt " << attempt;
+    ::close(given_up);
   }
-  return numbers;
+  pollfd hung_up = {.fd = connection, .events = POLLRDHUP, .revents = 0};
+  EXPECT_EQ(::poll(&hung_up, 1, /*timeout=*/0), 0);
+  ::close(connection);
 }
 
 // All of it; false once the peer has hung up.

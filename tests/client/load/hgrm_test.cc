@@ -17,8 +17,7 @@ namespace {
 using testing::HasSubstr;
 using testing::StartsWith;
 
-LatencyHistogram Exponential() {
-  testing_support::TestRng rng;
+LatencyHistogram Exponential(testing_support::TestRng& rng) {
   LatencyHistogram histogram;
   for (int i = 0; i < 20'000; ++i) {
     histogram.Record(absl::Milliseconds(1) - absl::Milliseconds(std::log1p(-rng.Uniform(0, 1))));
@@ -27,7 +26,8 @@ LatencyHistogram Exponential() {
 }
 
 TEST(HgrmTest, RowsRiseToTheMaximum) {
-  const LatencyHistogram histogram = Exponential();
+  testing_support::TestRng rng;
+  const LatencyHistogram histogram = Exponential(rng);
   const std::vector<PercentilePoint> points = PercentileDistribution(histogram);
   ASSERT_GT(points.size(), 20u);
   EXPECT_EQ(points.front().percent, 0);
@@ -40,7 +40,8 @@ TEST(HgrmTest, RowsRiseToTheMaximum) {
 }
 
 TEST(HgrmTest, EveryRowIsTrueOfTheHistogram) {
-  const LatencyHistogram histogram = Exponential();
+  testing_support::TestRng rng;
+  const LatencyHistogram histogram = Exponential(rng);
   const std::string text = FormatHgrm(histogram);
   EXPECT_THAT(text, StartsWith("       Value     Percentile TotalCount 1/(1-Percentile)\n\n"));
   int rows = 0;

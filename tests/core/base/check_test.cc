@@ -89,12 +89,24 @@ TEST(CheckDeathTest, LongTextsAreWrittenToTheirEnd) {
 TEST(CheckDeathTest, AnotherThreadsFailureWaitsForTheFirst) {
   const auto fail_while_another_fails = [] {
     SetBeforeCheckFailure([] {
+      // What the other writes comes through a pipe: once it is there, its abort is next.
+      int ends[2] = {}, nothing[2] = {};
+      const int to_the_test = dup(STDERR_FILENO);
+      if (pipe(ends) != 0 || pipe(nothing) != 0) _exit(1);
+      if (to_the_test < 0 || dup2(ends[1], STDERR_FILENO) < 0) _exit(1);
       std::thread([] { SIGHTLINE_CHECK(false) << "second"; }).detach();
+      std::string text;
+      while (!text.ends_with('\n')) {
+        std::array<char, 4096> some{};
+        const ssize_t size = read(ends[0], some.data(), some.size());
+        if (size <= 0) _exit(1);
+        text.append(some.data(), static_cast<size_t>(size));
+      }
+      if (dup2(to_the_test, STDERR_FILENO) < 0) _exit(1);
+      if (write(STDERR_FILENO, text.data(), text.size()) < 0) _exit(1);
       // Nothing is ever written to it: long enough for the other to abort, if it did not wait.
-      int ends[2] = {};
-      if (pipe(ends) != 0) _exit(1);
-      pollfd nothing{.fd = ends[0], .events = POLLIN, .revents = 0};
-      poll(&nothing, 1, 500);
+      pollfd never{.fd = nothing[0], .events = POLLIN, .revents = 0};
+      poll(&never, 1, 100);
       constexpr std::string_view kLog = "the log's last line\n";
       if (write(STDERR_FILENO, kLog.data(), kLog.size()) < 0) _exit(1);
     });

@@ -78,12 +78,17 @@ TEST(MetricsTest, TheStateIsThatOfTheMoment) {
   state.draining = true;
   state.unstored_scenes = 1;
   state.failed_scene_stores = 5;
+  state.max_scene_bytes = 3000;
+  state.max_point_set_bytes = 2000;
+  state.max_queued_rays = 8192;
   const std::string text = metrics.Text();
   for (const char* line :
        {"sightline_pending_rays 4096", "sightline_open_connections 3", "sightline_scenes 1",
         "sightline_refused_connections_total 2", "sightline_scene_bytes{scene=\"hall\"} 1000",
         "sightline_scene_revision{scene=\"hall\"} 4", "sightline_draining 1",
-        "sightline_unstored_scenes 1", "sightline_failed_scene_stores_total 5"}) {
+        "sightline_unstored_scenes 1", "sightline_failed_scene_stores_total 5",
+        "sightline_scene_memory_limit_bytes 3000", "sightline_point_set_limit_bytes 2000",
+        "sightline_pending_rays_limit 8192"}) {
     EXPECT_THAT(text, HasSubstr(std::string(line) + "\n"));
   }
   EXPECT_THAT(text, HasSubstr("sightline_build_info{version=\""));
