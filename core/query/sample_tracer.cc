@@ -24,11 +24,6 @@ constexpr size_t kMostlyClear = 8;
 // they are half a percent slower (core/traverse/EXPERIMENTS.md).
 constexpr size_t kSeedBlocks = 4;
 
-// How far ahead of the points that are read those to come are asked for, in groups: walks, which
-// take time, ask for what groups that need none will read; what is asked for between walks, which
-// stops a core sooner, is the next group's alone. Two groups, or eight, are as good to half a
-// percent (core/traverse/EXPERIMENTS.md).
-constexpr size_t kMostAhead = 4, kLeastAhead = 1;
 // Steps of that between two walks.
 constexpr int kStepsBetween = 6;
 
@@ -339,6 +334,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     }
   };
   uint32_t* const first_leaf = &hints_.first_leaves[s];
+  bool next_covered = false;  // Whether the coming block has its answer.
   // As after a walk that finds all lit.
   const auto take_lit = [&](size_t b) {
     TakeBits(b, scope);
@@ -346,6 +342,7 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
     hints_.covered[s] = false;
   };
   for (size_t b = 0; b < blocks(); ++b) {
+    if (std::exchange(next_covered, false)) continue;
     if ((lit >> b & 1) != 0) {
       take_lit(b);
       continue;
@@ -388,7 +385,21 @@ absl::Status SampleTracer::TraceSegments(size_t s, uint32_t mask, Strategy strat
       }
       cut = hulls_.CutOf(b);
     }
+    const bool pair = walk == Strategy::kShaft && !by_hulls && MayPair(b, lit);
+    if (pair) next_covered = CoverBlocks(s, b + 1, mask, scope) > 0;
     const WalkStats before = *scope->walk();
+    if (pair && !next_covered) {
+      if (TracePair(b, cut, scope)) {
+        const WalkStats& after = *scope->walk();
+        cycles_ += choice.Learn(walk, before, after, 2 * kBlockRays, growth);
+        *first_leaf = packets_[b].first_leaf;
+        NoteBlock(s, b, walk, before, after);
+        clear += MetNothing(before, after) ? 2 : 0;
+        ++b;
+        continue;
+      }
+      SL_RETURN_IF_ERROR(run_.Poll());
+    }
     SL_RETURN_IF_ERROR(FetchWhile(b, &packets_[b], [&](RayPacket* packet) {
       if (by_hulls) packet->unasked = known_points > 0 ? known.data() : nullptr;
       packet->blocked = BlockedOf(walk);

@@ -122,6 +122,11 @@ class SampleTracer {
   static constexpr size_t kFewSamples = 4;
   // Stands for whatever triangle blocks a ray, where it is not told which.
   static constexpr uint32_t kSomeTriangle = 0;
+  // How far ahead of the points that are read those to come are asked for, in groups: walks, which
+  // take time, ask for what groups that need none will read; what is asked for between walks, which
+  // stops a core sooner, is the next group's alone. Two groups, or eight, are as good to half a
+  // percent (core/traverse/EXPERIMENTS.md).
+  static constexpr size_t kMostAhead = 4, kLeastAhead = 1;
   using BlockBits = std::array<uint16_t, kBlockRays / 16>;  // By point.
 
   size_t blocks() const { return (positions_.size() + kBlockRays - 1) / kBlockRays; }
@@ -178,6 +183,11 @@ class SampleTracer {
   // The same of any walk that block b was just asked about by.
   void NoteBlock(size_t s, size_t b, Strategy walk, const WalkStats& before,
                  const WalkStats& after);
+  // Whether blocks b and b + 1, of packets that are laid out, may walk as one shaft: both are whole,
+  // all of their points are asked about, and neither is among the `lit` ones, a bit each.
+  bool MayPair(size_t b, uint32_t lit) const;
+  // Answers them so. False: it answers neither, or the call is to stop.
+  bool TracePair(size_t b, const ShaftCut* cut, StatsScope* scope);
   // Puts all samples of the hull to block b at once (GroupHulls::Trace).
   absl::Status TraceHull(size_t s, size_t b, bool by_shaft, StatsScope* scope);
   // Answers block b for a sample by what its hull found, which is in bits_, alone.

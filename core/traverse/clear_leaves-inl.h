@@ -93,7 +93,7 @@ class ClearLeafSearch {
       const float* const row = normals[k];
       ReduceBlocks([](V a, V b) HWY_ATTR { return hn::Add(a, b); },
                    [row](size_t at) HWY_ATTR { return hn::Load(ShaftD(), row + at); }, sum[k]);
-      BlockRanges(points[k], nullptr, lo[k], hi[k]);
+      BlockRanges<uint16_t>(points[k], nullptr, lo[k], hi[k]);
     }
     const auto blocks =
         static_cast<uint32_t>((grounds_.count + kShaftBlockRays - 1) / kShaftBlockRays);

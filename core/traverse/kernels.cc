@@ -33,6 +33,15 @@
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
 namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+constexpr TraceShaftPairFn ShaftPairOfTarget() {
+  if constexpr (hn::MaxLanes(ShaftD()) == kShaftBlockRays) {
+    return &TraceShaftPair<PacketPair>;
+  } else {
+    return nullptr;
+  }
+}
 
 // Called after the CPU has been asked for this target; plain data, so it could be read before.
 const Kernels& TargetKernels() {
@@ -52,6 +61,7 @@ const Kernels& TargetKernels() {
       .closest_rtt = &TraceRtt<false>,
       .occluded_shaft = &TraceShaft<true>,
       .closest_shaft = &TraceShaft<false>,
+      .occluded_shaft_pair = ShaftPairOfTarget(),
       .occluded_parallel_shaft = &TraceParallelShaft,
       .cut_shaft = &CutShaft<false>,
       .cut_parallel_shaft = &CutShaft<true>,

@@ -37,6 +37,10 @@ using TracePacketFn = bool (*)(const IndexedGeometry& scene, RayPacket& packet,
 // From `cut`, made for this packet among others, or from the root if it is null.
 using TraceShaftFn = bool (*)(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut* cut,
                               const CancelToken* cancel, WalkStats* stats);
+// Two packets at once. False: it answers nothing, since no frame holds their rays, or `cancel`
+// fired.
+using TraceShaftPairFn = bool (*)(const IndexedGeometry& scene, PacketPair& packets,
+                                  const ShaftCut* cut, const CancelToken* cancel, WalkStats* stats);
 using TraceParallelFn = bool (*)(const IndexedGeometry& scene, ParallelPacket& packet,
                                  const ShaftCut* cut, const CancelToken* cancel, WalkStats* stats);
 using TraceParallelPacketFn = bool (*)(const IndexedGeometry& scene, ParallelPacket& packet,
@@ -119,6 +123,8 @@ struct Kernels {
   TracePacketFn occluded_kd_packet, closest_kd_packet;
   TraceRttFn occluded_rtt, closest_rtt;
   TraceShaftFn occluded_shaft, closest_shaft;  // Depth-first, all rays as one convex shaft.
+  // Null with AVX2, whose registers hold eight rays: two packets one after the other are as fast.
+  TraceShaftPairFn occluded_shaft_pair;
   TraceParallelFn occluded_parallel_shaft;
   CutShaftFn cut_shaft;
   CutParallelFn cut_parallel_shaft;

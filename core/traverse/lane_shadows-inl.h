@@ -86,7 +86,7 @@ class LaneShadows {
   // Lanes out of use may hold anything.
   void FindRanges(const float* row, RowRanges* ranges) const {
     const ShaftD d;
-    BlockRanges(row, whole_ ? nullptr : used_, ranges->least, ranges->most);
+    BlockRanges<uint16_t>(row, whole_ ? nullptr : used_, ranges->least, ranges->most);
     ShaftV least = hn::Load(d, ranges->least), most = hn::Load(d, ranges->most);
     for (size_t b = kLanes; b < kShaftBlocks; b += kLanes) {
       least = hn::Min(least, hn::Load(d, ranges->least + b));

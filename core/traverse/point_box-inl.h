@@ -91,6 +91,7 @@ Box3f BoxAround(const Packet& packet, const float* x, const float* y, const floa
 inline Box3f BoxAround(const RayPacket& packet) {
   return BoxAround(packet, packet.target_x, packet.target_y, packet.target_z);
 }
+inline Box3f BoxAround(const PacketPair& packets) { return *packets.point_box; }
 inline Box3f BoxAround(const ParallelPacket& packet) {
   return BoxAround(packet, packet.origin_x, packet.origin_y, packet.origin_z);
 }

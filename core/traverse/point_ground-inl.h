@@ -165,7 +165,7 @@ class GroundSearch {
   void PlaceBlocks() {
     const ShaftD d;
     const float* const rows[3] = {grounds_.x, grounds_.y, grounds_.z};
-    for (int k = 0; k < 3; ++k) BlockRanges(rows[k], nullptr, lo_[k], hi_[k]);
+    for (int k = 0; k < 3; ++k) BlockRanges<uint16_t>(rows[k], nullptr, lo_[k], hi_[k]);
     V least[3], most[3];
     for (int k = 0; k < 3; ++k) {
       least[k] = hn::Set(d, std::numeric_limits<float>::infinity());

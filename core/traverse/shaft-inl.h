@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The shaft walk: up to 256 rays with one origin, or one direction, are one convex shaft, and one
-// walk of the tree answers them all (paper 002 for shafts and relevant triangles; paper 000 for
+// The shaft walk: up to 256 rays with one origin, or one direction, or the 512 of two packets, are
+// one convex shaft, and one walk of the tree answers them all (paper 002 for shafts and relevant triangles; paper 000 for
 // vertex culling). Unlike a packet's, a node's cost does not depend on the number of rays.
 //
 //  1. A node's eight boxes are put to the shaft's sides, its shadows, its end and the receivers'
 //     caps: one along their surface, one across each axis.
 //  2. A leaf's sixteen triangles are put to the same planes by their vertices, and their forms to
 //     the whole shaft (shaft_leaf-inl.h); those left are relevant.
-//  3. A relevant triangle is put to sixteen blocks of sixteen rays at once, each with its own
+//  3. A relevant triangle is put to sixteen blocks of sixteen rays (or of 32) at once, each with its own
 //     rectangle and range of depths, one block per SIMD lane: blocks it misses drop out; blocks it
 //     covers whole and stands before are blocked whatever a test would say; the rest take the exact
 //     test, ray by ray (shaft_test-inl.h).
@@ -42,8 +42,8 @@
 #include "core/traverse/shaft_node-inl.h"
 #include "core/traverse/shaft_pair-inl.h"
 #include "core/traverse/shaft_rays-inl.h"
+#include "core/traverse/shaft_singles-inl.h"
 #include "core/traverse/shaft_test-inl.h"
-#include "core/traverse/single-inl.h"
 #include "core/traverse/visit_fetcher-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -66,10 +66,10 @@ constexpr float kLargestInverse = 0x1p100f;
 constexpr float kEndInverse = 1.0f - 0x1p-19f;
 static_assert(double{kEndInverse} * double{kSegmentEnd} < 1);
 
-template <bool kAny, bool kParallel>
+template <bool kAny, bool kParallel, class PacketType = ShaftPacket<kParallel>>
 class ShaftWalk {
  public:
-  using Packet = typename ShaftRays<kAny, kParallel>::Packet;
+  using Packet = PacketType;
 
   ShaftWalk(const IndexedGeometry& scene, Packet& packet, WalkStats* stats)
       : scene_(scene),
@@ -83,8 +83,10 @@ class ShaftWalk {
   bool Prepare() {
     // They may fit one of their own where they do not fit their neighbours'.
     if (!Place(/*alone=*/false) && !(rays_.seeded() && Place(/*alone=*/true))) return false;
-    if (!kAny || packet_.blocked == nullptr) {
-      FillRow(packet_.triangle, rays_.padded(), kNoTriangle);
+    if constexpr (!Rays::kPair) {
+      if (!kAny || packet_.blocked == nullptr) {
+        FillRow(packet_.triangle, rays_.padded(), kNoTriangle);
+      }
     }
     return true;
   }
@@ -98,14 +100,16 @@ class ShaftWalk {
       FillRow(best_hi_, rays_.padded(), -kInfinity);
       ray_count_ = Take(rays_.all());
     }
-    if constexpr (kAny) lit_ = RaySet{};
+    if constexpr (kAny) lit_ = {};
     if (!scene_.bvh.empty()) {
-      ShaftLeaf<kAny, kParallel> leaf(scene_, rays_);
+      Leaf leaf(scene_, rays_);
       leaf_ = &leaf;
       Pending stack[kStackSize];
       if (!Walk(ray_count_, cut, stack, 0)) return false;
       if constexpr (kAny) {
-        if (single_count_ > 0 && !TraceSingles()) return false;
+        if (!singles_.empty() && !singles_.Trace(scene_, packet_, cancel_, &lit_, stats_)) {
+          return false;
+        }
         SayBlocked();
       }
     } else if constexpr (kAny) {
@@ -119,10 +123,14 @@ class ShaftWalk {
  private:
   using V = ShaftV;
   using M = ShaftM;
-  using Test = ShaftTest<kAny, kParallel>;
+  using Rays = ShaftRays<kAny, kParallel, Packet>;
+  using Leaf = ShaftLeaf<kAny, kParallel, Packet>;
+  using Test = ShaftTest<kAny, kParallel, Rays>;
+  using Set = typename Rays::Set;
+  using Bits = typename Rays::Bits;
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-  static constexpr size_t kBlockVectors = kShaftBlockRays / kLanes;
+  static constexpr size_t kBlockVectors = Rays::kRays / kLanes;
   // Nodes visited together where any hit will do, as long as few are pending: beyond, a depth-first
   // walk adds no more than kBvhStackSize.
   static constexpr uint32_t kNodesAtOnce = 4;
@@ -146,7 +154,7 @@ class ShaftWalk {
   }
 
   // Takes up the rays of a set. Returns how many there are.
-  HWY_INLINE int Take(const RaySet& set) {
+  HWY_INLINE int Take(const Set& set) {
     FetchMeanwhile();
     const int rays = rays_.Bound(set, &bounds_);
     FetchMeanwhile();
@@ -182,13 +190,13 @@ class ShaftWalk {
     for (;;) {
       while (count > 0) depth = VisitNode(*nodes[--count], stack, depth);
       if (kAny && work > limit && depth > 0) {
-        RaySet halves[2];
+        Set halves[2];
         // Where all are in one place, parting them gains nothing.
         if (rays >= 2 * kLeastSplitRays && splits_ < kMostSplits && rays_.Split(bounds_, halves)) {
           return WalkHalves(halves, stack, depth);
         }
         if (limit > kSplitBudget) {
-          PutOff();
+          singles_.Take(&bounds_);
           return true;
         }
         limit = std::max<uint32_t>(kSplitBudget, kSingleWork * rays) + 1;
@@ -226,12 +234,14 @@ class ShaftWalk {
 
   HWY_INLINE void FetchMeanwhile() {
     if constexpr (kAny) {
-      if (packet_.meanwhile != nullptr) packet_.meanwhile->Some();
+      if (packet_.meanwhile == nullptr) return;
+      packet_.meanwhile->Some();
+      if constexpr (Rays::kPair) packet_.meanwhile->Some();  // Of which a ray has half as many.
     }
   }
 
   // Both halves of a set, each with what is left on the stack.
-  HWY_NOINLINE bool WalkHalves(const RaySet (&halves)[2], Pending* stack, int depth) {
+  HWY_NOINLINE bool WalkHalves(const Set (&halves)[2], Pending* stack, int depth) {
     ++stats_->shaft.splits;
     ++splits_;
     Pending copy[kStackSize];
@@ -241,50 +251,17 @@ class ShaftWalk {
     return Walk(Take(halves[1]), nullptr, stack, depth);
   }
 
-  // Leaves the rays of the present set that are still asked about to TraceSingles.
-  HWY_NOINLINE void PutOff() {
-    for (uint32_t b = 0; b < kShaftBlocks; ++b) {
-      for (uint32_t rest = bounds_.open[b]; rest != 0; rest &= rest - 1) {
-        const uint32_t r = std::countr_zero(rest);
-        singles_[single_count_++] = static_cast<uint8_t>(b * kShaftBlockRays + r);
-      }
-      bounds_.open[b] = 0;
-    }
-    bounds_.open_blocks = 0;
-  }
-
   // Of the present set, whose walk is over, those still asked about are lit.
   HWY_INLINE void KeepLit() {
-    const hn::CappedTag<uint16_t, kShaftBlocks> d;
+    const hn::CappedTag<Bits, kShaftBlocks> d;
     hn::Store(hn::Or(hn::Load(d, lit_.rays), hn::Load(d, bounds_.open)), d, lit_.rays);
   }
   // What is left of all rays is blocked.
   HWY_INLINE void SayBlocked() {
     if (packet_.blocked == nullptr) return;
-    const hn::CappedTag<uint16_t, kShaftBlocks> d;
+    const hn::CappedTag<Bits, kShaftBlocks> d;
     hn::StoreU(hn::AndNot(hn::Load(d, lit_.rays), hn::LoadU(d, rays_.all().rays)), d,
                packet_.blocked);
-  }
-
-  // Each from the root, all of them by turns. Returns false if cancelled.
-  HWY_NOINLINE bool TraceSingles() {
-    TraceRay rays[Packet::kMaxRays];
-    Hit hits[Packet::kMaxRays];
-    const size_t count = single_count_;
-    for (size_t i = 0; i < count; ++i) {
-      rays[i] = packet_.trace_ray(singles_[i]);
-    }
-    stats_->shaft.singles += count;
-    if (!TraceSingle<kAny>(scene_, {rays, count}, hits, cancel_, stats_)) return false;
-    for (size_t i = 0; i < count; ++i) {
-      const uint32_t lane = singles_[i];
-      if (packet_.blocked == nullptr) packet_.triangle[lane] = hits[i].triangle;
-      if (hits[i].triangle == kNoTriangle) {
-        lit_.rays[lane / kShaftBlockRays] |= static_cast<uint16_t>(1u << lane % kShaftBlockRays);
-      }
-      if (packet_.answered_by != nullptr) packet_.answered_by[singles_[i]] = AnsweredBy::kRay;
-    }
-    return true;
   }
 
   // Pushes the boxes that the shaft may meet, for closest hits the nearest on top. Returns the new
@@ -328,7 +305,7 @@ class ShaftWalk {
     found_ = false;
     BlockPairs touched;
     uint64_t tests = 0, covers = 0;
-    const TriangleBlocks<kAny, kParallel> blocks(rays_, bounds_, leaf_->forms());
+    const TriangleBlocks<kAny, kParallel, Packet> blocks(rays_, bounds_, leaf_->forms());
     for (uint32_t left = relevant; left != 0; left &= left - 1) {
       const uint32_t i = std::countr_zero(left);
       const uint32_t covered = blocks.List(i, &touched);
@@ -343,7 +320,7 @@ class ShaftWalk {
     size_t doubtful = 0;
     for (size_t k = 0; k < touched.count; ++k) {
       const uint32_t pair = touched.pairs[k], open = TestBlock(leaf, pair, &tests);
-      doubts[doubtful] = {static_cast<uint16_t>(pair), static_cast<uint16_t>(open)};
+      doubts[doubtful] = {pair, open};
       doubtful += open != 0 ? 1 : 0;
     }
     for (size_t k = 0; k < doubtful; ++k) SettleBlock(leaf, doubts[k]);
@@ -377,7 +354,7 @@ class ShaftWalk {
   HWY_INLINE uint32_t TestBlock(const LeafView& leaf, uint32_t pair, uint64_t* tests) {
     const ShaftD d;
     const uint32_t b = BlockOf(pair), i = TriangleOf(pair);
-    const size_t at = size_t{b} * kShaftBlockRays;
+    const size_t at = size_t{b} * Rays::kRays;
     const uint32_t asked = Asked(b, leaf_->forms().id[i]);
     *tests += static_cast<uint64_t>(std::popcount(asked));
     M hit[kBlockVectors];
@@ -396,14 +373,14 @@ class ShaftWalk {
   // Takes note of the rays of block b that triangle i hits.
   HWY_INLINE void Take(const LeafView& leaf, uint32_t i, uint32_t b,
                        const M (&hit)[kBlockVectors]) {
-    const size_t at = size_t{b} * kShaftBlockRays;
+    const size_t at = size_t{b} * Rays::kRays;
     if constexpr (kAny) {
       const uint32_t id = leaf_->forms().id[i];
       uint32_t blocked = 0;
       for (size_t k = 0; k < kBlockVectors; ++k) {
         blocked |= Block(id, at + k * kLanes, hit[k]) << (k * kLanes);
       }
-      bounds_.open[b] &= static_cast<uint16_t>(~blocked);
+      bounds_.open[b] &= static_cast<Bits>(~blocked);
     } else {
       KeepCloser(leaf, i, at, hit);
     }
@@ -418,11 +395,11 @@ class ShaftWalk {
     M lanes[kBlockVectors];
     BlockLanes(doubt.rays & bounds_.open[b], lanes);
     for (size_t k = 0; k < kBlockVectors; ++k) {
-      const size_t at = size_t{b} * kShaftBlockRays + k * kLanes;
+      const size_t at = size_t{b} * Rays::kRays + k * kLanes;
       const M hit[1] = {test.Settle(
           i, at, lanes[k], [&](int lane) HWY_ATTR { return packet_.ray(lane); }, stats_)};
       if constexpr (kAny) {
-        bounds_.open[b] &= static_cast<uint16_t>(~(Block(id, at, hit[0]) << (k * kLanes)));
+        bounds_.open[b] &= static_cast<Bits>(~(Block(id, at, hit[0]) << (k * kLanes)));
       } else {
         KeepCloser(leaf, i, at, hit);
       }
@@ -438,8 +415,10 @@ class ShaftWalk {
   HWY_INLINE uint32_t Block(uint32_t id, size_t at, M hit) {
     const ShaftD d;
     const hn::RebindToUnsigned<ShaftD> du;
-    if (packet_.blocked == nullptr) {
-      StoreWhere(hn::RebindMask(du, hit), hn::Set(du, id), du, packet_.triangle + at);
+    if constexpr (!Rays::kPair) {
+      if (packet_.blocked == nullptr) {
+        StoreWhere(hn::RebindMask(du, hit), hn::Set(du, id), du, packet_.triangle + at);
+      }
     }
     return MaskBits(d, hit);
   }
@@ -566,7 +545,7 @@ class ShaftWalk {
   const IndexedGeometry& scene_;
   Packet& packet_;
   WalkStats* stats_;
-  ShaftRays<kAny, kParallel> rays_;
+  Rays rays_;
   // Closest hits: for exact distances.
   struct Nothing {};
   using Ready = std::conditional_t<kAny, Nothing, ReadyTriangles>;
@@ -579,16 +558,15 @@ class ShaftWalk {
   }
   [[no_unique_address]] Ready ready_;
   const VisitFetcher fetcher_;
-  alignas(32) RaySet lit_;             // Any hit: of sets whose walks are over.
-  uint8_t singles_[Packet::kMaxRays];  // Lanes put off.
-  size_t single_count_ = 0;
-  ShaftLeaf<kAny, kParallel>* leaf_ = nullptr;
+  alignas(64) Set lit_;         // Any hit: of sets whose walks are over.
+  ShaftSingles<Rays> singles_;  // Likewise: given up on.
+  Leaf* leaf_ = nullptr;
   const CancelToken* cancel_ = nullptr;
   int ray_count_ = 0, splits_ = 0;  // Of the whole packet: rays that are asked about, and splits.
-  uint64_t visited_ = 0;     // By all sets of rays: parts of a packet alone are too short to poll.
-  ShaftBounds bounds_;       // Of the set being walked.
-  float depth_of_apex_ = 0;  // w·O, with the margin of a node's depth.
-  bool found_ = false;       // A hit in the leaf being visited.
+  uint64_t visited_ = 0;  // By all sets of rays: parts of a packet alone are too short to poll.
+  typename Rays::Bounds bounds_;  // Of the set being walked.
+  float depth_of_apex_ = 0;       // w·O, with the margin of a node's depth.
+  bool found_ = false;            // A hit in the leaf being visited.
   // Closest hits: bounds of 1/t of the nearest triangle so far; -inf before there is one.
   alignas(64) float best_lo_[RayPacket::kMaxRays], best_hi_[RayPacket::kMaxRays];
 };

@@ -28,12 +28,13 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-template <bool kAny, bool kParallel>
+template <bool kAny, bool kParallel, class Packet = ShaftPacket<kParallel>>
 class TriangleBlocks {
  public:
+  using Rays = ShaftRays<kAny, kParallel, Packet>;
+
   // All are kept by reference.
-  HWY_INLINE TriangleBlocks(const ShaftRays<kAny, kParallel>& rays, const ShaftBounds& bounds,
-                            const LeafForms& forms)
+  HWY_INLINE TriangleBlocks(const Rays& rays, const BlockBounds& bounds, const LeafForms& forms)
       : rays_(rays), bounds_(bounds), forms_(forms) {}
 
   // One relevant triangle against all blocks. Returns those that it covers, a bit each, and lists
@@ -130,8 +131,8 @@ class TriangleBlocks {
                          hn::MulAdd(hn::Abs(f1), hn::Load(d, bounds_.hy + first), margin));
   }
 
-  const ShaftRays<kAny, kParallel>& rays_;
-  const ShaftBounds& bounds_;
+  const Rays& rays_;
+  const BlockBounds& bounds_;
   const LeafForms& forms_;
 };
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A shaft's lanes: sixteen blocks of sixteen rays, a bit for each, and what is reduced over the
-// rays of every block at once.
+// A shaft's lanes: sixteen blocks of sixteen rays, or of thirty-two, a bit for each, and what is
+// reduced over the rays of every block at once.
 //
 // Thread safety: pure functions.
 
@@ -33,10 +33,12 @@ using ShaftD = hn::CappedTag<float, 16>;  // Sixteen rays, triangles or blocks.
 using ShaftV = hn::Vec<ShaftD>;
 using ShaftM = hn::Mask<ShaftD>;
 
-// Bit r of rays[b]: ray r of block b.
-struct RaySet {
-  uint16_t rays[kShaftBlocks];
+// Bit r of rays[b]: ray r of block b, which has as many as Bits.
+template <class Bits>
+struct BlockRays {
+  Bits rays[kShaftBlocks];
 };
+using RaySet = BlockRays<uint16_t>;
 
 // 1 / x, good to 3.3u (u = 2^-24), of x and 1 / x that are normal: a reciprocal of 11 bits or more,
 // refined once. A quotient of sixteen lanes holds up what follows for as many cycles.
@@ -46,7 +48,8 @@ HWY_INLINE ShaftV InverseOf(ShaftV x) {
 }
 
 // Lanes at .. at + Lanes() of a row of bits, `at` a multiple of eight.
-HWY_INLINE ShaftM LanesOf(const uint16_t* bits, size_t at) {
+template <class Bits>
+HWY_INLINE ShaftM LanesOf(const Bits* bits, size_t at) {
   return hn::LoadMaskBits(ShaftD(), reinterpret_cast<const uint8_t*>(bits) + at / 8);
 }
 
@@ -55,8 +58,8 @@ template <size_t kVectors>
 HWY_INLINE void BlockLanes(uint32_t bits, ShaftM (&lanes)[kVectors]) {
   const ShaftD d;
   const hn::RebindToUnsigned<ShaftD> du;
-  if constexpr (kVectors == 1) {
-    lanes[0] = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&bits));
+  if constexpr (hn::MaxLanes(ShaftD()) == kShaftBlockRays) {
+    for (size_t k = 0; k < kVectors; ++k) lanes[k] = LanesOf(&bits, k * kShaftBlockRays);
   } else {
     alignas(64) static constexpr uint32_t kBits[] = {
         1u << 0, 1u << 1, 1u << 2,  1u << 3,  1u << 4,  1u << 5,  1u << 6,  1u << 7,
@@ -85,8 +88,10 @@ HWY_INLINE size_t ListLanes(uint32_t first, ShaftM chosen, uint32_t* to) {
 }
 
 // Bit b of the result: block b has a ray. `rays` is aligned as a vector.
-HWY_INLINE uint32_t OpenBlocks(const uint16_t* rays) {
-  const hn::CappedTag<uint16_t, kShaftBlocks> d;
+template <class Bits>
+HWY_INLINE uint32_t OpenBlocks(const Bits* rays) {
+  const hn::CappedTag<Bits, kShaftBlocks> d;
+  static_assert(hn::MaxLanes(d) == kShaftBlocks);
   return MaskBits(d, hn::Ne(hn::Load(d, rays), hn::Zero(d)));
 }
 
@@ -108,20 +113,21 @@ HWY_INLINE ShaftV ReduceTree(const Op& op, const Fetch& fetch, size_t at) {
   }
 }
 
-// out[b] = op over the kRays values of block b, of all.
-template <size_t kRays = kShaftBlockRays, class Op, class Fetch>
+// out[b] = op over the kRays values of block b, of so many.
+template <size_t kRays = kShaftBlockRays, size_t kBlocks = kShaftBlocks, class Op, class Fetch>
 HWY_INLINE void ReduceBlocks(const Op& op, const Fetch& fetch, float* out) {
   const ShaftD d;
   constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-  for (size_t first = 0; first < kShaftBlocks * kShaftBlockRays / kRays; first += kLanes) {
+  for (size_t first = 0; first < kBlocks; first += kLanes) {
     hn::Store(ReduceTree<kLanes, kRays>(op, fetch, first * kRays), d, out + first);
   }
 }
 
 // The range of each block's values, of those of `open` (null: all) alone: inverted where there are
 // none. No part of its callers: unrolled, it is a kilobyte, of which they would have a dozen.
-inline HWY_NOINLINE void BlockRanges(const float* values, const uint16_t* open, float* least,
-                                     float* most) {
+template <class Bits>
+HWY_NOINLINE void BlockRanges(const float* values, const Bits* open, float* least, float* most) {
+  constexpr size_t kRays = 8 * sizeof(Bits);
   const auto min = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); };
   const auto max = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); };
   if (open == nullptr) {
@@ -130,9 +136,8 @@ inline HWY_NOINLINE void BlockRanges(const float* values, const uint16_t* open, 
     const auto all = [values](size_t at) HWY_ATTR { return hn::Load(ShaftD(), values + at); };
     for (size_t first = 0; first < kShaftBlocks; first += hn::Lanes(d)) {
       constexpr size_t kLanes = hn::MaxLanes(ShaftD());
-      const size_t at = first * kShaftBlockRays;
-      const ShaftV lo = ReduceTree<kLanes, kShaftBlockRays>(min, all, at);
-      const ShaftV hi = ReduceTree<kLanes, kShaftBlockRays>(max, all, at);
+      const ShaftV lo = ReduceTree<kLanes, kRays>(min, all, first * kRays);
+      const ShaftV hi = ReduceTree<kLanes, kRays>(max, all, first * kRays);
       hn::Store(lo, d, least + first);
       hn::Store(hi, d, most + first);
     }
@@ -140,13 +145,13 @@ inline HWY_NOINLINE void BlockRanges(const float* values, const uint16_t* open, 
   }
   const ShaftV infinity = hn::Set(ShaftD(), std::numeric_limits<float>::infinity());
   const ShaftV minus_infinity = hn::Neg(infinity);
-  ReduceBlocks(
+  ReduceBlocks<kRays>(
       min,
       [&](size_t at) HWY_ATTR {
         return hn::IfThenElse(LanesOf(open, at), hn::Load(ShaftD(), values + at), infinity);
       },
       least);
-  ReduceBlocks(
+  ReduceBlocks<kRays>(
       max,
       [&](size_t at) HWY_ATTR {
         return hn::IfThenElse(LanesOf(open, at), hn::Load(ShaftD(), values + at), minus_infinity);
@@ -157,12 +162,15 @@ inline HWY_NOINLINE void BlockRanges(const float* values, const uint16_t* open, 
 // The range of each vector's values.
 inline HWY_NOINLINE void VectorRanges(const float* values, float* least, float* most) {
   if constexpr (hn::MaxLanes(ShaftD()) == kShaftBlockRays) {
-    BlockRanges(values, nullptr, least, most);
+    BlockRanges<uint16_t>(values, nullptr, least, most);
   } else {
     constexpr size_t kLanes = hn::MaxLanes(ShaftD());
     const auto all = [values](size_t at) HWY_ATTR { return hn::Load(ShaftD(), values + at); };
-    ReduceBlocks<kLanes>([](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); }, all, least);
-    ReduceBlocks<kLanes>([](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); }, all, most);
+    constexpr size_t kVectors = kShaftBlocks * kShaftBlockRays / kLanes;
+    const auto min = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Min(a, b); };
+    const auto max = [](ShaftV a, ShaftV b) HWY_ATTR { return hn::Max(a, b); };
+    ReduceBlocks<kLanes, kVectors>(min, all, least);
+    ReduceBlocks<kLanes, kVectors>(max, all, most);
   }
 }
 

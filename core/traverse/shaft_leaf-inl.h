@@ -179,11 +179,12 @@ HWY_INLINE void PutBounds(ShaftV bound, uint32_t first, float* most, float* leas
   hn::Store(hn::Neg(bound), d, least + first);
 }
 
-template <bool kAny, bool kParallel>
+template <bool kAny, bool kParallel, class Packet = ShaftPacket<kParallel>>
 class ShaftLeaf {
  public:
-  ShaftLeaf(const IndexedGeometry& scene, ShaftRays<kAny, kParallel>& rays)
-      : scene_(scene), rays_(rays) {
+  using Rays = ShaftRays<kAny, kParallel, Packet>;
+
+  ShaftLeaf(const IndexedGeometry& scene, Rays& rays) : scene_(scene), rays_(rays) {
     const ShaftFrame& frame = rays.frame();
     for (int k = 0; k < 3; ++k) {
       axes_[0][k] = frame.u[k];
@@ -195,7 +196,7 @@ class ShaftLeaf {
   // The leaf's relevant triangles (bit i for triangle i), with their forms in place. `far`: nothing
   // deeper matters (closest hits). Part of its callers, one in each walk: called, it takes some
   // hundredth of shadows' time more.
-  HWY_INLINE uint32_t Prepare(const LeafView& leaf, const ShaftBounds& bounds, float far) {
+  HWY_INLINE uint32_t Prepare(const LeafView& leaf, const BlockBounds& bounds, float far) {
     uint32_t relevant = 0;
     const uint32_t lanes = static_cast<uint32_t>(hn::Lanes(ShaftD()));
     for (uint32_t first = 0; first < leaf.count; first += lanes) {
@@ -216,7 +217,7 @@ class ShaftLeaf {
                       hn::MulAdd(hn::Set(d, axis[1]), p.y, hn::Mul(hn::Set(d, axis[2]), p.z)));
   }
 
-  HWY_INLINE uint32_t PrepareSome(const LeafView& leaf, uint32_t first, const ShaftBounds& bounds,
+  HWY_INLINE uint32_t PrepareSome(const LeafView& leaf, uint32_t first, const BlockBounds& bounds,
                                   float far) {
     const ShaftD d;
     const Vec3f apex = rays_.apex();
@@ -398,7 +399,7 @@ class ShaftLeaf {
   }
 
   // How far the triangles reach, at least, to the inner side of the shaft's sides.
-  HWY_INLINE V InnerSide(const FrameCorners& corners, const ShaftBounds& bounds) const {
+  HWY_INLINE V InnerSide(const FrameCorners& corners, const BlockBounds& bounds) const {
     const ShaftD d;
     const V left = hn::Set(d, bounds.left), right = hn::Set(d, bounds.right);
     const V below = hn::Set(d, bounds.below), above = hn::Set(d, bounds.above);
@@ -446,7 +447,7 @@ class ShaftLeaf {
   }
 
   const IndexedGeometry& scene_;
-  ShaftRays<kAny, kParallel>& rays_;
+  Rays& rays_;
   float axes_[3][3];
   LeafForms forms_;
 };

@@ -23,9 +23,9 @@ using ShaftNodeD = hn::CappedTag<float, kBvhWidth>;
 
 // The children that the shaft may meet; where any hit will do, those that reach beyond its caps
 // across the axes alone.
-template <bool kAny, bool kParallel>
-HWY_INLINE hn::Mask<ShaftNodeD> MayMeet(const BvhNode& node, const ShaftBounds& bounds,
-                                        const ShaftRays<kAny, kParallel>& rays) {
+template <bool kAny, bool kParallel, class Packet>
+HWY_INLINE hn::Mask<ShaftNodeD> MayMeet(const BvhNode& node, const BlockBounds& bounds,
+                                        const ShaftRays<kAny, kParallel, Packet>& rays) {
   const ShaftNodeD d;
   auto met = MeetsSides(node, bounds.sides, rays.node_margin());
   met = hn::And(met, hn::Ge(WithinWedges(d, bounds.wedges, node.bounds), hn::Zero(d)));

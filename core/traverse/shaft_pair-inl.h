@@ -39,14 +39,14 @@ HWY_INLINE uint32_t BlockOf(uint32_t pair) { return pair % kShaftBlocks; }
 HWY_INLINE uint32_t TriangleOf(uint32_t pair) { return pair >> kTriangleShift; }
 
 // The rays of block b that triangle `id` may answer.
-template <bool kAny, bool kParallel>
-HWY_INLINE uint32_t AskedOf(const ShaftRays<kAny, kParallel>& rays, const ShaftBounds& bounds,
-                            uint32_t b, uint32_t id) {
+template <class Rays>
+HWY_INLINE uint32_t AskedOf(const Rays& rays, const typename Rays::Bounds& bounds, uint32_t b,
+                            uint32_t id) {
   uint32_t bits = bounds.open[b];
   if (rays.has_sources()) {
     const hn::RebindToUnsigned<ShaftD> d;
-    const uint32_t* sources = rays.sources() + size_t{b} * kShaftBlockRays;
-    for (size_t i = 0; i < kShaftBlockRays; i += hn::Lanes(d)) {
+    const uint32_t* sources = rays.sources() + Rays::At(size_t{b} * Rays::kRays);
+    for (size_t i = 0; i < Rays::kRays; i += hn::Lanes(d)) {
       const auto own = hn::Eq(hn::Load(d, sources + i), hn::Set(d, id));
       bits &= ~(MaskBits(d, own) << i);
     }
@@ -61,24 +61,24 @@ void MarkAll(const Packet& packet, AnsweredBy by) {
 }
 
 // Marks the rays that the exact test will decide on when the leaf's pairs are worked off.
-template <bool kAny, bool kParallel>
-HWY_NOINLINE void MarkTestedIn(const ShaftRays<kAny, kParallel>& rays, const ShaftBounds& bounds,
+template <class Rays>
+HWY_NOINLINE void MarkTestedIn(const Rays& rays, const typename Rays::Bounds& bounds,
                                const LeafView& leaf, const BlockPairs& touched,
                                AnsweredBy* answered_by) {
   for (size_t k = 0; k < touched.count; ++k) {
     const uint32_t b = BlockOf(touched.pairs[k]);
     const uint32_t id = leaf.id(TriangleOf(touched.pairs[k]));
     for (uint32_t rest = bounds.open[b]; rest != 0; rest &= rest - 1) {
-      const uint32_t lane = b * kShaftBlockRays + std::countr_zero(rest);
-      if (rays.has_sources() && rays.sources()[lane] == id) continue;
+      const uint32_t lane = b * Rays::kRays + std::countr_zero(rest);
+      if (rays.has_sources() && rays.sources()[Rays::At(lane)] == id) continue;
       answered_by[lane] = AnsweredBy::kTriangles;
     }
   }
 }
 
 // The same; nothing where `answered_by` is null.
-template <bool kAny, bool kParallel>
-HWY_INLINE void MarkTested(const ShaftRays<kAny, kParallel>& rays, const ShaftBounds& bounds,
+template <class Rays>
+HWY_INLINE void MarkTested(const Rays& rays, const typename Rays::Bounds& bounds,
                            const LeafView& leaf, const BlockPairs& touched,
                            AnsweredBy* answered_by) {
   if (HWY_UNLIKELY(answered_by != nullptr)) MarkTestedIn(rays, bounds, leaf, touched, answered_by);

@@ -34,6 +34,7 @@
 #include "core/shaft/wedge-inl.h"
 #include "core/traverse/pixel_grid-inl.h"
 #include "core/traverse/point_box-inl.h"
+#include "core/traverse/shaft_bounds-inl.h"
 #include "core/traverse/shaft_lanes-inl.h"
 #include "core/traverse/shaft_sides-inl.h"
 #include "core/traverse/surface_normal-inl.h"
@@ -56,34 +57,20 @@ HWY_INLINE ShaftM FitsFrame(const Vec3V<ShaftV>& direction, ShaftV depth) {
                                                        DotV(direction, direction))));
 }
 
-// The rays of a set, block by block and together.
-struct ShaftBounds {
-  alignas(64) uint16_t open[kShaftBlocks];  // Those that are still asked about.
-  uint32_t open_blocks;
-  bool whole;  // A full packet was open when these were taken.
-  // Rectangles of slopes or offsets: ends (inverted where a block has no open ray), middle and half
-  // extent (0 there).
-  alignas(64) float x0[kShaftBlocks], x1[kShaftBlocks], y0[kShaftBlocks], y1[kShaftBlocks];
-  alignas(64) float mx[kShaftBlocks], my[kShaftBlocks], hx[kShaftBlocks], hy[kShaftBlocks];
-  // Depths. One origin: where the nearest and farthest rays end (far: or, for closest hits, where
-  // all have found a hit; +inf without an end). Parallel: of the origins.
-  alignas(64) float near[kShaftBlocks], far[kShaftBlocks];
-  // Of a pixels' grid, closest hits: bounds of w·D, as far as kDepthScale allows.
-  alignas(64) float depth[kShaftBlocks];
-  float left, right, below, above;  // Of all: ends,
-  float cx, cy, ex, ey;             // middle and half extent.
-  float all_near, all_far;
-  ShaftSides sides;  // Left, right, below, above; for any hit: the end (the start, if parallel)
-                     // and the receivers' cap.
-  ShaftWedges wedges;
-  float cap_most;  // Of the cap, margin included.
-};
+// What the rays of a shaft come in; or a PacketPair, of rays with one origin.
+template <bool kParallel>
+using ShaftPacket = std::conditional_t<kParallel, ParallelPacket, RayPacket>;
 
-template <bool kAny, bool kParallel>
+template <bool kAny, bool kParallel, class PacketType = ShaftPacket<kParallel>>
 class ShaftRays {
  public:
-  using Packet = std::conditional_t<kParallel, ParallelPacket, RayPacket>;
-  static constexpr int kMaxRays = RayPacket::kMaxRays;
+  using Packet = PacketType;
+  static constexpr int kMaxRays = Packet::kMaxRays;
+  static constexpr int kRays = kMaxRays / kShaftBlocks;  // Of a block.
+  static constexpr bool kPair = std::is_same_v<Packet, PacketPair>;
+  using Bits = std::conditional_t<kPair, uint32_t, uint16_t>;  // One for each of a block's rays.
+  using Set = BlockRays<Bits>;
+  using Bounds = OpenBounds<Bits>;
   static_assert(kAny || !kParallel, "parallel rays are asked about any hit");
 
   ShaftRays(const IndexedGeometry& scene, Packet& packet) : packet_(packet), scene_(scene) {}
@@ -134,16 +121,16 @@ class ShaftRays {
     if (has_cap_) PlaceCap();
     if (!(has_cap_ ? Place<true>() : Place<false>())) return false;
     if (count == kMaxRays) {
-      std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
+      std::fill_n(all_.rays, kShaftBlocks, static_cast<Bits>(~Bits{0}));
     } else {
       for (int b = 0; b < kShaftBlocks; ++b) {
-        const int left = std::clamp(count - b * kShaftBlockRays, 0, kShaftBlockRays);
-        all_.rays[b] = static_cast<uint16_t>((1u << left) - 1);
+        const int left = std::clamp(count - b * kRays, 0, kRays);
+        all_.rays[b] = static_cast<Bits>((uint64_t{1} << left) - 1);
       }
     }
     if constexpr (kAny) {
       for (int b = 0; packet_.unasked != nullptr && b < kShaftBlocks; ++b) {
-        all_.rays[b] &= static_cast<uint16_t>(~packet_.unasked[b]);
+        all_.rays[b] &= static_cast<Bits>(~packet_.unasked[b]);
       }
     }
     has_sources_ = (kParallel || segments()) && !packet_.sourceless && FindSources();
@@ -162,7 +149,7 @@ class ShaftRays {
       return packet_.grid;
     }
   }
-  const RaySet& all() const { return all_; }
+  const Set& all() const { return all_; }
   size_t padded() const { return padded_; }
   const ShaftFrame& frame() const { return frame_; }
   Vec3f apex() const { return apex_; }
@@ -228,10 +215,18 @@ class ShaftRays {
   Vec3f most_own() const { return most_own_; }
   ShaftV InverseDepth(size_t at) const { return hn::Load(ShaftD(), inverse_z_ + at); }
   // Ends of segments, origins of parallel rays.
-  ShaftV Point(int axis, size_t at) const { return hn::Load(ShaftD(), row(axis) + at); }
+  ShaftV Point(int axis, size_t at) const { return hn::Load(ShaftD(), row(axis) + At(at)); }
+  // Where a lane is in the packet's rows.
+  static HWY_INLINE size_t At(size_t lane) {
+    if constexpr (kPair) {
+      return Packet::At(lane);
+    } else {
+      return lane;
+    }
+  }
 
   // Bounds the rays of `set`, all of them still asked about. Returns how many there are.
-  int Bound(const RaySet& set, ShaftBounds* out) const {
+  int Bound(const Set& set, Bounds* out) const {
     const ShaftD d;
     const ShaftV infinity = hn::Set(d, std::numeric_limits<float>::infinity());
     const ShaftV minus_infinity = hn::Neg(infinity);
@@ -247,7 +242,7 @@ class ShaftRays {
     if (grid() != nullptr) {
       BoundGrid(out);
     } else {
-      const uint16_t* const open = out->whole ? nullptr : out->open;
+      const Bits* const open = out->whole ? nullptr : out->open;
       BlockRanges(x_, open, out->x0, out->x1);
       BlockRanges(y_, open, out->y0, out->y1);
       if (has_depths) BlockRanges(z_, open, out->near, out->far);
@@ -310,14 +305,14 @@ class ShaftRays {
 
   // Whether a frame can hold what was bounded, much as FitsFrame has it: of any hit's segments,
   // which Prepare asks for their depths alone.
-  bool Fits(const ShaftBounds& bounds) const {
+  bool Fits(const BlockBounds& bounds) const {
     if (!kAny || kParallel || !segments()) return true;
     const float x = std::max(-bounds.left, bounds.right), y = std::max(-bounds.below, bounds.above);
     return x * x + y * y <= kMostSquaredSlopes;
   }
 
   // Parts the open rays at the middle of their widest extent. False: one side would be empty.
-  bool Split(const ShaftBounds& bounds, RaySet* halves) const {
+  bool Split(const Bounds& bounds, Set* halves) const {
     const ShaftD d;
     const ShaftV infinity = hn::Set(d, std::numeric_limits<float>::infinity());
     ShaftV x0 = infinity, x1 = hn::Neg(infinity), y0 = x0, y1 = x1;
@@ -336,15 +331,14 @@ class ShaftRays {
     const bool by_x = right - left >= above - below;
     const float* const at = by_x ? x_ : y_;
     const ShaftV middle = hn::Set(d, by_x ? 0.5f * (left + right) : 0.5f * (below + above));
-    halves[0] = halves[1] = RaySet{};
+    halves[0] = halves[1] = Set{};
     uint32_t in[2] = {0, 0};
     for (size_t i = 0; i < padded_; i += hn::Lanes(d)) {
-      const size_t b = i / kShaftBlockRays;
-      const uint32_t lanes = MaskBits(d, LanesOf(bounds.open, i)) << (i % kShaftBlockRays);
-      const uint32_t beyond = MaskBits(d, hn::Gt(hn::Load(d, at + i), middle))
-                              << (i % kShaftBlockRays);
-      halves[0].rays[b] |= static_cast<uint16_t>(lanes & ~beyond);
-      halves[1].rays[b] |= static_cast<uint16_t>(lanes & beyond);
+      const size_t b = i / kRays, first = i % kRays;
+      const uint32_t lanes = MaskBits(d, LanesOf(bounds.open, i)) << first;
+      const uint32_t beyond = MaskBits(d, hn::Gt(hn::Load(d, at + i), middle)) << first;
+      halves[0].rays[b] |= static_cast<Bits>(lanes & ~beyond);
+      halves[1].rays[b] |= static_cast<Bits>(lanes & beyond);
       in[0] |= lanes & ~beyond;
       in[1] |= lanes & beyond;
     }
@@ -363,12 +357,12 @@ class ShaftRays {
       const float most = grid()->norm_inf;
       most_own_ = {most, most, most};
       FillRow(own_inf_, kMaxRays, most);
-      std::fill_n(all_.rays, kShaftBlocks, uint16_t{0xFFFF});
+      std::fill_n(all_.rays, kShaftBlocks, static_cast<Bits>(~Bits{0}));
       node_margin_ =
           kBoxMargin * (FarthestNorm1(scene_.bvh.bounds) + Norm1(apex_)) + kFloatUnderflow;
     }
   }
-  HWY_INLINE void BoundGrid(ShaftBounds* out) const {
+  HWY_INLINE void BoundGrid(BlockBounds* out) const {
     if constexpr (!kAny) {
       BoundBlocks(*grid(), packet_.grid_column, packet_.grid_row, out->x0, out->x1, out->y0,
                   out->y1, out->depth);
@@ -382,9 +376,13 @@ class ShaftRays {
       return axis == 0 ? packet_.target_x : axis == 1 ? packet_.target_y : packet_.target_z;
     }
   }
-  Vec3f point(int lane) const { return {row(0)[lane], row(1)[lane], row(2)[lane]}; }
-  Vec3V<ShaftV> Rows(size_t at) const {
+  Vec3f point(int lane) const {
+    const size_t at = At(static_cast<size_t>(lane));
+    return {row(0)[at], row(1)[at], row(2)[at]};
+  }
+  Vec3V<ShaftV> Rows(size_t lane) const {
     const ShaftD d;
+    const size_t at = At(lane);
     return {hn::Load(d, row(0) + at), hn::Load(d, row(1) + at), hn::Load(d, row(2) + at)};
   }
 
@@ -394,7 +392,7 @@ class ShaftRays {
     const hn::RebindToUnsigned<ShaftD> du;
     auto all = hn::Set(du, kNoTriangle);
     for (size_t i = 0; i < padded_; i += hn::Lanes(du)) {
-      all = hn::And(all, hn::Load(du, sources() + i));
+      all = hn::And(all, hn::Load(du, sources() + At(i)));
     }
     return !hn::AllTrue(du, hn::Eq(all, hn::Set(du, kNoTriangle)));
   }
@@ -494,7 +492,7 @@ class ShaftRays {
       if constexpr (kParallel) {
         axis_caps_.CapRays(k, LeastIn(box, k, from > 0), from);
       } else {
-        const bool up = from >= row(k)[packet_.count / 2];
+        const bool up = from >= point(packet_.count / 2)[k];
         axis_caps_.CapSegments(k, up, LeastIn(box, k, up), up ? from : -from);
       }
     }
@@ -511,7 +509,9 @@ class ShaftRays {
   void TurnCap() {
     const float* const rows[3] = {row(0), row(1), row(2)};
     const uint32_t* const known = packet_.sourceless ? nullptr : sources();
-    const Vec3d sum = SumOfNormals(scene_.geometry, known, rows, packet_.count,
+    // Of a pair the first packet's stand for all.
+    const int count = std::min<int>(packet_.count, RayPacket::kMaxRays);
+    const Vec3d sum = SumOfNormals(scene_.geometry, known, rows, count,
                                    ToDouble(kParallel ? -frame_.w : frame_.w));
     cap_normal_ = MaxAbs(sum) > kFlat ? ToFloat(sum) : kParallel ? -frame_.w : frame_.w;
   }
@@ -533,7 +533,7 @@ class ShaftRays {
   }
 
   // The most of G·(P - C) of the points `open` alone.
-  HWY_NOINLINE float CapMost(const uint16_t* open) const {
+  HWY_NOINLINE float CapMost(const Bits* open) const {
     const ShaftD d;
     const Vec3V<ShaftV> g = Broadcast(d, cap_normal_.x, cap_normal_.y, cap_normal_.z);
     const Vec3V<ShaftV> cap_at = Broadcast(d, cap_at_.x, cap_at_.y, cap_at_.z);
@@ -544,7 +544,7 @@ class ShaftRays {
     return hn::GetLane(hn::MaxOfLanes(d, most));
   }
 
-  void MakeSides(const FrameRectangle& held, ShaftBounds* out) const {
+  void MakeSides(const FrameRectangle& held, Bounds* out) const {
     ReceiversCap cap;
     out->cap_most = std::numeric_limits<float>::infinity();
     if (has_cap_) {
@@ -578,7 +578,7 @@ class ShaftRays {
   Vec3f reach_;         // How far the points are from C along each axis.
   float cap_of_apex_ = 0, cap_margin_ = 0;
   AxisCaps axis_caps_;
-  RaySet all_;
+  Set all_;
   // By axis: own_rows_, or the packet's, where those are what is wanted. Closest hits only.
   const float* own_[3];
   alignas(64) float own_rows_[3][kMaxRays];

@@ -32,7 +32,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 // A pair of a triangle and some rays, numbered as its list has it: those that floats leave in
 // doubt, a bit each.
 struct PairInDoubt {
-  uint16_t pair, rays;
+  uint32_t pair, rays;
 };
 
 // Rays: a shaft's, or what has their Own, Point, common and segments (occluded_packet-inl.h).

@@ -159,6 +159,66 @@ struct alignas(64) RayPacket {
   }
 };
 
+// Two full packets of segments, one behind the other in an array, that walk together as one shaft
+// for any hit: what they share is the first one's, and nothing of `unasked` or `clear`. All that is
+// not told of here is as in RayPacket.
+struct PacketPair {
+  static constexpr int kMaxRays = 2 * RayPacket::kMaxRays;
+  static constexpr int count = kMaxRays;
+  static constexpr bool segments = true;
+  static constexpr const uint32_t* unasked = nullptr;
+  static constexpr const ClearToward* clear = nullptr;
+
+  // `box` is the least around the points of both; `blocked` is as long as both, thirty-two lanes to
+  // a number.
+  PacketPair(const RayPacket* packets, const Box3f* box, uint32_t* blocked)
+      : origin(packets->origin),
+        mask(packets->mask),
+        origin_source(packets->origin_source),
+        first_leaf(packets->first_leaf),
+        sourceless(packets->sourceless),
+        meanwhile(packets->meanwhile),
+        point_box(box),
+        blocked(blocked),
+        seed(packets->seed),
+        answered_by(packets->answered_by),
+        target_x(packets->target_x),
+        target_y(packets->target_y),
+        target_z(packets->target_z),
+        target_source(packets->target_source) {}
+
+  const Vec3f origin;
+  const uint32_t mask, origin_source;
+  uint32_t first_leaf;
+  const bool sourceless;
+  GradualFetch* const meanwhile;
+  const Box3f* const point_box;
+  uint32_t* const blocked;
+  ShaftSeed* const seed;
+  AnsweredBy* const answered_by;  // Of both, one behind the other.
+  // The first one's rows; lane `lane` of both is at At(lane).
+  const float *const target_x, *const target_y, *const target_z;
+  const uint32_t* const target_source;
+
+  static constexpr size_t At(size_t lane) { return lane + lane / RayPacket::kMaxRays * kGap; }
+  Vec3f target(int lane) const {
+    const size_t at = At(static_cast<size_t>(lane));
+    return {target_x[at], target_y[at], target_z[at]};
+  }
+  PredicateRay ray(int lane) const { return {origin, target(lane), segments}; }
+  TraceRay trace_ray(int lane) const {
+    return {.ray = ray(lane),
+            .mask = mask,
+            .from_source = origin_source,
+            .to_source = sourceless ? kNoTriangle : target_source[At(static_cast<size_t>(lane))]};
+  }
+  void PadLane(size_t, size_t) const {}  // There is none out of use.
+
+ private:
+  // From the end of a packet's row to that of the next one's, in numbers.
+  static constexpr size_t kGap = sizeof(RayPacket) / sizeof(float) - RayPacket::kMaxRays;
+};
+
 // Rays with one direction (a sun's) that walk together: from each origin toward it, without end.
 // Asked for any hit only.
 struct alignas(64) ParallelPacket {

@@ -71,6 +71,19 @@ bool TraceShaft(const IndexedGeometry& scene, RayPacket& packet, const ShaftCut*
   }
 }
 
+// False: it answers nothing, since no frame holds the rays, or `cancel` fired. Pair: PacketPair, of
+// which nothing is compiled where nobody asks.
+template <class Pair>
+bool TraceShaftPair(const IndexedGeometry& scene, Pair& packets, const ShaftCut* cut,
+                    const CancelToken* cancel, WalkStats* stats) {
+  if (cut != nullptr && cut->node_count == 0) {
+    std::fill_n(packets.blocked, kShaftBlocks, uint32_t{0});
+    return true;
+  }
+  ShaftWalk<true, false, Pair> walk(scene, packets, stats);
+  return walk.Prepare() && walk.Run(cut, cancel);
+}
+
 // Rays that no frame holds walk by themselves.
 inline bool TraceParallelShaft(const IndexedGeometry& scene, ParallelPacket& packet,
                                const ShaftCut* cut, const CancelToken* cancel, WalkStats* stats) {

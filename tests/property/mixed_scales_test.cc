@@ -470,7 +470,8 @@ TEST(MixedScalesTest, EverythingOfAScaleOfItsOwn) {
     std::vector<Vec3f> points;
     const Vec3d axis = InCube(rng);
     const double width = rng.Chance(0.5) ? 0.2 : 1;
-    for (uint64_t n = 16 + rng.Below(180); n > 0; --n) {
+    // Now and then enough for two packets, and a part of a third.
+    for (uint64_t n = rng.Chance(0.2) ? 512 + rng.Below(200) : 16 + rng.Below(180); n > 0; --n) {
       const int scale = std::min(kLargest, some() + Between(rng, 0, 2));
       points.push_back(Stored((axis + InCube(rng) * width) * PowerOfTwo(scale)));
     }
