@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a scene file claims of itself: how much memory it takes, its revision, its objects' names, how
-// many triangles and vertices it has.
+// What a scene file claims of itself: how much memory it takes, its revision, its objects' names,
+// how many triangles and vertices it has.
 #include <unistd.h>
 
 #include <cstdint>
