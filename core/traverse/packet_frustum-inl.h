@@ -24,21 +24,22 @@
 //  * Far: its distance is held to its box's entry (core/intersect/hit.h), which is at least
 //    fl(fl(min v_x) · inv_i), and that at least fl(min v_x · min inv): the same monotone products.
 //    No margin; ties are not culled.
-//  * Boxes: those of BVHs hold their triangles' hits, which lie on the exact ray. So do the kd-tree's
-//    cells that any-hit walks need, and with perfect splits all. Without, closest-hit walks need a
-//    chain of cells told by float intervals (kd_tree.h, 2), beside which the ray may pass. Let a be
-//    faces relative to O, as rounded, which are the same here and there, T(a) = fl(a·inv) their
-//    parameters, e that of claim 2, and s = d_y·inv_x, unrounded, of one lane's floats, y's turned to
-//    be positive, too. Such a cell has T(near) <= e along every axis, and e <= T(far) but for a far
-//    face before which all of the triangle's box lies: with a hit at t* (exactly: at most that face's
-//    own parameter) e = E <= t*(1 + 4.1u) then. Beside y's near face n the ray passes if it leaves
-//    x's far face f before it comes to n. n <= e·d_y(1 + 2.1u), by the reciprocal and the product;
-//    and e <= f·inv_x(1 + u), or in the other case e <= f·inv_x(1 + 7.2u), by the 4.1u and the
-//    roundings of f, of a segment's D_x and of its reciprocal. So n <= s·f(1 + 9.4u). To be taken
-//    for missed, n must be greater than s·f by 12u: the greatest slope is at least s(1 + 6u), by
-//    kSlopeUnits less its product's and its sum's rounding; its product with f loses one, and
-//    kSideUnits of both sizes is 8u, less the sum's. As much, 12u, is taken off where y's far face is
-//    left before x's near one is come to, and there it is 7.3u that is needed.
+//  * Boxes: those of BVHs hold their triangles' hits, which lie on the exact ray. So do the
+//    kd-tree's cells that any-hit walks need, and with perfect splits all. Without, closest-hit
+//    walks need a chain of cells told by float intervals (kd_tree.h, 2), beside which the ray may
+//    pass. Let a be faces relative to O, as rounded, which are the same here and there, T(a) =
+//    fl(a·inv) their parameters, e that of claim 2, and s = d_y·inv_x, unrounded, of one lane's
+//    floats, y's turned to be positive, too. Such a cell has T(near) <= e along every axis, and e
+//    <= T(far) but for a far face before which all of the triangle's box lies: with a hit at t*
+//    (exactly: at most that face's own parameter) e = E <= t*(1 + 4.1u) then. Beside y's near
+//    face n the ray passes if it leaves x's far face f before it comes to n. n <= e·d_y(1 +
+//    2.1u), by the reciprocal and the product; and e <= f·inv_x(1 + u), or in the other case e <=
+//    f·inv_x(1 + 7.2u), by the 4.1u and the roundings of f, of a segment's D_x and of its
+//    reciprocal. So n <= s·f(1 + 9.4u). To be taken for missed, n must be greater than s·f by
+//    12u: the greatest slope is at least s(1 + 6u), by kSlopeUnits less its product's and its
+//    sum's rounding; its product with f loses one, and kSideUnits of both sizes is 8u, less the
+//    sum's. As much, 12u, is taken off where y's far face is left before x's near one is come to,
+//    and there it is 7.3u that is needed.
 //    Products that underflow are off by 2^-149 each, which D_y scales: beyond_[] covers a few of
 //    them. Where the reciprocal of some D_y is not to be trusted (box_ray.h, 4) cells say nothing
 //    along y, and neither is anything told here.
