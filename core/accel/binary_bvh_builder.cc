@@ -10,6 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "core/accel/area_scale.h"
 #include "core/base/sparse_array.h"
 #include "core/base/status_macros.h"
 
@@ -30,8 +31,7 @@ struct Primitive {
   float centroid(int axis) const { return 0.5f * lo[axis] + 0.5f * hi[axis]; }
 };
 
-// Areas as shares of the scene's: those of a scene of 2^40 would not overflow, but products with
-// counts are better off small.
+// Of boxes within one, whose longest side `factor` brings to about 1.
 struct Scale {
   float factor;
   float HalfArea(const Box3f& box) const {
@@ -53,7 +53,6 @@ class Builder {
       : geometry_(geometry), options_(options), cancel_(cancel), bvh_(bvh) {
     const Vec3f extent = geometry.bounds.Extent();
     extent_ = std::max({extent.x, extent.y, extent.z});
-    scale_ = {extent_ > 0 ? 1 / extent_ : 1};
   }
 
   void Build() {
@@ -135,11 +134,13 @@ class Builder {
                                                                   : 2;
     if (!(extent[axis] > extent_ * options_.min_extent)) return begin;
     const float first = centroids.lo[axis];
-    const float per_bin = static_cast<float>(options_.bins) / extent[axis];
-    if (!(per_bin < std::numeric_limits<float>::infinity())) return begin;
+    // However small a node is, the bins of its parts and their costs are told apart.
+    const float to_one = ScaleToOne(extent[axis]);
+    const float per_bin = static_cast<float>(options_.bins) / (extent[axis] * to_one);
+    const Scale scale = {AreaScale(box)};
     const int last = options_.bins - 1;
     const auto bin_of = [=](const Primitive& p) {
-      return std::clamp(static_cast<int>((p.centroid(axis) - first) * per_bin), 0, last);
+      return std::clamp(static_cast<int>((p.centroid(axis) - first) * to_one * per_bin), 0, last);
     };
     // The small kind on the stack: most nodes are near the leaves.
     std::array<Bin, 64> small;
@@ -160,7 +161,7 @@ class Builder {
     for (int i = 0; i < last; ++i) {
       side.box.Extend(bins[i].box);
       side.count += bins[i].count;
-      left_cost[i] = scale_.HalfArea(side.box) * static_cast<float>(side.count);
+      left_cost[i] = scale.HalfArea(side.box) * static_cast<float>(side.count);
     }
     side = Bin();
     float best = std::numeric_limits<float>::infinity();
@@ -170,11 +171,11 @@ class Builder {
       side.count += bins[i].count;
       if (side.count == 0 || side.count == n) continue;
       const float cost =
-          left_cost[i - 1] + scale_.HalfArea(side.box) * static_cast<float>(side.count);
+          left_cost[i - 1] + scale.HalfArea(side.box) * static_cast<float>(side.count);
       if (cost < best) best = cost, split = i;
     }
     if (split < 0) return begin;
-    const float area = scale_.HalfArea(box);
+    const float area = scale.HalfArea(box);
     const float ratio = options_.cost_ratio;
     if (options_.stop_by_cost && ratio * static_cast<float>(n) * area <= 2 * area + ratio * best) {
       return begin;
@@ -207,7 +208,6 @@ class Builder {
   const CancelToken* const cancel_;
   BinaryBvh* const bvh_;
   float extent_ = 0;
-  Scale scale_{1};
   AlignedVector<Primitive> primitives_;
   SparseArray<BinaryBvhNode> nodes_;
   std::atomic<uint32_t> next_{1};

@@ -29,6 +29,7 @@
 #include "core/accel/child_ref.h"
 #include "core/accel/leaf_mates.h"
 #include "core/base/aligned_vector.h"
+#include "core/base/serial_number.h"
 #include "core/geometry/box3.h"
 
 namespace sightline {
@@ -60,6 +61,8 @@ struct Bvh {
   // tree was built: above 1 once it was fitted to triangles that moved apart (bvh_refit.h). Goes
   // along into a native scene file.
   double cost_growth = 1;
+  // By which whoever notes leaves of it (ChildRefs) knows it again; of no native scene file.
+  SerialNumber number;
 
   bool empty() const { return nodes.empty(); }
   bool has_leaf_rows() const { return leaf_ids.empty(); }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/accel/area_scale.h"
 #include "core/accel/binary_tree.h"
 #include "core/accel/build_primitive.h"
 #include "core/accel/leaf_mates_finder.h"
@@ -40,15 +41,6 @@ absl::Status ValidateOptions(const BvhBuildOptions& options) {
                                                    " is outside 0 .. ", kMaxTraversalCost));
   }
   return absl::OkStatus();
-}
-
-// A power of two that brings the longest side of `bounds` to about 1: areas then reach neither the
-// largest float nor, for anything that matters, the smallest.
-float AreaScale(const Box3f& bounds) {
-  const Vec3f extent = bounds.Extent();
-  const float longest = std::max(std::max(extent.x, extent.y), extent.z);
-  if (!(longest > 0)) return 1.0f;
-  return std::ldexp(1.0f, std::clamp(-std::ilogb(longest), -126, 126));
 }
 
 // On a thread of the pool.

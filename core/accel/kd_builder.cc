@@ -27,8 +27,16 @@ constexpr size_t kTaskRefs = 1 << 11;
 // Splits with references on both sides are fewer than references. Beside them, the six faces of
 // each of their halves may be cut off as empty: up to fourteen nodes a reference.
 constexpr uint64_t kMaxReferences = KdNode::kMaxIndex / 14;
+// More than any tree takes; small enough for doubles to tell it from all that is less.
+constexpr uint64_t kUnboundedBytes = uint64_t{1} << 52;
 // Share of the time that sorting the root's events takes (sphere of 1 M triangles: a tenth).
 constexpr double kRootShare = 0.1;
+
+// What a cell and all below it may take.
+struct Allowance {
+  uint64_t references;
+  uint64_t bytes;  // Of its node, and of what is below. REQUIRES: enough for a leaf.
+};
 
 // A finished part of the tree. Its nodes, leaves and ids are numbered from 0; the root is nodes[0].
 struct Part {
@@ -48,12 +56,16 @@ class KdTreeBuilder {
       : geometry_(geometry),
         options_(options),
         max_depth_(max_depth),
+        node_bytes_(sizeof(KdNode) + (options.perfect_splits ? sizeof(Box3f) : 0)),
         cancel_(cancel),
         progress_(progress) {}
 
-  // `share` of the whole work, for the progress. `allowed`: references that its leaves may have.
+  // What a root with so many references takes as one leaf.
+  uint64_t LeastBytes(uint64_t references) const { return LeafBytes(references); }
+
+  // `share` of the whole work, for the progress. `allowed`: what its nodes and leaves may take.
   // Incomplete once the token has fired.
-  std::unique_ptr<Part> Build(KdCell cell, int depth, uint64_t allowed, double share) {
+  std::unique_ptr<Part> Build(KdCell cell, int depth, Allowance allowed, double share) {
     auto part = std::make_unique<Part>();
     part->nodes.emplace_back();
     if (cell.refs.size() <= kTaskRefs) {
@@ -69,16 +81,17 @@ class KdTreeBuilder {
       Report(share);
       return part;
     }
-    const uint64_t allowed_below = AllowedBelow(split, allowed);
+    const auto [allowed_below, allowed_above] = Share(split, allowed);
     const double share_below =
         share * static_cast<double>(split.below) / static_cast<double>(split.below + split.above);
     auto halves = SplitCell(geometry_, std::move(cell), split, options_.perfect_splits);
     std::unique_ptr<Part> child[2];
     ParallelInvoke(
-        [&] { child[0] = Build(std::move(halves.first), depth + 1, allowed_below, share_below); },
-        [&] {
-          child[1] = Build(std::move(halves.second), depth + 1, allowed - allowed_below,
-                           share - share_below);
+        [&, below = allowed_below] {
+          child[0] = Build(std::move(halves.first), depth + 1, below, share_below);
+        },
+        [&, above = allowed_above] {
+          child[1] = Build(std::move(halves.second), depth + 1, above, share - share_below);
         });
     return Join(split, std::move(child[0]), std::move(child[1]));
   }
@@ -96,11 +109,14 @@ class KdTreeBuilder {
   }
 
   // The split to make; axis -1 for a leaf.
-  KdSplit Choose(const KdCell& cell, int depth, uint64_t allowed) const {
+  KdSplit Choose(const KdCell& cell, int depth, Allowance allowed) const {
     const size_t n = cell.refs.size();
     if (n <= static_cast<size_t>(options_.min_leaf_triangles) || depth > max_depth_) return {};
     const KdSplit split = FindKdSplit(cell.bounds, n, cell.events, options_.traversal_cost);
-    if (split.axis < 0 || split.below + split.above > allowed) return {};
+    if (split.axis < 0 || split.below + split.above > allowed.references ||
+        BytesOfSplit(split) > allowed.bytes) {
+      return {};
+    }
     const bool too_full =
         options_.max_leaf_triangles != 0 && n > static_cast<size_t>(options_.max_leaf_triangles);
     // A plane that every reference reaches across takes nothing off.
@@ -109,11 +125,28 @@ class KdTreeBuilder {
     return {};
   }
 
-  static uint64_t AllowedBelow(const KdSplit& split, uint64_t allowed) {
-    const uint64_t used = split.below + split.above, spare = allowed - used;
-    return split.below +
-           static_cast<uint64_t>(static_cast<double>(spare) * static_cast<double>(split.below) /
-                                 static_cast<double>(used));
+  // Of a leaf with its node.
+  uint64_t LeafBytes(uint64_t references) const {
+    return node_bytes_ + (references == 0 ? 0 : sizeof(KdLeaf)) + references * sizeof(uint32_t);
+  }
+  // Of a node whose halves are leaves.
+  uint64_t BytesOfSplit(const KdSplit& split) const {
+    return node_bytes_ + LeafBytes(split.below) + LeafBytes(split.above);
+  }
+
+  // What the halves may take: what each has, and of what is spare its share.
+  std::pair<Allowance, Allowance> Share(const KdSplit& split, Allowance allowed) const {
+    const uint64_t used = split.below + split.above;
+    const auto of_spare = [&](uint64_t all, uint64_t taken) {
+      const uint64_t spare = all - taken;
+      return std::min(spare, static_cast<uint64_t>(static_cast<double>(spare) *
+                                                   static_cast<double>(split.below) /
+                                                   static_cast<double>(used)));
+    };
+    const Allowance below = {split.below + of_spare(allowed.references, used),
+                             LeafBytes(split.below) + of_spare(allowed.bytes, BytesOfSplit(split))};
+    return {below,
+            {allowed.references - below.references, allowed.bytes - node_bytes_ - below.bytes}};
   }
 
   static void MakeLeaf(Part* part, uint32_t node, const KdCell& cell) {
@@ -135,18 +168,18 @@ class KdTreeBuilder {
                             static_cast<uint32_t>(cell.refs.size())});
   }
 
-  void BuildSerially(Part* part, uint32_t node, KdCell cell, int depth, uint64_t allowed) const {
+  void BuildSerially(Part* part, uint32_t node, KdCell cell, int depth, Allowance allowed) const {
     const KdSplit split = Choose(cell, depth, allowed);
     if (split.axis < 0) {
       MakeLeaf(part, node, cell);
       return;
     }
-    const uint64_t allowed_below = AllowedBelow(split, allowed);
+    const auto [allowed_below, allowed_above] = Share(split, allowed);
     auto halves = SplitCell(geometry_, std::move(cell), split, options_.perfect_splits);
     const uint32_t pair = static_cast<uint32_t>(part->nodes.size());
     part->nodes.resize(part->nodes.size() + 2);
     BuildSerially(part, pair, std::move(halves.first), depth + 1, allowed_below);
-    BuildSerially(part, pair + 1, std::move(halves.second), depth + 1, allowed - allowed_below);
+    BuildSerially(part, pair + 1, std::move(halves.second), depth + 1, allowed_above);
     const KdNode below = part->nodes[pair], above = part->nodes[pair + 1];
     if (Folds(below, above)) {
       part->nodes.resize(pair);
@@ -190,7 +223,10 @@ class KdTreeBuilder {
     const uint32_t leaves = static_cast<uint32_t>(part->leaves.size());
     const uint32_t ids = static_cast<uint32_t>(part->ids.size());
     Append(*below, /*root=*/1, /*first_leaf=*/0, part.get());
+    below->nodes =
+        {};  // Memory, as soon as it is not needed: both halves' is as much as the whole's.
     Append(*above, /*root=*/2, leaves, part.get());
+    above->nodes = {};
     for (KdLeaf leaf : above->leaves) {
       leaf.first += ids;
       part->leaves.push_back(leaf);
@@ -221,6 +257,7 @@ class KdTreeBuilder {
   const SceneGeometry& geometry_;
   const KdBuildOptions& options_;
   const int max_depth_;
+  const uint64_t node_bytes_;  // With its `reach`.
   const CancelToken* const cancel_;
   const std::function<void(double)>& progress_;
   std::atomic<uint64_t> done_{0};
@@ -261,17 +298,26 @@ absl::StatusOr<KdTree> Build(const SceneGeometry& geometry, const KdBuildOptions
                             ? options.max_depth
                             : std::min(static_cast<int>(kMaxKdDepth),
                                        static_cast<int>(8 + 1.3 * std::log2(triangles)));
-  const uint64_t allowed = static_cast<uint64_t>(static_cast<double>(options.max_references) *
-                                                 static_cast<double>(triangles));
+  Allowance allowed = {
+      .references = static_cast<uint64_t>(static_cast<double>(options.max_references) *
+                                          static_cast<double>(triangles)),
+      .bytes =
+          options.max_bytes == 0 ? kUnboundedBytes : std::min(options.max_bytes, kUnboundedBytes)};
   KdTree tree;
   tree.bounds = root.bounds;
   tree.triangle_count = static_cast<uint32_t>(triangles);
   KdTreeBuilder builder(geometry, options, max_depth, cancel, progress);
+  allowed.bytes = std::max(allowed.bytes, builder.LeastBytes(triangles));
   const std::unique_ptr<Part> part = builder.Build(std::move(root), /*depth=*/1, allowed, 1.0);
   SL_RETURN_IF_ERROR(check_cancel());
-  tree.nodes = AlignedVector<KdNode>(part->nodes.begin(), part->nodes.end());
-  tree.leaves = AlignedVector<KdLeaf>(part->leaves.begin(), part->leaves.end());
-  tree.ids = AlignedVector<uint32_t>(part->ids.begin(), part->ids.end());
+  // One array after the other, so that two trees are never there at once.
+  const auto take = [](auto* from, auto* to) {
+    *to = {from->begin(), from->end()};
+    *from = {};
+  };
+  take(&part->nodes, &tree.nodes);
+  take(&part->leaves, &tree.leaves);
+  take(&part->ids, &tree.ids);
   tree.max_depth = part->depth;
   if (options.perfect_splits) FillReach(geometry, &tree);
   if (progress) progress(1.0);

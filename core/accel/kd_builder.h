@@ -49,6 +49,11 @@ struct KdBuildOptions {  // Speed and memory only, all of these.
   // Bound on memory: references over triangles, 1 .. kMaxKdReferences. A cell's share is handed
   // down in proportion; a split that would exceed it is not made.
   float max_references = 6.0f;
+  // Bound on memory as such, which nodes and leaves take more of than references do: bytes of the
+  // tree (KdTree::MemoryBytes); 0: none. Handed down likewise, and a split that would exceed it is
+  // not made: so a tree that comes to it ends in larger leaves. A root that is one leaf is always
+  // made, whatever it takes.
+  uint64_t max_bytes = 0;
   // Not read here: whoever keeps the tree lays its leaves' triangles out beside it
   // (IndexedGeometry:: kd_leaves), 64 bytes for each that a leaf names, for walks that cull within
   // leaves.

@@ -16,4 +16,11 @@ absl::Status CancelToken::ToStatus() const {
   return absl::InternalError("a cancel token in no known state");
 }
 
+bool CancelToken::TakeLook(Clock::rep left) const {
+  while (left > kNoLooks && left <= kMostLooks) {
+    if (deadline_.compare_exchange_weak(left, left - 1, std::memory_order_relaxed)) return true;
+  }
+  return left > kMostLooks;  // A deadline that replaced it meanwhile: the next look's to notice.
+}
+
 }  // namespace sightline

@@ -46,6 +46,12 @@ class CancelToken {
     deadline_.store(deadline.time_since_epoch().count(), std::memory_order_relaxed);
   }
 
+  // Has it fire, as a deadline does, at the look after so many more: for tests of how often work
+  // looks, which tell no time. Replaces the deadline.
+  void set_looks_left(uint32_t looks) {
+    deadline_.store(kNoLooks + Clock::rep{looks}, std::memory_order_relaxed);
+  }
+
   bool cancelled() const { return reason() != kLive; }
 
   // OK while live, then CANCELLED or DEADLINE_EXCEEDED.
@@ -54,18 +60,27 @@ class CancelToken {
  private:
   enum Reason : uint32_t { kLive = 0, kCancelled = 1, kDeadlineExceeded = 2 };
   static constexpr Clock::rep kNoDeadline = std::numeric_limits<Clock::rep>::max();
+  // As a deadline: from here on to kMostLooks, how many looks are left, which no clock shows.
+  static constexpr Clock::rep kNoLooks = std::numeric_limits<Clock::rep>::min();
+  static constexpr Clock::rep kMostLooks = kNoLooks + std::numeric_limits<uint32_t>::max();
 
   Reason reason() const {
     const Reason reason = reason_.load(std::memory_order_relaxed);
     if (reason != kLive) return reason;
     const Clock::rep deadline = deadline_.load(std::memory_order_relaxed);
-    if (deadline != kNoDeadline && Clock::now().time_since_epoch().count() >= deadline) {
-      return Latch(kDeadlineExceeded);
-    }
+    if (deadline != kNoDeadline && HasPassed(deadline)) return Latch(kDeadlineExceeded);
     if (parent_ == nullptr) return kLive;
     const Reason inherited = parent_->reason();
     return inherited == kLive ? kLive : Latch(inherited);
   }
+
+  bool HasPassed(Clock::rep deadline) const {
+    if (deadline <= kMostLooks) [[unlikely]]
+      return !TakeLook(deadline);
+    return Clock::now().time_since_epoch().count() >= deadline;
+  }
+  // Whether one was left.
+  bool TakeLook(Clock::rep left) const;
 
   // Keeps the first reason, and returns it.
   Reason Latch(Reason reason) const {
@@ -76,7 +91,8 @@ class CancelToken {
 
   const CancelToken* const parent_ = nullptr;
   mutable std::atomic<Reason> reason_{kLive};
-  std::atomic<Clock::rep> deadline_{kNoDeadline};
+  mutable std::atomic<Clock::rep> deadline_{
+      kNoDeadline};  // Changed by a look where these are told.
 };
 
 }  // namespace sightline

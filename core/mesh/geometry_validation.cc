@@ -29,6 +29,8 @@ class Validator {
       : geometry_(geometry), cancel_(cancel) {}
 
   absl::Status Validate() {
+    SL_RETURN_IF_ERROR(CheckCount("triangles", geometry_.triangles.size()));
+    SL_RETURN_IF_ERROR(CheckCount("vertices", geometry_.vertices.size()));
     SL_RETURN_IF_ERROR(CheckObjects());
     SL_RETURN_IF_ERROR(CheckInertOrder());
     SL_RETURN_IF_ERROR(CheckVertices());
@@ -43,6 +45,12 @@ class Validator {
     uint64_t non_finite = 0;
     Box3f bounds;
   };
+
+  static absl::Status CheckCount(const char* what, uint64_t count) {
+    if (count <= kMaxGeometryItems) return absl::OkStatus();
+    return Fault("it has ", count, " ", what, ", and a scene has at most ", kMaxGeometryItems,
+                 ": split it");
+  }
 
   // Runs check(begin, end, &seen) over blocks of [0, n) and puts what they saw together.
   template <typename Check>

@@ -15,8 +15,9 @@
 
 namespace sightline {
 
-// OK when: origin, transforms and roundings are finite and in range; objects have names of their
-// own and follow each other without a gap, in triangles and in vertices; every vertex is finite,
+// OK when: there are at most kMaxGeometryItems triangles, and as many vertices; origin, transforms
+// and roundings are finite and in range; objects have names of their own and follow each other
+// without a gap, in triangles and in vertices; every vertex is finite,
 // within kMaxCoordinate and without -0, or three NaNs; every triangle's indices are its object's;
 // `inert` lists exactly the triangles that are not finite or have no area, ascending; bounds,
 // `uniform` and the report's counts agree (duplicates, which only a search would tell, are merely

@@ -176,7 +176,7 @@ class Compiler {
   }
 
   static absl::Status Add(const char* what, uint64_t count, uint64_t limit, uint64_t& total) {
-    limit = std::min<uint64_t>(limit, kNoTriangle - 1);  // What 32-bit ids can number.
+    limit = std::min(limit, kMaxGeometryItems);
     if (count > limit || total > limit - count) {
       return LimitError(absl::StrCat("max_", what), limit,
                         absl::StrCat("the scene has at least ", total + count, " ", what),

@@ -15,6 +15,7 @@
 //  4. No stored coordinate is -0, so equal positions have
 //     equal bits. A vertex that was not finite is stored as
 //     three NaNs, and no finite one is.
+//  5. There are at most kMaxGeometryItems triangles, and at most as many vertices.
 //
 // Thread safety: immutable after construction, shared freely.
 //
@@ -43,6 +44,9 @@ namespace sightline {
 inline constexpr uint32_t kNoTriangle = 0xFFFFFFFFu;
 // The largest |coordinate|, stored or in the world: what the predicate's float stage can take.
 inline constexpr double kMaxCoordinate = 1099511627776.0;  // 2^40
+// The most triangles, and the most vertices, of any scene, whatever its limits say: walks fetch the
+// three numbers of each by 32-bit offsets with a sign (core/traverse/ready_triangles-inl.h).
+inline constexpr uint64_t kMaxGeometryItems = 715'827'882;  // (2^31 - 1) / 3
 
 struct ObjectRecord {
   std::string name;
@@ -90,7 +94,7 @@ struct SceneGeometry {
   size_t MemoryBytes() const;
 };
 
-struct MeshLimits {
+struct MeshLimits {  // Above kMaxGeometryItems: as that, for triangles and vertices.
   uint64_t max_triangles = 200'000'000;
   uint64_t max_vertices = 600'000'000;
   uint64_t max_objects = 1'000'000;
@@ -102,8 +106,8 @@ struct MeshLimits {
 //    divide, a name that is doubled or not UTF-8, a non-finite
 //    transform or origin, a finite coordinate beyond
 //    kMaxCoordinate: InvalidArgument naming object, position and value.
-//  - More triangles, vertices or objects than the limits:
-//    ResourceExhausted naming the limit and its value.
+//  - More triangles, vertices or objects than the limits, or more triangles or vertices than
+//    kMaxGeometryItems: ResourceExhausted naming the limit and its value.
 //  - Non-finite vertices, zero-area and duplicate triangles: counted in the report.
 //  - Cancelled or DeadlineExceeded once `cancel` has fired.
 // A stored vertex is fl32(world − origin), the subtraction in double. An object without a name is

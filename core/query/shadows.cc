@@ -85,6 +85,16 @@ absl::Status CheckArguments(const PointRange& points, std::span<const LightSampl
   return absl::OkStatus();
 }
 
+// What the points before left behind, where that was of this scene: of another's leaves this one
+// has none, or others.
+ShadowHints TakeHints(const IndexedGeometry& scene, ShadowHints* hints) {
+  const uint64_t bvh = scene.bvh.number.value();
+  if (hints == nullptr) return {.bvh = bvh};
+  ShadowHints taken = std::exchange(*hints, {});
+  if (taken.bvh == bvh) return taken;
+  return {.bvh = bvh, .ray_cost = taken.bvh == 0 ? taken.ray_cost : 0};
+}
+
 // Has the tracer fetch points from `first` on while it asks about others.
 void FetchMeanwhile(const PointRange& points, size_t first, SampleTracer* tracer) {
   const size_t count = points.positions.size() - first;
@@ -120,9 +130,9 @@ absl::Status Compute(const IndexedGeometry& scene, const PointRange& points,
   std::vector<Vec3f> positions;
   std::vector<uint32_t> sources;
   std::vector<size_t> index;
-  const float known_cost = shadow.hints != nullptr ? shadow.hints->ray_cost : 0;
-  SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats,
-                      shadow.hints != nullptr ? std::exchange(*shadow.hints, {}) : ShadowHints());
+  ShadowHints hints = TakeHints(scene, shadow.hints);
+  const float known_cost = hints.ray_cost;
+  SampleTracer tracer(scene, run, kind, shadow.t_min, samples, &out.stats, std::move(hints));
   if (outputs.answered_by) tracer.RecordAnsweredBy();
   std::optional<OwnOrder> own;
   if (!shadow.ordered) {

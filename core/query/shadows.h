@@ -51,9 +51,10 @@ struct PointRange {
 
 // Where walks toward each sample last found a blocker: tried first for the next points, which are
 // their neighbours. And what these cost, by which AUTO chooses how to walk for them, and whether it
-// pays to bring them into an order of their own. Of one scene and one set of samples; empty at
-// first.
+// pays to bring them into an order of their own. Of one set of samples; empty at first. Handed to
+// another scene or revision, they begin afresh.
 struct ShadowHints {
+  uint64_t bvh = 0;                    // Whose leaves they are: its number; 0: nobody's yet.
   std::vector<uint32_t> first_leaves;  // By sample.
   std::vector<uint8_t> covered;        // Whether one triangle there blocked many points at once.
   std::vector<PatchHint> patches;      // By sample.

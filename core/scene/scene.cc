@@ -32,6 +32,22 @@ constexpr size_t kPolledObjects = 4096;
 // Of what is built where a kd-tree is built, too: the BVH's share (sphere of 1 M triangles).
 constexpr double kBvhShare = 0.1;
 
+// What a kd-tree so built is reckoned to take, and kept to. The default one takes 35 to 83 bytes a
+// triangle (pine, hall, hotel, forest, sphere); twice that, and some. Those that cost less to walk
+// take up to 131, and with perfect splits up to 305 (hall, forest, sphere). Whoever allows more
+// references than the default is reckoned to use them.
+uint64_t KdTreeBytes(uint64_t triangles, const KdBuildOptions& options) {
+  const KdBuildOptions usual;
+  const bool large = options.perfect_splits && options.traversal_cost < usual.traversal_cost;
+  // BuildKdTree refuses what is out of range.
+  const double asked = std::min(options.max_references, kMaxKdReferences);
+  const double more = asked > usual.max_references ? asked / usual.max_references : 1;
+  const uint64_t per_triangle = static_cast<uint64_t>(std::ceil((large ? 360 : 180) * more));
+  // The smallest is a node and a leaf.
+  return triangles * per_triangle + sizeof(KdNode) + sizeof(KdLeaf) + sizeof(uint32_t) +
+         sizeof(Box3f);
+}
+
 class Stopwatch {
  public:
   double seconds() const {
@@ -51,8 +67,11 @@ absl::Status BuildKd(const KdBuildOptions& options, ThreadPool& pool, const Canc
     kd_progress = [&progress](double share) { progress(kBefore + (1 - kBefore) * share); };
   }
   const Stopwatch time;
+  KdBuildOptions bounded = options;
+  const uint64_t most = KdTreeBytes(scene->geometry.triangles.size(), options);
+  bounded.max_bytes = options.max_bytes == 0 ? most : std::min(options.max_bytes, most);
   SL_ASSIGN_OR_RETURN(scene->kd_tree,
-                      BuildKdTree(scene->geometry, options, pool, cancel, kd_progress));
+                      BuildKdTree(scene->geometry, bounded, pool, cancel, kd_progress));
   if (options.lay_out_leaves) {
     const KdTree& tree = *scene->kd_tree;
     scene->kd_leaves = MakeLeafTriangles(scene->geometry, {tree.ids.data(), tree.ids.size()});
@@ -281,10 +300,7 @@ uint64_t EstimateSceneBytes(uint64_t triangles, uint64_t vertices,
     }
   }
   if (options.kd_tree) {
-    // The default kd-tree takes 35 to 83 (pine, hall, hotel, forest, sphere); twice that, and some.
-    // The smallest is a node and a leaf, too.
-    per_triangle += 180;
-    bytes += sizeof(KdNode) + sizeof(KdLeaf) + sizeof(uint32_t) + sizeof(Box3f);
+    bytes += KdTreeBytes(triangles, *options.kd_tree);
     // Rows and a box for each triangle that a leaf names.
     if (options.kd_tree->lay_out_leaves) {
       // BuildKdTree refuses what is out of range.

@@ -345,11 +345,18 @@ class Reader {
   uint64_t borrowed_bytes_ = 0;
 };
 
-absl::Status CheckLimit(const SceneBytes& file, const char* what, uint64_t count, uint64_t limit) {
+absl::Status CheckLimit(const SceneBytes& file, const char* what, uint64_t count, uint64_t limit,
+                        const char* remedy = "raise it, or split the scene") {
   if (count <= limit) return absl::OkStatus();
   return LimitError(absl::StrCat("max_", what), limit,
-                    absl::StrCat(file.shown, ": the scene has ", count, " ", what),
-                    "raise it, or split the scene");
+                    absl::StrCat(file.shown, ": the scene has ", count, " ", what), remedy);
+}
+
+// Of triangles or vertices, of which no scene has more than kMaxGeometryItems.
+absl::Status CheckItems(const SceneBytes& file, const char* what, uint64_t count, uint64_t limit) {
+  SL_RETURN_IF_ERROR(
+      CheckLimit(file, what, count, kMaxGeometryItems, "split the scene: no limit goes further"));
+  return CheckLimit(file, what, count, limit);
 }
 
 }  // namespace
@@ -433,8 +440,8 @@ absl::StatusOr<std::shared_ptr<const Scene>> LoadScene(
     const CancelToken* cancel, const std::function<void(double)>& progress) try {
   SL_ASSIGN_OR_RETURN(const SceneFileInfo info, InspectSceneFile(file));
   SL_RETURN_IF_ERROR(CheckLimit(file, "objects", info.objects, options.limits.max_objects));
-  SL_RETURN_IF_ERROR(CheckLimit(file, "triangles", info.triangles, options.limits.max_triangles));
-  SL_RETURN_IF_ERROR(CheckLimit(file, "vertices", info.vertices, options.limits.max_vertices));
+  SL_RETURN_IF_ERROR(CheckItems(file, "triangles", info.triangles, options.limits.max_triangles));
+  SL_RETURN_IF_ERROR(CheckItems(file, "vertices", info.vertices, options.limits.max_vertices));
   auto scene = std::make_shared<Scene>();
   scene->name = std::move(name);
   scene->revision = options.revision != 0 ? options.revision : info.revision;

@@ -169,12 +169,14 @@ template <class Tree, bool kAny>
 class CulledSingleWalk {
  public:
   CulledSingleWalk(const IndexedGeometry& scene, const LeafCulling& culling, const TraceRay& query,
-                   WalkStats* stats)
+                   WalkStats* stats, RayPoll* poll)
       : tree_(scene, culling),
         stats_(stats),
-        leaf_(scene, culling, query, stats),
+        poll_(poll),
+        leaf_(scene, culling, query, stats, poll),
         limit_(query.ray.segment ? kSegmentEnd : std::numeric_limits<float>::infinity()) {}
 
+  // Left off, and of no use, where the poll has fired.
   Hit Run() {
     if (tree_.empty()) return best_;
     // Not initialized: a box's default is not nothing.
@@ -183,6 +185,7 @@ class CulledSingleWalk {
     int depth = 0;
     Push({0, tree_.root_box(), 0}, stack, &depth);
     while (depth > 0) {
+      if (poll_->Fired()) break;
       const Pending at = stack[--depth];
       if (IsBehind(at)) continue;
       if (tree_.is_leaf(at.node)) {
@@ -238,6 +241,7 @@ class CulledSingleWalk {
 
   const Tree tree_;
   WalkStats* const stats_;
+  RayPoll* const poll_;
   RayBoxLeaf<kAny> leaf_;
   float limit_;
   Hit best_;
@@ -247,19 +251,22 @@ template <bool kAny>
 bool TraceCulledSingle(const IndexedGeometry& scene, const LeafCulling& culling,
                        std::span<const TraceRay> rays, std::span<Hit> hits,
                        const CancelToken* cancel, WalkStats* stats) {
+  RayPoll poll(cancel);
   for (size_t i = 0; i < rays.size(); ++i) {
     if (i % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
     switch (culling.tree) {
       case CulledTree::kBinaryBvh:
-        hits[i] = CulledSingleWalk<BinaryBvhView, kAny>(scene, culling, rays[i], stats).Run();
+        hits[i] =
+            CulledSingleWalk<BinaryBvhView, kAny>(scene, culling, rays[i], stats, &poll).Run();
         break;
       case CulledTree::kKdTree:
-        hits[i] = CulledSingleWalk<KdTreeView, kAny>(scene, culling, rays[i], stats).Run();
+        hits[i] = CulledSingleWalk<KdTreeView, kAny>(scene, culling, rays[i], stats, &poll).Run();
         break;
       case CulledTree::kBvh:
-        hits[i] = CulledSingleWalk<BvhView, kAny>(scene, culling, rays[i], stats).Run();
+        hits[i] = CulledSingleWalk<BvhView, kAny>(scene, culling, rays[i], stats, &poll).Run();
         break;
     }
+    if (poll.fired()) return false;
   }
   return true;
 }
@@ -313,17 +320,18 @@ template <class Tree, bool kAny>
 class CulledPacketWalk {
  public:
   CulledPacketWalk(const IndexedGeometry& scene, const LeafCulling& culling, RayPacket& packet,
-                   WalkStats* stats)
+                   const CancelToken* cancel, WalkStats* stats)
       : tree_(scene, culling),
         culling_(culling),
         stats_(stats),
+        poll_(cancel),
         lanes_(scene, packet, stats),
-        leaf_(scene, culling, lanes_, stats) {}
+        leaf_(scene, culling, lanes_, stats, &poll_) {}
 
   bool has_frustum() const { return leaf_.slopes().valid(); }
 
   // Returns false if `cancel` fired.
-  bool Run(const CancelToken* cancel) {
+  bool Run() {
     if (tree_.empty()) return true;
     // Not initialized: a box's default is not nothing.
     alignas(Pending) std::byte room[(Tree::kStack + 1) * sizeof(Pending)];
@@ -331,12 +339,13 @@ class CulledPacketWalk {
     int depth = 0;
     Pending root = {0, 0, tree_.root_box(), 0};
     if (Meets(0, &root)) stack[depth++] = root;
-    uint64_t visited = 0;
     while (depth > 0) {
+      if (poll_.Fired()) return false;
       const Pending at = stack[--depth];
-      if (++visited % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
       if (tree_.is_leaf(at.node)) {
-        if (VisitLeaf(at)) return true;
+        const bool all_done = VisitLeaf(at);
+        if (poll_.fired()) return false;
+        if (all_done) return true;
         continue;
       }
       ++stats_->nodes;
@@ -427,6 +436,7 @@ class CulledPacketWalk {
   const Tree tree_;
   const LeafCulling& culling_;
   WalkStats* const stats_;
+  PacketPoll poll_;
   PacketLanes<kAny> lanes_;
   PacketLeaf<kAny> leaf_;
 };
@@ -437,14 +447,16 @@ bool TraceCulledTree(const IndexedGeometry& scene, const LeafCulling& culling, R
   // Packets of fewer rays than this are better off alone.
   constexpr int kLeastSplit = 4;
   {
-    CulledPacketWalk<Tree, kAny> walk(scene, culling, packet, stats);
-    if (walk.has_frustum()) return walk.Run(cancel);
+    CulledPacketWalk<Tree, kAny> walk(scene, culling, packet, cancel, stats);
+    if (walk.has_frustum()) return walk.Run();
   }
   if (culling.split == PacketSplit::kSingleRays || packet.count <= kLeastSplit) {
+    RayPoll poll(cancel);
     for (int i = 0; i < packet.count; ++i) {
       if (cancel != nullptr && cancel->cancelled()) return false;
       const TraceRay ray = packet.trace_ray(i);
-      const Hit hit = CulledSingleWalk<Tree, kAny>(scene, culling, ray, stats).Run();
+      const Hit hit = CulledSingleWalk<Tree, kAny>(scene, culling, ray, stats, &poll).Run();
+      if (poll.fired()) return false;
       packet.triangle[i] = hit.triangle;
       if constexpr (!kAny) packet.t[i] = hit.t;
     }

@@ -85,6 +85,7 @@ class KdPacketWalk {
     Pending stack[kKdStackSize];
     int depth = 0;
     if (cancel != nullptr && cancel->cancelled()) return End::kCancelled;
+    PacketPoll poll(cancel);
     for (int64_t budget = kKdPacketBudget; budget > 0; --budget) {
       const KdNode node = tree_.nodes[at.node];
       if (!node.is_leaf()) {
@@ -92,7 +93,9 @@ class KdPacketWalk {
         if (Enter(node, &at, stack, &depth)) continue;
       } else if (!node.is_empty_leaf()) {
         budget -= kKdLeafPrice - 1;
-        if (VisitLeaf(tree_.leaves[node.leaf()])) return End::kDone;
+        const bool all_done = VisitLeaf(tree_.leaves[node.leaf()], &poll);
+        if (poll.fired()) return End::kCancelled;
+        if (all_done) return End::kDone;
       }
       do {
         if (depth == 0) return End::kDone;
@@ -167,8 +170,8 @@ class KdPacketWalk {
     return MaskBits(D(), met) & lanes_.active(group);
   }
 
-  // Returns true when no lane is left to answer.
-  bool VisitLeaf(const KdLeaf& kd_leaf) {
+  // Returns true when no lane is left to answer. Leaves off when the poll fires.
+  bool VisitLeaf(const KdLeaf& kd_leaf, PacketPoll* poll) {
     const Vec3f lo = kd_leaf.box().lo - lanes_.origin(), hi = kd_leaf.box().hi - lanes_.origin();
     uint32_t in_leaf[RayPacket::kMaxRays / 8], some = 0;
     for (uint32_t left = asked_; left != 0; left &= left - 1) {
@@ -180,6 +183,7 @@ class KdPacketWalk {
     ++stats_->leaves;
     const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      if (poll->Fired()) return false;
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;
       FacingTriangle facing[kMaxLeafTriangles];

@@ -38,9 +38,11 @@ template <bool kAny>
 class KdSingleWalk {
  public:
   // All are kept by reference.
-  HWY_INLINE KdSingleWalk(const IndexedGeometry& scene, const TraceRay& query, WalkStats* stats)
-      : scene_(scene), tree_(*scene.kd_tree), query_(query), stats_(stats) {}
+  HWY_INLINE KdSingleWalk(const IndexedGeometry& scene, const TraceRay& query, WalkStats* stats,
+                          RayPoll* poll)
+      : scene_(scene), tree_(*scene.kd_tree), query_(query), stats_(stats), poll_(poll) {}
 
+  // Left off, and of no use, where the poll has fired.
   HWY_INLINE Hit Run() {
     if (tree_.empty()) return best_;
     const PredicateRay& ray = query_.ray;
@@ -58,6 +60,8 @@ class KdSingleWalk {
       } else if (!node.is_empty_leaf() && VisitLeaf(tree_.leaves[node.leaf()])) {
         return best_;
       }
+      // Between two of these lie no more steps than the tree is deep.
+      if (poll_->Fired()) return best_;
       do {
         if (depth == 0) return best_;
         at = stack[--depth];
@@ -111,6 +115,7 @@ class KdSingleWalk {
     ++stats_->leaves;
     const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      if (at > 0 && poll_->Fired()) return true;
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;
       if (TestLeaf(view, query_, scene_.geometry, stats_, [&](uint32_t lane) HWY_ATTR {
@@ -133,6 +138,7 @@ class KdSingleWalk {
   const KdTree& tree_;
   const TraceRay& query_;
   WalkStats* const stats_;
+  RayPoll* const poll_;
   BoxRay box_ray_;
   float limit_ = 0;  // What is entered after this holds no hit that counts.
   Hit best_;
@@ -141,9 +147,11 @@ class KdSingleWalk {
 template <bool kAny>
 bool TraceKdSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays,
                    std::span<Hit> hits, const CancelToken* cancel, WalkStats* stats) {
+  RayPoll poll(cancel);
   for (size_t i = 0; i < rays.size(); ++i) {
     if (i % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
-    hits[i] = KdSingleWalk<kAny>(scene, rays[i], stats).Run();
+    hits[i] = KdSingleWalk<kAny>(scene, rays[i], stats, &poll).Run();
+    if (poll.fired()) return false;
   }
   return true;
 }

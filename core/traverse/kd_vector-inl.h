@@ -58,15 +58,16 @@ class KdVectorWalk {
     if (!SomeMayHit(&at)) return true;
     Pending stack[kKdStackSize];
     int depth = 0;
-    uint64_t visited = 0;
+    PacketPoll poll(cancel);
     while (true) {
-      if (++visited % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
+      if (poll.Fired()) return false;
       const KdNode node = tree_.nodes[at.node];
       if (!node.is_leaf()) {
         ++stats_->nodes;
         if (Enter(node, &at, stack, &depth)) continue;
       } else if (!node.is_empty_leaf()) {
-        VisitLeaf(tree_.leaves[node.leaf()]);
+        VisitLeaf(tree_.leaves[node.leaf()], &poll);
+        if (poll.fired()) return false;
         if (kAny && lanes_.active(group) == 0) return true;
       }
       do {
@@ -143,7 +144,8 @@ class KdVectorWalk {
     return true;
   }
 
-  void VisitLeaf(const KdLeaf& kd_leaf) {
+  // Leaves off when the poll fires.
+  void VisitLeaf(const KdLeaf& kd_leaf, PacketPoll* poll) {
     const Vec3f lo = kd_leaf.box().lo - lanes_.origin(), hi = kd_leaf.box().hi - lanes_.origin();
     V entry;
     M met = lanes_.LanesMeet(group_, lo, hi, &entry);
@@ -153,6 +155,7 @@ class KdVectorWalk {
     ++stats_->leaves;
     const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count && in_leaf != 0; at += kMaxLeafTriangles) {
+      if (at > 0 && poll->Fired()) return;
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;
       FacingTriangle facing[kMaxLeafTriangles];

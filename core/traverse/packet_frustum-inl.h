@@ -24,6 +24,25 @@
 //  * Far: its distance is held to its box's entry (core/intersect/hit.h), which is at least
 //    fl(fl(min v_x) · inv_i), and that at least fl(min v_x · min inv): the same monotone products.
 //    No margin; ties are not culled.
+//  * Boxes: those of BVHs hold their triangles' hits, which lie on the exact ray. So do the
+//    kd-tree's cells that any-hit walks need, and with perfect splits all. Without, closest-hit
+//    walks need a chain of cells told by float intervals (kd_tree.h, 2), beside which the ray may
+//    pass. Let a be faces relative to O, as rounded, which are the same here and there, T(a) =
+//    fl(a·inv) their parameters, e that of claim 2, and s = d_y·inv_x, unrounded, of one lane's
+//    floats, y's turned to be positive, too. Such a cell has T(near) <= e along every axis, and e
+//    <= T(far) but for a far face before which all of the triangle's box lies: with a hit at t*
+//    (exactly: at most that face's own parameter) e = E <= t*(1 + 4.1u) then. Beside y's near
+//    face n the ray passes if it leaves x's far face f before it comes to n. n <= e·d_y(1 +
+//    2.1u), by the reciprocal and the product; and e <= f·inv_x(1 + u), or in the other case e <=
+//    f·inv_x(1 + 7.2u), by the 4.1u and the roundings of f, of a segment's D_x and of its
+//    reciprocal. So n <= s·f(1 + 9.4u). To be taken for missed, n must be greater than s·f by
+//    12u: the greatest slope is at least s(1 + 6u), by kSlopeUnits less its product's and its
+//    sum's rounding; its product with f loses one, and kSideUnits of both sizes is 8u, less the
+//    sum's. As much, 12u, is taken off where y's far face is left before x's near one is come to,
+//    and there it is 7.3u that is needed.
+//    Products that underflow are off by 2^-149 each, which D_y scales: beyond_[] covers a few of
+//    them. Where the reciprocal of some D_y is not to be trusted (box_ray.h, 4) cells say nothing
+//    along y, and neither is anything told here.
 //  * Edges: with the origin behind the triangle, a hit needs e_k(D) >= 0 for its three edges (the
 //    predicate's forms). They are linear in D, and D is a positive combination of the four corner
 //    directions: negative at all four says negative for all rays, positive says positive. The
@@ -53,6 +72,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr float kSlopeUnits = 8 * 0x1p-24f;
 constexpr float kSideUnits = 4 * 0x1p-24f;
+// What is left of the two margins of a box, and what cells of a kd-tree may need of them.
+static_assert(kSlopeUnits + 2 * kSideUnits - 4 * 0x1p-24f > 9.4f * 0x1p-24f);
 // Steeper slopes make no frustum: times a coordinate they may overflow, and what they are taken of
 // is so short that x·D_x underflows. Such packets are split.
 constexpr float kSteepest = 0x1p40f;
@@ -106,6 +127,16 @@ class PacketSlopes {
       }
     }
     least_inv_ = hn::GetLane(hn::MinOfLanes(d, least));
+    for (int s = 0; s < 2; ++s) {
+      float longest_beside = 1;
+      for (int i = 0; i < lanes.count(); ++i) {
+        longest_beside = std::max(longest_beside, std::abs(lanes.direction_row(other(s))[i]));
+        if (std::isnan(lanes.inv_row(other(s))[i])) {
+          longest_beside = std::numeric_limits<float>::infinity();
+        }
+      }
+      beyond_[s] = kFloatUnderflow * longest_beside;
+    }
     uint32_t all[RayPacket::kMaxRays / 8];
     std::fill_n(all, lanes.groups(), ~0u);
     whole_ = Hold(all, 0, lanes.groups());
@@ -211,11 +242,11 @@ class PacketSlopes {
     x0 = std::max(x0, 0.0f);
     for (int s = 0; s < 2; ++s) {
       const int k = other(s);
-      // Products and faces carry a rounding each, x another: kSideUnits of both, as above.
+      // "Boxes" above.
       const float below = std::max(whole_.hi[s] * x0, whole_.hi[s] * x1);
       const float above = std::min(whole_.lo[s] * x0, whole_.lo[s] * x1);
-      const auto margin = [](float a, float b) {
-        return kSideUnits * (std::abs(a) + std::abs(b)) + kFloatUnderflow;
+      const auto margin = [&](float a, float b) {
+        return kSideUnits * (std::abs(a) + std::abs(b)) + beyond_[s];
       };
       if (below + margin(below, lo[k]) < lo[k] || above - margin(above, hi[k]) > hi[k]) return true;
     }
@@ -241,6 +272,7 @@ class PacketSlopes {
   int axis_ = -1;
   float sign_ = 1;
   float least_inv_ = 0;
+  float beyond_[2];  // Underflow's margin of a box, along other(s); infinite: no box is missed.
   Frustum whole_{};
   alignas(64) float lo_[2][RayPacket::kMaxRays], hi_[2][RayPacket::kMaxRays];
 };

@@ -23,6 +23,7 @@
 #include "core/traverse/leaf_range.h"
 #include "core/traverse/packet_frustum-inl.h"
 #include "core/traverse/packet_lanes-inl.h"
+#include "core/traverse/single-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace sightline {
@@ -46,17 +47,18 @@ class PacketLeaf {
   static constexpr uint32_t kMaxGroups = RayPacket::kMaxRays / 8;
 
   PacketLeaf(const IndexedGeometry& scene, const LeafCulling& culling, PacketLanes<kAny>& lanes,
-             WalkStats* stats)
+             WalkStats* stats, PacketPoll* poll)
       : scene_(scene),
         culling_(culling),
         lanes_(lanes),
         stats_(stats),
+        poll_(poll),
         slopes_(lanes, culling.first_axis) {}
 
   const PacketSlopes& slopes() const { return slopes_; }
 
   // `met`: by group, the lanes that meet the leaf's box; clobbered. Groups before `begin` have
-  // none.
+  // none. Leaves off when the poll fires.
   void Visit(const LeafRange& range, uint32_t* met, uint32_t begin) {
     uint32_t rays = 0;
     Frustum frustum = slopes_.whole();
@@ -84,6 +86,7 @@ class PacketLeaf {
     const bool near_far_first = culling_.near_far && !(edges && culling_.aperture_first);
     float limit = FarthestLimit(within, begin);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      if (at > 0 && poll_->Fired()) return;
       const RangeView view(scene_.geometry, range, at);
       const LeafView& leaf = view.leaf;
       if (at > 0) limit = FarthestLimit(within, begin);
@@ -271,6 +274,7 @@ class PacketLeaf {
   const LeafCulling& culling_;
   PacketLanes<kAny>& lanes_;
   WalkStats* const stats_;
+  PacketPoll* const poll_;
   PacketSlopes slopes_;
 };
 

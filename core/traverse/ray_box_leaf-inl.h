@@ -121,11 +121,12 @@ template <bool kAny>
 class RayBoxLeaf {
  public:
   RayBoxLeaf(const IndexedGeometry& scene, const LeafCulling& culling, const TraceRay& query,
-             WalkStats* stats)
+             WalkStats* stats, RayPoll* poll)
       : scene_(scene),
         culling_(culling),
         query_(query),
         stats_(stats),
+        poll_(poll),
         direction_(query.ray.RoundedDirection()),
         dot_ray_(DotProductRay::Make(query.ray.origin, direction_)),
         box_ray_(BoxRay::Make(query.ray.origin, direction_)) {}
@@ -133,7 +134,7 @@ class RayBoxLeaf {
   const BoxRay& box_ray() const { return box_ray_; }
 
   // The ray is within the leaf from `entry` to `exit`, and looks no further than `limit`. Returns
-  // true when any further hit is of no interest.
+  // true when any further hit is of no interest, or when the poll has fired.
   bool Visit(const LeafRange& range, float entry, float exit, Hit* best, float* limit) {
     Part part;
     part.boxes = culling_.ray_box && range.count >= culling_.ray_box_min_triangles;
@@ -143,6 +144,7 @@ class RayBoxLeaf {
       part.box = RayPartBox::Make(box_ray_, direction_, entry > 0 ? entry : 0, part.end);
     }
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      if (at > 0 && poll_->Fired()) return true;
       const RangeView view(scene_.geometry, range, at);
       const Batch batch = {view.leaf, range, at};
       uint32_t chosen = (1u << view.leaf.count) - 1;
@@ -313,6 +315,7 @@ class RayBoxLeaf {
   const LeafCulling& culling_;
   const TraceRay& query_;
   WalkStats* const stats_;
+  RayPoll* const poll_;
   const Vec3f direction_;
   const DotProductRay dot_ray_;
   const BoxRay box_ray_;

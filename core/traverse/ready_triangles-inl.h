@@ -44,7 +44,8 @@ HWY_NOINLINE void GatherTerms(const SceneGeometry& geometry, Vec3f origin, VU id
   const float* positions = &geometry.vertices.data()->x;
   Vec3V<hn::Vec<D>> corner[3];
   for (int k = 0; k < 3; ++k) {
-    // Offsets stay below 2^31: MeshLimits.
+    // Offsets have a sign: 3 (kMaxGeometryItems - 1) is the largest that is asked for here.
+    static_assert(3 * kMaxGeometryItems <= 0x7FFFFFFF);
     const VU vertex = three_times(hn::GatherIndex(du, indices + k, hn::BitCast(di, at)));
     const auto offset = hn::BitCast(di, vertex);
     corner[k] = {hn::GatherIndex(d, positions, offset), hn::GatherIndex(d, positions + 1, offset),

@@ -68,6 +68,7 @@ class RttTracer {
         side_by_side_(options.side_by_side == 0 ? kMaxRttTiles
                                                 : std::min(options.side_by_side, kMaxRttTiles)),
         cancel_(cancel),
+        poll_(cancel),
         stats_(stats) {}
 
   // Tiles of a packet. Returns false if the token fired.
@@ -96,7 +97,8 @@ class RttTracer {
     bool gathered = tile.shaft.Bound(all);
     if (gathered) {
       tile.list.emplace(scene_, tile.shaft, all, kAny, options_.shared_edges, stats_);
-      gathered = RttWalk<1>(scene_, &tile, 1, stats_).Run() != 0;
+      gathered = RttWalk<1>(scene_, &tile, 1, stats_, &poll_).Run() != 0;
+      if (poll_.fired()) return false;
     }
     stats_->tiles_answered += gathered;
     if (gathered) stats_->relevant_triangles += tile.list->ids().size();
@@ -154,7 +156,8 @@ class RttTracer {
   bool AnswerTiles(Pass* pass) {
     if (cancel_ != nullptr && cancel_->cancelled()) return false;
     if (count_ == 0) return true;
-    const uint32_t gathered = WalkRttTiles(scene_, tiles_, count_, stats_);
+    const uint32_t gathered = WalkRttTiles(scene_, tiles_, count_, stats_, &poll_);
+    if (poll_.fired()) return false;
     for (int i = 0; i < count_; ++i) {
       if ((gathered >> i & 1) == 0) continue;
       const RttTile& tile = tiles_[i];
@@ -234,6 +237,7 @@ class RttTracer {
   const RttOptions& options_;
   const int side_by_side_;
   const CancelToken* const cancel_;
+  PacketPoll poll_;
   WalkStats* const stats_;
   RttTile tiles_[kMaxRttTiles];  // That wait for others to walk with.
   int count_ = 0;

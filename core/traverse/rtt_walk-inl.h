@@ -54,6 +54,7 @@
 #include "core/traverse/leaf_range.h"
 #include "core/traverse/rtt_list-inl.h"
 #include "core/traverse/rtt_shaft-inl.h"
+#include "core/traverse/single-inl.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -81,13 +82,15 @@ class RttWalk {
  public:
   // The tiles have one origin and one kind of target. All is kept by reference.
   // REQUIRES: 1 <= count <= kTiles; shafts are bound, lists are there.
-  RttWalk(const IndexedGeometry& scene, RttTile* tiles, int count, WalkStats* stats)
+  RttWalk(const IndexedGeometry& scene, RttTile* tiles, int count, WalkStats* stats,
+          PacketPoll* poll)
       : scene_(scene),
         tree_(*scene.kd_tree),
         tiles_(tiles),
         count_(count),
         origin_(tiles[0].shaft.origin()),
         stats_(stats),
+        poll_(poll),
         perfect_(tree_.perfect()) {
     HWY_ALIGN float inv[4 * kTiles];
     for (int axis = 0; axis < 3; ++axis) {
@@ -101,6 +104,7 @@ class RttWalk {
   }
 
   // By tile (bit i for tile i): whether its list now holds every triangle that its rays may meet.
+  // Where the poll has fired, no list need.
   uint32_t Run() {
     const uint32_t all = kEveryTile & ((1u << 4 * count_) - 1);
     if (tree_.empty()) return Narrow(all);
@@ -115,6 +119,7 @@ class RttWalk {
     Pending stack[kKdStackSize];
     int depth = 0;
     while (true) {
+      if (poll_->Fired()) return 0;
       // First of all: the corners were cut for the node's sibling alone, and what of H is lost by
       // that is walked nowhere else, whatever this node holds.
       Part(at.tiles & at.last);
@@ -275,6 +280,7 @@ class RttWalk {
     const Vec3V<VT> o = Broadcast(d, origin_.x, origin_.y, origin_.z);
     const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
+      if (at > 0 && poll_->Fired()) return;
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;
       for (uint32_t first = 0; first < view.count; first += static_cast<uint32_t>(hn::Lanes(d))) {
@@ -302,6 +308,7 @@ class RttWalk {
   const int count_;
   const Vec3f origin_;
   WalkStats* const stats_;
+  PacketPoll* const poll_;
   const bool perfect_;
   uint32_t walking_ = 0, parted_ = 0;
   uint32_t hulls_known_ = 0;  // With perfect splits: tiles of which `hulls_` are bounds.
@@ -312,11 +319,12 @@ class RttWalk {
 
 // As many side by side as there are. REQUIRES: 1 <= count <= kMost.
 template <int kMost = kMaxRttTiles>
-uint32_t WalkRttTiles(const IndexedGeometry& scene, RttTile* tiles, int count, WalkStats* stats) {
+uint32_t WalkRttTiles(const IndexedGeometry& scene, RttTile* tiles, int count, WalkStats* stats,
+                      PacketPoll* poll) {
   if constexpr (kMost > 1) {
-    if (count <= kMost / 2) return WalkRttTiles<kMost / 2>(scene, tiles, count, stats);
+    if (count <= kMost / 2) return WalkRttTiles<kMost / 2>(scene, tiles, count, stats, poll);
   }
-  return RttWalk<kMost>(scene, tiles, count, stats).Run();
+  return RttWalk<kMost>(scene, tiles, count, stats, poll).Run();
 }
 
 }  // namespace HWY_NAMESPACE

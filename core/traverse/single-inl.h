@@ -32,6 +32,7 @@
 #include "core/traverse/trace_ray.h"
 #include "core/traverse/visit_fetcher-inl.h"
 #include "core/traverse/walk_starts-inl.h"
+#include "core/traverse/work_poll.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -39,10 +40,14 @@ namespace sightline {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// A walk polls its token once for so many rays, or brute-forced blocks of sixteen triangles: some
-// 50 µs of work.
+// A walk looks at its token once for so many visits of a packet, or blocks of sixteen triangles
+// that all its rays are put to; rays that take turns for so many turns of all. One that walks by
+// itself does once for so many visits, or blocks, and so does brute force: some 50 µs of work, and
+// half a millisecond where each of a packet's rays is put to each triangle.
 constexpr size_t kPollInterval = 64;
 constexpr size_t kBrutePollInterval = 4096;
+using PacketPoll = WorkPoll<kPollInterval>;
+using RayPoll = WorkPoll<kBrutePollInterval>;
 
 // Triangles of a leaf, bit i for the i-th.
 struct LeafLanes {
@@ -420,6 +425,7 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   Round* now = &rounds[0];
   Round* then = &rounds[1];
   if (cancel != nullptr && cancel->cancelled()) return false;
+  PacketPoll poll(cancel);
   if (scene.bvh.empty()) {
     std::fill_n(hits.begin(), rays.size(), Hit());
     return true;
@@ -440,6 +446,8 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     start(::new (static_cast<void*>(&places[i].walk)) Walk);
   }
   while (filed.any()) {
+    // By turns, not by rays: how many one takes has no bound where triangles lie on each other.
+    if (poll.Fired()) return false;
     std::swap(now, then);
     now->counts = std::exchange(filed, {});
     const auto in_nodes = now->next(kVisitNode), in_leaves = now->next(kVisitLeaf);
@@ -464,11 +472,7 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
     for (const Turn& turn : in_leaves) file(turn.walk, turn.walk->FindNext());
     for (const Turn& turn : now->next(kVisitEnd)) {
       hits[static_cast<size_t>(&turn.walk->query() - rays.data())] = turn.walk->best();
-      if (!starts.any_left()) continue;
-      if (starts.count() % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) {
-        return false;
-      }
-      start(turn.walk);
+      if (starts.any_left()) start(turn.walk);
     }
   }
   if constexpr (kAny) stats->nodes += rays.size();  // The root, which WalkStarts visits.

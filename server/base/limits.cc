@@ -2,6 +2,7 @@
 #include "server/base/limits.h"
 
 #include "absl/strings/str_cat.h"
+#include "core/mesh/scene_geometry.h"
 
 namespace sightline {
 namespace {
@@ -29,9 +30,9 @@ constexpr LimitEntry kTable[] = {
     {"max_image_height", &Limits::max_image_height, 1, 1 << 16, "rows of a camera's image"},
     {"max_scenes", &Limits::max_scenes, 1, 1 << 20, "scenes at once"},
     {"max_objects_per_scene", &Limits::max_objects_per_scene, 1, 1 << 24, "objects of one scene"},
-    {"max_triangles_per_scene", &Limits::max_triangles_per_scene, 1, 0xFFFFFFFE,
+    {"max_triangles_per_scene", &Limits::max_triangles_per_scene, 1, kMaxGeometryItems,
      "triangles of one scene"},
-    {"max_vertices_per_scene", &Limits::max_vertices_per_scene, 3, 0xFFFFFFFE,
+    {"max_vertices_per_scene", &Limits::max_vertices_per_scene, 3, kMaxGeometryItems,
      "vertices of one scene"},
     {"max_scene_bytes", &Limits::max_scene_bytes, 1 << 20, kMany, "memory for scenes, bytes"},
     {"max_points_per_set", &Limits::max_points_per_set, 1, kMany, "points of one point set"},

@@ -209,5 +209,19 @@ TEST(LimitsTest, ValidateNamesTheLimit) {
   EXPECT_TRUE(absl::StrContains(status.message(), "max_message_bytes = 10")) << status;
 }
 
+// More triangles or vertices than the engine numbers: no flag lets them in.
+TEST(LimitsTest, NoSceneIsLetGrowBeyondWhatTheEngineNumbers) {
+  for (uint64_t Limits::*limit :
+       {&Limits::max_triangles_per_scene, &Limits::max_vertices_per_scene}) {
+    Limits limits;
+    limits.*limit = kMaxGeometryItems;
+    EXPECT_TRUE(ValidateLimits(limits).ok());
+    limits.*limit = kMaxGeometryItems + 1;
+    const absl::Status status = ValidateLimits(limits);
+    EXPECT_TRUE(absl::StrContains(status.message(), "_per_scene = 715827883 is outside")) << status;
+    EXPECT_TRUE(absl::StrContains(status.message(), ".. 715827882")) << status;
+  }
+}
+
 }  // namespace
 }  // namespace sightline

@@ -124,6 +124,40 @@ TEST(BinaryBvhBuilderTest, TheTreeDoesNotDependOnTheThreads) {
   }
 }
 
+// Coordinates of few bits, which halve and scale exactly down to the smallest floats: whatever the
+// scale, trees are the same.
+TEST(BinaryBvhBuilderTest, TheTreeDoesNotDependOnTheScale) {
+  TestRng rng;
+  ObjectInput object;
+  for (uint32_t i = 0; i < 3 * 2000; ++i) {
+    const Vec3d near = i % 3 == 0 ? Vec3d{} : object.vertices[i - i % 3];
+    const auto coordinate = [&](double from) {
+      return i % 3 == 0 ? 2.0 * static_cast<double>(rng.Below(120))
+                        : from + 2.0 * static_cast<double>(rng.Below(8));
+    };
+    object.vertices.push_back({coordinate(near.x), coordinate(near.y), coordinate(near.z)});
+    object.indices.push_back(i);
+  }
+  const auto build = [&](double scale) {
+    ObjectInput scaled = object;
+    for (Vec3d& v : scaled.vertices) v = v * scale;
+    const auto geometry = CompileScene({&scaled, 1}, Vec3d{}, {});
+    EXPECT_TRUE(geometry.ok()) << geometry.status();
+    return Build(*geometry, {});
+  };
+  const BinaryBvh usual = build(1);
+  EXPECT_GT(usual.leaf_count, 500u);
+  for (const double scale : {0x1p-149, 0x1p-130, 0x1p-60, 0x1p32}) {
+    const BinaryBvh bvh = build(scale);
+    EXPECT_EQ(bvh.ids, usual.ids) << scale;
+    ASSERT_EQ(bvh.nodes.size(), usual.nodes.size()) << scale;
+    for (size_t i = 0; i < bvh.nodes.size(); ++i) {
+      ASSERT_EQ(bvh.nodes[i].first, usual.nodes[i].first) << scale << ' ' << i;
+      ASSERT_EQ(bvh.nodes[i].count, usual.nodes[i].count) << scale << ' ' << i;
+    }
+  }
+}
+
 TEST(BinaryBvhBuilderTest, EachRuleEndsBranches) {
   TestRng rng;
   const SceneGeometry geometry = ScatteredTriangles(rng, 4000, 0.02);

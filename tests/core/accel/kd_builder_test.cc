@@ -184,6 +184,29 @@ TEST(KdBuilderTest, LeafSizesAreKept) {
   EXPECT_GT(static_cast<double>(full.ids.size()) / static_cast<double>(full.leaves.size()), 6.0);
 }
 
+TEST(KdBuilderTest, BytesAreKept) {
+  TestRng rng;
+  constexpr size_t kTriangles = 3000;
+  const SceneGeometry geometry = ScatteredTriangles(rng, kTriangles, 0.3);
+  for (const bool perfect : {false, true}) {
+    KdBuildOptions options = {.traversal_cost = 0.1f, .perfect_splits = perfect};
+    const KdTree free = BuildValid(geometry, options);
+    const size_t one_leaf = sizeof(KdNode) + (perfect ? sizeof(Box3f) : 0) + sizeof(KdLeaf) +
+                            kTriangles * sizeof(uint32_t);
+    size_t before = 0;
+    for (const size_t most :
+         {size_t{1}, one_leaf, free.MemoryBytes() / 4, free.MemoryBytes() / 2}) {
+      options.max_bytes = most;
+      const size_t bytes = BuildValid(geometry, options).MemoryBytes();
+      EXPECT_LE(bytes, std::max(most, one_leaf));
+      EXPECT_GE(bytes, std::max(before, most / 2));
+      before = bytes;
+    }
+    options.max_bytes = uint64_t{1} << 60;
+    EXPECT_EQ(BuildValid(geometry, options).nodes.size(), free.nodes.size());
+  }
+}
+
 // A slanted quadrilateral's box is full of cells that it is not in.
 TEST(KdBuilderTest, PerfectSplitsSpareSlantedTriangles) {
   ObjectInput object{.name = "slanted"};

@@ -58,6 +58,23 @@ TEST(CancelTokenTest, TheFirstReasonIsKept) {
   EXPECT_EQ(cancelled.ToStatus().code(), absl::StatusCode::kCancelled);
 }
 
+TEST(CancelTokenTest, FiresAfterSoManyLooks) {
+  CancelToken token;
+  token.set_looks_left(2);
+  EXPECT_FALSE(token.cancelled());
+  CancelToken child(&token);
+  EXPECT_FALSE(child.cancelled());
+  EXPECT_TRUE(child.cancelled());
+  EXPECT_EQ(token.ToStatus().code(), absl::StatusCode::kDeadlineExceeded);
+
+  CancelToken other;
+  other.set_looks_left(0);
+  other.set_deadline(Now() + hours(1));
+  EXPECT_FALSE(other.cancelled());
+  other.set_looks_left(0);
+  EXPECT_TRUE(other.cancelled());
+}
+
 TEST(CancelTokenTest, AParentStopsItsChildrenAndNotTheReverse) {
   CancelToken stream;
   CancelToken first(&stream), second(&stream);

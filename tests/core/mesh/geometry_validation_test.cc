@@ -56,6 +56,22 @@ TEST_F(GeometryValidationTest, EmptyIsGood) {
   EXPECT_TRUE(ValidateGeometry(*CompileScene({}, std::nullopt, {})).ok());
 }
 
+// Told by the counts alone: what lies behind such arrays is not looked at.
+TEST_F(GeometryValidationTest, AtMostSoManyOfEach) {
+  alignas(64) static constexpr char kNothing[64] = {};
+  const auto owner = std::make_shared<int>();
+  constexpr size_t kTooMany = kMaxGeometryItems + 1;
+  ExpectFault("715827883 vertices, and a scene has at most 715827882", [&](SceneGeometry& g) {
+    g.vertices =
+        AlignedVector<Vec3f>::Borrow({reinterpret_cast<const Vec3f*>(kNothing), kTooMany}, owner);
+  });
+  using Triangle = std::array<uint32_t, 3>;
+  ExpectFault("715827883 triangles, and a scene has at most 715827882", [&](SceneGeometry& g) {
+    g.triangles = AlignedVector<Triangle>::Borrow(
+        {reinterpret_cast<const Triangle*>(kNothing), kTooMany}, owner);
+  });
+}
+
 TEST_F(GeometryValidationTest, Objects) {
   ExpectFault("origin", [](SceneGeometry& g) { g.origin.x = kNan; });
   ExpectFault("origin", [](SceneGeometry& g) { g.origin.z = 2 * kMaxCoordinate; });

@@ -43,6 +43,22 @@ class SceneCompilerTest : public ::testing::Test {
   SceneGeometry base_;
 };
 
+// Refused by the counts alone, whatever the limits say: no such array is made.
+TEST_F(SceneCompilerTest, MoreThanAnySceneHasAreRefused) {
+  const auto expect = [this](const std::vector<ObjectSource>& sources, const char* message) {
+    const MeshLimits limits = {.max_triangles = uint64_t{1} << 40,
+                               .max_vertices = uint64_t{1} << 40};
+    const auto status = CompileSources(sources, &base_, std::nullopt, limits, nullptr).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(message));
+  };
+  base_.objects[0].vertex_count = kMaxGeometryItems - 4;
+  expect({{.base_object = 0}, {.base_object = 1}, {.base_object = 2}},
+         "715827884 vertices; max_vertices is 715827882: split it");
+  base_.objects[0].triangle_count = kMaxGeometryItems + 1;
+  expect({{.base_object = 0}}, "715827883 triangles; max_triangles is 715827882: split it");
+}
+
 TEST_F(SceneCompilerTest, KeptObjectsKeepTheirFloatsIdsMoveUp) {
   const ObjectInput added = OneTriangle("added", 7);
   const auto next = Compile({{.base_object = 1}, {.base_object = 0}, {.input = &added}});

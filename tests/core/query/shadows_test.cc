@@ -99,6 +99,38 @@ TEST_F(ShadowsTest, HintsServeAgainAfterACancelledCall) {
   }
 }
 
+// Leaves of another scene's are none of this one's, or lie across two of them: what would be read
+// there is no triangle of either, and may lie beyond the array.
+TEST_F(ShadowsTest, HintsOfAnotherSceneAreNoneOfThisOne) {
+  TestRng rng;
+  const auto soup = [&](uint32_t triangles) {
+    ObjectInput object;
+    for (uint32_t i = 0; i < 3 * triangles; ++i) {
+      const Vec3d any = {rng.Uniform(-1, 1), rng.Uniform(-1, 1), rng.Uniform(-1, 1)};
+      object.vertices.push_back(i % 3 == 0 ? any : object.vertices[i - i % 3] + any * 0.3);
+      object.indices.push_back(i);
+    }
+    return IndexObjects({object}, Vec3d{});
+  };
+  for (const Strategy strategy : {Strategy::kAuto, Strategy::kShaft, Strategy::kPacket}) {
+    ShadowHints hints;
+    for (const uint32_t triangles : {30'000, 40, 3000, 300, 7, 3000, 1000, 200, 2000, 60}) {
+      const IndexedGeometry scene = soup(triangles);
+      ShadowResult truth, result;
+      ASSERT_TRUE(ComputeShadows(scene, {points_, {}, {}}, samples_, {}, {}, {},
+                                 {.strategy = Strategy::kBruteForce}, &truth)
+                      .ok());
+      for (int again = 0; again < 2; ++again) {
+        ASSERT_TRUE(ComputeShadows(scene, {points_, {}, {}}, samples_, {}, {.hints = &hints}, {},
+                                   {.strategy = strategy}, &result)
+                        .ok());
+        EXPECT_EQ(result.lit_bits, truth.lit_bits) << triangles << ' ' << again;
+        EXPECT_EQ(hints.bvh, scene.bvh.number.value());
+      }
+    }
+  }
+}
+
 TEST_F(ShadowsTest, MorePointsThanAreNumberedAreRefused) {
   // Nobody looks at them.
   const std::span<const Vec3f> many(points_.data(), kMaxShadowPoints + 1);

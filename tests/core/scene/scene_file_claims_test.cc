@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a scene file claims of itself: how much memory it takes, its revision, its objects' names.
+// What a scene file claims of itself: how much memory it takes, its revision, its objects' names,
+// how many triangles and vertices it has.
+#include <unistd.h>
+
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -172,6 +175,39 @@ TEST_F(SceneFileClaimsTest, NamesThatAreNotUtf8AreRefused) {
     EXPECT_THAT(std::string(status.message()), HasSubstr("UTF-8"));
     EXPECT_THAT(std::string(status.message()), HasSubstr("object 0"));
     EXPECT_THAT(std::string(status.message()), Not(HasSubstr("\xFF")));
+  }
+}
+
+// More triangles or vertices than any scene has, in files whose arrays are holes: they are refused
+// by their counts, before a sum is taken, and whatever the limits say.
+TEST_F(SceneFileClaimsTest, NoLimitGoesBeyondWhatTheEngineNumbers) {
+  const Bytes good = Written(*Build());
+  const std::string name = "large.slscene", path = dir_.File(name);
+  for (const SectionKind kind : {SectionKind::kTriangles, SectionKind::kVertices}) {
+    Bytes bad = good;
+    const uint32_t sections = Header(bad).section_count;
+    uint64_t end = Section(bad, 0).offset;
+    const uint64_t kept = end + PaddedSection(sizeof(SceneFileScene));
+    for (uint32_t i = 0; i < sections; ++i) {
+      SceneFileSection& section = Section(bad, i);
+      if (section.kind == static_cast<uint32_t>(kind)) section.count = kMaxGeometryItems + 1;
+      section.offset = end;
+      end += PaddedSection(section.count * section.element_bytes);
+    }
+    Header(bad).file_bytes = end;
+    const uint64_t table = PaddedSection(sections * sizeof(SceneFileSection));
+    Header(bad).table_sum = SectionSum({bad.data() + sizeof(SceneFileHeader), table});
+    Header(bad).header_sum = HeaderSum(Header(bad));
+    std::ofstream(path, std::ios::binary)
+        .write(reinterpret_cast<const char*>(bad.data()), static_cast<std::streamsize>(kept));
+    ASSERT_EQ(truncate(path.c_str(), static_cast<off_t>(end)), 0);
+    const absl::StatusOr<SceneBytes> file = MapSceneFile(folder_, name);
+    ASSERT_TRUE(file.ok()) << file.status();
+    const MeshLimits limits = {.max_triangles = end, .max_vertices = end};
+    const absl::Status status = LoadScene(*file, "again", {.limits = limits}, pool_).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("the scene has 715827883 "));
+    EXPECT_THAT(std::string(status.message()), HasSubstr(" is 715827882: split the scene"));
   }
 }
 

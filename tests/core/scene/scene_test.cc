@@ -165,6 +165,49 @@ TEST_F(SceneTest, EstimatesCountObjects) {
             EstimateSceneBytes(1, 3, options) + EstimateObjectBytes(1, 1));
 }
 
+// Long slivers, which a kd-tree cuts into ever more pieces where it is asked to: it stops at what
+// was reckoned with.
+TEST_F(SceneTest, EstimatesHoldForTheDeepestKdTrees) {
+  constexpr uint32_t kSlivers = 600;
+  ObjectInput slivers;
+  for (uint32_t i = 0; i < 3 * kSlivers; ++i) {
+    const Vec3d any = {rng_.Uniform(-1, 1), rng_.Uniform(-1, 1), rng_.Uniform(-1, 1)};
+    slivers.vertices.push_back(i % 3 == 2 ? slivers.vertices.back() + any * 0.02 : any);
+    slivers.indices.push_back(i);
+  }
+  const auto expect_within = [&](const KdBuildOptions& kd_tree, double least_share) {
+    SceneBuildOptions options;
+    const uint64_t without = EstimateSceneBytes(kSlivers, 3 * kSlivers, options);
+    options.kd_tree = kd_tree;
+    const uint64_t reckoned = EstimateSceneBytes(kSlivers, 3 * kSlivers, options) - without;
+    const auto scene = BuildScene("slivers", 1, {{slivers}}, std::nullopt, options, pool_);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_TRUE(ValidateKdTree(*(*scene)->kd_tree, (*scene)->geometry).ok());
+    EXPECT_LE((*scene)->report.kd_tree_bytes, reckoned);
+    EXPECT_GT(static_cast<double>((*scene)->report.kd_tree_bytes),
+              least_share * static_cast<double>(reckoned));
+  };
+  for (const float cost : {kMinKdTraversalCost, KdBuildOptions().traversal_cost}) {
+    for (const float references : {1.5f, 6.0f, 64.0f}) {
+      for (const bool perfect : {false, true}) {
+        SCOPED_TRACE(::testing::Message() << cost << ' ' << references << ' ' << perfect);
+        expect_within({.traversal_cost = cost,
+                       .perfect_splits = perfect,
+                       .max_leaf_triangles = 1,
+                       .max_depth = kMaxKdDepth,
+                       .max_references = references},
+                      0);
+      }
+    }
+  }
+  // Here the bytes end it, and nothing before.
+  expect_within({.perfect_splits = true,
+                 .max_leaf_triangles = 1,
+                 .max_depth = kMaxKdDepth,
+                 .max_references = 64},
+                0.5);
+}
+
 // Estimates are upper ones, whatever is built, and what is left out is not in them.
 TEST_F(SceneTest, EstimatesCountWhatIsBuilt) {
   const auto estimate = [&](const SceneBuildOptions& options) {
