@@ -54,9 +54,8 @@ struct KdBuildOptions {  // Speed and memory only, all of these.
   // not made: so a tree that comes to it ends in larger leaves. A root that is one leaf is always
   // made, whatever it takes.
   uint64_t max_bytes = 0;
-  // Not read here: whoever keeps the tree lays its leaves' triangles out beside it
-  // (IndexedGeometry:: kd_leaves), 64 bytes for each that a leaf names, for walks that cull within
-  // leaves.
+  // Not read here: whoever keeps the tree lays its leaves' triangles out beside it (kd_leaves of
+  // IndexedGeometry), 64 bytes for each that a leaf names, for walks that cull within leaves.
   bool lay_out_leaves = false;
 };
 
@@ -64,8 +63,8 @@ struct KdBuildOptions {  // Speed and memory only, all of these.
 absl::Status ValidateKdOptions(const KdBuildOptions& options);
 
 // `progress`, if set, is called now and then with a share in [0, 1], possibly from several threads.
-// Errors: InvalidArgument (ValidateKdOptions), ResourceExhausted
-// (more nodes or references than a tree numbers), Cancelled / DeadlineExceeded from `cancel`.
+// Errors: InvalidArgument (ValidateKdOptions), ResourceExhausted (more nodes or references than a
+// tree numbers), Cancelled / DeadlineExceeded from `cancel`.
 absl::StatusOr<KdTree> BuildKdTree(const SceneGeometry& geometry, const KdBuildOptions& options,
                                    ThreadPool& pool, const CancelToken* cancel = nullptr,
                                    const std::function<void(double)>& progress = nullptr);

@@ -47,8 +47,8 @@ auto FieldsOf(const QueryOptions& options) {
 }
 
 auto FieldsOf(const KdBuildOptions& options) {
-  const auto& [cost, perfect, min_leaf, max_leaf, depth, references, laid_out] = options;
-  return std::make_tuple(cost, perfect, min_leaf, max_leaf, depth, references, laid_out);
+  const auto& [cost, perfect, min_leaf, max_leaf, depth, references, bytes, laid_out] = options;
+  return std::make_tuple(cost, perfect, min_leaf, max_leaf, depth, references, bytes, laid_out);
 }
 
 auto FieldsOf(const BinaryBvhOptions& options) {
