@@ -183,8 +183,8 @@ class SampleTracer {
   // The same of any walk that block b was just asked about by.
   void NoteBlock(size_t s, size_t b, Strategy walk, const WalkStats& before,
                  const WalkStats& after);
-  // Whether blocks b and b + 1, of packets that are laid out, may walk as one shaft: both are whole,
-  // all of their points are asked about, and neither is among the `lit` ones, a bit each.
+  // Whether blocks b and b + 1 may walk as one shaft: both are whole, all of their points are asked
+  // about, and neither is among the `lit` ones, a bit each. REQUIRES: their packets are laid out.
   bool MayPair(size_t b, uint32_t lit) const;
   // Answers them so. False: it answers neither, or the call is to stop.
   bool TracePair(size_t b, const ShaftCut* cut, StatsScope* scope);

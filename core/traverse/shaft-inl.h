@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The shaft walk: up to 256 rays with one origin, or one direction, or the 512 of two packets, are
-// one convex shaft, and one walk of the tree answers them all (paper 002 for shafts and relevant triangles; paper 000 for
-// vertex culling). Unlike a packet's, a node's cost does not depend on the number of rays.
+// one convex shaft, and one walk of the tree answers them all (paper 002 for shafts and relevant
+// triangles; paper 000 for vertex culling). Unlike a packet's, a node's cost does not depend on the
+// number of rays.
 //
 //  1. A node's eight boxes are put to the shaft's sides, its shadows, its end and the receivers'
 //     caps: one along their surface, one across each axis.
 //  2. A leaf's sixteen triangles are put to the same planes by their vertices, and their forms to
 //     the whole shaft (shaft_leaf-inl.h); those left are relevant.
-//  3. A relevant triangle is put to sixteen blocks of sixteen rays (or of 32) at once, each with its own
-//     rectangle and range of depths, one block per SIMD lane: blocks it misses drop out; blocks it
-//     covers whole and stands before are blocked whatever a test would say; the rest take the exact
-//     test, ray by ray (shaft_test-inl.h).
+//  3. A relevant triangle is put to sixteen blocks of sixteen rays (of two packets, 32) at once,
+//     each with its own rectangle and range of depths, one block per SIMD lane: blocks it misses
+//     drop out; blocks it covers whole and stands before are blocked whatever a test would say; the
+//     rest take the exact test, ray by ray (shaft_test-inl.h).
 //  4. When any hit will do and a walk has cost too much, its rays are split at the middle of their
 //     widest extent, and both halves go on with what is left on the stack.
 //  5. Closest hits are ordered by bounds of their inverse distance; only two whose bounds overlap
