@@ -41,12 +41,16 @@ int64_t HeldByNew::most() const { return most_held - before_; }
 
 }  // namespace sightline::testing_support
 
-void* operator new(size_t bytes) {
+void* operator new(size_t bytes, const std::nothrow_t&) noexcept {
   using namespace sightline::testing_support;  // NOLINT
-  if (left != kNever && left-- == 0) throw std::bad_alloc();
+  if (left != kNever && left-- == 0) return nullptr;
   void* const memory = std::malloc(std::max<size_t>(bytes, 1));
+  if (memory != nullptr) Hold(static_cast<int64_t>(malloc_usable_size(memory)));
+  return memory;
+}
+void* operator new(size_t bytes) {
+  void* const memory = ::operator new(bytes, std::nothrow);
   if (memory == nullptr) throw std::bad_alloc();
-  Hold(static_cast<int64_t>(malloc_usable_size(memory)));
   return memory;
 }
 void operator delete(void* memory) noexcept { sightline::testing_support::Free(memory); }
