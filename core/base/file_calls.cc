@@ -2,7 +2,7 @@
 #include "core/base/file_calls.h"
 
 #include <fcntl.h>
-#include <stdio.h>
+#include <stdio.h>  // NOLINT(modernize-deprecated-headers): renameat is POSIX, not in <cstdio>.
 #include <sys/mman.h>
 #include <unistd.h>
 
