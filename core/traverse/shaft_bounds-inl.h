@@ -19,7 +19,6 @@
 #include "core/traverse/shaft_sides-inl.h"
 #include "hwy/highway.h"
 
-HWY_BEFORE_NAMESPACE();
 namespace sightline {
 namespace HWY_NAMESPACE {
 
@@ -54,6 +53,5 @@ using ShaftBounds = OpenBounds<uint16_t>;
 
 }  // namespace HWY_NAMESPACE
 }  // namespace sightline
-HWY_AFTER_NAMESPACE();
 
 #endif  // per-target include guard

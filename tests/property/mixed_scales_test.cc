@@ -335,7 +335,8 @@ TEST(MixedScalesTest, FirstHitsNextToTheOrigin) {
     const double far = PowerOfTwo(Between(rng, -60, kLargest));
     std::vector<Vec3f> points;
     for (int i = 0; i < 256; ++i) {
-      Vec3d p = Vec3d{i % 16 - 7.5, i / 16 - 7.5, i / 16 - 7.5} * (far / 32);
+      const int column = i % 16, row = i / 16;
+      Vec3d p = Vec3d{column - 7.5, row - 7.5, row - 7.5} * (far / 32);
       p[axis] = side * far;
       points.push_back(Stored(p));
     }

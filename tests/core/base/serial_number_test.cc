@@ -34,6 +34,7 @@ TEST(SerialNumberTest, NoTwoThreadsGetTheSame) {
   constexpr int kEach = 1000;
   std::vector<std::vector<uint64_t>> taken(4);
   std::vector<std::thread> threads;
+  threads.reserve(taken.size());
   for (std::vector<uint64_t>& some : taken) {
     threads.emplace_back([&some] {
       for (int i = 0; i < kEach; ++i) some.push_back(SerialNumber().value());

@@ -178,8 +178,10 @@ TEST(SceneCompilerModeTest, CompilesAlikeInEveryStateOfTheCaller) {
           unsigned{_MM_ROUND_UP | _MM_FLUSH_ZERO_ON | _MM_DENORMALS_ZERO_ON}}) {
       const SceneGeometry geometry = compile(object, state);
       // By their bits: a comparison would not tell a denormal from zero if it flushed, too.
+      // NOLINTBEGIN(bugprone-suspicious-memory-comparison)
       EXPECT_EQ(std::memcmp(&geometry.origin, &expected.origin, sizeof(Vec3d)), 0) << state;
       EXPECT_EQ(std::memcmp(&geometry.bounds, &expected.bounds, sizeof(Box3f)), 0) << state;
+      // NOLINTEND(bugprone-suspicious-memory-comparison)
       ASSERT_EQ(geometry.vertices.size(), expected.vertices.size());
       EXPECT_EQ(std::memcmp(std::as_const(geometry).vertices.data(),
                             std::as_const(expected).vertices.data(),

@@ -493,6 +493,7 @@ TEST(PointsTest, DependsOnThePointAlone) {
   small.max_leaf_triangles = 2;
   const IndexedGeometry scene = MakeScene({box}), other = MakeScene({box}, Vec3d{}, small);
   std::vector<Vec3d> at;
+  at.reserve(300);
   for (int i = 0; i < 300; ++i) {
     at.push_back(
         PointNearRim(rng, scene.geometry.Corners(rng.Below(scene.geometry.triangles.size()))));

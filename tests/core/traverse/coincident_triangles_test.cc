@@ -52,8 +52,9 @@ class CoincidentTrianglesTest : public KernelsFixture {
     packet_->count = count;
     for (int i = 0; i < count; ++i) {
       const float shift = past ? 0.8f : 0.0f;
-      packet_->target_x[i] = shift + 0.001f * static_cast<float>(i % 16);
-      packet_->target_y[i] = shift + 0.001f * static_cast<float>(i / 16);
+      const int column = i % 16, row = i / 16;
+      packet_->target_x[i] = shift + 0.001f * static_cast<float>(column);
+      packet_->target_y[i] = shift + 0.001f * static_cast<float>(row);
       packet_->target_z[i] = 1.1f;
     }
     rays_.clear();
