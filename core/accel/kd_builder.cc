@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cmath>
 #include <memory>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -220,19 +221,19 @@ class KdTreeBuilder {
     part->nodes.resize(3);
     part->leaves = std::move(below->leaves);
     part->ids = std::move(below->ids);
+    part->depth = 1 + std::max(below->depth, above->depth);
     const uint32_t leaves = static_cast<uint32_t>(part->leaves.size());
     const uint32_t ids = static_cast<uint32_t>(part->ids.size());
+    // Memory is given back as soon as it is not needed: both halves' is as much as the whole's.
     Append(*below, /*root=*/1, /*first_leaf=*/0, part.get());
-    below->nodes =
-        {};  // Memory, as soon as it is not needed: both halves' is as much as the whole's.
+    below.reset();
     Append(*above, /*root=*/2, leaves, part.get());
-    above->nodes = {};
+    std::vector<KdNode>().swap(above->nodes);  // `= {}` would keep its room.
     for (KdLeaf leaf : above->leaves) {
       leaf.first += ids;
       part->leaves.push_back(leaf);
     }
     part->ids.insert(part->ids.end(), above->ids.begin(), above->ids.end());
-    part->depth = 1 + std::max(below->depth, above->depth);
     return part;
   }
 
@@ -312,8 +313,8 @@ absl::StatusOr<KdTree> Build(const SceneGeometry& geometry, const KdBuildOptions
   SL_RETURN_IF_ERROR(check_cancel());
   // One array after the other, so that two trees are never there at once.
   const auto take = [](auto* from, auto* to) {
-    *to = {from->begin(), from->end()};
-    *from = {};
+    to->Append(*from);
+    std::remove_reference_t<decltype(*from)>().swap(*from);
   };
   take(&part->nodes, &tree.nodes);
   take(&part->leaves, &tree.leaves);

@@ -91,8 +91,8 @@ class CancelToken {
 
   const CancelToken* const parent_ = nullptr;
   mutable std::atomic<Reason> reason_{kLive};
-  mutable std::atomic<Clock::rep> deadline_{
-      kNoDeadline};  // Changed by a look where these are told.
+  // Mutable where it tells how many looks are left: each changes it.
+  mutable std::atomic<Clock::rep> deadline_{kNoDeadline};
 };
 
 }  // namespace sightline

@@ -32,9 +32,9 @@
 #include "core/query/nearest_triangle.h"
 #include "core/query/placement.h"
 #include "core/query/placement_kernels.h"
+#include "core/query/point_poll.h"
 #include "core/query/touch_candidates.h"
 #include "core/query/touch_points.h"
-#include "core/query/work_poll.h"
 #include "core/traverse/simd_target.h"
 #include "core/traverse/trace_ray.h"
 
@@ -83,7 +83,7 @@ class HitPlacer {
 
   const IndexedGeometry& scene_;
   const PlacementKernels& kernels_;
-  WorkPoll poll_;
+  PointPoll poll_;
   std::vector<HitSource> sources_;
   int part_count_ = 0;
   Part parts_[RayPacket::kMaxRays];

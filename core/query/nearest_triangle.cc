@@ -120,7 +120,7 @@ void LookAtLeaf(const LeafView& leaf, Vec3d p, NearestTriangle* best) {
 
 // FindNearest by the kd-tree, the nearer child first.
 NearestTriangle NearestInKdTree(const IndexedGeometry& scene, Vec3d p, double max_distance_squared,
-                                WorkPoll* poll) {
+                                PointPoll* poll) {
   const KdTree& tree = *scene.kd_tree;
   NearestTriangle best{kNoTriangle, max_distance_squared};
   struct Entry {
@@ -183,14 +183,14 @@ TouchBox TouchBoxAround(const IndexedGeometry& scene, Vec3d p, TouchRadius radiu
 }
 
 // Boxes of triangles that are compared, eight at a time, in the time that one takes to be measured
-// (WorkPoll).
+// (PointPoll).
 constexpr uint32_t kComparedPerWork = 8;
 
 // Calls found(id) for touched triangles in no particular order, on a kd-tree perhaps more than once
 // for one; found returns whether to go on.
 template <typename Found>
 void ForEachTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
-                     WorkPoll* poll, Found found) {
+                     PointPoll* poll, Found found) {
   const auto touches = [&](const LeafView& leaf, uint32_t k) {
     const uint32_t id = leaf.id(k);
     if (id == skip) return true;
@@ -290,7 +290,7 @@ Box3f BoxAround(const Box3d& points, double radius) {
 }
 
 NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared,
-                            WorkPoll* poll) {
+                            PointPoll* poll) {
   if (scene.kd_tree_alone()) return NearestInKdTree(scene, p, max_distance_squared, poll);
   NearestTriangle best{kNoTriangle, max_distance_squared};
   if (scene.bvh.empty()) return best;
@@ -329,7 +329,7 @@ NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_di
 }
 
 void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
-                  std::vector<uint32_t>* ids, size_t most, WorkPoll* poll) {
+                  std::vector<uint32_t>* ids, size_t most, PointPoll* poll) {
   const auto keep_distinct = [&] {
     std::sort(ids->begin(), ids->end());
     ids->erase(std::unique(ids->begin(), ids->end()), ids->end());
@@ -348,7 +348,7 @@ void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uin
 }
 
 bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
-                WorkPoll* poll) {
+                PointPoll* poll) {
   bool any = false;
   ForEachTouching(scene, p, radius, skip, poll, [&](uint32_t) {
     any = true;
@@ -358,7 +358,7 @@ bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint3
 }
 
 bool CrossesAny(const IndexedGeometry& scene, Vec3f from, Vec3f to, std::span<const uint32_t> skip,
-                WorkPoll* poll) {
+                PointPoll* poll) {
   Box3f box;
   box.Extend(from);
   box.Extend(to);

@@ -11,7 +11,7 @@
 // the cell and the box of some leaf that names the triangle, or, where splits are perfect, in the
 // `reach` of all nodes above that leaf (core/accel/kd_tree.h).
 //
-// A search that `poll` (may be null) stops answers nothing: WorkPoll::stopped() says so.
+// A search that `poll` (may be null) stops answers nothing: PointPoll::stopped() says so.
 //
 // Thread safety: functions only.
 //
@@ -31,7 +31,7 @@
 #include "core/geometry/box3.h"
 #include "core/geometry/vec3.h"
 #include "core/mesh/scene_geometry.h"
-#include "core/query/work_poll.h"
+#include "core/query/point_poll.h"
 
 namespace sightline {
 
@@ -74,7 +74,7 @@ struct NearestTriangle {
 
 // The nearest triangle within the given distance (the bound included); the lowest id among equals.
 NearestTriangle FindNearest(const IndexedGeometry& scene, Vec3d p, double max_distance_squared,
-                            WorkPoll* poll = nullptr);
+                            PointPoll* poll = nullptr);
 
 // How near is touching: base + per_vertex · (the largest 1-norm of the triangle's corners).
 struct TouchRadius {
@@ -96,16 +96,16 @@ Box3f BoxAround(const Box3d& points, double radius);
 // than `most`, some of them, and more than `most`.
 void FindTouching(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
                   std::vector<uint32_t>* ids, size_t most = std::numeric_limits<size_t>::max(),
-                  WorkPoll* poll = nullptr);
+                  PointPoll* poll = nullptr);
 
 // Whether p touches any triangle but `skip`.
 bool TouchesAny(const IndexedGeometry& scene, Vec3d p, TouchRadius radius, uint32_t skip,
-                WorkPoll* poll = nullptr);
+                PointPoll* poll = nullptr);
 
 // Whether any triangle that is not in `skip` (ascending) blocks the segment. For short ones: boxes
 // are tested against the segment's box.
 bool CrossesAny(const IndexedGeometry& scene, Vec3f from, Vec3f to, std::span<const uint32_t> skip,
-                WorkPoll* poll = nullptr);
+                PointPoll* poll = nullptr);
 
 }  // namespace sightline
 

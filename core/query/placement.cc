@@ -14,7 +14,7 @@ namespace {
 // Rounds of such moves. At right angles one or two are enough, and what kMaxReach lets through
 // needs few more; the result is verified, so this bounds time alone.
 constexpr int kSweeps = 32;
-// What so many of them take for one plane, in triangles looked at (WorkPoll).
+// What so many of them take for one plane, in triangles looked at (PointPoll).
 constexpr size_t kWorkPerPlane = 8;
 // A point is not moved farther than this many touch radii for the sake of other triangles: room for
 // two planes that meet at some 10 degrees. Beyond that, the move would begin to show.
@@ -228,7 +228,7 @@ std::vector<Neighbour> FindSides(const IndexedGeometry& scene, const Placement& 
 
 // All sides first, then those that can stand between the point and a light in front of its source.
 bool PlaceAmong(const IndexedGeometry& scene, const Placement& placement, const Plane& source,
-                std::span<const uint32_t> touched, WorkPoll* poll, Placed* placed) {
+                std::span<const uint32_t> touched, PointPoll* poll, Placed* placed) {
   const std::vector<Neighbour> neighbours = FindSides(scene, placement, touched);
   std::vector<uint32_t> skip(touched.begin(), touched.end());
   skip.insert(std::lower_bound(skip.begin(), skip.end(), placement.source), placement.source);
@@ -284,7 +284,7 @@ double PlacementOffset(Vec3d n, Vec3d p, double slack) {
 }
 
 Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch,
-             WorkPoll* poll) {
+             PointPoll* poll) {
   FindTouching(scene, placement.at, placement.radius, placement.source, &scratch->touched,
                kMaxTouched, poll);
   const Plane source = MakePlane(scene.geometry.Corners(placement.source), placement.side);
@@ -292,7 +292,7 @@ Placed Place(const IndexedGeometry& scene, const Placement& placement, Placement
 }
 
 Placed PlaceTouching(const IndexedGeometry& scene, const Placement& placement, const Plane& source,
-                     std::span<const uint32_t> touched, WorkPoll* poll) {
+                     std::span<const uint32_t> touched, PointPoll* poll) {
   Placed placed;
   if (!touched.empty() && touched.size() <= kMaxTouched &&
       PlaceAmong(scene, placement, source, touched, poll, &placed)) {

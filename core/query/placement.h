@@ -40,7 +40,7 @@
 #include "core/geometry/vec3.h"
 #include "core/intersect/predicate.h"
 #include "core/query/nearest_triangle.h"
-#include "core/query/work_poll.h"
+#include "core/query/point_poll.h"
 
 namespace sightline {
 
@@ -124,12 +124,12 @@ double PlacementOffset(Vec3d n, Vec3d p, double slack);
 
 // Where `poll` (may be null) stops, it is of no use. REQUIRES: the source is not inert.
 Placed Place(const IndexedGeometry& scene, const Placement& placement, PlacementScratch* scratch,
-             WorkPoll* poll = nullptr);
+             PointPoll* poll = nullptr);
 
 // The same, with `source` its source's plane and the touched triangles at hand: FindTouching's
 // answer for placement.at without the source, for no more than kMaxTouched.
 Placed PlaceTouching(const IndexedGeometry& scene, const Placement& placement, const Plane& source,
-                     std::span<const uint32_t> touched, WorkPoll* poll = nullptr);
+                     std::span<const uint32_t> touched, PointPoll* poll = nullptr);
 
 }  // namespace sightline
 

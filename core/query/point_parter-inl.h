@@ -25,6 +25,7 @@
 #include "core/base/cancel.h"
 #include "core/base/compress-inl.h"
 #include "core/base/polled_blocks.h"
+#include "core/base/work_poll.h"
 #include "core/geometry/vec3.h"
 #include "core/query/key_parter-inl.h"
 #include "core/query/point_parter.h"
@@ -43,6 +44,7 @@ class PointParter {
               const CancelToken* cancel, PartedPoints* parted)
       : positions_(positions),
         cancel_(cancel),
+        poll_(cancel),
         room_((positions.size() + kSmallestPart + kLanes) / kLanes * kLanes),
         parted_(*parted) {
     all_.ResizeUninitialized(2 * kRows * room_);
@@ -52,8 +54,8 @@ class PointParter {
     const size_t count = Fill(valid);
     parted->numbers.ResizeUninitialized(count);
     parted->positions.ResizeUninitialized(count);
-    if (!stopped_) Part(0, count, 0);
-    if (stopped_) *parted = PartedPoints();
+    if (filled_) Part(0, count, 0);
+    if (!filled_ || poll_.stopped()) *parted = PartedPoints();
   }
 
  private:
@@ -82,21 +84,12 @@ class PointParter {
   static float Above(float x) { return FromOrdered(ToOrdered(x) + 1); }
   static float Below(float x) { return -Above(-x); }
 
-  // Counts points that were passed over. True: the token has fired, leave off.
-  bool Stops(size_t points) {
-    passed_ += points;
-    if (passed_ < kPolledBlock) return stopped_;
-    passed_ = 0;
-    stopped_ = stopped_ || (cancel_ != nullptr && cancel_->cancelled());
-    return stopped_;
-  }
-
   // Returns how many are valid.
   size_t Fill(std::span<const uint8_t> valid) {
     size_t count = 0;
     const bool all = !valid.empty() && std::memchr(valid.data(), 0, valid.size()) == nullptr;
     static_assert(kPolledBlock % kLanes == 0);
-    stopped_ = !InPolledBlocks(positions_.size(), cancel_, [&](size_t begin, size_t end) {
+    filled_ = InPolledBlocks(positions_.size(), cancel_, [&](size_t begin, size_t end) {
       if (all) {
         FillAll(begin, end);
         count = end;
@@ -133,12 +126,12 @@ class PointParter {
   // Points begin .. end - 1 of rows_[side], whose place on the other side is free.
   void Part(size_t begin, size_t end, size_t side) {
     while (end - begin > KeyParter::kMaxPoints) {
-      if (Stops(end - begin)) return;
+      if (poll_.Stops(end - begin)) return;
       const size_t first = FirstPart(end - begin);
       Range range;
       const float* const row = rows_[side][WidestAxis(begin, end, side, &range)] + begin;
       const Parting parting = Select(row, end - begin, first, range);
-      if (stopped_) return;
+      if (poll_.stopped()) return;
       const V limit = hn::Set(D(), parting.limit);
       if (parting.at_limit == 0) {
         Move(begin, end, begin + first, side, row,
@@ -216,7 +209,7 @@ class PointParter {
             (int64_t{ToOrdered(range.least)} + ToOrdered(range.most) + 1) >> 1));
       }
       pivot = std::clamp(pivot, Above(range.least), range.most);
-      if (Stops(count)) return {pivot, 0};
+      if (poll_.Stops(count)) return {pivot, 0};
       const size_t less = CountBelow(row, count, pivot);
       if (less == first) return {pivot, 0};
       const Range ends = guess ? Range{pivot, Below(pivot)} : EndsAt(row, count, pivot);
@@ -356,9 +349,9 @@ class PointParter {
 
   const std::span<const Vec3f> positions_;
   const CancelToken* const cancel_;
-  size_t passed_ = 0;
-  bool stopped_ = false;
-  const size_t room_;  // Of each row: a vector is read whole, wherever it begins.
+  bool filled_ = false;          // Whether all points were taken up.
+  WorkPoll<kPolledBlock> poll_;  // Its work is points that are passed over.
+  const size_t room_;            // Of each row: a vector is read whole, wherever it begins.
   AlignedVector<float> all_;
   float* rows_[2][kRows];  // On two sides: points stay on theirs, or go to the other.
   PartedPoints& parted_;

@@ -14,13 +14,13 @@
 #include "core/mesh/rebase.h"
 #include "core/query/nearest_triangle.h"
 #include "core/query/placement.h"
-#include "core/query/work_poll.h"
+#include "core/query/point_poll.h"
 
 namespace sightline {
 namespace {
 
 // Points between two looks at the cancel token: some hundred microseconds of work at most. Where
-// many triangles lie about each, a WorkPoll looks sooner.
+// many triangles lie about each, a PointPoll looks sooner.
 constexpr size_t kCancelBlock = 256;
 
 absl::Status CheckInput(const IndexedGeometry& scene, const PointInput& input,
@@ -146,7 +146,7 @@ class Placer {
   const std::span<const Vec3d> normals_;
   const PointOptions& options_;
   PlacementScratch scratch_;
-  WorkPoll poll_;
+  PointPoll poll_;
   PreparedPoints& points_;
 };
 

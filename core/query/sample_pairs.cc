@@ -4,6 +4,7 @@
 // be placed and bounded, to find its nodes and to prepare leaves' triangles, two packets share.
 #include <algorithm>
 #include <cstring>
+#include <iterator>
 
 #include "core/query/sample_tracer.h"
 
@@ -23,16 +24,15 @@ bool SampleTracer::TracePair(size_t b, const ShaftCut* cut, StatsScope* scope) {
   Box3f box = boxes_[b];
   box.Extend(boxes_[b + 1]);
   uint32_t blocked[2 * kBlockRays / 32];
-  coming_.Until(Ahead(kMostAhead, b + 1));
-  packets_[b].meanwhile = &coming_;
-  PacketPair pair(&packets_[b], &box, blocked);
-  packets_[b].meanwhile = nullptr;
-  const bool traced =
-      run_.kernels().occluded_shaft_pair(scene_, pair, cut, run_.cancel(), scope->walk());
-  coming_.Until(Ahead(kLeastAhead, b + 1));
-  FetchSome();
+  const bool traced = FetchWhile(b + 1, &packets_[b], [&](RayPacket* packets) {
+    PacketPair pair(packets, &box, blocked);
+    if (!run_.kernels().occluded_shaft_pair(scene_, pair, cut, run_.cancel(), scope->walk())) {
+      return false;
+    }
+    packets->first_leaf = pair.first_leaf;
+    return true;
+  });
   if (!traced) return false;
-  packets_[b].first_leaf = pair.first_leaf;
   for (size_t k = 0; k < 2; ++k) {
     by_bits_[b + k] = true;
     // Sixteen to a number, as thirty-two: little-endian.

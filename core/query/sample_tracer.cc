@@ -24,7 +24,7 @@ constexpr size_t kMostlyClear = 8;
 // they are half a percent slower (core/traverse/EXPERIMENTS.md).
 constexpr size_t kSeedBlocks = 4;
 
-// Steps of that between two walks.
+// Steps by which points to come are asked for between two walks.
 constexpr int kStepsBetween = 6;
 
 static_assert(kGroupBlocks * 16 <= RayPacket::kMaxRays, "a group's boxes are a shaft's blocks");
@@ -122,17 +122,6 @@ size_t SampleTracer::Ahead(size_t groups, size_t b) const {
 
 void SampleTracer::FetchSome() {
   for (int i = 0; i < kStepsBetween; ++i) coming_.Some();
-}
-
-template <class Packet, class Walk>
-absl::Status SampleTracer::FetchWhile(size_t block, Packet* packet, const Walk& walk) {
-  coming_.Until(Ahead(kMostAhead, block));
-  packet->meanwhile = &coming_;
-  absl::Status traced = walk(packet);
-  packet->meanwhile = nullptr;
-  coming_.Until(Ahead(kLeastAhead, block));
-  FetchSome();
-  return traced;
 }
 
 absl::Status SampleTracer::Trace(size_t s) {

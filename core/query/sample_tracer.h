@@ -171,9 +171,17 @@ class SampleTracer {
   size_t Ahead(size_t groups, size_t b) const;
   // A few of them, while no walk is under way.
   void FetchSome();
-  // walk(packet) of a block, while some are asked for.
+  // walk(packet) of a block, or of some up to `last`, while some are asked for.
   template <class Packet, class Walk>
-  absl::Status FetchWhile(size_t block, Packet* packet, const Walk& walk);
+  auto FetchWhile(size_t last, Packet* packet, const Walk& walk) {
+    coming_.Until(Ahead(kMostAhead, last));
+    packet->meanwhile = &coming_;
+    auto traced = walk(packet);
+    packet->meanwhile = nullptr;
+    coming_.Until(Ahead(kLeastAhead, last));
+    FetchSome();
+    return traced;
+  }
   // If nothing came near most blocks of the last group, asks about all of this one at once: those
   // that sample s certainly reaches all of, a bit each, with their bits. 0 where some points are
   // known.

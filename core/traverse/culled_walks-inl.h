@@ -185,7 +185,7 @@ class CulledSingleWalk {
     int depth = 0;
     Push({0, tree_.root_box(), 0}, stack, &depth);
     while (depth > 0) {
-      if (poll_->Fired()) break;
+      if (poll_->Stops()) break;
       const Pending at = stack[--depth];
       if (IsBehind(at)) continue;
       if (tree_.is_leaf(at.node)) {
@@ -266,7 +266,7 @@ bool TraceCulledSingle(const IndexedGeometry& scene, const LeafCulling& culling,
         hits[i] = CulledSingleWalk<BvhView, kAny>(scene, culling, rays[i], stats, &poll).Run();
         break;
     }
-    if (poll.fired()) return false;
+    if (poll.stopped()) return false;
   }
   return true;
 }
@@ -340,11 +340,11 @@ class CulledPacketWalk {
     Pending root = {0, 0, tree_.root_box(), 0};
     if (Meets(0, &root)) stack[depth++] = root;
     while (depth > 0) {
-      if (poll_.Fired()) return false;
+      if (poll_.Stops()) return false;
       const Pending at = stack[--depth];
       if (tree_.is_leaf(at.node)) {
         const bool all_done = VisitLeaf(at);
-        if (poll_.fired()) return false;
+        if (poll_.stopped()) return false;
         if (all_done) return true;
         continue;
       }
@@ -456,7 +456,7 @@ bool TraceCulledTree(const IndexedGeometry& scene, const LeafCulling& culling, R
       if (cancel != nullptr && cancel->cancelled()) return false;
       const TraceRay ray = packet.trace_ray(i);
       const Hit hit = CulledSingleWalk<Tree, kAny>(scene, culling, ray, stats, &poll).Run();
-      if (poll.fired()) return false;
+      if (poll.stopped()) return false;
       packet.triangle[i] = hit.triangle;
       if constexpr (!kAny) packet.t[i] = hit.t;
     }

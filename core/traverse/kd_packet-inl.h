@@ -94,7 +94,7 @@ class KdPacketWalk {
       } else if (!node.is_empty_leaf()) {
         budget -= kKdLeafPrice - 1;
         const bool all_done = VisitLeaf(tree_.leaves[node.leaf()], &poll);
-        if (poll.fired()) return End::kCancelled;
+        if (poll.stopped()) return End::kCancelled;
         if (all_done) return End::kDone;
       }
       do {
@@ -183,7 +183,7 @@ class KdPacketWalk {
     ++stats_->leaves;
     const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
-      if (poll->Fired()) return false;
+      if (poll->Stops()) return false;
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;
       FacingTriangle facing[kMaxLeafTriangles];

@@ -61,7 +61,7 @@ class KdSingleWalk {
         return best_;
       }
       // Between two of these lie no more steps than the tree is deep.
-      if (poll_->Fired()) return best_;
+      if (poll_->Stops()) return best_;
       do {
         if (depth == 0) return best_;
         at = stack[--depth];
@@ -115,7 +115,7 @@ class KdSingleWalk {
     ++stats_->leaves;
     const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
-      if (at > 0 && poll_->Fired()) return true;
+      if (at > 0 && poll_->Stops()) return true;
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;
       if (TestLeaf(view, query_, scene_.geometry, stats_, [&](uint32_t lane) HWY_ATTR {
@@ -151,7 +151,7 @@ bool TraceKdSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays,
   for (size_t i = 0; i < rays.size(); ++i) {
     if (i % kPollInterval == 0 && cancel != nullptr && cancel->cancelled()) return false;
     hits[i] = KdSingleWalk<kAny>(scene, rays[i], stats, &poll).Run();
-    if (poll.fired()) return false;
+    if (poll.stopped()) return false;
   }
   return true;
 }

@@ -60,14 +60,14 @@ class KdVectorWalk {
     int depth = 0;
     PacketPoll poll(cancel);
     while (true) {
-      if (poll.Fired()) return false;
+      if (poll.Stops()) return false;
       const KdNode node = tree_.nodes[at.node];
       if (!node.is_leaf()) {
         ++stats_->nodes;
         if (Enter(node, &at, stack, &depth)) continue;
       } else if (!node.is_empty_leaf()) {
         VisitLeaf(tree_.leaves[node.leaf()], &poll);
-        if (poll.fired()) return false;
+        if (poll.stopped()) return false;
         if (kAny && lanes_.active(group) == 0) return true;
       }
       do {
@@ -155,7 +155,7 @@ class KdVectorWalk {
     ++stats_->leaves;
     const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count && in_leaf != 0; at += kMaxLeafTriangles) {
-      if (at > 0 && poll->Fired()) return;
+      if (at > 0 && poll->Stops()) return;
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;
       FacingTriangle facing[kMaxLeafTriangles];

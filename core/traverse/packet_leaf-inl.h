@@ -86,7 +86,7 @@ class PacketLeaf {
     const bool near_far_first = culling_.near_far && !(edges && culling_.aperture_first);
     float limit = FarthestLimit(within, begin);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
-      if (at > 0 && poll_->Fired()) return;
+      if (at > 0 && poll_->Stops()) return;
       const RangeView view(scene_.geometry, range, at);
       const LeafView& leaf = view.leaf;
       if (at > 0) limit = FarthestLimit(within, begin);

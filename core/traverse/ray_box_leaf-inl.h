@@ -144,7 +144,7 @@ class RayBoxLeaf {
       part.box = RayPartBox::Make(box_ray_, direction_, entry > 0 ? entry : 0, part.end);
     }
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
-      if (at > 0 && poll_->Fired()) return true;
+      if (at > 0 && poll_->Stops()) return true;
       const RangeView view(scene_.geometry, range, at);
       const Batch batch = {view.leaf, range, at};
       uint32_t chosen = (1u << view.leaf.count) - 1;

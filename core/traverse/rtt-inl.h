@@ -98,7 +98,7 @@ class RttTracer {
     if (gathered) {
       tile.list.emplace(scene_, tile.shaft, all, kAny, options_.shared_edges, stats_);
       gathered = RttWalk<1>(scene_, &tile, 1, stats_, &poll_).Run() != 0;
-      if (poll_.fired()) return false;
+      if (poll_.stopped()) return false;
     }
     stats_->tiles_answered += gathered;
     if (gathered) stats_->relevant_triangles += tile.list->ids().size();
@@ -157,7 +157,7 @@ class RttTracer {
     if (cancel_ != nullptr && cancel_->cancelled()) return false;
     if (count_ == 0) return true;
     const uint32_t gathered = WalkRttTiles(scene_, tiles_, count_, stats_, &poll_);
-    if (poll_.fired()) return false;
+    if (poll_.stopped()) return false;
     for (int i = 0; i < count_; ++i) {
       if ((gathered >> i & 1) == 0) continue;
       const RttTile& tile = tiles_[i];

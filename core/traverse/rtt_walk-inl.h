@@ -119,7 +119,7 @@ class RttWalk {
     Pending stack[kKdStackSize];
     int depth = 0;
     while (true) {
-      if (poll_->Fired()) return 0;
+      if (poll_->Stops()) return 0;
       // First of all: the corners were cut for the node's sibling alone, and what of H is lost by
       // that is walked nowhere else, whatever this node holds.
       Part(at.tiles & at.last);
@@ -280,7 +280,7 @@ class RttWalk {
     const Vec3V<VT> o = Broadcast(d, origin_.x, origin_.y, origin_.z);
     const LeafRange range = LeafRange::Of(scene_, kd_leaf);
     for (uint32_t at = 0; at < range.count; at += kMaxLeafTriangles) {
-      if (at > 0 && poll_->Fired()) return;
+      if (at > 0 && poll_->Stops()) return;
       const RangeView some(scene_.geometry, range, at);
       const LeafView& view = some.leaf;
       for (uint32_t first = 0; first < view.count; first += static_cast<uint32_t>(hn::Lanes(d))) {

@@ -532,7 +532,8 @@ class ShaftWalk {
           least);
     }
     V all = hn::Set(d, kInfinity);
-    const V largest = hn::Set(d, std::numeric_limits<float>::max());  // What is beyond is not 1/0.
+    // An inverse depth beyond all floats: its depth, below 2^-128, is not 0.
+    const V largest = hn::Set(d, std::numeric_limits<float>::max());
     for (size_t b = 0; b < kShaftBlocks; b += kLanes) {
       const V q = hn::Min(hn::Load(d, least + b), largest);
       hn::Store(hn::Div(hn::Set(d, kDepthScale), q), d, bounds_.far + b);

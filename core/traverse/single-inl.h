@@ -26,13 +26,13 @@
 #include "core/accel/indexed_geometry.h"
 #include "core/base/cancel.h"
 #include "core/base/compress-inl.h"
+#include "core/base/work_poll.h"
 #include "core/intersect/box_ray-inl.h"
 #include "core/intersect/ray_forms-inl.h"
 #include "core/traverse/leaf_view.h"
 #include "core/traverse/trace_ray.h"
 #include "core/traverse/visit_fetcher-inl.h"
 #include "core/traverse/walk_starts-inl.h"
-#include "core/traverse/work_poll.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -447,7 +447,7 @@ bool TraceSingle(const IndexedGeometry& scene, std::span<const TraceRay> rays, s
   }
   while (filed.any()) {
     // By turns, not by rays: how many one takes has no bound where triangles lie on each other.
-    if (poll.Fired()) return false;
+    if (poll.Stops()) return false;
     std::swap(now, then);
     now->counts = std::exchange(filed, {});
     const auto in_nodes = now->next(kVisitNode), in_leaves = now->next(kVisitLeaf);

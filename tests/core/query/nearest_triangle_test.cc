@@ -246,7 +246,7 @@ TEST_P(WalkedTest, AStrayTriangleSendsNoOthersToBeMeasured) {
   const bool blind =
       GetParam() == Walked::kKdTree || GetParam() == Walked::kKdTreeWithLeavesLaidOut;
   const int points = blind ? 1 : 100;
-  WorkPoll poll(&cancel);
+  PointPoll poll(&cancel);
   for (int i = 0; i < points; ++i) {
     const Vec3d p = {0.5 + i * 0.9, 11.3 + i * 0.7, 30};
     EXPECT_FALSE(TouchesAny(scene, p, {0x1p-24 * NormOne(p), 0x1p-24}, kNoTriangle, &poll));
