@@ -6,24 +6,20 @@
 #include <cstring>
 
 #include "core/base/check.h"
+#include "core/base/mix_bits.h"
 
 namespace sightline::bench {
 namespace {
 
 constexpr uint64_t kWord = sizeof(uint64_t);
 
-// SplitMix64's: every bit of the result depends on every bit of x.
-uint64_t Mix(uint64_t x) {
-  x += 0x9E3779B97F4A7C15u;
-  x = (x ^ x >> 30) * 0xBF58476D1CE4E5B9u;
-  x = (x ^ x >> 27) * 0x94D049BB133111EBu;
-  return x ^ x >> 31;
-}
+// Every bit of the result depends on every bit of x, 0 among them.
+uint64_t Mix(uint64_t x) { return MixBits(x + kGoldenStep); }
 
 // Of a word of the row, or of some of its bytes, the others being zero. Three multiplications, no
 // more: this is part of what is timed.
 uint64_t DigestOfWord(uint64_t row, uint64_t place, uint64_t word) {
-  uint64_t x = (row + place) * 0x9E3779B97F4A7C15u;
+  uint64_t x = (row + place) * kGoldenStep;
   x ^= x >> 32;
   return (word & 0xFFFFFFFFu) * x + (word >> 32) * std::rotl(x, 21);
 }

@@ -101,12 +101,17 @@ bool IsWithin(const BoxRay& ray, const Box3f& box, float e) {
   return BoxEntry(ray, box) <= e && e <= BoxExit(ray, box);
 }
 
-TEST(PacketFrustumTest, NeverMissesABoxThatFloatsComeTo) {
-  const IndexedGeometry scene;
-  const auto packet = std::make_unique<RayPacket>();
+std::unique_ptr<RayPacket> PacketOfOneRay() {
+  auto packet = std::make_unique<RayPacket>();
   packet->segments = false;
   packet->count = 1;
   packet->sourceless = true;
+  return packet;
+}
+
+TEST(PacketFrustumTest, NeverMissesABoxThatFloatsComeTo) {
+  const IndexedGeometry scene;
+  const auto packet = PacketOfOneRay();
   for (const SimdTarget target : AvailableTargets()) {
     TestRng rng;
     int64_t asked = 0;
@@ -139,10 +144,7 @@ TEST(PacketFrustumTest, NeverMissesABoxThatFloatsComeTo) {
 // It does tell what lies beside.
 TEST(PacketFrustumTest, MissesWhatLiesBeside) {
   const IndexedGeometry scene;
-  const auto packet = std::make_unique<RayPacket>();
-  packet->segments = false;
-  packet->count = 1;
-  packet->sourceless = true;
+  const auto packet = PacketOfOneRay();
   packet->target_x[0] = 1;
   packet->target_y[0] = packet->target_z[0] = 0.5f;
   for (const SimdTarget target : AvailableTargets()) {
